@@ -94,8 +94,8 @@ FOLDER = _choose_folder()
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
-_functions: list["Compiled"] = []
-"""All that are compiled, of the modules imported so far."""
+FUNCTIONS: list["Compiled"] = []
+"""All compiled functions of the modules imported so far."""
 
 
 class Progress(NamedTuple):
@@ -118,12 +118,12 @@ COMPILING = FOLDER / "compiling.txt"
 
 def compilation_progress() -> Progress:
     """Return how much is compiled, from the files on disk; numba is not imported."""
-    left = [each.name for each in _functions if not each.is_compiled]
+    left = [each.name for each in FUNCTIONS if not each.is_compiled]
     try:
         now = COMPILING.read_text()
     except OSError:
         now = ""
-    return Progress(len(_functions), left, now if now in left else "")
+    return Progress(len(FUNCTIONS), left, now if now in left else "")
 
 
 def can_keep() -> bool:
@@ -147,6 +147,8 @@ class Compiled:
         self.name = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
         """Module and function, as numba names its files."""
         self._options = options
+        self.is_entry_point = "no_cpython_wrapper" not in options
+        """Whether Python can call it."""
         self._made: Any = None
 
     def __call__(self, *arguments: object) -> object:
@@ -192,7 +194,7 @@ def _decorator(**options: Any) -> Callable[[Function], Function]:
         if not JIT:
             return function
         made = Compiled(function, options)
-        _functions.append(made)
+        FUNCTIONS.append(made)
         return cast(Function, made)
 
     return decorate

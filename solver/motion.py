@@ -80,12 +80,13 @@ class Workspace(NamedTuple):
 
 @compiled
 def start_state(
-    body: Body, velocity: float, oblique_angle: float, angle_of_attack: float, angular_velocity: float
-) -> FloatArray:
-    """State at first contact, when the deepest point of the surface touches the face."""
+    body: Body, velocity: float, oblique_angle: float, angle_of_attack: float, angular_velocity: float, out: FloatArray
+) -> None:
+    """Write the state at first contact, when the deepest point of the surface touches the face."""
     axis_angle = oblique_angle + angle_of_attack
-    forward, lateral = velocity * math.cos(oblique_angle), velocity * math.sin(oblique_angle)
-    return np.array([-deepest_offset(body, axis_angle), 0.0, axis_angle, forward, lateral, angular_velocity])
+    out[0], out[1], out[2] = -deepest_offset(body, axis_angle), 0.0, axis_angle
+    out[3], out[4] = velocity * math.cos(oblique_angle), velocity * math.sin(oblique_angle)
+    out[5] = angular_velocity
 
 
 @lean
@@ -95,7 +96,6 @@ def assign(values: FloatArray, out: FloatArray) -> None:
         out[n] = values[n]
 
 
-@compiled
 def make_workspace() -> Workspace:
     """Return arrays to work in."""
     start, end, stage = np.zeros(3), np.zeros(3), np.zeros(3)
@@ -181,17 +181,21 @@ def interpolate(step: FloatArray, fraction: float, out: FloatArray) -> None:
         out[n] = rest * step[2 + n] + fraction * (step[8 + n] + rest * inner)
 
 
-@compiled
 def sample(steps: FloatArray, times: FloatArray) -> FloatArray:
     """States at sorted `times` from a table of steps."""
     states = np.empty((times.size, 6))
+    _fill_states(steps, times, states)
+    return states
+
+
+@compiled
+def _fill_states(steps: FloatArray, times: FloatArray, states: FloatArray) -> None:
     row = 0
     for i in range(times.size):
         while row < steps.shape[0] - 1 and times[i] > steps[row, 0] + steps[row, 1]:
             row += 1
         fraction = min(1.0, (times[i] - steps[row, 0]) / steps[row, 1])
         interpolate(steps[row], fraction, states[i])
-    return states
 
 
 def sample_accelerations(steps: FloatArray, times: FloatArray) -> FloatArray:
@@ -210,13 +214,17 @@ def sample_accelerations(steps: FloatArray, times: FloatArray) -> FloatArray:
     return rates
 
 
-@compiled
 def sample_loads(states: FloatArray, model: Model) -> FloatArray:
     """(n, 3) forces and moments at the given states."""
-    values, scratch = np.empty((states.shape[0], 3)), make_scratch()
+    values = np.empty((states.shape[0], 3))
+    _fill_loads(states, model, make_scratch(), values)
+    return values
+
+
+@compiled
+def _fill_loads(states: FloatArray, model: Model, scratch: Scratch, values: FloatArray) -> None:
     for i in range(states.shape[0]):
         load(states[i], model, scratch, values[i])
-    return values
 
 
 class Termination(IntEnum):
@@ -252,7 +260,8 @@ class Thresholds(NamedTuple):
 class Run(NamedTuple):
     """Result of an integration."""
 
-    end: Termination
+    end: int
+    """A value of `Termination`."""
     time: float
     """Time of the event that ended the run. [s]"""
     state: FloatArray
@@ -265,6 +274,14 @@ class Run(NamedTuple):
     """Evaluations of force and moment."""
     energy_gain: float
     """Largest gain of kinetic energy over one step, relative to the initial energy; a true motion has none."""
+
+
+RunValues = tuple[int, float, float, int, int, float]
+"""The values of a `Run` but the state, which an integrator writes to an array.
+
+What compiled code returns to Python is a number or a plain tuple of numbers. For arrays, named tuples and members of an
+enumeration numba runs Python code, and goes on as if that could not fail: should a signal handler raise in there, the
+process would crash."""
 
 
 @lean

@@ -197,14 +197,17 @@ def integrate(
     end_time = float(numerics.termination_time)
     if thresholds is None:
         thresholds = Thresholds(float(numerics.retention_energy_fraction), REST_FRACTION)
+    state, work = np.empty(6), make_workspace()
     if numerics.method == "panels":
         steps = np.empty((numerics.fixed_steps + 1 if keep_steps else 1, STEP_WIDTH))
-        run = integrate_fixed(start, model, end_time, thresholds, float(numerics.time_step), steps)
+        time_step = float(numerics.time_step)
+        values = integrate_fixed(start, model, end_time, thresholds, time_step, steps, state, work)
     else:
         steps = np.empty((STEP_LIMIT if keep_steps else 1, STEP_WIDTH))
-        work, linear = make_workspace(), make_linearisation()
-        accuracy = Accuracy(float(numerics.relative_tolerance), LARGEST_STEP)
-        run = integrate_adaptive(start, model, end_time, thresholds, accuracy, steps, work, linear)
+        accuracy, linear = Accuracy(float(numerics.relative_tolerance), LARGEST_STEP), make_linearisation()
+        values = integrate_adaptive(start, model, end_time, thresholds, accuracy, steps, state, work, linear)
+    end, time, maximum_tip_depth, count, evaluations, energy_gain = values
+    run = Run(end, time, state, maximum_tip_depth, count, evaluations, energy_gain)
     finite = all(abs(value) < LARGEST_STATE for value in run.state.tolist())
     check_end(run.end if finite else Termination.NOT_FINITE, run.time)
     return run, steps[: run.steps]
@@ -212,8 +215,16 @@ def integrate(
 
 def initial_state(impact: Impact, body: Body) -> FloatArray:
     """State at first contact, when the deepest point of the surface touches the face."""
-    speeds = (impact.velocity, impact.oblique_angle, impact.angle_of_attack, impact.angular_velocity)
-    return start_state(body, *map(float, speeds))
+    state = np.empty(6)
+    start_state(
+        body,
+        float(impact.velocity),
+        float(impact.oblique_angle),
+        float(impact.angle_of_attack),
+        float(impact.angular_velocity),
+        state,
+    )
+    return state
 
 
 OUTCOMES: dict[float, Outcome] = {

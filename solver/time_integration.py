@@ -17,7 +17,7 @@ from solver.compilation import compiled, lean
 from solver.loads import MOST_STATES
 from solver.motion import (
     Model,
-    Run,
+    RunValues,
     Termination,
     Thresholds,
     Workspace,
@@ -26,7 +26,6 @@ from solver.motion import (
     deepest_tip,
     end_of_step,
     kinetic_energy,
-    make_workspace,
     store_step,
     tip_depth,
 )
@@ -69,8 +68,15 @@ def _impulse_energy(acceleration: FloatArray, step: float, body: Body) -> float:
 
 @compiled
 def integrate_fixed(
-    start: FloatArray, model: Model, end_time: float, thresholds: Thresholds, time_step: float, steps: FloatArray
-) -> Run:
+    start: FloatArray,
+    model: Model,
+    end_time: float,
+    thresholds: Thresholds,
+    time_step: float,
+    steps: FloatArray,
+    state: FloatArray,
+    work: Workspace,
+) -> RunValues:
     """Integrate with the fixed step of the paper until an event or `end_time`.
 
     A fixed step cannot follow the end of the motion: it overshoots rest and then gains energy, which no true motion
@@ -83,10 +89,15 @@ def integrate_fixed(
         (6,) state at first contact.
     steps
         (n, `STEP_WIDTH`) table to fill: a row for each step, or one row to keep none.
+    state
+        (6,) to fill, at the end of the run.
+    work
+        Arrays to work in.
     """
     body, initial_energy = model.body, kinetic_energy(start, model.body)
     energies = Thresholds(thresholds.retention * initial_energy, thresholds.rest * initial_energy)
-    work, event, state = make_workspace(), np.full(7, -1.0), start.copy()
+    event = np.full(7, -1.0)
+    assign(start, state)
     deepest, gain, energy = tip_depth(state, body), 0.0, initial_energy
     loaded = accelerate(state, model, work.scratch, work.start)
     count = math.ceil(end_time / time_step * (1.0 - 1e-12))
@@ -98,10 +109,10 @@ def integrate_fixed(
         before, energy = energy, kinetic_energy(work.trial, body)
         enough = min(_impulse_energy(work.end, step, body), UNRESOLVED_ENERGY * initial_energy)
         if before < energy < enough:
-            return Run(Termination.REST, time, state, deepest, index, 4 * index, gain)
+            return Termination.REST.value, time, deepest, index, 4 * index, gain
         gain = max(gain, (energy - before) / initial_energy)
         if energy > MOST_ENERGY * initial_energy:
-            return Run(Termination.NOT_FINITE, time, state, deepest, index, 4 * index, gain)
+            return Termination.NOT_FINITE.value, time, deepest, index, 4 * index, gain
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], index == count - 1, event)
@@ -109,10 +120,11 @@ def integrate_fixed(
         if until > time:
             deepest = max(deepest, deepest_tip(row, until, body, work.point))
         if end != Termination.NONE:
-            return Run(end, event[0], event[1:], deepest, index + 1, 4 * index + 4, gain)
+            assign(event[1:], state)
+            return end.value, event[0], deepest, index + 1, 4 * index + 4, gain
         assign(work.trial, state)
         assign(work.end, work.start)
-    return Run(Termination.TIME, end_time, state, deepest, count, 4 * count, gain)
+    return Termination.TIME.value, end_time, deepest, count, 4 * count, gain
 
 
 STAGES = 4
@@ -158,7 +170,6 @@ class Linearisation(NamedTuple):
     inverse: FloatArray
 
 
-@compiled
 def make_linearisation() -> Linearisation:
     """Return arrays to fill."""
     return Linearisation(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
@@ -307,9 +318,10 @@ def integrate_adaptive(
     thresholds: Thresholds,
     accuracy: Accuracy,
     steps: FloatArray,
+    state: FloatArray,
     work: Workspace,
     linear: Linearisation,
-) -> Run:
+) -> RunValues:
     """Integrate with error control until an event or `end_time`.
 
     Parameters
@@ -318,6 +330,8 @@ def integrate_adaptive(
         (6,) state at first contact.
     steps
         (n, `STEP_WIDTH`) table to fill: `STEP_LIMIT` rows to keep every step, one row to keep none.
+    state
+        (6,) to fill, at the end of the run.
     work, linear
         Arrays to work in.
     """
@@ -326,7 +340,8 @@ def integrate_adaptive(
     impact = math.hypot(start[3], start[4])
     # Errors count over the size of the body and the velocity of impact, so that one tolerance serves all six numbers.
     scale = np.array([body.tip, body.tip, 1.0, impact, impact, impact / body.tip])
-    event, state, time, step = np.full(7, -1.0), start.copy(), 0.0, FIRST_STEP * body.tip / impact
+    event, time, step = np.full(7, -1.0), 0.0, FIRST_STEP * body.tip / impact
+    assign(start, state)
     deepest = tip_depth(state, body)
     loaded, fresh = accelerate(state, model, work.scratch, work.start), False
     end_loaded = loaded
@@ -352,14 +367,14 @@ def integrate_adaptive(
             # The error falls with the fourth power of the step.
             step *= max(0.2, 0.9 / math.sqrt(math.sqrt(error))) if math.isfinite(error) else 0.2
             if step < SMALLEST_STEP * body.tip / impact:
-                return Run(Termination.NOT_FINITE, time, state, deepest, count, evaluations, 0.0)
+                return Termination.NOT_FINITE.value, time, deepest, count, evaluations, 0.0
             continue
         was_loaded, loaded = loaded, end_loaded
         row = steps[count if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         count += 1
         if kinetic_energy(work.trial, body) > MOST_ENERGY * initial_energy:
-            return Run(Termination.NOT_FINITE, time, state, deepest, count, evaluations, 0.0)
+            return Termination.NOT_FINITE.value, time, deepest, count, evaluations, 0.0
         last = time + step >= end_time * (1.0 - 1e-12)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], last, event)
         # An event lies on the cubic through both ends of the step, so that no step has to be cut short to meet it.
@@ -367,11 +382,12 @@ def integrate_adaptive(
         if until > time:
             deepest = max(deepest, deepest_tip(row, until, body, work.point))
         if end != Termination.NONE:
-            return Run(end, event[0], event[1:], deepest, count, evaluations, 0.0)
+            assign(event[1:], state)
+            return end.value, event[0], deepest, count, evaluations, 0.0
         time += step
         assign(work.trial, state)
         assign(work.end, work.start)
         fresh = False
         # In free flight the error is zero and says nothing of the load ahead, so a step grows fivefold at most.
         step *= min(5.0, 0.9 / math.sqrt(math.sqrt(max(error, 1e-10))))
-    return Run(Termination.STEP_LIMIT, time, state, deepest, count, evaluations, 0.0)
+    return Termination.STEP_LIMIT.value, time, deepest, count, evaluations, 0.0

@@ -27,6 +27,7 @@ from solver.search.trials import (
     Levels,
     SearchState,
     TrialInputs,
+    TrialTable,
     attempt,
     failed,
     has_failed,
@@ -368,24 +369,34 @@ def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels
     last of the table, and there are no brackets. The model may lack the address of its right-hand side: the search is
     compiled first, so that another process may compile that one.
     """
+    table = make_trial_table(MOST_TRIALS + 8 * angles.size)  # with what a scan and its changes may add
+    brackets, nearby = np.empty((angles.size, 2), np.int64), np.full(3, np.nan)
     with _first:
         if not _addresses:
-            trial = 0.0, levels[ROUGH], SearchState(inputs, model, levels, make_trial_table(1), 0)
+            trial = 0.0, levels[ROUGH], SearchState(inputs, model, levels, table, 0)
             expect_address(*trial)
-            address_of(_search, angles, inputs, model, levels, 0)  # compiles or loads it
+            address_of(_search, angles, inputs, model, levels, table, brackets, nearby, 0)  # compiles or loads it
             keep_types(_search)
             with_right_hand_side(model)
             _addresses.append(address_of(run_trial, *trial))
-    return _search(angles, inputs, with_right_hand_side(model), levels, _addresses[0])
+    changes = _search(angles, inputs, with_right_hand_side(model), levels, table, brackets, nearby, _addresses[0])
+    return Found(table.rows[: table.filled[0]], brackets[:changes], nearby)
 
 
 @compiled
-def _search(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Levels, address: int) -> Found:
-    table = make_trial_table(MOST_TRIALS + 8 * angles.size)  # with what a scan and its changes may add
+def _search(
+    angles: FloatArray,
+    inputs: TrialInputs,
+    model: Model,
+    levels: Levels,
+    table: TrialTable,
+    brackets: IntArray,
+    nearby: FloatArray,
+    address: int,
+) -> int:
+    """Do the work of `search_outcome`: fill the arrays, and return how many brackets there are."""
     search = SearchState(inputs, model, levels, table, address)
-    numbers, brackets = np.empty(angles.size, np.int64), np.empty((angles.size, 2), np.int64)
-    nearby = np.full(3, np.nan)
-    changes = _find_changes(angles, search, numbers, brackets)
+    changes = _find_changes(angles, search, np.empty(angles.size, np.int64), brackets)
     panels = model.panels.area.size > 0
     for i in range(changes):
         if turned_away(table.rows[brackets[i, 1]]):
@@ -393,7 +404,7 @@ def _search(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Level
             if nearby[1] < 2.0 * inputs.retention:
                 changes = _walk_up(i, changes, levels[REQUESTED], search, brackets)
             break
-    return Found(table.rows[: table.filled[0]], brackets[:changes], nearby)
+    return changes
 
 
 @lean

@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.compilation import call_address, compiled, inner, lean
+from solver.compilation import call_address, inner, lean
 from solver.loads import Quadrature, build_quadrature
 from solver.motion import (
     RAMP_FRACTION,
     STEP_WIDTH,
     Model,
-    Run,
     Termination,
     Thresholds,
     Workspace,
@@ -168,7 +167,6 @@ class SearchState(NamedTuple):
     """Address of the function."""
 
 
-@compiled
 def make_trial_table(size: int) -> TrialTable:
     """Return an empty table for at most so many trials."""
     rows, count = np.zeros((size, COLUMNS)), np.zeros(1, np.int64)
@@ -191,16 +189,16 @@ def has_strength(oblique_angle: float, strength: FloatArray) -> bool:
 
 
 @lean
-def _margin(run: Run, model: Model, energy: float, retention: float, sought: int) -> float:
+def _margin(end: int, state: FloatArray, model: Model, energy: float, retention: float, sought: int) -> float:
     """How clearly a projectile ended as sought, above zero, or not.
 
     The energy left beyond the retention energy, which varies smoothly with the angle on both sides of zero; where a
     trial ended before the projectile left, it falls with the distance of the nose tip from the face sought.
     """
-    if run.end.value == sought:
+    if end == sought:
         margin = energy - retention
         return margin if abs(margin) > LEAST else math.copysign(LEAST, margin)
-    depth = tip_depth(run.state, model.body)
+    depth = tip_depth(state, model.body)
     depth = max(model.law.thickness - depth if sought == PERFORATED else depth, 0.0) / model.body.tip
     return -retention - depth * depth
 
@@ -221,7 +219,8 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
     if not has_strength(oblique_angle, inputs.strength):
         row[END] = NO_STRENGTH
         return number
-    start = start_state(model.body, inputs.velocity, oblique_angle, inputs.angle_of_attack, inputs.angular_velocity)
+    start, state = np.empty(6), row[STATE:]
+    start_state(model.body, inputs.velocity, oblique_angle, inputs.angle_of_attack, inputs.angular_velocity, start)
     floor = ENERGY_FLOOR * inputs.retention
     thresholds = Thresholds(floor, floor)
     while True:
@@ -238,26 +237,35 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
         )
         present = Model(model.body, law, level.quadrature, model.panels, model.right_hand_side)
         if model.panels.area.size > 0:
-            run = integrate_fixed(start, present, inputs.end_time, thresholds, inputs.time_step, table.steps)
-        else:
-            run = integrate_adaptive(
-                start, present, inputs.end_time, thresholds, level.accuracy, table.steps, table.work, table.linear
+            end, _, _, _, _, _ = integrate_fixed(
+                start, present, inputs.end_time, thresholds, inputs.time_step, table.steps, state, table.work
             )
-        energy = kinetic_energy(run.state, model.body) / kinetic_energy(start, model.body)
-        if level.fine or (energy < 1.0 and run.end not in (STEP_LIMIT, NOT_FINITE)):
+        else:
+            end, _, _, _, _, _ = integrate_adaptive(
+                start,
+                present,
+                inputs.end_time,
+                thresholds,
+                level.accuracy,
+                table.steps,
+                state,
+                table.work,
+                table.linear,
+            )
+        energy = kinetic_energy(state, model.body) / kinetic_energy(start, model.body)
+        if level.fine or (energy < 1.0 and end not in (STEP_LIMIT, NOT_FINITE)):
             break
         level = search.levels[REQUESTED]
     row[FINE] = 1.0 if level.fine else 0.0
-    row[POSITION], row[END] = tip_depth(run.state, model.body), run.end.value
+    row[POSITION], row[END] = tip_depth(state, model.body), end
     finite = True
-    for n in range(run.state.size):
-        row[STATE + n] = run.state[n]
-        finite = finite and math.isfinite(run.state[n])
-    if energy < inputs.retention and run.end in (EXIT, TIME, PERFORATED, TUMBLED):
+    for n in range(state.size):
+        finite = finite and math.isfinite(state[n])
+    if energy < inputs.retention and end in (EXIT, TIME, PERFORATED, TUMBLED):
         row[END] = RETAINED
     if not finite:
         row[END] = NOT_FINITE
-    row[MARGIN] = _margin(run, model, energy, inputs.retention, inputs.sought)
+    row[MARGIN] = _margin(end, state, model, energy, inputs.retention, inputs.sought)
     return number
 
 
