@@ -246,6 +246,8 @@ class Termination(IntEnum):
     """Beyond the rear face, moving on."""
     TUMBLED = 9
     """Loaded after the axis has turned by more than `MOST_TURN` since first contact."""
+    CANCELLED = 10
+    """Given up on the way, see `solver.cancellation`."""
 
 
 class Thresholds(NamedTuple):

@@ -7,7 +7,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
+from solver.cancellation import compute
 from solver.checks import IntegrationError, StepLimitError, require, require_one
 from solver.loads import build_law, build_quadrature
 from solver.motion import (
@@ -195,19 +196,24 @@ def integrate(
     """
     numerics, start = prepared.numerics, initial_state(impact, model.body)
     end_time = float(numerics.termination_time)
-    if thresholds is None:
-        thresholds = Thresholds(float(numerics.retention_energy_fraction), REST_FRACTION)
-    state, work = np.empty(6), make_workspace()
-    if numerics.method == "panels":
-        steps = np.empty((numerics.fixed_steps + 1 if keep_steps else 1, STEP_WIDTH))
-        time_step = float(numerics.time_step)
-        values = integrate_fixed(start, model, end_time, thresholds, time_step, steps, state, work)
-    else:
-        steps = np.empty((STEP_LIMIT if keep_steps else 1, STEP_WIDTH))
-        accuracy, linear = Accuracy(float(numerics.relative_tolerance), LARGEST_STEP), make_linearisation()
-        values = integrate_adaptive(start, model, end_time, thresholds, accuracy, steps, state, work, linear)
-    end, time, maximum_tip_depth, count, evaluations, energy_gain = values
-    run = Run(end, time, state, maximum_tip_depth, count, evaluations, energy_gain)
+    thresholds = thresholds or Thresholds(float(numerics.retention_energy_fraction), REST_FRACTION)
+
+    def run_to_end(control: IntArray) -> tuple[Run, FloatArray]:
+        state, work = np.empty(6), make_workspace()
+        if numerics.method == "panels":
+            steps = np.empty((numerics.fixed_steps + 1 if keep_steps else 1, STEP_WIDTH))
+            time_step = float(numerics.time_step)
+            values = integrate_fixed(start, model, end_time, thresholds, time_step, steps, state, control, work)
+        else:
+            steps = np.empty((STEP_LIMIT if keep_steps else 1, STEP_WIDTH))
+            accuracy, linear = Accuracy(float(numerics.relative_tolerance), LARGEST_STEP), make_linearisation()
+            values = integrate_adaptive(
+                start, model, end_time, thresholds, accuracy, steps, state, control, work, linear
+            )
+        end, time, maximum_tip_depth, count, evaluations, energy_gain = values
+        return Run(end, time, state, maximum_tip_depth, count, evaluations, energy_gain), steps
+
+    run, steps = compute(run_to_end, model.panels.area.size)
     finite = all(abs(value) < LARGEST_STATE for value in run.state.tolist())
     check_end(run.end if finite else Termination.NOT_FINITE, run.time)
     return run, steps[: run.steps]

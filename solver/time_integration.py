@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
+from solver.cancellation import may_step
 from solver.compilation import compiled, lean
 from solver.loads import MOST_STATES
 from solver.motion import (
@@ -75,6 +76,7 @@ def integrate_fixed(
     time_step: float,
     steps: FloatArray,
     state: FloatArray,
+    control: IntArray,
     work: Workspace,
 ) -> RunValues:
     """Integrate with the fixed step of the paper until an event or `end_time`.
@@ -91,6 +93,8 @@ def integrate_fixed(
         (n, `STEP_WIDTH`) table to fill: a row for each step, or one row to keep none.
     state
         (6,) to fill, at the end of the run.
+    control
+        See `solver.cancellation`.
     work
         Arrays to work in.
     """
@@ -103,6 +107,8 @@ def integrate_fixed(
     count = math.ceil(end_time / time_step * (1.0 - 1e-12))
     for index in range(count):
         time = index * time_step
+        if not may_step(control):
+            return Termination.CANCELLED.value, time, deepest, index, 4 * index, gain
         step = min(time_step, end_time - time)
         _attempt_fixed_step(state, step, model, work)
         was_loaded, loaded = loaded, accelerate(work.trial, model, work.scratch, work.end)
@@ -319,6 +325,7 @@ def integrate_adaptive(
     accuracy: Accuracy,
     steps: FloatArray,
     state: FloatArray,
+    control: IntArray,
     work: Workspace,
     linear: Linearisation,
 ) -> RunValues:
@@ -332,6 +339,8 @@ def integrate_adaptive(
         (n, `STEP_WIDTH`) table to fill: `STEP_LIMIT` rows to keep every step, one row to keep none.
     state
         (6,) to fill, at the end of the run.
+    control
+        See `solver.cancellation`.
     work, linear
         Arrays to work in.
     """
@@ -347,6 +356,8 @@ def integrate_adaptive(
     end_loaded = loaded
     evaluations, count = 1, 0
     for _ in range(accuracy.most_steps):
+        if not may_step(control):
+            return Termination.CANCELLED.value, time, deepest, count, evaluations, 0.0
         # The nose enters by a row of kinks, which a longer step would pass over however smooth its own estimate is.
         pace = math.hypot(state[3], state[4]) + abs(state[5]) * body.tip
         step = min(step, accuracy.largest_step * body.tip / pace, end_time - time)

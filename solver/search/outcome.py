@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
+from solver.cancellation import compute
 from solver.compilation import address_of, compiled, expect_address, keep_types, lean
 from solver.motion import Model, with_right_hand_side
 from solver.search.trials import (
@@ -369,18 +370,36 @@ def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels
     last of the table, and there are no brackets. The model may lack the address of its right-hand side: the search is
     compiled first, so that another process may compile that one.
     """
-    table = make_trial_table(MOST_TRIALS + 8 * angles.size)  # with what a scan and its changes may add
-    brackets, nearby = np.empty((angles.size, 2), np.int64), np.full(3, np.nan)
+
+    def search(control: IntArray) -> Found:
+        table = make_trial_table(MOST_TRIALS + 8 * angles.size, control)  # with what a scan and its changes may add
+        brackets, nearby = np.empty((angles.size, 2), np.int64), np.full(3, np.nan)
+        address = _address(angles, inputs, model, levels, table, brackets, nearby)
+        changes = _search(angles, inputs, with_right_hand_side(model), levels, table, brackets, nearby, address)
+        return Found(table.rows[: table.filled[0]], brackets[:changes], nearby)
+
+    return compute(search, model.panels.area.size)
+
+
+def _address(
+    angles: FloatArray,
+    inputs: TrialInputs,
+    model: Model,
+    levels: Levels,
+    table: TrialTable,
+    brackets: IntArray,
+    nearby: FloatArray,
+) -> int:
+    """Address of `run_trial`, which is compiled or loaded with the search if need be."""
     with _first:
         if not _addresses:
             trial = 0.0, levels[ROUGH], SearchState(inputs, model, levels, table, 0)
             expect_address(*trial)
-            address_of(_search, angles, inputs, model, levels, table, brackets, nearby, 0)  # compiles or loads it
+            address_of(_search, angles, inputs, model, levels, table, brackets, nearby, 0)
             keep_types(_search)
             with_right_hand_side(model)
             _addresses.append(address_of(run_trial, *trial))
-    changes = _search(angles, inputs, with_right_hand_side(model), levels, table, brackets, nearby, _addresses[0])
-    return Found(table.rows[: table.filled[0]], brackets[:changes], nearby)
+    return _addresses[0]
 
 
 @compiled

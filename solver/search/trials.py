@@ -115,7 +115,7 @@ COLUMNS = STATE + 6
 TIME, RETAINED, EXIT = Termination.TIME.value, Termination.RETAINED.value, Termination.EXIT.value
 STEP_LIMIT, NOT_FINITE = Termination.STEP_LIMIT.value, Termination.NOT_FINITE.value
 PERFORATED, TUMBLED = Termination.PERFORATED.value, Termination.TUMBLED.value
-NO_STRENGTH = Termination.NO_STRENGTH.value
+NO_STRENGTH, CANCELLED = Termination.NO_STRENGTH.value, Termination.CANCELLED.value
 ENERGY_FLOOR = 0.1
 """Energy at which a trial ends, over the retention energy: the energy left varies smoothly with the angle that far."""
 LEAST = 1e-9
@@ -154,6 +154,8 @@ class TrialTable(NamedTuple):
     work: Workspace
     linear: Linearisation
     steps: FloatArray
+    control: IntArray
+    """See `solver.cancellation`."""
 
 
 class SearchState(NamedTuple):
@@ -167,10 +169,10 @@ class SearchState(NamedTuple):
     """Address of the function."""
 
 
-def make_trial_table(size: int) -> TrialTable:
+def make_trial_table(size: int, control: IntArray) -> TrialTable:
     """Return an empty table for at most so many trials."""
     rows, count = np.zeros((size, COLUMNS)), np.zeros(1, np.int64)
-    return TrialTable(rows, count, make_workspace(), make_linearisation(), np.empty((1, STEP_WIDTH)))
+    return TrialTable(rows, count, make_workspace(), make_linearisation(), np.empty((1, STEP_WIDTH)), control)
 
 
 @lean
@@ -238,7 +240,15 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
         present = Model(model.body, law, level.quadrature, model.panels, model.right_hand_side)
         if model.panels.area.size > 0:
             end, _, _, _, _, _ = integrate_fixed(
-                start, present, inputs.end_time, thresholds, inputs.time_step, table.steps, state, table.work
+                start,
+                present,
+                inputs.end_time,
+                thresholds,
+                inputs.time_step,
+                table.steps,
+                state,
+                table.control,
+                table.work,
             )
         else:
             end, _, _, _, _, _ = integrate_adaptive(
@@ -249,6 +259,7 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
                 level.accuracy,
                 table.steps,
                 state,
+                table.control,
                 table.work,
                 table.linear,
             )
@@ -271,8 +282,8 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
 
 @lean
 def failed(trial: FloatArray) -> bool:
-    """Whether a trial could not be integrated, or begun."""
-    return bool(trial[END] == STEP_LIMIT or trial[END] == NOT_FINITE or trial[END] == NO_STRENGTH)
+    """Whether a trial could not be integrated, or begun, or was given up."""
+    return bool(trial[END] in (STEP_LIMIT, NOT_FINITE, NO_STRENGTH, CANCELLED))
 
 
 @lean

@@ -25,7 +25,8 @@ from solver import (
     mass_properties,
     simulate,
 )
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
+from solver.cancellation import NO_LIMIT
 from solver.loads import MOST_STATES, Scratch, make_scratch
 from solver.motion import STEP_WIDTH, Model, Thresholds, accelerate, make_workspace, sample_loads
 from solver.prepared import initial_state, prepare
@@ -118,9 +119,13 @@ def no_table() -> FloatArray:
     return np.empty((1, STEP_WIDTH))
 
 
+def control() -> IntArray:
+    return np.array([0, NO_LIMIT])
+
+
 def by_fixed_steps(start: FloatArray, model: Model, time: float, count: int) -> FloatArray:
     state = np.empty(6)
-    integrate_fixed(start, model, time, NO_END, time / count, no_table(), state, make_workspace())
+    integrate_fixed(start, model, time, NO_END, time / count, no_table(), state, control(), make_workspace())
     return state
 
 
@@ -143,7 +148,7 @@ def test_adaptive_step_error_falls_with_its_tolerance() -> None:
         room = make_workspace(), make_linearisation()
         accuracy = Accuracy(tolerance, LARGEST_STEP)
         state = np.empty(6)
-        integrate_adaptive(start, model, 1e-4, NO_END, accuracy, no_table(), state, *room)
+        integrate_adaptive(start, model, 1e-4, NO_END, accuracy, no_table(), state, control(), *room)
         return state
 
     exact = final(1e-12)
