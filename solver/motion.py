@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.compilation import address_of, call_address, compiled, lean
+from solver.compilation import compiled, lean, once
 from solver.loads import (
     MOST_STATES,
     Quadrature,
@@ -52,8 +52,6 @@ class Model(NamedTuple):
     law: Law
     quadrature: Quadrature
     panels: Panels
-    right_hand_side: int
-    """Address of the function, see `with_right_hand_side`."""
 
 
 class Workspace(NamedTuple):
@@ -75,6 +73,10 @@ class Workspace(NamedTuple):
     """(3 `MOST_STATES`,) and the accelerations there."""
     stages: FloatArray
     """(`MOST_STAGES`, 6) increments or rates of the stages."""
+    scale: FloatArray
+    """(6,) size of the six numbers of a state, over which errors count."""
+    event: FloatArray
+    """(7,) time and state of an event, see `end_of_step`."""
     scratch: Scratch
 
 
@@ -99,24 +101,18 @@ def assign(values: FloatArray, out: FloatArray) -> None:
 def make_workspace() -> Workspace:
     """Return arrays to work in."""
     start, end, stage = np.zeros(3), np.zeros(3), np.zeros(3)
+    trial, point = np.zeros(6), np.zeros(6)
     points, slopes = np.zeros(6 * MOST_STATES), np.zeros(3 * MOST_STATES)
-    return Workspace(
-        start, end, stage, np.zeros(6), np.zeros(6), points, slopes, np.zeros((MOST_STAGES, 6)), make_scratch()
-    )
+    stages, scale, event = np.zeros((MOST_STAGES, 6)), np.zeros(6), np.zeros(7)
+    return Workspace(start, end, stage, trial, point, points, slopes, stages, scale, event, make_scratch())
 
 
 @lean
 def accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> bool:
     """Write the three accelerations of eq. 6 for each of the states; return whether anything is loaded in the last.
 
-    Both are flat, one state after the other. With panels there is only one. The call goes by the address of the
-    function: otherwise it would be compiled again into each of its callers.
+    Both are flat, one state after the other. With panels there is only one.
     """
-    return bool(call_address(model.right_hand_side, (states, model, scratch, out), True))
-
-
-@lean
-def _accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> bool:
     body, last = model.body, out.size - 3
     if model.panels.area.size > 0:
         f, g, h = panel_loads(states, model.panels, model.law)
@@ -131,19 +127,7 @@ def _accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatAr
     return bool(size > NEGLIGIBLE_LOAD * model.law.static_stress * body.tip**2)
 
 
-_addresses: list[int] = []
-"""Address of `_accelerate`, from the first model on."""
-
-
-def with_right_hand_side(model: Model) -> Model:
-    """Return the model with the address of the right-hand side in this process, compiled or loaded if need be."""
-    if not _addresses:
-        workspace = make_workspace()
-        _addresses.append(address_of(_accelerate, workspace.points, model, workspace.scratch, workspace.slopes))
-    return model._replace(right_hand_side=_addresses[0])
-
-
-@lean
+@once
 def load(state: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> None:
     """Write force and moment in one state."""
     accelerate(state, model, scratch, out)
@@ -315,7 +299,7 @@ def deepest_tip(step: FloatArray, until: float, body: Body, state: FloatArray) -
     return deepest
 
 
-@lean
+@once
 def _rest_fraction(step: FloatArray, body: Body, threshold: float, state: FloatArray) -> float:
     """Fraction of the step at which the kinetic energy falls to `threshold`."""
     low, high = 0.0, 1.0
@@ -329,7 +313,7 @@ def _rest_fraction(step: FloatArray, body: Body, threshold: float, state: FloatA
     return high
 
 
-@lean
+@once
 def _release_fraction(step: FloatArray, model: Model, work: Workspace, state: FloatArray) -> float:
     """Fraction of the step at which the last element is unloaded."""
     low, high = 0.0, 1.0
@@ -372,7 +356,7 @@ def _is_through(state: FloatArray, body: Body, thickness: float) -> bool:
     return bool(state[3] > 0.0 and state[0] - thickness > reach)
 
 
-@lean
+@once
 def end_of_step(
     step: FloatArray,
     model: Model,

@@ -22,7 +22,6 @@ from solver.motion import (
     make_workspace,
     sample,
     start_state,
-    with_right_hand_side,
 )
 from solver.projectile import Projectile, mass_properties
 from solver.resistance import Resistance, strength_factor
@@ -101,13 +100,8 @@ class PreparedCase:
     target: Target
     resistance: Resistance
     numerics: ResolvedNumerics
-    model_without_address: Model
-    """Its right-hand side is not compiled yet."""
-
-    @property
-    def model(self) -> Model:
-        """What the compiled code takes."""
-        return with_right_hand_side(self.model_without_address)
+    model: Model
+    """What the compiled code takes, with a strength factor of 1."""
 
     def strength_factor_at(self, oblique_angle: float) -> float:
         """Strength factor of a strike at this angle. [1]
@@ -124,9 +118,9 @@ class PreparedCase:
     def law_at(self, impact: Impact) -> Law:
         """Resistance with the strength factor of this strike."""
         factor = self.strength_factor_at(impact.oblique_angle)
-        return self.model_without_address.law._replace(
-            static_stress=factor * self.target.compressive_strength,
-            ramp_velocity=RAMP_FRACTION * impact.velocity,
+        return self.model.law._replace(
+            static_stress=float(factor * self.target.compressive_strength),
+            ramp_velocity=float(RAMP_FRACTION * impact.velocity),
         )
 
 
@@ -170,7 +164,6 @@ def prepare(
         ),
         quadrature=build_quadrature(stations=numerics.stations, points=numerics.points),
         panels=panels,
-        right_hand_side=0,
     )
     return PreparedCase(projectile, target, resistance, numerics, model)
 
@@ -196,7 +189,8 @@ def integrate(
     """
     numerics, start = prepared.numerics, initial_state(impact, model.body)
     end_time = float(numerics.termination_time)
-    thresholds = thresholds or Thresholds(float(numerics.retention_energy_fraction), REST_FRACTION)
+    retention, rest = thresholds or (numerics.retention_energy_fraction, REST_FRACTION)
+    thresholds = Thresholds(float(retention), float(rest))  # Compiled code takes no integers for them.
 
     def run_to_end(control: IntArray) -> tuple[Run, FloatArray]:
         state, work = np.empty(6), make_workspace()

@@ -14,7 +14,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.cancellation import may_step
-from solver.compilation import compiled, lean
+from solver.compilation import compiled, lean, once
 from solver.loads import MOST_STATES
 from solver.motion import (
     Model,
@@ -41,7 +41,7 @@ few stations a body between the faces of a wall can gain without bound, in ever 
 steps that are too long."""
 
 
-@lean
+@once
 def _attempt_fixed_step(state: FloatArray, step: float, model: Model, work: Workspace) -> None:
     """One step; the new state is in ``work.trial``."""
     rate, point = work.stages, work.point
@@ -100,7 +100,8 @@ def integrate_fixed(
     """
     body, initial_energy = model.body, kinetic_energy(start, model.body)
     energies = Thresholds(thresholds.retention * initial_energy, thresholds.rest * initial_energy)
-    event = np.full(7, -1.0)
+    event = work.event
+    event[0] = -1.0
     assign(start, state)
     deepest, gain, energy = tip_depth(state, body), 0.0, initial_energy
     loaded = accelerate(state, model, work.scratch, work.start)
@@ -181,7 +182,7 @@ def make_linearisation() -> Linearisation:
     return Linearisation(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
-@lean
+@once
 def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearisation) -> None:
     """Difference quotients of the accelerations, each away from zero. Nothing depends on the lateral position.
 
@@ -256,7 +257,7 @@ def _solve_stage(
         drift[i] = g * (drift[i] + push[i])
 
 
-@lean
+@once
 def attempt_step(
     state: FloatArray, step: float, model: Model, work: Workspace, linear: Linearisation, scale: FloatArray
 ) -> float:
@@ -348,8 +349,11 @@ def integrate_adaptive(
     energies = Thresholds(thresholds.retention * initial_energy, thresholds.rest * initial_energy)
     impact = math.hypot(start[3], start[4])
     # Errors count over the size of the body and the velocity of impact, so that one tolerance serves all six numbers.
-    scale = np.array([body.tip, body.tip, 1.0, impact, impact, impact / body.tip])
-    event, time, step = np.full(7, -1.0), 0.0, FIRST_STEP * body.tip / impact
+    scale = work.scale
+    scale[0] = scale[1] = body.tip
+    scale[2], scale[3], scale[4], scale[5] = 1.0, impact, impact, impact / body.tip
+    event, time, step = work.event, 0.0, FIRST_STEP * body.tip / impact
+    event[0] = -1.0
     assign(start, state)
     deepest = tip_depth(state, body)
     loaded, fresh = accelerate(state, model, work.scratch, work.start), False

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.compilation import call_address, inner, lean
+from solver.compilation import lean
 from solver.loads import Quadrature, build_quadrature
 from solver.motion import (
     RAMP_FRACTION,
@@ -151,6 +151,10 @@ class TrialTable(NamedTuple):
     """(n, `COLUMNS`), as above; those after the last trial are empty."""
     filled: IntArray
     """(1,) number of trials."""
+    numbers: IntArray
+    """(n,) numbers of the trials of a scan."""
+    start: FloatArray
+    """(6,) state at first contact."""
     work: Workspace
     linear: Linearisation
     steps: FloatArray
@@ -165,14 +169,13 @@ class SearchState(NamedTuple):
     model: Model
     levels: Levels
     table: TrialTable
-    run_trial: int
-    """Address of the function."""
 
 
 def make_trial_table(size: int, control: IntArray) -> TrialTable:
     """Return an empty table for at most so many trials."""
-    rows, count = np.zeros((size, COLUMNS)), np.zeros(1, np.int64)
-    return TrialTable(rows, count, make_workspace(), make_linearisation(), np.empty((1, STEP_WIDTH)), control)
+    rows, filled, numbers = np.zeros((size, COLUMNS)), np.zeros(1, np.int64), np.empty(size, np.int64)
+    work, linear, steps = make_workspace(), make_linearisation(), np.empty((1, STEP_WIDTH))
+    return TrialTable(rows, filled, numbers, np.empty(6), work, linear, steps, control)
 
 
 @lean
@@ -207,13 +210,10 @@ def _margin(end: int, state: FloatArray, model: Model, energy: float, retention:
 
 @lean
 def attempt(oblique_angle: float, level: Level, search: SearchState) -> int:
-    """Run one trial and append it to the table; return its number."""
-    return int(call_address(search.run_trial, (oblique_angle, level, search), 0))
+    """Run one trial and append it to the table; return its number.
 
-
-@inner
-def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
-    """Do the work of `attempt`; if rough steps let the projectile gain energy, do it again as finely as requested."""
+    If rough steps let the projectile gain energy, it is run again as finely as requested.
+    """
     inputs, model, table = search.inputs, search.model, search.table
     number = int(table.filled[0])
     row, table.filled[0] = table.rows[number], number + 1
@@ -221,7 +221,7 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
     if not has_strength(oblique_angle, inputs.strength):
         row[END] = NO_STRENGTH
         return number
-    start, state = np.empty(6), row[STATE:]
+    start, state = table.start, row[STATE:]
     start_state(model.body, inputs.velocity, oblique_angle, inputs.angle_of_attack, inputs.angular_velocity, start)
     floor = ENERGY_FLOOR * inputs.retention
     thresholds = Thresholds(floor, floor)
@@ -237,9 +237,9 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
             model.law.plug_stress,
             model.law.crater_depth,
         )
-        present = Model(model.body, law, level.quadrature, model.panels, model.right_hand_side)
+        present = Model(model.body, law, level.quadrature, model.panels)
         if model.panels.area.size > 0:
-            end, _, _, _, _, _ = integrate_fixed(
+            values = integrate_fixed(
                 start,
                 present,
                 inputs.end_time,
@@ -251,7 +251,7 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
                 table.work,
             )
         else:
-            end, _, _, _, _, _ = integrate_adaptive(
+            values = integrate_adaptive(
                 start,
                 present,
                 inputs.end_time,
@@ -263,6 +263,7 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
                 table.work,
                 table.linear,
             )
+        end = values[0]
         energy = kinetic_energy(state, model.body) / kinetic_energy(start, model.body)
         if level.fine or (energy < 1.0 and end not in (STEP_LIMIT, NOT_FINITE)):
             break
