@@ -24,11 +24,11 @@ from solver.motion import (
     Workspace,
     accelerate,
     assign,
-    deepest_tip,
     end_of_step,
+    greatest_depth,
     kinetic_energy,
+    lasting_energy,
     store_step,
-    tip_depth,
 )
 from solver.surface import Body
 
@@ -98,12 +98,13 @@ def integrate_fixed(
     work
         Arrays to work in.
     """
-    body, initial_energy = model.body, kinetic_energy(start, model.body)
-    energies = Thresholds(thresholds.retention * initial_energy, thresholds.rest * initial_energy)
+    body, lasting = model.body, lasting_energy(start, model.body)
+    initial_energy = kinetic_energy(start, body) - lasting
+    energies = Thresholds(lasting + thresholds.retention * initial_energy, lasting + thresholds.rest * initial_energy)
     event = work.event
     event[0] = -1.0
     assign(start, state)
-    deepest, gain, energy = tip_depth(state, body), 0.0, initial_energy
+    deepest, gain, energy = 0.0, 0.0, initial_energy  # a run begins with the deepest point at the face
     loaded = accelerate(state, model, work.scratch, work.start)
     count = math.ceil(end_time / time_step * (1.0 - 1e-12))
     for index in range(count):
@@ -113,7 +114,7 @@ def integrate_fixed(
         step = min(time_step, end_time - time)
         _attempt_fixed_step(state, step, model, work)
         was_loaded, loaded = loaded, accelerate(work.trial, model, work.scratch, work.end)
-        before, energy = energy, kinetic_energy(work.trial, body)
+        before, energy = energy, kinetic_energy(work.trial, body) - lasting
         enough = min(_impulse_energy(work.end, step, body), UNRESOLVED_ENERGY * initial_energy)
         if before < energy < enough:
             return Termination.REST.value, time, deepest, index, 4 * index, gain
@@ -123,9 +124,9 @@ def integrate_fixed(
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], index == count - 1, event)
-        until = time + step if end == Termination.NONE else event[0]
+        until = time + step if event[0] < 0.0 else event[0]  # what coasts on out of a wall is not held any deeper
         if until > time:
-            deepest = max(deepest, deepest_tip(row, until, body, work.point))
+            deepest = max(deepest, greatest_depth(row, until, body, work.point))
         if end != Termination.NONE:
             assign(event[1:], state)
             return end.value, event[0], deepest, index + 1, 4 * index + 4, gain
@@ -345,8 +346,9 @@ def integrate_adaptive(
     work, linear
         Arrays to work in.
     """
-    body, initial_energy = model.body, kinetic_energy(start, model.body)
-    energies = Thresholds(thresholds.retention * initial_energy, thresholds.rest * initial_energy)
+    body, lasting = model.body, lasting_energy(start, model.body)
+    initial_energy = kinetic_energy(start, body) - lasting
+    energies = Thresholds(lasting + thresholds.retention * initial_energy, lasting + thresholds.rest * initial_energy)
     impact = math.hypot(start[3], start[4])
     # Errors count over the size of the body and the velocity of impact, so that one tolerance serves all six numbers.
     scale = work.scale
@@ -355,7 +357,7 @@ def integrate_adaptive(
     event, time, step = work.event, 0.0, FIRST_STEP * body.tip / impact
     event[0] = -1.0
     assign(start, state)
-    deepest = tip_depth(state, body)
+    deepest = 0.0  # a run begins with the deepest point at the face
     loaded, fresh = accelerate(state, model, work.scratch, work.start), False
     end_loaded = loaded
     evaluations, count = 1, 0
@@ -388,14 +390,14 @@ def integrate_adaptive(
         row = steps[count if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         count += 1
-        if kinetic_energy(work.trial, body) > MOST_ENERGY * initial_energy:
+        if kinetic_energy(work.trial, body) - lasting > MOST_ENERGY * initial_energy:
             return Termination.NOT_FINITE.value, time, deepest, count, evaluations, 0.0
         last = time + step >= end_time * (1.0 - 1e-12)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], last, event)
         # An event lies on the cubic through both ends of the step, so that no step has to be cut short to meet it.
-        until = time + step if end == Termination.NONE else event[0]
+        until = time + step if event[0] < 0.0 else event[0]  # what coasts on out of a wall is not held any deeper
         if until > time:
-            deepest = max(deepest, deepest_tip(row, until, body, work.point))
+            deepest = max(deepest, greatest_depth(row, until, body, work.point))
         if end != Termination.NONE:
             assign(event[1:], state)
             return end.value, event[0], deepest, count, evaluations, 0.0

@@ -20,8 +20,9 @@ from fastapi import FastAPI
 from service.api.app import REFUSAL_SECONDS, STOP_SECONDS, create_app
 from service.cli.arguments import FAILED, CommandError, read_settings
 from service.cli.client import Client, connect
+from service.cli.http_protocol import HttpProtocol
 from service.cli.writers import progress
-from service.errors import ExecutorError, FolderInUseError
+from service.errors import ExecutorError, UnusableFolderError
 from service.settings import Settings
 from service.workers.fork_server import socket_folder
 from solver.compilation import compilation_progress
@@ -65,7 +66,7 @@ class Server(uvicorn.Server):
                 host=settings.host,
                 port=settings.port,
                 root_path=settings.root_path,
-                http="httptools",
+                http=HttpProtocol,
                 ws="none",
                 limit_concurrency=MAX_CONNECTIONS,
                 timeout_keep_alive=IDLE_SECONDS,
@@ -158,7 +159,7 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
                 started.result()
             with connect("http://ricochet", socket=socket_path) as client:
                 yield client
-        except FolderInUseError as error:
+        except UnusableFolderError as error:
             raise CommandError(f"{error}; use that service with --url", FAILED) from None
         except ExecutorError as error:
             raise CommandError(str(error), FAILED) from None
@@ -169,7 +170,12 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
 
 
 def _serve(server: Server, started: Future[None]) -> None:
-    """Run the server in a thread; pass a failure to start to the future."""
+    """Run the server in a thread; pass a failure to start to the future.
+
+    Ctrl-C is for the main thread. A terminal sends it to every process of the command, so that those which this thread
+    starts, which keep its mask, would print tracebacks; they end with the service.
+    """
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         server.run()
     except BaseException as error:  # noqa: BLE001 (raised in the thread that waits)
