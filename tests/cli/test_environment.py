@@ -162,3 +162,11 @@ def test_streams_may_be_closed(folder: Path, live_url: str, line: str, status: i
     assert done.returncode == status, done.stderr
     for stray in ("Traceback", "Broken pipe", "[Errno", "Exception ignored"):
         assert stray not in done.stderr
+
+
+def test_settings_that_numba_cannot_work_with_are_named_in_one_sentence(folder: Path) -> None:
+    (folder / ".numba_config.yaml").write_text("opt: [")
+    ended = run_process(folder, "cra", "strike.toml")
+    assert (ended.status, ended.out) == (1, "")
+    assert ended.err.startswith("ricochet cra: numba cannot be used with the settings found (.numba_config.yaml in")
+    assert len(ended.err.splitlines()) == 1
