@@ -194,9 +194,9 @@ def service_for(args: argparse.Namespace) -> AbstractContextManager["Client"]:
         from service.cli.client import connect
 
         return connect(args.url)
-    from service.workers.fork_server import start_fork_server
+    from service.workers.template import template
 
-    start_fork_server()  # It loads the solver while this process imports the server.
+    template.start()  # It loads the solver while this process imports the server.
     from service.cli.server import local_server
 
     data_dir: Path | None = args.data_dir

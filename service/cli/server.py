@@ -3,6 +3,7 @@
 import asyncio
 import gc
 import logging
+import os
 import signal
 import socket
 import sys
@@ -23,9 +24,10 @@ from service.cli.client import Client, connect
 from service.cli.writers import progress
 from service.errors import ExecutorError, FolderInUseError
 from service.settings import Settings
-from service.workers.fork_server import socket_folder
 from solver.compilation import compilation_progress
 
+SOCKET_FOLDER_BYTES = 70
+"""Longest path of the folder of a socket: the names below it take 24, and macOS allows 103 in all, Linux 107."""
 TICK_SECONDS = 0.1
 """Between two looks at a start that takes long."""
 MAX_CONNECTIONS = 800
@@ -124,6 +126,12 @@ class Server(uvicorn.Server):
         await super().shutdown(sockets)
         if not self.force_exit:
             await self._lifespan.aclose()
+
+
+def socket_folder() -> str:
+    """Return the folder for temporary files, or /tmp if the path of a socket in it would be too long."""
+    folder = tempfile.gettempdir()
+    return folder if len(os.fsencode(folder)) <= SOCKET_FOLDER_BYTES else "/tmp"  # noqa: S108 (folders in it are private)
 
 
 @contextmanager
