@@ -64,11 +64,12 @@ class Template:
         self._channel, theirs = socket.socketpair()
         # It imports from where this process does: from the working folder only if that is among these.
         program = f"import sys; sys.path[:] = {sys.path!r}\nfrom service.workers.worker import fork_workers\n"
+        warnings = [f"-W{option}" for option in sys.warnoptions]
         with theirs:
             # A session of its own: Ctrl-C in a terminal reaches all of its session's foreground processes, and would
             # end this one with a traceback.
             self._process = subprocess.Popen(  # noqa: S603 (our own)
-                [sys.executable, "-P", "-c", f"{program}fork_workers({theirs.fileno()})"],
+                [sys.executable, *warnings, "-P", "-c", f"{program}fork_workers({theirs.fileno()})"],
                 stdin=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,

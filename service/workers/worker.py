@@ -135,22 +135,23 @@ def fork_workers(end: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warm_up()
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # The kernel reaps the workers.
-    requests = socket.socket(fileno=end)
-    while True:
-        message, descriptors, _, _ = socket.recv_fds(requests, 1, 2)
-        if not message:
-            return
-        with socket.socket(fileno=descriptors[0]) as channel:
-            try:
-                pid = os.fork()
-            except OSError as error:
-                reason = f"no worker process could be started: {error}; {LIMIT_HINT}"
-                send(channel, pickle.dumps(Hello(0, error=reason)))
-            else:
-                if pid == 0:
+    with socket.socket(fileno=end) as requests:
+        while True:
+            message, descriptors, _, _ = socket.recv_fds(requests, 1, 2)
+            if not message:
+                return
+            with socket.socket(fileno=descriptors[0]) as channel:
+                try:
+                    child = os.fork() == 0
+                except OSError as error:
+                    reason = f"no worker process could be started: {error}; {LIMIT_HINT}"
+                    with suppress(ConnectionError):  # The service may have given it up.
+                        send(channel, pickle.dumps(Hello(0, error=reason)))
+                    child = False
+                if child:
                     requests.close()
                     serve(channel, descriptors[1])
-        os.close(descriptors[1])
+            os.close(descriptors[1])
 
 
 def serve(channel: socket.socket, lifeline: int) -> NoReturn:
