@@ -51,8 +51,11 @@ class Template:
             socket.send_fds(self._channel, [b"f"], descriptors)
 
     def stop(self) -> None:
-        """End the process; its workers end with their own parent, which is this process."""
+        """End the process with all its children: workers, and what compiles the solver for them."""
         with self._lock:
+            if self._process is not None:
+                with suppress(ProcessLookupError):
+                    os.killpg(self._process.pid, signal.SIGKILL)
             self._discard()
 
     def _ensure_running(self) -> None:
