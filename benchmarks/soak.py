@@ -243,7 +243,7 @@ class Owner:
         table = self.get(path, "text/csv").text
         rows = sum(not line.startswith("#") for line in table.splitlines()) - 1
         with h5py.File(BytesIO(self.get(path, "application/x-hdf5").content)) as file:
-            found = rows, len(file["summary"])
+            found = rows, len(file["summary/index"])
         self.record.expect(found == (len(job.names),) * 2, f"{found} rows for {len(job.names)} cases")
 
     def run_jobs(self, stop: threading.Event) -> None:

@@ -4,6 +4,7 @@ A single query is answered with such a problem; a case of a batch keeps it as it
 """
 
 import logging
+import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from typing import Any, ClassVar, Self, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from service.schemas.explanations import explained
+from service.schemas.explanations import UNKNOWN, explained
 from service.schemas.problems import pointer_of_location, pointer_of_parameter
 from service.schemas.sweeps import AxisError, Grid, Outline
 from solver import IntegrationError, ParameterError, StepLimitError
@@ -22,6 +23,8 @@ log = logging.getLogger(__name__)
 
 MAX_ERRORS = 100
 """Errors listed in one problem: a body may be wrong in ten thousand places, and nobody reads on."""
+MAX_SUGGESTIONS = 10
+"""Unknown fields in one problem for which similar ones are looked for: each takes up to a millisecond."""
 RETRY_SECONDS = 5
 """When to try again a service that starts, stops or has lost its workers; a worker starts in about 1 s."""
 
@@ -202,6 +205,58 @@ class StorageError(ServiceError):
     title = "Nothing can be stored now"
 
 
+class UnsuitableFolderError(StorageError):
+    """The file system of the data folder cannot keep what has to be kept, however much room it has."""
+
+    type = "urn:ricochet:problem:unsuitable-folder"
+    title = "The data folder is on an unsuitable file system"
+
+
+SHARED_MEMORY_ERRORS = {
+    sqlite3.SQLITE_IOERR_SHMOPEN,
+    sqlite3.SQLITE_IOERR_SHMSIZE,
+    sqlite3.SQLITE_IOERR_SHMLOCK,
+    sqlite3.SQLITE_IOERR_SHMMAP,
+}
+"""Codes of SQLite for a file that cannot be shared in memory, as on some network and FUSE file systems."""
+
+
+def storage_reason(error: Exception) -> str:
+    """Return why the disk refuses something, without the path."""
+    if is_unsuitable(error):
+        return (
+            "its file system cannot share files in memory, which SQLite needs, as some network and FUSE file systems: "
+            "put the data folder on a local one"
+        )
+    return (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
+
+
+def is_unsuitable(error: Exception) -> bool:
+    """Return whether the file system is what is wrong."""
+    return isinstance(error, sqlite3.Error) and getattr(error, "sqlite_errorcode", None) in SHARED_MEMORY_ERRORS
+
+
+def storage_error(what: str, error: Exception) -> StorageError:
+    """Return the error of something that the disk refuses."""
+    kind = UnsuitableFolderError if is_unsuitable(error) else StorageError
+    return kind(f"{what}: {storage_reason(error)}")
+
+
+class DownloadsFullError(ServiceError):
+    """Files of results that are being sent take all the room there is for them."""
+
+    status = HTTPStatus.SERVICE_UNAVAILABLE
+    type = "urn:ricochet:problem:downloads-full"
+    title = "Too many files are being sent"
+    retry_after = 30
+    """Until one of them is likely to have been sent. [s]"""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "files that other clients are still receiving take all the room; try again, or ask for JSON lines"
+        )
+
+
 class FolderReplacedError(StorageError):
     """The path of the data folder, or of a file in it, leads to something else than when it was opened."""
 
@@ -220,6 +275,24 @@ class DamagedCasesError(ServiceError):
 
     def __init__(self, first: int, last: int) -> None:
         super().__init__(f"what was stored of cases {first} to {last} of the job is damaged: submit them again")
+
+
+class DamagedJobError(DamagedCasesError):
+    """What was stored of a job cannot be read.
+
+    Parameters
+    ----------
+    fields
+        Names of what cannot be read.
+    """
+
+    title = "What was stored of the job is damaged"
+
+    def __init__(self, fields: Sequence[str]) -> None:
+        text = (
+            f"of the job, {', '.join(fields)} cannot be read any more: take the results that are there, delete it and "
+        )
+        ServiceError.__init__(self, f"{text}submit it again")
 
 
 class JobGoneError(StorageError):
@@ -249,16 +322,34 @@ class ReportsMissingError(ServiceError):
         super().__init__(missing_package("a report", package, "reports"))
 
 
-class FolderInUseError(Exception):
+class UnusableFolderError(Exception):
+    """It cannot be done with this folder; the text says why."""
+
+
+class FolderInUseError(UnusableFolderError):
     """The data folder belongs to another running service."""
+
+
+class FolderLayoutError(UnusableFolderError):
+    """A file of the data folder is of another version of the program.
+
+    Parameters
+    ----------
+    name
+        Name of the file.
+    found, known
+        Its layout, and that of this version.
+    """
+
+    def __init__(self, name: str, found: int, known: int) -> None:
+        super().__init__(
+            f"{name} in the data folder has layout {found}, of another version of ricochet; this one reads layout "
+            f"{known} and has left everything as it is: set RICOCHET_DATA_DIR to another folder, or use that version"
+        )
 
 
 class DamagedFileError(Exception):
     """The file is not what was written."""
-
-
-class UnusableFolderError(Exception):
-    """It cannot be done with this folder; the text says why."""
 
 
 class MissingExtraError(Exception):
@@ -320,13 +411,22 @@ def field_errors(exception: BaseException) -> list[dict[str, str]]:
     return []
 
 
+def errors_found(error: ValidationError) -> list[Any]:
+    """Return the first of pydantic's errors, with no more of each than is said of it."""
+    return error.errors(include_url=False, include_context=False)[:MAX_ERRORS]
+
+
 def validation_errors(errors: Sequence[Any], before: str = "") -> list[dict[str, str]]:
     """Return pydantic's errors as pointers, behind this one, and details."""
-    pointers = [pointer_of_location(error["loc"]) for error in errors[:MAX_ERRORS]]
-    return [
-        {"pointer": before + pointer, "detail": explained(pointer, error)}
-        for pointer, error in zip(pointers, errors, strict=False)
-    ]
+    found: list[dict[str, str]] = []
+    unknown = 0
+    for error in errors[:MAX_ERRORS]:
+        pointer = pointer_of_location(error["loc"])
+        unknown += error["type"] == UNKNOWN
+        found.append(
+            {"pointer": before + pointer, "detail": explained(pointer, error, suggest=unknown <= MAX_SUGGESTIONS)}
+        )
+    return found
 
 
 def validated_as(model: type[Model], content: Any, pointer: str = "") -> Model:
@@ -340,7 +440,7 @@ def validated_as(model: type[Model], content: Any, pointer: str = "") -> Model:
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        raise InvalidBodyError(validation_errors(error.errors(), pointer)) from error
+        raise InvalidBodyError(validation_errors(errors_found(error), pointer)) from error
 
 
 def grid_of(model: type[BaseModel], outline: Outline) -> Grid:
@@ -369,7 +469,7 @@ def errors_of_point(grid: Grid, number: int, point: Sequence[float]) -> Iterator
     try:
         yield
     except (ValidationError, ParameterError) as error:
-        found = field_errors(error) if isinstance(error, ParameterError) else validation_errors(error.errors())
+        found = field_errors(error) if isinstance(error, ParameterError) else validation_errors(errors_found(error))
         place = "at " + ", ".join(f"{field} = {value:g}" for field, value in zip(grid.fields, point, strict=True))
         errors = [{**each, "pointer": grid.pointer(number, each["pointer"])} for each in found]
         raise InvalidBodyError(errors, place) from error

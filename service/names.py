@@ -57,6 +57,7 @@ QUANTITIES: Final[Mapping[str, str]] = {
     "target.youngs_modulus_pa": "Young's modulus",
     "target.poissons_ratio": "Poisson's ratio",
     "target.thickness_m": "Thickness",
+    "target.characteristic_strength_pa": "Characteristic strength",
     "resistance.strength_factor.model": "Strength factor",
     "resistance.strength_factor.shots": "Shots: speed, depth",
     "resistance.strength_factor.value": "Value of S",
@@ -112,7 +113,7 @@ OUTCOMES: Final[Mapping[str, str]] = {
 STATUSES: Final[Mapping[str, str]] = {
     "converged": "converged",
     "no_ricochet": "no ricochet",
-    "always_ricochet": "ricochet at every angle",
+    "always_ricochet": "ricochet at the lower end already",
     "not_converged": "not converged",
     "always_perforated": "always perforated",
     "never_perforated": "never perforated",
@@ -123,6 +124,7 @@ WARNINGS: Final[Mapping[str, str]] = {
     "crater_at_obliquity": "a crater of normal impact",
     "fixed_step_energy_gain": "time step too long",
     "implausible": "breaks a rule of every strike: a fault, please report",
+    "plug_through_wall": "plug as high as the wall",
     "range_clipped": "range cut where S falls to zero",
     "rear_face_unconservative": "wall without a plug holds less",
     "rear_plug_quasi_static": "plug without mass or energy",
@@ -130,6 +132,7 @@ WARNINGS: Final[Mapping[str, str]] = {
     "ricochet_at_lower_bound": "ricochet at the lower end already",
     "samples_outside": "samples outside the accepted range",
     "shallow_penetration": "at rest within the front crater",
+    "strength_factor_not_held": "polynomial of S far beyond its fit",
     "strength_factor_of_other_concrete": "S fitted to another concrete",
     "strength_fit_extrapolated": "angle beyond the fit of S",
     "tumbling": "turns end over end",
@@ -152,6 +155,7 @@ JOB_STATUSES: Final[Mapping[str, str]] = {
     "successful": "done",
     "failed": "failed",
     "dismissed": "cancelled",
+    "damaged": "damaged",
 }
 """Names of the states of a job."""
 TITLES: Final[Mapping[str, str]] = {

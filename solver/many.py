@@ -299,11 +299,12 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
     -------
     dict of str to array
         First the inputs that were given one for each case, objects by their fields, if the answers come straight from
-        the function. For trajectories ``outcome``, ``maximum_depth`` [m], ``strength_factor`` and ``final_time`` [s] to
-        ``final_kinetic_energy`` [J]; for critical angles ``status``, ``angle``, ``standard_error``, ``bracket_low`` and
-        ``bracket_high`` [rad], and ``strength_factor``; for limits of perforation ``status``, ``value``, ``value_low``
-        and ``value_high`` [m or m/s]. Then ``warnings``, their codes with blanks between them, and
-        ``error``, empty unless the case failed. NaN and empty text stand where there is nothing.
+        the function. For trajectories ``outcome``, ``maximum_depth``, ``protrusion_final`` and ``protrusion_greatest``
+        [m], ``strength_factor`` and ``final_time`` [s] to ``final_kinetic_energy`` [J]; for critical angles ``status``,
+        ``angle``, ``standard_error``, ``bracket_low`` and ``bracket_high`` [rad], and ``strength_factor``; for limits
+        of perforation ``status``, ``value``, ``value_low``, ``value_high`` and ``without_protrusion`` [m or m/s]. Then
+        ``warnings``, their codes with blanks between them, and ``error``, empty unless the case failed. NaN and empty
+        text stand where there is nothing.
 
     Raises
     ------
@@ -350,7 +351,9 @@ Column = tuple[Callable[[Any], Any], Any]
 COLUMNS: Mapping[type, Mapping[str, Column]] = {
     Trajectory: {
         "outcome": (attrgetter("outcome.value"), ""),
-        "maximum_depth": (attrgetter("maximum_depth"), math.nan),
+        "maximum_depth": (lambda answer: _number(answer.maximum_depth), math.nan),
+        "protrusion_final": (lambda answer: _number(answer.protrusion and answer.protrusion.final), math.nan),
+        "protrusion_greatest": (lambda answer: _number(answer.protrusion and answer.protrusion.greatest), math.nan),
         "strength_factor": (attrgetter("strength_factor"), math.nan),
         **{f"final_{name}": (attrgetter(f"final.{name}"), math.nan) for name in FINAL},
     },
@@ -367,5 +370,6 @@ COLUMNS: Mapping[type, Mapping[str, Column]] = {
         "value": (lambda answer: _number(answer.value), math.nan),
         "value_low": (lambda answer: (answer.bracket or NO_BRACKET)[0], math.nan),
         "value_high": (lambda answer: (answer.bracket or NO_BRACKET)[1], math.nan),
+        "without_protrusion": (lambda answer: _number(answer.without_protrusion), math.nan),
     },
 }

@@ -24,7 +24,7 @@ from solver.loads import (
     panel_loads,
     weaken_in_crater,
 )
-from solver.surface import Body, Panels, deepest_offset
+from solver.surface import CENTRED, Body, Panels, deepest_offset, deepest_point
 from solver.surface_integration import Law
 
 RAMP_FRACTION = 1e-4
@@ -160,6 +160,15 @@ def kinetic_energy(state: FloatArray, body: Body) -> float:
 
 
 @lean
+def lasting_energy(start: FloatArray, body: Body) -> float:
+    """Part of the initial kinetic energy that no load can remove: that of the spin of a sphere. [J]
+
+    Shares of the energy are of the rest. A sphere at rest in the target still spins there, as nothing rubs it.
+    """
+    return 0.5 * body.moment_of_inertia * float(start[5] ** 2) if body.bounds & CENTRED > 0 else 0.0
+
+
+@lean
 def store_step(row: FloatArray, time: float, step: float, state: FloatArray, work: Workspace) -> None:
     """Cubic Hermite interpolation through the rates at both ends of a step."""
     row[0], row[1] = time, step
@@ -241,7 +250,7 @@ class Termination(IntEnum):
 
 
 class Thresholds(NamedTuple):
-    """Shares of the initial kinetic energy."""
+    """Shares of the initial kinetic energy, without that of a spin that nothing can remove."""
 
     retention: float
     """A projectile that falls below it is retained, wherever its nose is."""
@@ -257,8 +266,8 @@ class Run(NamedTuple):
     """Time of the event that ended the run. [s]"""
     state: FloatArray
     """(6,) at that time."""
-    maximum_tip_depth: float
-    """[m]"""
+    maximum_depth: float
+    """Greatest depth of the deepest point of the body. [m]"""
     steps: int
     """Rows of the step table that are filled."""
     evaluations: int
@@ -274,26 +283,31 @@ def tip_depth(state: FloatArray, body: Body) -> float:
 
 
 @lean
-def _tip_speed(state: FloatArray, body: Body) -> float:
-    return float(state[3] - body.tip * state[5] * math.sin(state[2]))
+def _deepest(state: FloatArray, body: Body) -> tuple[float, float]:
+    """Depth of the deepest point of the body, and the speed at which it grows. [m, m/s]"""
+    offset, growth = deepest_point(body, state[2])
+    return state[0] + offset, state[3] + state[5] * growth
 
 
 @lean
-def deepest_tip(step: FloatArray, until: float, body: Body, state: FloatArray) -> float:
-    """Greatest depth of the nose tip within a step, up to a time; `state` is overwritten."""
+def greatest_depth(step: FloatArray, until: float, body: Body, state: FloatArray) -> float:
+    """Greatest depth of the deepest point of the body behind the start of a step, up to a time.
+
+    `state` is overwritten.
+    """
     low, high = 0.0, min(1.0, (until - step[0]) / step[1])
     interpolate(step, high, state)
-    deepest = max(tip_depth(step[2:8], body), tip_depth(state, body))
-    if _tip_speed(step[2:8], body) > 0.0 > _tip_speed(state, body):
+    greatest, speed = _deepest(state, body)
+    if speed < 0.0 < _deepest(step[2:8], body)[1]:
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             interpolate(step, middle, state)
-            if _tip_speed(state, body) > 0.0:
+            if _deepest(state, body)[1] > 0.0:
                 low = middle
             else:
                 high = middle
-        deepest = max(deepest, tip_depth(state, body))
-    return deepest
+        greatest = max(greatest, _deepest(state, body)[0])
+    return greatest
 
 
 @lean
@@ -410,7 +424,7 @@ def end_of_step(
             return Termination.RETAINED if retained else Termination.PERFORATED
         if not retained and (_is_clear(step[8:14], body) or (last and step[11] < 0.0)):
             return Termination.EXIT
-    tumbled = loaded and abs(step[10] - begin_angle) > MOST_TURN
+    tumbled = loaded and body.bounds & CENTRED == 0 and abs(step[10] - begin_angle) > MOST_TURN
     if last or tumbled:
         event[0] = time + step[1]
         interpolate(step, 1.0, state)

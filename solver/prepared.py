@@ -26,7 +26,7 @@ from solver.motion import (
 from solver.projectile import Projectile, mass_properties
 from solver.resistance import Resistance, strength_factor
 from solver.strike import Impact, ResolvedNumerics
-from solver.surface import NO_PANELS, Body, build_body, build_panels
+from solver.surface import CENTRED, NO_PANELS, Body, build_body, build_panels, deepest_offset
 from solver.surface_integration import Law
 from solver.target import Target
 from solver.time_integration import (
@@ -93,6 +93,33 @@ def exit_of(outcome: Outcome, state: Sequence[float], body: Body) -> Exit | None
 
 
 @dataclass(frozen=True, slots=True)
+class Protrusion:
+    """How far a projectile stands out of the rear face of a wall that it does not perforate."""
+
+    final: float | None
+    """At the end of the run; None if the projectile leaves through the impact face. [m]"""
+    greatest: float
+    """At most. [m]"""
+
+
+def protrusion_of(outcome: Outcome, run: Run, body: Body, thickness: float | None) -> Protrusion | None:
+    """Protrusion of a run; None in a half-space, if the projectile perforates, and if nothing of it ever protrudes.
+
+    Parameters
+    ----------
+    thickness
+        Of the wall; None for a half-space. [m]
+    """
+    if thickness is None or outcome is Outcome.PERFORATED or run.maximum_depth <= thickness:
+        return None
+    greatest = run.maximum_depth - thickness
+    if outcome is Outcome.RICOCHET:
+        return Protrusion(None, greatest)
+    depth, _, axis_angle, *_ = run.state.tolist()
+    return Protrusion(max(depth + deepest_offset(body, axis_angle) - thickness, 0.0), greatest)
+
+
+@dataclass(frozen=True, slots=True)
 class PreparedCase:
     """All of a strike but its angle, ready for the compiled code."""
 
@@ -107,6 +134,11 @@ class PreparedCase:
     def model(self) -> Model:
         """What the compiled code takes."""
         return with_right_hand_side(self.model_without_address)
+
+    @property
+    def is_centred(self) -> bool:
+        """Whether no load turns the projectile, as all its normals pass through its centre of gravity."""
+        return bool(self.model_without_address.body.bounds & CENTRED)
 
     def strength_factor_at(self, oblique_angle: float) -> float:
         """Strength factor of a strike at this angle. [1]
@@ -163,7 +195,7 @@ def prepare(
         law=build_law(
             resistance=resistance,
             target=target,
-            diameter=projectile.diameter,
+            projectile=projectile,
             strength_factor=1.0,
             ramp_velocity=1.0,
         ),

@@ -23,12 +23,12 @@ from solver.motion import (
     Workspace,
     accelerate,
     assign,
-    deepest_tip,
     end_of_step,
+    greatest_depth,
     kinetic_energy,
+    lasting_energy,
     make_workspace,
     store_step,
-    tip_depth,
 )
 from solver.surface import Body
 
@@ -84,10 +84,11 @@ def integrate_fixed(
     steps
         (n, `STEP_WIDTH`) table to fill: a row for each step, or one row to keep none.
     """
-    body, initial_energy = model.body, kinetic_energy(start, model.body)
-    energies = Thresholds(thresholds.retention * initial_energy, thresholds.rest * initial_energy)
+    body, lasting = model.body, lasting_energy(start, model.body)
+    initial_energy = kinetic_energy(start, body) - lasting
+    energies = Thresholds(lasting + thresholds.retention * initial_energy, lasting + thresholds.rest * initial_energy)
     work, event, state = make_workspace(), np.full(7, -1.0), start.copy()
-    deepest, gain, energy = tip_depth(state, body), 0.0, initial_energy
+    deepest, gain, energy = 0.0, 0.0, initial_energy  # a run begins with the deepest point at the face
     loaded = accelerate(state, model, work.scratch, work.start)
     count = math.ceil(end_time / time_step * (1.0 - 1e-12))
     for index in range(count):
@@ -95,7 +96,7 @@ def integrate_fixed(
         step = min(time_step, end_time - time)
         _attempt_fixed_step(state, step, model, work)
         was_loaded, loaded = loaded, accelerate(work.trial, model, work.scratch, work.end)
-        before, energy = energy, kinetic_energy(work.trial, body)
+        before, energy = energy, kinetic_energy(work.trial, body) - lasting
         enough = min(_impulse_energy(work.end, step, body), UNRESOLVED_ENERGY * initial_energy)
         if before < energy < enough:
             return Run(Termination.REST, time, state, deepest, index, 4 * index, gain)
@@ -105,9 +106,9 @@ def integrate_fixed(
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], index == count - 1, event)
-        until = time + step if end == Termination.NONE else event[0]
+        until = time + step if event[0] < 0.0 else event[0]  # what coasts on out of a wall is not held any deeper
         if until > time:
-            deepest = max(deepest, deepest_tip(row, until, body, work.point))
+            deepest = max(deepest, greatest_depth(row, until, body, work.point))
         if end != Termination.NONE:
             return Run(end, event[0], event[1:], deepest, index + 1, 4 * index + 4, gain)
         assign(work.trial, state)
@@ -321,13 +322,14 @@ def integrate_adaptive(
     work, linear
         Arrays to work in.
     """
-    body, initial_energy = model.body, kinetic_energy(start, model.body)
-    energies = Thresholds(thresholds.retention * initial_energy, thresholds.rest * initial_energy)
+    body, lasting = model.body, lasting_energy(start, model.body)
+    initial_energy = kinetic_energy(start, body) - lasting
+    energies = Thresholds(lasting + thresholds.retention * initial_energy, lasting + thresholds.rest * initial_energy)
     impact = math.hypot(start[3], start[4])
     # Errors count over the size of the body and the velocity of impact, so that one tolerance serves all six numbers.
     scale = np.array([body.tip, body.tip, 1.0, impact, impact, impact / body.tip])
     event, state, time, step = np.full(7, -1.0), start.copy(), 0.0, FIRST_STEP * body.tip / impact
-    deepest = tip_depth(state, body)
+    deepest = 0.0  # a run begins with the deepest point at the face
     loaded, fresh = accelerate(state, model, work.scratch, work.start), False
     end_loaded = loaded
     evaluations, count = 1, 0
@@ -358,14 +360,14 @@ def integrate_adaptive(
         row = steps[count if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         count += 1
-        if kinetic_energy(work.trial, body) > MOST_ENERGY * initial_energy:
+        if kinetic_energy(work.trial, body) - lasting > MOST_ENERGY * initial_energy:
             return Run(Termination.NOT_FINITE, time, state, deepest, count, evaluations, 0.0)
         last = time + step >= end_time * (1.0 - 1e-12)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], last, event)
         # An event lies on the cubic through both ends of the step, so that no step has to be cut short to meet it.
-        until = time + step if end == Termination.NONE else event[0]
+        until = time + step if event[0] < 0.0 else event[0]  # what coasts on out of a wall is not held any deeper
         if until > time:
-            deepest = max(deepest, deepest_tip(row, until, body, work.point))
+            deepest = max(deepest, greatest_depth(row, until, body, work.point))
         if end != Termination.NONE:
             return Run(end, event[0], event[1:], deepest, count, evaluations, 0.0)
         time += step

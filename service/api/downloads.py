@@ -8,12 +8,13 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from io import BufferedReader
 from pathlib import Path
 from secrets import token_hex
-from weakref import WeakValueDictionary
+from weakref import WeakSet, WeakValueDictionary
 
 from anyio import CancelScope
 from anyio.to_thread import run_sync
 
-from service.errors import StorageError
+from service.errors import DownloadsFullError, StorageError
+from service.private_files import make_private, make_private_folder
 
 FOLDER = "downloads"
 """Name of their folder in the data folder."""
@@ -33,7 +34,8 @@ class Downloads:
     folder
         Where they are; made when it is needed.
     most_bytes
-        How much is kept. A larger file is made for one client at a time, and gone once that has been sent.
+        How much they may take, those included that are gone from the folder but still being sent. A larger file is made
+        for one client at a time, and gone once that has been sent.
     check_folder
         Called before anything is written; raises StorageError if nothing may be.
     """
@@ -44,6 +46,8 @@ class Downloads:
         self._check_folder = check_folder
         self._kept: OrderedDict[str, int] = OrderedDict()
         """Sizes by name, the latest used last."""
+        self._open: WeakSet[BufferedReader] = WeakSet()
+        """Files that are being sent."""
         self._turns = asyncio.Semaphore(WRITTEN_AT_ONCE)
         self._writing: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
 
@@ -59,15 +63,30 @@ class Downloads:
 
         Raises
         ------
+        DownloadsFullError
+            If files that are being sent take all the room.
         StorageError
             If the disk has no room for it, or the data folder has been replaced.
         """
         lock = self._writing.setdefault(name, asyncio.Lock())
         async with lock:
-            if file := await self._open_kept(name):
-                return file
-            async with self._turns:
-                return await self._write(name, write, keep=keep)
+            file = await self._open_kept(name)
+            if file is None:
+                async with self._turns:
+                    file = await self._write(name, write, keep=keep)
+            self._open.add(file)
+            return file
+
+    @property
+    def _sent_bytes(self) -> int:
+        """Size of what has been removed while it was being sent, and goes on taking room until that has ended."""
+        found = [os.fstat(file.fileno()) for file in self._open if not file.closed]
+        return sum({(each.st_dev, each.st_ino): each.st_size for each in found if not each.st_nlink}.values())
+
+    async def _make_room(self) -> None:
+        """Remove the files used longest ago until the rest and what is being sent take no more than they may."""
+        while self._kept and sum(self._kept.values()) + self._sent_bytes > self._most_bytes:
+            await self.remove([next(iter(self._kept))])
 
     async def _open_kept(self, name: str) -> BufferedReader | None:
         if name not in self._kept:
@@ -84,16 +103,18 @@ class Downloads:
     async def _write(self, name: str, write: Callable[[Path], Awaitable[None]], *, keep: bool) -> BufferedReader:
         path = self._folder / f"{token_hex(16)}.partial"
         await run_sync(self._check_folder)
+        if self._sent_bytes >= self._most_bytes:
+            raise DownloadsFullError
         try:
-            await run_sync(lambda: path.parent.mkdir(parents=True, exist_ok=True))
+            await run_sync(make_private_folder, path.parent)
+            await run_sync(make_private, path)
             await write(path)
             file = await run_sync(path.open, "rb")
             size = os.fstat(file.fileno()).st_size
             if keep and size <= self._most_bytes:
                 await run_sync(path.replace, self._folder / name)
                 self._kept[name] = size
-                while sum(self._kept.values()) > self._most_bytes:
-                    await self.remove([next(iter(self._kept))])
+            await self._make_room()
             return file
         except OSError as error:  # The message of HDF5 contains the path, so it is not passed on.
             why = os.strerror(error.errno) if error.errno else "the disk refuses it"

@@ -85,10 +85,11 @@ async def readyz(request: Request) -> Health:
         raise HTTPException(HTTPStatus.SERVICE_UNAVAILABLE, f"jobs cannot be stored: {error}") from error
     status = HealthStatus.OK if idle else HealthStatus.BUSY
     place = ChunkPlace.CLUSTER if services.executor.on_cluster else ChunkPlace.POOL
+    warnings = [services.jobs.warning] if services.jobs.warning else []
     if damaged := await run_sync(services.cache.set_aside):
-        text = f"{', '.join(damaged[-MOST_NAMES:])}: damaged, {len(damaged)} in all; see the log and the folder damaged"
-        return Health(status=status, chunks_on=place, warnings=[text])
-    return Health(status=status, chunks_on=place)
+        names = ", ".join(damaged[-MOST_NAMES:])
+        warnings.append(f"{names}: damaged, {len(damaged)} in all; see the log and the folder damaged")
+    return Health(status=status, chunks_on=place, warnings=warnings or MISSING)
 
 
 @router.get("/version", response_description="The versions.", responses=problems(500))

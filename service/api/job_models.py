@@ -83,19 +83,25 @@ def in_jobs(operation: Operation) -> bool:
 
 JobOperation = StrEnum(  # type: ignore[misc] # mypy wants the names here
     "JobOperation",
-    {re.sub("[^A-Z]", "_", each.name.upper()): each.name for each in LISTED_OPERATIONS if in_jobs(each)},
+    {
+        **{re.sub("[^A-Z]", "_", each.name.upper()): each.name for each in LISTED_OPERATIONS if in_jobs(each)},
+        "UNKNOWN": "unknown",
+    },
 )
-JobOperation.__doc__ = "What every case of a job computes. A study of uncertainty is one case."
+JobOperation.__doc__ = (
+    "What every case of a job computes; `unknown` if that is damaged. A study of uncertainty is one case."
+)
 
 
 class JobStatus(StrEnum):
-    """`accepted` waits, `running` has begun; the others are final: all cases done, given up, cancelled."""
+    """`accepted` waits, `running` has begun; the others are final: all cases done, given up, cancelled, unreadable."""
 
     ACCEPTED = "accepted"
     RUNNING = "running"
     SUCCESSFUL = "successful"
     FAILED = "failed"
     DISMISSED = "dismissed"
+    DAMAGED = "damaged"
 
 
 class JobCounts(Part):

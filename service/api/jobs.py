@@ -13,7 +13,7 @@ from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from service.api.batch_response import job_json, job_response, retry_after, root_of, to_job, until
-from service.api.body import parse_json, read_body, require_type
+from service.api.body import BodyLimits, parse_json, read_body, require_type
 from service.api.contract import RETRY_LATER, Responses, one_body, problems
 from service.api.job_models import Job, JobChange, JobResults, Jobs
 from service.api.middleware import client_of
@@ -97,7 +97,7 @@ RESULTS: Responses = {
             PARQUET: {},
         },
     },
-    **problems(404, 406, 422, 500, 503, 507),
+    **problems(404, 406, 422, 429, 500, 503, 507),
 }
 EVENTS: Responses = {
     200: {"description": "A `Job` whenever it changes, as the data of server-sent events; the last is its end."},
@@ -144,7 +144,12 @@ async def get_job(request: Request, job: RequestedJob, jobs: CurrentManager) -> 
 
 @router.get("/jobs/{job_id}/results", response_model=JobResults, responses=RESULTS)  # noqa: FAST003
 async def get_job_results(
-    request: Request, job: RequestedJob, jobs: CurrentManager, cursor: Cursor = "", limit: Limit = PAGE
+    request: Request,
+    job: RequestedJob,
+    jobs: CurrentManager,
+    context: ReadContext,
+    cursor: Cursor = "",
+    limit: Limit = PAGE,
 ) -> Response:
     """Give the results that are ready, in the order of the request, at any time.
 
@@ -157,7 +162,7 @@ async def get_job_results(
         more = "" if has_parquet() else f"; {missing_package('Parquet', 'pyarrow', 'parquet')}"
         raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"results are given as {', '.join(forms)}{more}")
     most = limit if form == JSON or "limit" in request.query_params else None
-    ready = ReadyResults(jobs, job, await jobs.sweep(job), read_cursor(cursor), most)
+    ready = ReadyResults(jobs, job, await jobs.sweep(job), read_cursor(cursor), most, context.take)
     if form in FILES:
         return await unless_left(request, file_response(request, ready, form))
     path = f"{root_of(request)}/jobs/{job.id}/results"
@@ -197,7 +202,8 @@ class Page:
 
     def end(self) -> bytes:
         """Return what follows the results of the page: the cursor, if anything may follow."""
-        if self._next >= self._job.total or (self._job.final and self._count < self._limit):
+        complete = self._job.status != "damaged" and self._next >= self._job.total
+        if complete or (self._job.final and self._count < self._limit):
             return b""
         return b',"next":"%b"' % write_cursor(self._next)
 
@@ -270,10 +276,9 @@ async def cancel_job(request: Request, job_id: JobId, jobs: CurrentManager, cont
 )
 async def change_job(request: Request, job_id: JobId, jobs: CurrentManager, context: RunContext) -> Response:
     """Give a job another title."""
-    settings = services_of(request).settings
+    limits = BodyLimits.of_one(services_of(request).settings)
     require_type(request, JSON)
-    content = parse_json(await read_body(request, settings.max_body_bytes), settings.max_body_depth)
-    change = validated_as(JobChange, content)
+    change = validated_as(JobChange, parse_json(await read_body(request, limits), limits))
     state = known(await jobs.rename(job_id, change.title, context.principal.visible_owner))
     context.job = state.id
     return job_response(root_of(request), state)

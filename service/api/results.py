@@ -55,6 +55,8 @@ class ReadyResults:
         First case.
     limit
         Largest number of results; None for all.
+    take
+        Takes the work of what is computed again from the quota of the reader.
     """
 
     jobs: JobManager
@@ -62,10 +64,11 @@ class ReadyResults:
     sweep: StoredSweep | None
     start: int = 0
     limit: int | None = None
+    take: Callable[[int], None] = lambda _: None
 
-    def read(self, use: Callable[[list[CaseResult]], Value]) -> AsyncGenerator[Value, None]:
+    def read(self, use: Callable[[list[CaseResult]], Value], *, whole: bool = False) -> AsyncGenerator[Value, None]:
         """Yield what `use` makes of the results, block by block; see `JobManager.results`."""
-        return self.jobs.results(self.job.id, use, start=self.start, limit=self.limit)
+        return self.jobs.results(self.job.id, use, start=self.start, limit=self.limit, take=self.take, whole=whole)
 
     def points(self, results: Iterable[CaseResult]) -> list[tuple[float, ...]]:
         """Return the values of the axes of these results of a sweep; none of a batch."""
@@ -153,7 +156,9 @@ async def write_hdf5(path: Path, ready: ReadyResults) -> None:
     axes = ready.sweep.fields if ready.sweep else ()
     base = orjson.dumps(ready.sweep.request["base"]).decode() if ready.sweep else ""
     with await run_sync(lambda: BatchFile(path, ready.job.operation, axes=axes, base=base)) as batch:
-        async with aclosing(ready.read(lambda results: batch.write(results, ready.points(results)))) as blocks:
+        async with aclosing(
+            ready.read(lambda results: batch.write(results, ready.points(results)), whole=True)
+        ) as blocks:
             async for _ in blocks:
                 pass
         await run_sync(batch.finish)  # It compresses what is left and reads the whole file for its hash.
@@ -163,9 +168,14 @@ GROUP_ROWS = 4096
 """Rows of a row group: some megabytes, the largest part of a table that is in memory at once."""
 
 
+def columns_of(operation: str) -> tuple[Column, ...]:
+    """Return the columns of the answers of an operation; none for that of a damaged job."""
+    return OPERATIONS[operation].columns if operation in OPERATIONS else ()
+
+
 def csv_head(operation: str, sweep: StoredSweep | None) -> bytes:
     """Return the names of the columns of a table; the last ones are the base of a sweep, the same in each row."""
-    names = [column.name for column in batch_columns(OPERATIONS[operation].columns, sweep.fields if sweep else ())]
+    names = [column.name for column in batch_columns(columns_of(operation), sweep.fields if sweep else ())]
     return _lines([[*names, *_base(sweep)]])
 
 
@@ -192,7 +202,7 @@ def _row(result: CaseResult, operation: str, sweep: StoredSweep | None) -> list[
     item: dict[str, Any] = {"index": result.number, "custom_id": result.custom_id, "problem": result.problem}
     if result.record is not None:
         item["result"] = {**result.record.answer, "key": result.record.key}
-    return batch_row(OPERATIONS[operation].columns, item, sweep.point(result.number) if sweep else ())
+    return batch_row(columns_of(operation), item, sweep.point(result.number) if sweep else ())
 
 
 def _lines(rows: Iterable[list[Any]]) -> bytes:
@@ -210,7 +220,7 @@ async def write_parquet(path: Path, ready: ReadyResults) -> None:
     """Write the table of the summaries to a file."""
     table = await run_sync(ParquetTable, path, ready.job, ready.sweep)
     try:
-        async with aclosing(ready.read(table.write)) as blocks:
+        async with aclosing(ready.read(table.write, whole=True)) as blocks:
             async for _ in blocks:
                 pass
     finally:
@@ -239,7 +249,7 @@ class ParquetTable:
         if sweep is not None:
             metadata["base"] = orjson.dumps(sweep.request["base"]).decode()
             metadata["axes"] = orjson.dumps(sweep.fields).decode()
-        columns = batch_columns(OPERATIONS[job.operation].columns, sweep.fields if sweep else ())
+        columns = batch_columns(columns_of(job.operation), sweep.fields if sweep else ())
         fields = [
             pa.field(
                 column.name, _arrow_type(column), metadata={"unit": column.unit, "description": column.description}

@@ -20,6 +20,7 @@ from service.auth.audit_log import AuditLog
 from service.auth.dependencies import ConcurrencyLimit
 from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
+from service.clock import Clock
 from service.errors import PoolUnavailableError, TaskTimeoutError
 from service.jobs.manager import JobManager
 from service.jobs.models import Status
@@ -140,6 +141,7 @@ class Services:
     owner_queries: ConcurrencyLimit
     bodies: KnownBodies
     traces: TracerProvider | None
+    clock: Clock
 
     cache: ResultCache = field(init=False)
     downloads: Downloads = field(init=False)

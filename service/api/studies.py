@@ -17,7 +17,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 
 from service.api.batch_response import IdempotencyKey, JobResponse, WantedPreference
-from service.api.body import read_body, require_type
+from service.api.body import BodyLimits, read_body, require_type
 from service.api.contract import one_body, problems
 from service.api.negotiation import JSON
 from service.api.page import REPORT_POLICY
@@ -50,7 +50,7 @@ def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
         services, path, begun = services_of(request), path_of(request.scope), request.scope[BEGUN]
         require_type(request, JSON)
         form = form_of(request)
-        body = await read_body(request, services.settings.max_body_bytes)
+        body = await read_body(request, BodyLimits.of_one(services.settings))
         known, case = services.bodies.get((path, body)), None
         if known is None:
             case = await read_request(services, body, operation)
@@ -142,7 +142,7 @@ async def read_report(request: Request) -> tuple[ReportRequest, Any]:
     """Return the strike of a body, and the body as JSON data."""
     services = services_of(request)
     require_type(request, JSON)
-    given = await read_content(services, await read_body(request, services.settings.max_body_bytes))
+    given = await read_content(services, await read_body(request, BodyLimits.of_one(services.settings)))
     return validated_as(ReportRequest, given), given
 
 

@@ -17,9 +17,10 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
-import orjson
+from service.clock import SYSTEM, Clock
+from service.private_files import make_private, make_private_folder, open_private
 
 Scope: TypeAlias = Literal["read", "run", "admin"]
 SCOPES: tuple[Scope, ...] = get_args(Scope)
@@ -35,10 +36,6 @@ UNKNOWN_DIGEST = "0" * 64
 """Compared with if there is no such key, so that this takes as long."""
 
 FILE, LOCK = "auth.sqlite", "auth.lock"
-OLD_FILE, OLD_QUOTAS, MIGRATED = "keys.json", "usage.json", ".migrated"
-"""Files of older versions, and the suffix that they get once their content is in `auth.sqlite`."""
-TRACES = (LOCK, f"{FILE}-journal", "keys.lock", f"{OLD_FILE}.new", f"{OLD_FILE}{MIGRATED}", OLD_QUOTAS)
-"""Files that exist only if there have been keys."""
 RELOAD_SECONDS = 0.2
 """Between two checks of the file: a revoked key is accepted for no longer than this."""
 BUSY_SECONDS = 5.0
@@ -99,10 +96,9 @@ class ApiKey:
     expires: float | None = None
     revoked: float | None = None
 
-    @property
-    def usable(self) -> bool:
-        """Whether the key is accepted now."""
-        return self.revoked is None and (self.expires is None or time.time() < self.expires)
+    def usable_at(self, now: float) -> bool:
+        """Return whether the key is accepted at this date, in seconds since 1970."""
+        return self.revoked is None and (self.expires is None or now < self.expires)
 
     def may(self, scope: str) -> bool:
         """Return whether the key has this scope."""
@@ -140,7 +136,7 @@ class ApiKeyStore:
     """The keys in force, as a running service sees them.
 
     Once there has been a file, one that is gone or damaged means that no key is valid, never that none is required.
-    This holds over restarts as well, as long as anything else in the folder shows that there were keys.
+    This holds over restarts as well, as long as the lock beside it is there.
 
     Parameters
     ----------
@@ -148,8 +144,8 @@ class ApiKeyStore:
         Data folder of the service.
     on_error
         Called with the reason, once, when the keys cannot be read.
-    audit_log
-        File of the audit log, if it has one.
+    clock
+        Keys expire by its date.
 
     Raises
     ------
@@ -157,27 +153,27 @@ class ApiKeyStore:
         If there is a file and it cannot be read.
     """
 
-    def __init__(self, folder: Path, on_error: Callable[[str], None], audit_log: Path | None = None) -> None:
+    def __init__(self, folder: Path, on_error: Callable[[str], None], clock: Clock = SYSTEM) -> None:
         self._folder = folder
+        self._clock = clock
         self._on_error = on_error
-        migrate(folder)
         self._seen = _stamp(folder / FILE)
-        self._checked = time.monotonic()
+        self._checked = clock.monotonic()
         self._failed = False
         self._keys: Mapping[str, ApiKey] = read_keys(folder)
-        self.lost = "" if self._keys else trace_of_keys(folder, audit_log)
-        """File that shows that there were keys, if there are none."""
-        self.required = bool(self._keys or self.lost)
+        self.lost = not (folder / FILE).exists() and (folder / LOCK).exists()
+        """Whether there were keys, and their file is gone."""
+        self.required = self.lost or (folder / FILE).exists()
         """Whether there are keys, or were; revoked ones count."""
 
     @property
     def usable(self) -> bool:
         """Whether any key is valid."""
-        return any(key.usable for key in self._keys.values())
+        return any(key.usable_at(self._clock.now()) for key in self._keys.values())
 
     def reload(self) -> None:
         """Read the keys again if the file has changed."""
-        now = time.monotonic()
+        now = self._clock.monotonic()
         if now - self._checked < RELOAD_SECONDS:
             return
         self._checked = now
@@ -201,13 +197,13 @@ class ApiKeyStore:
         if key is None:
             hmac.compare_digest(UNKNOWN_DIGEST, digest_of(token))
             return None
-        return key if key.fits(token) and key.usable else None
+        return key if key.fits(token) and key.usable_at(self._clock.now()) else None
 
     def holds(self, key: ApiKey) -> bool:
         """Return whether a key that was valid still is."""
         self.reload()
         found = self._keys.get(key.id)
-        return found is not None and found.usable
+        return found is not None and found.usable_at(self._clock.now())
 
 
 def read_keys(folder: Path) -> dict[str, ApiKey]:
@@ -218,7 +214,6 @@ def read_keys(folder: Path) -> dict[str, ApiKey]:
     KeysUnreadableError
         If there is a file and it cannot be read.
     """
-    migrate(folder)
     if not (folder / FILE).exists():
         return {}
     with _readable(), connected(folder) as connection:
@@ -234,8 +229,7 @@ def add_key(folder: Path, key: ApiKey) -> None:
     KeysUnreadableError, OSError
         If it cannot be stored.
     """
-    migrate(folder)
-    _insert(folder, [_to_row(key)])
+    _insert(folder, key)
 
 
 def revoke_key(folder: Path, key_id: str) -> ApiKey | None:
@@ -253,53 +247,6 @@ def revoke_key(folder: Path, key_id: str) -> ApiKey | None:
     return read_keys(folder).get(key_id)
 
 
-def trace_of_keys(folder: Path, audit_log: Path | None = None) -> str:
-    """Return the name of a file that shows that the folder has had keys; empty if none does."""
-    for name in (FILE, *TRACES):
-        if (folder / name).exists():
-            return name
-    if _has_jobs_of_keys(folder / "jobs.sqlite"):
-        return "jobs.sqlite"
-    if audit_log is not None and audit_log.resolve().is_relative_to(folder.resolve()) and _names_keys(audit_log):
-        return audit_log.name
-    return ""
-
-
-def migrate(folder: Path) -> None:
-    """Move keys and quotas of an older version, `keys.json` and `usage.json`, into `auth.sqlite`.
-
-    Keys that are there already stay as they are, so that this can be done again after it was interrupted. The old files
-    are kept under another name.
-
-    Raises
-    ------
-    KeysUnreadableError, OSError
-        If there is a file of keys and it cannot be read, or the keys cannot be stored.
-    """
-    old = folder / OLD_FILE
-    if not old.exists():
-        return
-    try:
-        content = orjson.loads(old.read_bytes())
-        if content["layout"] != 1:
-            raise ValueError(f"it has layout {content['layout']}, this version knows 1")
-        keys = [_to_row(ApiKey(**{**row, "scopes": frozenset(row["scopes"])})) for row in content["keys"]]
-    except FileNotFoundError:  # another process was faster
-        return
-    except OSError as error:
-        raise KeysUnreadableError(f"{OLD_FILE} cannot be read: {error.strerror}") from error
-    except (ValueError, TypeError, KeyError) as error:
-        raise KeysUnreadableError(f"{OLD_FILE} is damaged: {error}") from error
-    quotas: list[tuple[str, int, int]] = []
-    with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):  # one hour's counts may be lost
-        counts = orjson.loads((folder / OLD_QUOTAS).read_bytes())
-        quotas = [(key, int(began), int(cases)) for key, entries in counts.items() for began, cases in entries]
-    _insert(folder, keys, quotas)
-    for name in (OLD_FILE, OLD_QUOTAS):
-        with contextlib.suppress(FileNotFoundError):
-            (folder / name).replace(folder / f"{name}{MIGRATED}")
-
-
 @contextlib.contextmanager
 def connected(folder: Path) -> Iterator[sqlite3.Connection]:
     """Open `auth.sqlite`, which must exist, for one transaction."""
@@ -307,30 +254,37 @@ def connected(folder: Path) -> Iterator[sqlite3.Connection]:
     with contextlib.closing(sqlite3.connect(uri, uri=True, timeout=BUSY_SECONDS)) as connection:
         connection.row_factory = _to_dict
         with connection:
+            check_layout(connection)
             yield connection
 
 
-def open_private(path: Path, mode: Literal["ab", "wb"]) -> BinaryIO:
-    """Open a file for writing that nobody else may read."""
-    return open(path, mode, opener=lambda name, flags: os.open(name, flags, 0o600))
+def check_layout(connection: sqlite3.Connection) -> None:
+    """Refuse a file of another version.
+
+    Raises
+    ------
+    sqlite3.DatabaseError
+        If its layout is neither that of this version nor that of a new file.
+    """
+    layout = connection.execute("PRAGMA user_version").fetchone()["user_version"]
+    if layout not in {0, LAYOUT}:
+        raise sqlite3.DatabaseError(f"it has layout {layout}, this version knows {LAYOUT}")
 
 
-def _insert(folder: Path, keys: list[dict[str, Any]], quotas: list[tuple[str, int, int]] | None = None) -> None:
-    """Store keys, by one process at a time; the file and its lock are made if they do not exist."""
-    folder.mkdir(parents=True, exist_ok=True)
+def _insert(folder: Path, key: ApiKey) -> None:
+    """Store a key, by one process at a time; the file and its lock are made if they do not exist."""
+    make_private_folder(folder)
     with open_private(folder / LOCK, "ab") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        is_new = not (folder / FILE).exists() or (folder / OLD_FILE).exists()
-        open_private(folder / FILE, "ab").close()
-        (folder / FILE).chmod(0o600)  # also one that an interrupted migration or a restore has left
+        is_new = not (folder / FILE).exists()
+        make_private(folder / FILE)
         with _readable(), connected(folder) as connection:
             connection.execute("BEGIN IMMEDIATE")
             if is_new:  # an empty file is damaged otherwise
                 for statement in filter(str.strip, TABLES.split(";")):
                     connection.execute(statement)
                 connection.execute(f"PRAGMA user_version = {LAYOUT}")
-            connection.executemany(INSERT, keys)
-            connection.executemany("INSERT OR IGNORE INTO quotas VALUES (?, ?, ?)", quotas or [])
+            connection.execute(INSERT, _to_row(key))
 
 
 @contextlib.contextmanager
@@ -358,21 +312,3 @@ def _stamp(path: Path) -> tuple[int, int, int, bytes] | None:
             return found.st_ino, found.st_mtime_ns, found.st_size, file.read(HEADER_BYTES)
     except OSError:
         return None
-
-
-def _has_jobs_of_keys(path: Path) -> bool:
-    """Return whether a job belongs to the owner of a key."""
-    try:
-        with contextlib.closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as jobs:
-            return jobs.execute("SELECT 1 FROM jobs WHERE owner <> ? LIMIT 1", (LOCAL,)).fetchone() is not None
-    except sqlite3.Error:  # not there, or not readable: nothing of it is listed either
-        return False
-
-
-def _names_keys(audit_log: Path) -> bool:
-    """Return whether a line is about a key, or a missing one: the log may also be written without keys."""
-    try:
-        with audit_log.open("rb") as lines:
-            return any(b'"key":' in line or b'"status":401' in line for line in lines)
-    except OSError:
-        return False

@@ -11,8 +11,8 @@ from typing import Any
 import orjson
 from structlog.contextvars import get_contextvars
 
-from service.auth.api_keys import open_private
 from service.auth.dependencies import RequestContext
+from service.private_files import open_private
 from service.telemetry import route_of
 
 

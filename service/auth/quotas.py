@@ -3,15 +3,15 @@
 import asyncio
 import math
 import sqlite3
-import time
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 from anyio import to_thread
 
 from service.auth.api_keys import connected
+from service.clock import SYSTEM, Clock
 from service.errors import QuotaError
 
 WINDOW = 3600
@@ -22,13 +22,13 @@ SAVE_SECONDS = 10
 """Between two times that counts are written. [s]"""
 
 
-SINCE_1970 = time.time() - time.monotonic()
-"""Added to the monotonic clock: nobody gains or loses cases when the clock of the machine is set. [s]"""
+def steady(clock: Clock) -> Callable[[], float]:
+    """Return a function with the date as it is now and what has passed since, whatever the date is set to.
 
-
-def clock() -> float:
-    """Return the time as it was when the service started, and what has passed since. [s since 1970]"""
-    return SINCE_1970 + time.monotonic()
+    So nobody gains or loses cases when the clock of the machine is set. [s since 1970]
+    """
+    since_1970 = clock.now() - clock.monotonic()
+    return lambda: since_1970 + clock.monotonic()
 
 
 class Quota:
@@ -40,11 +40,19 @@ class Quota:
         Most cases within the window; None if there is no limit.
     entries
         Earlier counts: when each began, in seconds since 1970, and its cases.
+    time
+        Returns the time; see `steady`.
     """
 
-    def __init__(self, most: int | None, entries: list[tuple[int, int]] | None = None) -> None:
+    def __init__(
+        self,
+        most: int | None,
+        entries: list[tuple[int, int]] | None = None,
+        time: Callable[[], float] | None = None,
+    ) -> None:
         self.most = most
-        now = clock()
+        self._time = time or steady(SYSTEM)
+        now = self._time()
         self.entries = deque((began, count) for began, count in entries or () if began <= now)
         self._count = sum(count for _, count in self.entries)
 
@@ -56,7 +64,7 @@ class Quota:
         QuotaError
             If they are more than are left; none is counted then.
         """
-        now = clock()
+        now = self._time()
         self._forget(now)
         if self.most is not None and self._count + count > self.most:
             raise QuotaError(self.most, count, self._seconds_until(count, now))
@@ -81,7 +89,7 @@ class Quota:
 
     def give_back_from(self, began: int, count: int) -> None:
         """Take back cases of the entry with this begin, unless it has left the window."""
-        self._forget(clock())
+        self._forget(self._time())
         for place, (begin, here) in enumerate(self.entries):
             if begin == began:
                 self.entries[place] = (begin, max(0, here - count))
@@ -109,10 +117,13 @@ class QuotaStore:
     ----------
     folder
         Data folder of the service.
+    clock
+        Its durations count.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, clock: Clock = SYSTEM) -> None:
         self._folder = folder
+        self._time = steady(clock)
         self._quotas: dict[str, Quota] = {}
         self._earlier: dict[str, list[tuple[int, int]]] = {}
         self._saved: list[tuple[str, int, int]] = []
@@ -124,14 +135,16 @@ class QuotaStore:
         """Return the quota of the key with this id."""
         found = self._quotas.get(key_id)
         if found is None:
-            found = self._quotas[key_id] = Quota(most, self._earlier.get(key_id))
+            found = self._quotas[key_id] = Quota(most, self._earlier.get(key_id), self._time)
         found.most = most
         return found
 
     def give_back(self, key_id: str, count: int, began: int) -> None:
         """Take back cases of a key that were not used, counted in the entry with this begin."""
         if key_id not in self._quotas:
-            self._quotas[key_id] = Quota(None, self._earlier.get(key_id))  # its limit is set when the key is next used
+            self._quotas[key_id] = Quota(
+                None, self._earlier.get(key_id), self._time
+            )  # its limit is set when the key is next used
         self._quotas[key_id].give_back_from(began, count)
 
     @asynccontextmanager

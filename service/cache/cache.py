@@ -22,11 +22,18 @@ from pathlib import Path
 
 from cachetools import LRUCache
 
-from service.cache.hdf5 import Segment, encode_segments, read_keys
+from service.cache.hdf5 import DecodedSegment, Segment, digest_of, encode_segments
 from service.cache.index import Index, Journal, Location, Statistics, discard_database
 from service.cache.record import Record
-from service.cache.segments import Segments, discard, name_of
-from service.errors import DamagedFileError, FolderInUseError, FolderReplacedError
+from service.cache.segments import Segments, discard
+from service.errors import (
+    DamagedFileError,
+    FolderInUseError,
+    FolderLayoutError,
+    FolderReplacedError,
+    storage_reason,
+)
+from service.private_files import make_private, make_private_folder
 
 NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")
@@ -59,9 +66,10 @@ class FolderLock:
     """
 
     def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_private_folder(folder)
         self._path = folder / "lock"
-        self._file: int | None = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        make_private(self._path)
+        self._file: int | None = os.open(self._path, os.O_RDWR | os.O_CLOEXEC)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self.check()
@@ -111,6 +119,8 @@ class ResultCache:
     ------
     FolderInUseError
         If the folder belongs to another running service.
+    FolderLayoutError
+        If it is of another version of the program; nothing in it has changed then.
 
     Notes
     -----
@@ -141,11 +151,17 @@ class ResultCache:
         self._lock: FolderLock | None = None
         with self._noting():
             self._lock = FolderLock(folder)
-        self._segments.sweep()
-        self.writable()  # which makes the folder
-        self._index = self._open_index()
-        self._reconcile()
-        self._journal = self._open_journal()
+        try:
+            self._index = self._open_index()  # before anything is changed: it may be of another version
+            self._segments.sweep()
+            self.writable()
+            self._reconcile()
+            self._journal = self._open_journal()
+        except FolderLayoutError:
+            self._release()
+            raise
+        self.found_results = bool(self._pending or self.statistics().cases)
+        """Whether there were results at the start."""
         self.flush()
         self._make_room()
 
@@ -194,7 +210,7 @@ class ResultCache:
         if self._journal is None:
             [record] = self.put_many([record])
         elif not self._add_to_journal(self._journal, record):
-            record = record.with_warning(NOT_CACHED, f"this result was not stored: {self.last_error}")
+            record = self._unstored(record)
         self._remember(record)
         if self._journal_is_full() and (self._flushed is None or self._flushed.done()):
             self._flushed = self._flusher.submit(self._flush_full_journal)
@@ -220,8 +236,12 @@ class ResultCache:
         for keys, content in (*segments, *more):
             if not self._store(keys, content):
                 lost.update(keys)
-        detail = f"this result was not stored: {self.last_error}"
-        return [record.with_warning(NOT_CACHED, detail) if record.key in lost else record for record in records]
+        return [self._unstored(record) if record.key in lost else record for record in records]
+
+    def _unstored(self, record: Record) -> Record:
+        found = record.with_warning(NOT_CACHED, f"this result was not stored: {self.last_error}")
+        found.stored = False
+        return found
 
     def check_folder(self) -> None:
         """See that the data folder is the one that was opened.
@@ -293,6 +313,9 @@ class ResultCache:
                 self._journal.close()
         with self._noting():
             self._index.close()
+        self._release()
+
+    def _release(self) -> None:
         if self._lock is not None:
             self._lock.release()
 
@@ -304,6 +327,7 @@ class ResultCache:
 
     def _open_index(self) -> Index:
         with self._noting():
+            make_private_folder(self._index_path.parent)
             return Index(self._index_path)
         return Index(None)  # what is stored can be read all the same
 
@@ -372,7 +396,7 @@ class ResultCache:
                 self._adopt(name)
 
     def _store(self, keys: Sequence[str], content: bytes) -> bool:
-        name = name_of(keys)
+        name = digest_of(content)
         with self._noting():
             self.check_folder()
             staged = self._segments.stage(content)
@@ -428,12 +452,8 @@ class ResultCache:
     def _adopt(self, name: str) -> bool:
         """Enter a segment in the index, if it is whole."""
         with self._missing(name):
-            path = self._segments.path(name)
-            content = path.read_bytes()
-            keys = read_keys(content)
-            if name_of(keys) != name:
-                raise DamagedFileError("it holds other results")
-            self._index.add(name, keys, len(content), path.stat().st_mtime)
+            content, used = self._segments.read(name), self._segments.path(name).stat().st_mtime
+            self._index.add(name, DecodedSegment(content).keys, len(content), used)
             return True
         return False
 
@@ -463,7 +483,7 @@ class ResultCache:
             self._note(error)
 
     def _note(self, error: Exception | None) -> None:
-        last_error = None if error is None else getattr(error, "strerror", None) or str(error) or type(error).__name__
+        last_error = None if error is None else storage_reason(error)
         if last_error != self.last_error:
             log.warning("cache folder %s: %s", self._folder, error or "written again")
         self.last_error = last_error

@@ -5,6 +5,8 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+from service.private_files import make_private_folder
+
 log = logging.getLogger(__name__)
 
 
@@ -20,7 +22,7 @@ def set_aside(path: Path, folder: Path, reason: str) -> None:
     if aside.exists():
         aside = folder / f"{path.stem}-{time.time_ns()}{path.suffix}"
     log.warning("%s set aside as %s: %s", path, aside, reason)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_private_folder(folder)
     path.replace(aside)
     with suppress(FileNotFoundError):
         Path(f"{path}-wal").replace(f"{aside}-wal")

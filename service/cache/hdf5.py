@@ -1,88 +1,206 @@
-"""Results as an HDF5 file that explains itself: requests and answers as JSON Lines, numbers as tables with units.
+"""Results in HDF5: the segments in which the cache keeps them, and the files that people download.
 
-    summary      one row a result, or a case of a batch
-    requests     a line of JSON a row of the summary, as bytes of UTF-8
-    answers      a line of JSON a row of the summary, as bytes of UTF-8
-    iterations   every trial of the searches
-    history      the motions over time
-    residuals    what a calibration was given, what it predicts and what is left
+A segment has what the cache needs to answer again:
 
-Before the HDF5 data stands a block of 512 bytes, which HDF5 allows for and its tools skip, with the hash of all that
-follows. So every byte is checked before the HDF5 library, which does not take damage well, gets to see any.
+    key, outcome, request, answer   a row a result; requests and answers as JSON
+    history/                        the motions, a dataset a column; `case` is the row of the result
+
+A file of results explains itself:
+
+    summary/      the answers in short, a row a result or a case of a batch
+    requests      canonical requests as JSON, a row a row of the summary
+    answers       answers as JSON, without the histories
+    iterations/   every trial of the searches
+    history/      the motions over time
+    residuals/    what a calibration was given, what it predicts and what is left
+
+Texts are UTF-8 and declared so, numbers arrays with their unit in the attribute `units`.
 """
 
 import hashlib
+import io
 import itertools
 import threading
-import zlib
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from functools import lru_cache
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import closing, suppress
 from pathlib import Path
-from typing import TypeAlias
+from tempfile import SpooledTemporaryFile
+from typing import Any, TypeAlias
 
 import h5py
 import numpy as np
-from h5py import h5d, h5f, h5p, h5t
+import orjson
 
 from service.cache.record import CaseResult, FloatColumns, Record
-from service.cache.tables import Contents, Rows, residuals_of, summary_of, write_attribute
-from service.columns import CASE, NUMBERING, Column
+from service.cache.tables import (
+    Rows,
+    Table,
+    histories_of,
+    residual_table,
+    summary_of,
+    table_of,
+    trial_table_columns,
+    trials_of,
+)
+from service.columns import CASE, IDENTITY, NUMBERING, RESIDUALS, WARNINGS, Column
 from service.errors import DamagedFileError
+from service.operations import OPERATIONS
+from service.schemas.answers import MotionInHistory
+from service.schemas.fields import columns_of
+from service.schemas.quantities import Num
 
-BLOCK = 512
-"""Smallest place HDF5 keeps free for others at the start of a file. [bytes]"""
+NEW_FILE: Mapping[str, Any] = {"libver": ("earliest", "v108"), "track_order": True}
+"""The oldest structures of the file format, which HDF5 1.8, MATLAB, Octave, R and Julia read too; columns in order."""
+GZIP_LEVEL = 3
+"""The next levels take twice the time for a tenth less."""
+COMPRESSED_BYTES = 4096
+"""Smallest dataset that is compressed: a chunk of HDF5 takes 2 kB beside its data, so smaller ones would only grow."""
 SEGMENT_BYTES = 16 * 1024 * 1024
-"""Largest size of the histories of one segment: what is read and decompressed for a single result of it."""
+"""Largest size of the histories and texts of one segment: all of it is read and decompressed for a single result."""
+CHUNK_ROWS = 4096
+"""Rows of a chunk in a file written block by block: few enough to wait in memory, enough to be compressed well."""
 CHUNK_BYTES = 1024 * 1024
-"""Chunk of a file written block by block: little enough to wait in memory, and enough to be compressed well."""
+"""Chunk of texts, which can be long."""
+CHUNK_CACHE_BYTES = 64 * 1024
+"""Memory in which HDF5 keeps the chunks of a dataset: only whole ones are written, and its default of several megabytes
+for each of some tens of datasets would take hundreds."""
+SPOOLED_BYTES = 8 * 1024 * 1024
+"""Texts that wait in memory; the others wait in a file."""
+LAYOUT = "2"
+"""Raised when the layout changes so much that programs that read it must change too."""
+DESCRIPTIONS = {
+    "summary": "the answers in short, a row each",
+    "requests": "canonical requests as JSON, every default filled in, a row a row of the summary",
+    "answers": "answers as JSON, a row a row of the summary: without the histories, which are a table of this file",
+    "iterations": "every trial of the searches, in order",
+    "history": "the motions at even intervals and at the event that ended the run",
+    "residuals": "what a calibration was given, what it predicts and what is left",
+}
 
 HDF5 = threading.RLock()
 """Held while a file is open: the HDF5 library is not made for threads. h5py has a lock itself, which should
 do; but a server once ended with its memory damaged, for a cause that was not found. Measured, eight threads that write
 and read 200 files of 64 results: 1.4 and 1.7 s with this lock, 1.1 and 2.1 s without, the same bytes."""
-MEMORY_STEP = 64 * 1024
-"""By which a file in memory grows. [bytes]"""
-FORMAT = h5f.LIBVER_V110
-"""HDF5 1.10, of 2016: a file of one result takes half as much as in the older formats."""
-numpy_type = lru_cache(maxsize=256)(lambda encoded: h5t.decode(encoded).dtype)
-"""NumPy type of an HDF5 one, in the code of HDF5, which is slow to make too."""
-numbers = itertools.count()
-"""Each file in memory has the next in its name."""
 
 Segment: TypeAlias = tuple[Sequence[str], bytes]
 """Keys of the records of a file, in its order, and its content."""
 
 
-def to_hdf5(*records: Record) -> bytes:
-    """Content of a file of these results; the same results give the same bytes."""
-    with HDF5, memory_file() as file:
-        contents = Contents(file, records[0].operation, chunk_bytes=None)
-        contents.write(records, [summary_of(record) for record in records])
-        contents.finish()
-        file.flush()
-        image: bytes = file.id.get_file_image()
-    return _seal(hashlib.sha256(image).hexdigest()) + image
+def digest_of(content: bytes) -> str:
+    """Return the hash that a segment has as its name.
+
+    So every byte is checked before the HDF5 library, which does not take damage well, gets to see any.
+    """
+    return hashlib.sha256(content).hexdigest()[:32]
+
+
+def to_segment(*records: Record) -> bytes:
+    """Return the segment of these results of one operation and version; the same results give the same bytes."""
+    first, content = records[0], io.BytesIO()
+    texts = {
+        "key": [record.key.encode() for record in records],
+        "outcome": [record.outcome.encode() for record in records],
+        "request": [record.request_json for record in records],
+        "answer": [record.answer_json for record in records],
+    }
+    with HDF5, h5py.File(content, "w", **NEW_FILE) as file:
+        file.attrs["title"], file.attrs["layout"] = "segment of ricochet results", LAYOUT
+        for name in ("operation", "engine_version", "schema_version"):
+            file.attrs[name] = getattr(first, name)
+        for name, lines in texts.items():
+            longest = max(1, *map(len, lines))
+            _create(file, name, np.array(lines, f"S{longest}"))
+        histories = histories_of(records)
+        group = file.create_group("history", track_order=True) if histories else file
+        for name, values in histories.items():
+            _create(group, name, values).attrs["units"] = Column(name, "").unit
+    return content.getvalue()
 
 
 def encode_segments(records: Sequence[Record]) -> list[Segment]:
-    """Return the files that hold these records of one operation.
-
-    One, or several if their histories are very large; one for each result that has residuals.
-    """
+    """Return the segments of these records of one operation: one, or several if their content is very large."""
     segments: list[Segment] = []
     part: list[Record] = []
-    size = 0
+    histories, longest = 0, 0
     for record in records:
         nbytes = sum(column.nbytes for column in (record.history or {}).values())
-        if part and (size + nbytes > SEGMENT_BYTES or residuals_of(record)):
-            segments.append(([each.key for each in part], to_hdf5(*part)))
-            part, size = [], 0
+        text = len(record.answer_json) + len(record.request_json)  # all rows are padded to the longest
+        if part and histories + nbytes + (len(part) + 1) * max(longest, text) > SEGMENT_BYTES:
+            segments.append(([each.key for each in part], to_segment(*part)))
+            part, histories, longest = [], 0, 0
         part.append(record)
-        size += nbytes
+        histories, longest = histories + nbytes, max(longest, text)
     if part:
-        segments.append(([each.key for each in part], to_hdf5(*part)))
+        segments.append(([each.key for each in part], to_segment(*part)))
     return segments
+
+
+class DecodedSegment:
+    """The content of a segment, from which any of its records are made.
+
+    Raises
+    ------
+    DamagedFileError
+        If the file is not what `to_segment` writes.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        try:
+            with HDF5, h5py.File(io.BytesIO(data)) as file:
+                self.keys = [key.decode() for key in file["key"][()].tolist()]
+                self._outcomes = [outcome.decode() for outcome in file["outcome"][()].tolist()]
+                self._requests, self._answers = file["request"][()].tolist(), file["answer"][()].tolist()
+                self._history = {name: dataset[()] for name, dataset in file.get("history", {}).items()}
+                names = ("operation", "engine_version", "schema_version")
+                self._operation, self._engine, self._schema = (file.attrs[name] for name in names)
+        except (LookupError, OSError, TypeError, ValueError, AttributeError) as error:  # of another version
+            raise DamagedFileError(f"no segment of this version: {error}") from error
+
+    def records(self, rows: Iterable[int]) -> list[Record]:
+        """Results in these rows.
+
+        Raises
+        ------
+        DamagedFileError
+            If there is no such row.
+        """
+        try:
+            return [
+                Record(
+                    self.keys[row],
+                    self._operation,
+                    self._requests[row],
+                    self._answers[row],
+                    self._history_of(row),
+                    outcome=self._outcomes[row],
+                    engine_version=self._engine,
+                    schema_version=self._schema,
+                )
+                for row in rows
+            ]
+        except IndexError as error:
+            raise DamagedFileError(str(error)) from error
+
+    def _history_of(self, row: int) -> FloatColumns | None:
+        if not self._history:
+            return None
+        start, end = np.searchsorted(self._history[CASE.name], [row, row + 1])
+        columns = {name: column for name, column in self._history.items() if name != CASE.name}
+        # A copy: a part of the array would keep all of the segment in memory.
+        return {name: column[start:end].copy() for name, column in columns.items()} if end > start else None
+
+
+def to_hdf5(record: Record) -> bytes:
+    """Return the content of a file of one result."""
+    content = io.BytesIO()
+    with (
+        HDF5,
+        h5py.File(content, "w", **NEW_FILE) as file,
+        closing(Contents(file, record.operation, spool=None)) as contents,
+    ):
+        contents.write([record], [summary_of(record)])
+        contents.finish()
+    return content.getvalue()
 
 
 class BatchFile:
@@ -105,38 +223,32 @@ class BatchFile:
     """
 
     def __init__(self, path: Path, operation: str, *, axes: Sequence[str] = (), base: str = "") -> None:
-        self._path = path
         self._axes = tuple(axes)
         more = (*NUMBERING, *(Column(name, "value of the axis of the sweep") for name in axes))
         with HDF5:
-            self._file = h5py.File(path, "w", libver=("v110", "v110"), userblock_size=BLOCK)
-            self._contents = Contents(self._file, operation, chunk_bytes=CHUNK_BYTES, more=more)
+            self._file = h5py.File(path, "w", rdcc_nbytes=CHUNK_CACHE_BYTES, **NEW_FILE)
+            self._contents = Contents(self._file, operation, spool=path.parent, more=more)
             if base:
-                root = h5py.h5g.open(self._file.id, b"/")
-                write_attribute(root, "base", base)
-                write_attribute(root, "axes", *axes)
+                self._file.attrs["base"], self._file.attrs["axes"] = base, list(axes)
 
     def __enter__(self) -> "BatchFile":
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
-        if kind is None:
-            self.finish()
-        with HDF5, suppress(OSError):  # reported already
-            self._file.close()
+        try:
+            if kind is None:
+                self.finish()
+        finally:
+            self._contents.close()
+            with HDF5, suppress(OSError):  # reported already
+                self._file.close()
 
     def finish(self) -> None:
-        """Write what is left and the hash of it all, for which the whole file is read."""
+        """Write what is left."""
         with HDF5:
-            if not self._file:
-                return
-            self._contents.finish()
-            self._file.close()
-        with self._path.open("r+b") as file:
-            file.seek(BLOCK)
-            digest = hashlib.file_digest(file, "sha256")
-            file.seek(0)
-            file.write(_seal(digest.hexdigest()))
+            if self._file:
+                self._contents.finish()
+                self._file.close()
 
     def write(self, cases: Sequence[CaseResult], points: Sequence[Sequence[float]] = ()) -> None:
         """Add these cases; those of a sweep with their points."""
@@ -150,132 +262,175 @@ class BatchFile:
             self._contents.write([case.record for case in cases], summaries, [case.problem for case in cases])
 
 
-def check(data: bytes) -> None:
-    """Compare the content of a file with its hash.
+class Contents:
+    """What is in a file of results, as it is written.
 
-    Raises
-    ------
-    DamagedFileError
-        If a single byte differs from what was written.
-    """
-    if data[:BLOCK] != _seal(hashlib.sha256(memoryview(data)[BLOCK:]).hexdigest()):
-        raise DamagedFileError("the content does not match its checksum")
-
-
-def read_keys(data: bytes) -> list[str]:
-    """Keys of the results in a file made by `to_hdf5`, row by row.
-
-    Raises
-    ------
-    DamagedFileError
-        If the file is not what was written.
-    """
-    with _opened(data) as file:
-        return _texts(read_single(file, "summary"), "key")
-
-
-class DecodedSegment:
-    """The tables of a file made by `to_hdf5`, from which any of its records are made.
-
-    Raises
-    ------
-    DamagedFileError
-        If the file is not what was written.
+    Parameters
+    ----------
+    file
+        Open and empty.
+    operation
+        Operation of its results.
+    spool
+        Folder for what has to wait until the file is finished; None for that of temporary files.
+    more
+        Further columns of the summary, the first ones.
     """
 
-    def __init__(self, data: bytes) -> None:
-        with _opened(data) as file:
-            summary = read_single(file, "summary")
-            self._requests, self._answers = (
-                read_single(file, name).tobytes().split(b"\n") for name in ("requests", "answers")
-            )
-            has_history = b"history" in file.id
-            self._history = read_single(file, "history") if has_history else np.empty(0, [(CASE.name, CASE.dtype)])
-            names = ("key", "operation", "engine_version", "schema_version")
-            self.keys, self._operations, self._engines, self._schemas = (_texts(summary, name) for name in names)
-            ending = next((name for name in ("outcome", "status") if name in (summary.dtype.names or ())), None)
-            self._outcomes: Sequence[str | None] = [None] * len(summary) if ending is None else _texts(summary, ending)
+    def __init__(self, file: h5py.File, operation: str, *, spool: Path | None, more: Sequence[Column] = ()) -> None:
+        file.attrs["title"], file.attrs["layout"] = "ricochet results", LAYOUT
+        known = OPERATIONS.get(operation)
+        self._summary = (*more, *IDENTITY, *(known.columns if known else ()), WARNINGS)
+        self._trials = trial_table_columns(known.answer) if known else ()
+        self._texts = {name: GrowingText(file, name, spool) for name in ("requests", "answers")}
+        columns = {
+            "summary": self._summary,
+            "iterations": (CASE, *self._trials),
+            "history": (CASE, *columns_of(MotionInHistory[Num])),
+            "residuals": (CASE, *RESIDUALS),
+        }
+        self._tables = {name: GrowingTable(file, name, of) for name, of in columns.items()}
+        self._rows = 0
 
-    def records(self, rows: Iterable[int]) -> list[Record]:
-        """Results in these rows.
+    def write(
+        self,
+        records: Sequence[Record | None],
+        summaries: Sequence[Mapping[str, Any]],
+        problems: Sequence[dict[str, Any] | None] = (),
+    ) -> None:
+        """Add these results and their summaries; where there is no result, the problem."""
+        answers = [record.answer_json if record else b"" for record in records]
+        for row, problem in enumerate(problems):
+            answers[row] = answers[row] or orjson.dumps({"problem": problem})
+        self._texts["requests"].append([record.request_json if record else b"null" for record in records])
+        self._texts["answers"].append(answers)
+        self._tables["summary"].append(table_of(self._summary, summaries))
+        self._tables["iterations"].append(trials_of(self._trials, records, self._rows))
+        self._tables["history"].append(histories_of(records, self._rows))
+        self._tables["residuals"].append(residual_table(records, self._rows))
+        self._rows += len(records)
 
-        Raises
-        ------
-        DamagedFileError
-            If there is no such row.
-        """
-        try:
-            return [
-                Record(
-                    self.keys[row],
-                    self._operations[row],
-                    self._requests[row],
-                    self._answers[row],
-                    history_of(self._history, row),
-                    outcome=self._outcomes[row],
-                    engine_version=self._engines[row],
-                    schema_version=self._schemas[row],
-                )
-                for row in rows
-            ]
-        except IndexError as error:
-            raise DamagedFileError(str(error)) from error
+    def finish(self) -> None:
+        """Write what is left."""
+        for table in self._tables.values():
+            table.finish()
+        for text in self._texts.values():
+            text.finish()
+
+    def close(self) -> None:
+        """Give up what has not been written."""
+        for text in self._texts.values():
+            text.close()
 
 
-def read_single(file: h5py.File, name: str) -> Rows:
-    """All of a dataset that is a single chunk, decompressed here.
+class GrowingTable:
+    """A group of datasets of equal length, one for each column; not there at all if it stays empty.
 
-    Measured, by hand and by HDF5: 26 and 63 ms for 256 histories, 0.24 and 0.65 ms for one critical angle.
-
-    Raises
-    ------
-    KeyError
-        If there is none of this name.
+    Parameters
+    ----------
+    file
+        Where it goes.
+    name
+        Name of the group.
+    columns
+        What is known of its columns.
     """
-    dataset = h5d.open(file.id, name.encode())
-    dtype = numpy_type(dataset.get_type().encode())
-    _, chunk = dataset.read_direct_chunk((0,))
-    planes = np.frombuffer(zlib.decompress(chunk), np.uint8).reshape(dtype.itemsize, -1)
-    return np.ascontiguousarray(planes.T).reshape(-1).view(dtype)
+
+    def __init__(self, file: h5py.File, name: str, columns: Sequence[Column]) -> None:
+        self._file = file
+        self._name = name
+        self._columns = {column.name: column for column in columns}
+        self._waiting: list[Table] = []
+        self._rows = 0
+        """Number of rows that wait."""
+        self._group: h5py.Group | None = None
+
+    def append(self, table: Table) -> None:
+        """Add rows; chunks that they fill are written."""
+        if table:
+            self._waiting.append(table)
+            self._rows += len(next(iter(table.values())))
+        if self._rows >= CHUNK_ROWS:
+            self._write(self._rows // CHUNK_ROWS * CHUNK_ROWS)
+
+    def finish(self) -> None:
+        """Write what is left."""
+        if self._rows:
+            self._write(self._rows)
+
+    def _write(self, count: int) -> None:
+        """Write so many of the rows that wait."""
+        names = list(self._waiting[0])
+        table = {name: np.concatenate([part.pop(name) for part in self._waiting]) for name in names}
+        if self._group is None:
+            self._group = self._file.create_group(self._name, track_order=True)
+            self._group.attrs["description"] = DESCRIPTIONS[self._name]
+        for name, values in table.items():
+            if name in self._group:
+                dataset = self._group[name]
+                dataset.resize(len(dataset) + count, 0)
+                dataset[len(dataset) - count :] = values[:count].astype(dataset.dtype)
+            else:
+                dataset = _create(self._group, name, values[:count], grows=count % CHUNK_ROWS == 0)
+                column = self._columns.get(name) or Column(name, "")
+                dataset.attrs["units"], dataset.attrs["description"] = column.unit, column.description
+        self._rows -= count
+        self._waiting = [{name: values[count:].copy() for name, values in table.items()}] if self._rows else []
 
 
-def history_of(table: Rows, row: int) -> FloatColumns | None:
-    """History that belongs to a row of the summary."""
-    if not len(table):
-        return None
-    start, end = np.searchsorted(table[CASE.name], [row, row + 1])
-    names = [name for name in table.dtype.names or () if name != CASE.name]
-    return {name: np.ascontiguousarray(table[name][start:end]) for name in names} if end > start else None
+class GrowingText:
+    """A dataset of lines of text, written when all are known: they are padded to the longest.
+
+    HDF5 does not compress texts of variable length: they would make the file of a job ten times as large.
+
+    Parameters
+    ----------
+    file
+        Where it goes.
+    name
+        Name of the dataset.
+    folder
+        Where the lines wait.
+    """
+
+    def __init__(self, file: h5py.File, name: str, folder: Path | None) -> None:
+        self._file = file
+        self._name = name
+        self._lines = SpooledTemporaryFile(SPOOLED_BYTES, dir=None if folder is None else str(folder))  # noqa: SIM115 (closed by `close`)
+        self._count, self._longest = 0, 1
+
+    def append(self, lines: Sequence[bytes]) -> None:
+        """Add lines."""
+        self._lines.writelines(line + b"\n" for line in lines)
+        self._count += len(lines)
+        self._longest = max(self._longest, *map(len, lines))
+
+    def finish(self) -> None:
+        """Write all lines."""
+        dtype, rows = h5py.string_dtype("utf-8", self._longest), max(1, CHUNK_BYTES // self._longest)
+        chunks = (min(rows, max(1, self._count)),)
+        dataset = self._file.create_dataset(
+            self._name, (self._count,), dtype, chunks=chunks, compression="gzip", compression_opts=GZIP_LEVEL
+        )
+        dataset.attrs["description"] = DESCRIPTIONS[self._name]
+        self._lines.seek(0)
+        for start in range(0, self._count, rows):
+            lines = [line.rstrip(b"\n") for line in itertools.islice(self._lines, rows)]
+            dataset[start : start + len(lines)] = np.array(lines, dtype)
+
+    def close(self) -> None:
+        """Give up the lines that wait."""
+        self._lines.close()
 
 
-def memory_file(image: bytes | None = None) -> h5py.File:
-    """Open a file in memory, with this content or empty."""
-    access = h5p.create(h5p.FILE_ACCESS)
-    access.set_fapl_core(MEMORY_STEP, False)
-    access.set_fclose_degree(h5f.CLOSE_STRONG)
-    access.set_libver_bounds(FORMAT, FORMAT)
-    name = f"results in memory {next(numbers)}".encode()  # HDF5 refuses two open files of one name
-    if image is None:
-        creation = h5p.create(h5p.FILE_CREATE)
-        creation.set_obj_track_times(False)  # the same content, the same bytes
-        return h5py.File(h5f.create(name, h5f.ACC_EXCL, creation, access))
-    access.set_file_image(image)
-    return h5py.File(h5f.open(name, h5f.ACC_RDWR, fapl=access))
-
-
-@contextmanager
-def _opened(data: bytes) -> Iterator[h5py.File]:
-    check(data)
-    try:
-        with HDF5, memory_file(data[BLOCK:]) as file:
-            yield file
-    except (LookupError, OSError, TypeError, ValueError, zlib.error) as error:  # sealed, but not by this service
-        raise DamagedFileError(str(error)) from error
-
-
-def _texts(summary: Rows, name: str) -> list[str]:
-    return [text.decode() for text in summary[name].tolist()]
-
-
-def _seal(digest: str) -> bytes:
-    return f"ricochet results, HDF5 from byte {BLOCK}, sha256 {digest}\n".encode().ljust(BLOCK)
+def _create(group: h5py.Group, name: str, values: Rows, *, grows: bool = False) -> h5py.Dataset:
+    """Create a dataset of one dimension with these values; texts are declared as UTF-8."""
+    is_text = values.dtype.kind == "S"
+    if is_text:
+        values = values.astype(h5py.string_dtype("utf-8", values.dtype.itemsize))
+    more: dict[str, Any] = {}
+    if grows or values.nbytes >= COMPRESSED_BYTES:
+        # Numbers shrink by shuffling, the first bytes of all before the second ones; texts would grow by half.
+        more = {"compression": "gzip", "compression_opts": GZIP_LEVEL, "shuffle": not is_text}
+        more |= {"chunks": (CHUNK_ROWS,), "maxshape": (None,)} if grows else {"chunks": values.shape}
+    return group.create_dataset(name, data=values, **more)

@@ -7,7 +7,7 @@ import hashlib
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +17,9 @@ import orjson
 
 from service.cache.damaged import set_aside
 from service.cache.record import Record
+from service.cache.sqlite import LAYOUT, check_layout, decode
+from service.private_files import make_private
 
-LAYOUT = 1
-"""Raised when the tables change: an index or a journal of another layout is made anew."""
 KEYS_AT_ONCE = 1000
 """Looked up in a few milliseconds, during which storing waits."""
 FLUSH_SECONDS = 60.0
@@ -88,11 +88,12 @@ class Index:
     Parameters
     ----------
     path
-        Path of its file, made if it is not there, and made anew if it is damaged or of another layout; None to keep it
-        in memory.
+        Path of its file, made if it is not there, and made anew if it is damaged; None to keep it in memory.
 
     Raises
     ------
+    FolderLayoutError
+        If the file has the layout of another version.
     sqlite3.Error, OSError
         If the disk does not let it be; also by all methods.
     """
@@ -220,17 +221,19 @@ class Journal:
     Parameters
     ----------
     path
-        Path of its file; made if it is not there. One that is damaged or of another layout is set aside.
+        Path of its file; made if it is not there. One that is damaged is set aside.
 
     Raises
     ------
+    FolderLayoutError
+        If the file has the layout of another version.
     sqlite3.Error, OSError
         If the disk does not let it be; also by all methods.
     """
 
     def __init__(self, path: Path) -> None:
         self._lock = threading.Lock()
-        self._connection = _opened(path, JOURNAL_TABLES, decode, path.parent.parent / "damaged")
+        self._connection = _opened(path, JOURNAL_TABLES, path.parent.parent / "damaged")
 
     def add(self, record: Record) -> None:
         """Write a result, whole or not at all."""
@@ -297,26 +300,19 @@ def digest(*row: str | bytes) -> bytes:
     return found.digest()
 
 
-def decode(text: bytes) -> str:
-    """Decode a text of the journal; a damaged one differs from its digest then."""
-    return text.decode(errors="replace")
-
-
 def discard_database(path: Path) -> None:
     """Remove the file of an index or a journal that nobody has open."""
     for end in ("", "-wal", "-shm"):
         Path(f"{path}{end}").unlink(missing_ok=True)
 
 
-def _opened(
-    path: Path | None, tables: str, text: Callable[[bytes], str] = str, aside: Path | None = None
-) -> sqlite3.Connection:
-    """Open a file with these tables, made anew if it is damaged or of another layout; `text` decodes its texts.
+def _opened(path: Path | None, tables: str, aside: Path | None = None) -> sqlite3.Connection:
+    """Open a file with these tables, made anew if it is damaged.
 
     A damaged file that holds what nothing else has is kept in the folder `aside`.
     """
     try:
-        return _connected(path, tables, text)
+        return _connected(path, tables)
     except sqlite3.OperationalError:
         raise
     except sqlite3.DatabaseError as error:  # it is no database, or no longer one
@@ -325,21 +321,23 @@ def _opened(
         if aside is not None:
             set_aside(path, aside, str(error))
         discard_database(path)
-        return _connected(path, tables, text)
+        return _connected(path, tables)
 
 
-def _connected(path: Path | None, tables: str, text: Callable[[bytes], str]) -> sqlite3.Connection:
+def _connected(path: Path | None, tables: str) -> sqlite3.Connection:
+    if path is not None:
+        make_private(path)
     connection = sqlite3.connect(path or ":memory:", isolation_level=None, check_same_thread=False)
-    connection.text_factory = text
+    connection.text_factory = decode
     try:
+        layout = check_layout(connection, path.name if path else "")
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA foreign_keys = ON")
         connection.execute("PRAGMA synchronous = NORMAL")  # a power cut may cost the last segments their entries
-        [(layout,)] = connection.execute("PRAGMA user_version").fetchall()
-        if layout == 0 and not connection.execute("SELECT 1 FROM sqlite_master").fetchall():
+        if layout == 0:
             connection.executescript(f"BEGIN; {tables} PRAGMA user_version = {LAYOUT}; COMMIT;")
-        elif layout != LAYOUT or connection.execute("PRAGMA quick_check(1)").fetchall() != [("ok",)]:
-            raise sqlite3.DatabaseError("damaged, or of another layout")
+        elif connection.execute("PRAGMA quick_check(1)").fetchall() != [("ok",)]:
+            raise sqlite3.DatabaseError("the file is damaged")
     except BaseException:
         connection.close()
         raise

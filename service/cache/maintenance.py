@@ -9,7 +9,7 @@ from pathlib import Path
 
 from service.cache.cache import ResultCache
 from service.cache.index import Statistics, count_results, read_statistics
-from service.errors import FolderInUseError, UnusableFolderError
+from service.errors import UnusableFolderError
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +73,7 @@ def _index_of(folder: Path) -> Path:
 @contextmanager
 def _results_of(folder: Path) -> Iterator[ResultCache]:
     _index_of(folder)
-    try:
-        with ResultCache(folder, memory_bytes=0, disk_bytes=sys.maxsize) as cache:
-            yield cache
-    except FolderInUseError as error:
-        raise UnusableFolderError(str(error)) from error
+    with ResultCache(folder, memory_bytes=0, disk_bytes=sys.maxsize) as cache:
+        yield cache
     if cache.last_error:
         raise UnusableFolderError(cache.last_error)

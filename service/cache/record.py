@@ -54,6 +54,7 @@ class Record:
         "operation",
         "request_json",
         "schema_version",
+        "stored",
     )
 
     def __init__(
@@ -79,6 +80,8 @@ class Record:
         self._history = history
         self._json = json
         self._outcome = outcome
+        self.stored = True
+        """False if the disk has refused it: it is answered, and gone with this process."""
 
     @property
     def json(self) -> bytes:

@@ -1,4 +1,4 @@
-"""The files of results: segments, written once, and the folder they are in.
+"""The files of results: segments, written once and named by the hash of their content, and the folder they are in.
 
 lock                                       held by the service the folder belongs to
 results/segments/<first two digits>/<name>.h5
@@ -6,27 +6,23 @@ results/.partial/                          being written; what a crash leaves th
 damaged/<name>.h5                          files that were not what had been written, set aside
 """
 
-import hashlib
 import itertools
 import os
 import re
 import shutil
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from service.cache.damaged import set_aside
-from service.cache.hdf5 import DecodedSegment, check
+from service.cache.hdf5 import DecodedSegment, digest_of
+from service.errors import DamagedFileError
+from service.private_files import make_private_folder, open_private
 
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
 MOST_REMEMBERED = 100_000
 """Segments that are remembered to be whole, some 20 MB."""
-
-
-def name_of(keys: Iterable[str]) -> str:
-    """Name of the segment with the results of these keys, in this order."""
-    return hashlib.sha256("".join(keys).encode()).hexdigest()[:32]
 
 
 class Segments:
@@ -39,8 +35,8 @@ class Segments:
 
     Notes
     -----
-    No fsync: what a power cut leaves of a file fails its checksum and is computed again, which costs less than waiting
-    for the disk at every one.
+    No fsync: what a power cut leaves of a file does not have the hash that is its name and is computed again, which
+    costs less than waiting for the disk at every one.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -56,7 +52,7 @@ class Segments:
         """Remove what a crash left half written, and make the folder: it is copied when there is none in it too."""
         shutil.rmtree(self._partial, ignore_errors=True)
         with suppress(OSError):
-            self._segments.mkdir(parents=True, exist_ok=True)
+            make_private_folder(self._segments)
 
     def names(self) -> set[str]:
         """Names of all that are there."""
@@ -77,8 +73,9 @@ class Segments:
         """
         staged = self._partial / f"{os.getpid()}-{next(self._numbers)}"
         try:
-            self._partial.mkdir(parents=True, exist_ok=True)
-            staged.write_bytes(content)
+            make_private_folder(self._partial)
+            with open_private(staged, "wb") as file:
+                file.write(content)
         except OSError:
             discard(staged)
             raise
@@ -95,12 +92,27 @@ class Segments:
         path = self.path(name)
         try:
             signature = _signature(staged)
-            path.parent.mkdir(parents=True, exist_ok=True)
+            make_private_folder(path.parent)
             staged.replace(path)
         except OSError:
             discard(staged)
             raise
         self._remember(name, signature)
+
+    def read(self, name: str) -> bytes:
+        """Return the content of a segment.
+
+        Raises
+        ------
+        DamagedFileError
+            If it is not what was written.
+        OSError
+            If it cannot be read.
+        """
+        content = self.path(name).read_bytes()
+        if digest_of(content) != name:
+            raise DamagedFileError("the content does not have the hash that is its name")
+        return content
 
     def check(self, name: str) -> None:
         """See that a segment is whole; read only if it was not seen so before.
@@ -114,7 +126,7 @@ class Segments:
         """
         signature = _signature(self.path(name))
         if self._whole.get(name) != signature:
-            check(self.path(name).read_bytes())
+            self.read(name)
             self._remember(name, signature)
 
     def decoded(self, name: str) -> DecodedSegment:
@@ -131,7 +143,7 @@ class Segments:
             signature, latest = _signature(self.path(name)), self._latest
             if latest is None or latest[:2] != (name, signature):
                 latest = self._latest = None  # before as much memory is taken again
-                latest = self._latest = (name, signature, DecodedSegment(self.path(name).read_bytes()))
+                latest = self._latest = (name, signature, DecodedSegment(self.read(name)))
             return latest[2]
 
     def remove(self, names: Sequence[str]) -> None:

@@ -1,16 +1,11 @@
-"""Contents of a file of results: tables of summaries, trials, histories and residuals, written in compressed chunks."""
+"""Results as tables: columns of summaries, trials, histories and residuals."""
 
 import math
-import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
 from typing import Any
 
-import h5py
 import numpy as np
 import numpy.typing as npt
-import orjson
-from h5py import h5a, h5d, h5p, h5s, h5t
 
 from service.cache.record import Record
 from service.columns import (
@@ -18,20 +13,22 @@ from service.columns import (
     IDENTITY,
     RESIDUALS,
     RUN,
-    WARNINGS,
     Column,
     summarize,
 )
-from service.operations import OPERATIONS
-from service.schemas.answers import MotionInHistory
 from service.schemas.fields import columns_of, part_of
-from service.schemas.quantities import Num, Part
+from service.schemas.quantities import Part
 
 Rows = npt.NDArray[Any]
+Table = dict[str, Rows]
+"""Columns of equal length by their names; without any if the table has no rows."""
+
+MISSING = -1
+"""In place of a whole number that a case without a result does not have: all of them are counts."""
 
 
 def fill(column: Column, values: Sequence[Any]) -> Rows:
-    """Return the values of a column as an array; None becomes NaN or an empty text.
+    """Return the values of a column as an array; None becomes NaN, `MISSING` or an empty text.
 
     Raises
     ------
@@ -39,6 +36,8 @@ def fill(column: Column, values: Sequence[Any]) -> Rows:
         If a text is too long to be kept whole.
     """
     dtype = np.dtype(column.dtype)
+    if dtype.kind == "i":
+        return np.array([MISSING if value is None else value for value in values], dtype)
     if dtype.kind != "S":
         return np.array(values, dtype)
     texts = [b"" if value is None else value.encode() for value in values]
@@ -52,9 +51,9 @@ def summary_of(record: Record) -> dict[str, Any]:
     return summarize(record.answer) | {column.name: getattr(record, column.name) for column in IDENTITY}
 
 
-def table_of(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> Rows:
+def table_of(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> Table:
     """Rows as a table with these columns."""
-    return _joined(_filled(columns, rows), len(rows))
+    return {column.name: fill(column, [row.get(column.name) for row in rows]) for column in columns} if rows else {}
 
 
 def trial_table_columns(answer: type[Part]) -> tuple[Column, ...]:
@@ -63,12 +62,12 @@ def trial_table_columns(answer: type[Part]) -> tuple[Column, ...]:
     return columns_of(trial) if trial else ()
 
 
-def trials_of(columns: Iterable[Column], records: Sequence[Record | None], first: int) -> Rows:
+def trials_of(columns: Iterable[Column], records: Sequence[Record | None], first: int) -> Table:
     """Every trial of these results, in order, with the row of the summary, the first of which is given."""
     searches = [record.answer.get("iterations", ()) if record else () for record in records]
     trials = [trial for search in searches for trial in search]
     rows = np.repeat(np.arange(first, first + len(records)), list(map(len, searches)))
-    return _joined({CASE.name: rows} | _filled(columns, trials), len(trials))
+    return {CASE.name: rows} | table_of(columns, trials) if trials else {}
 
 
 def residuals_of(record: Record) -> dict[str, list[Any]]:
@@ -147,223 +146,23 @@ def _stacked(motions: Sequence[Mapping[str, list[Any]]]) -> dict[str, list[Any]]
     return stacked
 
 
-def residual_table(records: Sequence[Record | None], first: int) -> Rows:
+def residual_table(records: Sequence[Record | None], first: int) -> Table:
     """Residuals of a calibration as a table, with the row of the summary; its file holds no other result."""
     found = [
         (row, columns) for row, record in enumerate(records, first) if record and (columns := residuals_of(record))
     ]
     if not found:
-        return np.empty(0)
+        return {}
     ((row, columns),) = found
     table = {column.name: fill(column, columns[column.name]) for column in RESIDUALS if column.name in columns}
-    length = len(next(iter(table.values())))
-    return _joined({CASE.name: np.full(length, row)} | table, length)
+    return {CASE.name: np.full(len(next(iter(table.values()))), row)} | table
 
 
-def histories_of(records: Sequence[Record | None], first: int) -> Rows:
+def histories_of(records: Sequence[Record | None], first: int = 0) -> Table:
     """Every history of these results, in order, with the row of the summary. They must have the same columns."""
     histories = [(row, record.history) for row, record in enumerate(records, first) if record and record.history]
     if not histories:
-        return np.empty(0)
+        return {}
     lengths = [len(next(iter(history.values()))) for _, history in histories]
-    columns: dict[str, Rows] = {CASE.name: np.repeat([row for row, _ in histories], lengths)}
-    columns |= {name: np.concatenate([history[name] for _, history in histories]) for name in histories[0][1]}
-    return _joined(columns, sum(lengths))
-
-
-def _filled(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> dict[str, Rows]:
-    return {column.name: fill(column, [row.get(column.name) for row in rows]) for column in columns}
-
-
-def _joined(columns: Mapping[str, Rows], length: int) -> Rows:
-    table = np.empty(length, dtype=[(name, column.dtype) for name, column in columns.items()])
-    for name, column in columns.items():
-        table[name] = column
-    return table
-
-
-LEVEL = 3
-"""Compression level: the next ones take twice the time for a tenth less."""
-
-LAYOUT = "1"
-"""Raised when the layout changes so much that programs that read it must change too."""
-DESCRIPTIONS = {
-    "summary": "the answers in short, a row each",
-    "requests": "canonical requests, every default filled in: JSON Lines in UTF-8, a line a row of the summary",
-    "answers": "answers, JSON Lines in UTF-8: without the histories, which are a table of this file",
-    "iterations": "every trial of the searches, in order",
-    "history": "the motions at even intervals and at the event that ended the run",
-    "residuals": "what a calibration was given, what it predicts and what is left",
-}
-
-datatype = lru_cache(maxsize=256)(lambda dtype: h5t.py_create(dtype, logical=True))
-"""HDF5 type of a NumPy one; making it takes as long as all the rest of a dataset."""
-
-
-class Stream:
-    """A dataset of one dimension that grows; not there at all if it stays empty.
-
-    Parameters
-    ----------
-    file
-        Where it goes.
-    name, description
-        Name and description of the dataset.
-    columns
-        What is known of the columns, if it is a table.
-    chunk_bytes
-        Largest chunk; None for a single one, of whatever size.
-    """
-
-    def __init__(
-        self, file: h5py.File, name: str, description: str, *, columns: Sequence[Column], chunk_bytes: int | None
-    ) -> None:
-        self._file = file
-        self._name = name
-        self._description = description
-        self._columns = {column.name: column for column in columns}
-        self._chunk_bytes = chunk_bytes
-        self._chunk = 0
-        self._waiting: list[Rows] = []
-        self._length = 0
-        self._dataset: h5d.DatasetID | None = None
-
-    def append(self, rows: Rows) -> None:
-        """Add rows; chunks that they fill are written."""
-        if not len(rows):
-            return
-        self._waiting.append(rows)
-        if self._chunk_bytes is None or sum(part.nbytes for part in self._waiting) <= self._chunk_bytes:
-            return
-        waiting, chunk = np.concatenate(self._waiting), max(1, self._chunk_bytes // rows.itemsize)
-        whole = len(waiting) // chunk * chunk
-        for start in range(0, whole, chunk):
-            self._write(waiting[start : start + chunk])
-        self._waiting = [waiting[whole:].copy()]
-
-    def finish(self) -> None:
-        """Write what is left."""
-        if sum(map(len, self._waiting)):
-            self._write(np.concatenate(self._waiting))
-
-    def _write(self, rows: Rows) -> None:
-        """Write a chunk: the last may be shorter, and is filled up as HDF5 wants it.
-
-        Compressed here, as `read_single` decompresses it: HDF5 would leave out compression where it does not pay.
-        Measured, by hand and by HDF5: 0.85 and 1.10 ms to write a critical angle, 12.5 and 12.9 ms for 256, of equal
-        size.
-        """
-        if self._dataset is None:
-            self._dataset = self._create(rows)
-            self._chunk = len(rows)
-        start, missing = self._length, self._chunk - len(rows)
-        self._length += len(rows)
-        if start:
-            self._dataset.set_extent((self._length,))
-        if missing:
-            rows = np.concatenate([rows, np.zeros(missing, rows.dtype)])
-        self._dataset.write_direct_chunk((start,), _shuffled_and_compressed(rows))
-
-    def _create(self, rows: Rows) -> h5d.DatasetID:
-        layout = h5p.create(h5p.DATASET_CREATE)
-        layout.set_chunk(rows.shape)
-        layout.set_fill_time(h5d.FILL_TIME_NEVER)
-        layout.set_obj_track_times(False)
-        if rows.itemsize > 1:
-            layout.set_shuffle()
-        layout.set_deflate(LEVEL)
-        space = h5s.create_simple(rows.shape, rows.shape if self._chunk_bytes is None else (h5s.UNLIMITED,))
-        dataset = h5d.create(self._file.id, self._name.encode(), datatype(rows.dtype), space, layout)
-        write_attribute(dataset, "description", self._description)
-        if rows.dtype.names:
-            columns = [self._columns.get(name) or Column(name, "") for name in rows.dtype.names]
-            write_attribute(dataset, "column_units", *(column.unit for column in columns))
-            write_attribute(dataset, "column_descriptions", *(column.description for column in columns))
-        return dataset
-
-
-def write_attribute(owner: h5py.h5g.GroupID | h5d.DatasetID, name: str, *texts: str) -> None:
-    """Give an object of the file an attribute, a text or several."""
-    array, kind, space = prepared(texts)
-    h5a.create(owner, name.encode(), kind, space).write(array)
-
-
-@lru_cache(maxsize=256)
-def prepared(texts: tuple[str, ...]) -> tuple[Rows, h5t.TypeID, h5s.SpaceID]:
-    """Texts as HDF5 wants them: of one length, with their type and extent."""
-    array = np.array(texts, "S") if len(texts) > 1 else np.array(texts[0], "S")
-    return array, h5t.py_create(array.dtype), h5s.create_simple(array.shape) if array.shape else h5s.create(h5s.SCALAR)
-
-
-def _shuffled_and_compressed(rows: Rows) -> bytes:
-    """Shuffle and compress as HDF5 does: the first bytes of all rows, then the second ones, and so on."""
-    planes = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), rows.itemsize).T
-    return zlib.compress(np.ascontiguousarray(planes).data, LEVEL)
-
-
-class Contents:
-    """What is in a file, as it is written.
-
-    Parameters
-    ----------
-    file
-        Open and empty.
-    operation
-        Operation of its results.
-    chunk_bytes
-        Largest chunk of a dataset; None if all is written at once.
-    more
-        Further columns of the summary, the first ones.
-    """
-
-    def __init__(
-        self, file: h5py.File, operation: str, *, chunk_bytes: int | None, more: Sequence[Column] = ()
-    ) -> None:
-        root = h5py.h5g.open(file.id, b"/")
-        for name, text in {"title": "ricochet results", "layout": LAYOUT}.items():
-            write_attribute(root, name, text)
-        known = OPERATIONS.get(operation)
-        self._summary = (*more, *IDENTITY, *(known.columns if known else ()), WARNINGS)
-        self._trials = trial_table_columns(known.answer) if known else ()
-        self._rows = 0
-        columns = {
-            "summary": self._summary,
-            "iterations": (CASE, *self._trials),
-            "history": (CASE, *columns_of(MotionInHistory[Num])),
-            "residuals": (CASE, *RESIDUALS),
-        }
-        self._streams = {
-            name: Stream(file, name, description, columns=columns.get(name, ()), chunk_bytes=chunk_bytes)
-            for name, description in DESCRIPTIONS.items()
-        }
-
-    def write(
-        self,
-        records: Sequence[Record | None],
-        summaries: Sequence[Mapping[str, Any]],
-        problems: Sequence[dict[str, Any] | None] = (),
-    ) -> None:
-        """Add these results and their summaries; where there is no result, the problem."""
-        answers = [record.answer_json if record else b"" for record in records]
-        for row, problem in enumerate(problems):
-            answers[row] = answers[row] or orjson.dumps({"problem": problem})
-        tables = {
-            "summary": table_of(self._summary, summaries),
-            "requests": _lines(record.request_json if record else b"null" for record in records),
-            "answers": _lines(answers),
-            "iterations": trials_of(self._trials, records, self._rows),
-            "history": histories_of(records, self._rows),
-            "residuals": residual_table(records, self._rows),
-        }
-        for name, table in tables.items():
-            self._streams[name].append(table)
-        self._rows += len(records)
-
-    def finish(self) -> None:
-        """Write what is left."""
-        for stream in self._streams.values():
-            stream.finish()
-
-
-def _lines(texts: Iterable[bytes]) -> Rows:
-    return np.frombuffer(b"".join(text + b"\n" for text in texts), np.uint8)
+    columns = {name: np.concatenate([history[name] for _, history in histories]) for name in histories[0][1]}
+    return {CASE.name: np.repeat([row for row, _ in histories], lengths)} | columns

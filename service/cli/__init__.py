@@ -11,7 +11,9 @@ import codecs
 import gc
 import io
 import os
+import signal
 import sys
+import threading
 import unicodedata
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -23,11 +25,10 @@ from service.cli.arguments import (
     CommandError,
     Parser,
     UsageError,
-    choose_format,
     examples,
-    one_answer,
     reason_of,
 )
+from service.cli.outputs import check_outputs, one_answer
 
 PLAIN = {"°": "deg", "θ": "theta", "±": "+/-", "×": "x", "–": "-", "…": "..."}
 """What stands for a character that the encoding of a terminal lacks, where Unicode does not know it."""
@@ -49,6 +50,7 @@ COMMANDS = (
     Command("formulas", "penetration and least thickness by the formulas of the field", "service.cli.walls"),
     Command("thickness", "least thickness of a wall that is not perforated", "service.cli.walls"),
     Command("limit-speed", "least speed that perforates a wall", "service.cli.walls"),
+    Command("flight", "where a body lands after a ricochet", "service.cli.flight"),
     Command("report", "a strike on two pages to file, as HTML or PDF", "service.cli.reports"),
     Command("batch", "many cases from a file", "service.cli.batch"),
     Command("sweep", "one case over ranges of up to four of its fields", "service.cli.batch"),
@@ -109,14 +111,24 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"ricochet {name}: {error}", file=sys.stderr)
         return error.status
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return INTERRUPTED
+        return interrupted()
     except BrokenPipeError:  # The reader of the pipe, such as `head`, has all that it wants.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # This is most likely a full disk.
         print(f"ricochet {name}: {reason_of(error)}", file=sys.stderr)
         return FAILED
+
+
+def interrupted() -> int:
+    """Say that Ctrl-C was pressed; return the exit status. Pressed again while this process ends, it ends it now."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    # Python ends by the signal, whatever the status, if the interruption passed through a text that it was executing,
+    # as named tuples are made; executing another one clears that mark.
+    eval("None")  # noqa: S307 (a constant)
+    print("interrupted", file=sys.stderr)
+    return INTERRUPTED
 
 
 def prepare_streams() -> None:
@@ -165,7 +177,7 @@ def run(name: str, arguments: list[str]) -> int:
         selected = import_module("service.cli.single").add_operation_command(commands, name) or parser
     args = parser.parse_args(arguments)
     try:
-        choose_format(args)
+        check_outputs(args)
         with one_answer(args):
             status: int = args.run(args)
         sys.stdout.flush()

@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+import time
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -83,7 +84,7 @@ def _line(key: "ApiKey") -> str:
     limit = "no limit" if key.cases_per_hour is None else f"{key.cases_per_hour:,} cases an hour"
     if key.revoked is not None:
         state = f"revoked {_date(key.revoked)}"
-    elif key.usable:
+    elif key.usable_at(time.time()):
         state = "valid" if key.expires is None else f"valid until {_date(key.expires)}"
     else:
         state = f"expired {_date(key.expires or 0.0)}"

@@ -21,8 +21,9 @@ from fastapi import FastAPI
 from service.api.app import REFUSAL_SECONDS, STOP_SECONDS, create_app
 from service.cli.arguments import FAILED, CommandError, read_settings
 from service.cli.client import Client, connect
+from service.cli.http_protocol import HttpProtocol
 from service.cli.writers import progress
-from service.errors import ExecutorError, FolderInUseError
+from service.errors import ExecutorError, UnusableFolderError
 from service.settings import Settings
 from solver.compilation import compilation_progress
 
@@ -67,7 +68,7 @@ class Server(uvicorn.Server):
                 host=settings.host,
                 port=settings.port,
                 root_path=settings.root_path,
-                http="httptools",
+                http=HttpProtocol,
                 ws="none",
                 limit_concurrency=MAX_CONNECTIONS,
                 timeout_keep_alive=IDLE_SECONDS,
@@ -166,7 +167,7 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
                 started.result()
             with connect("http://ricochet", socket=socket_path) as client:
                 yield client
-        except FolderInUseError as error:
+        except UnusableFolderError as error:
             raise CommandError(f"{error}; use that service with --url", FAILED) from None
         except ExecutorError as error:
             raise CommandError(str(error), FAILED) from None

@@ -12,24 +12,17 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from service.cache.damaged import set_aside
-from service.errors import FolderReplacedError, StorageError
+from service.cache.sqlite import LAYOUT, check_layout, decode
+from service.errors import FolderReplacedError, StorageError, storage_error
+from service.private_files import make_private, make_private_folder
 
-LAYOUT = 2
-"""Number of the schema below, raised when it changes. Files of layout 1 are brought up to it when opened: a new layout
-needs another step in `_connect`, and `_fold_side_tables` then has to stamp 2."""
 BUSY_SECONDS = 10.0
 """Longest wait for another process that holds the file, such as someone who reads it."""
 CHECKPOINT_SECONDS = 0.1
 """Longest wait of a checkpoint for a reader; one that another process prevents is done the next time."""
 
-SWEEPS = """
-CREATE TABLE sweeps (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
-    sweep BLOB NOT NULL
-)
-"""
-"""Requests of sweeps, apart from `jobs`: they can be large, and every progress of a job writes its whole row anew."""
-TABLES = f"""
+# Requests of sweeps are apart from `jobs`: they can be large, and every progress of a job writes its whole row anew.
+TABLES = """
 CREATE TABLE jobs (
     number INTEGER PRIMARY KEY AUTOINCREMENT,
     id TEXT NOT NULL UNIQUE,
@@ -47,18 +40,18 @@ CREATE TABLE jobs (
     expires REAL,
     problem TEXT,
     revision INTEGER NOT NULL DEFAULT 0,
-    fields TEXT,
     progress TEXT,
     partial TEXT,
-    charge_key TEXT,
-    charge_cases INTEGER,
-    charge_began INTEGER,
+    charge TEXT,
     traceparent TEXT,
     title TEXT,
     bytes INTEGER
 );
 CREATE INDEX jobs_by_owner ON jobs (owner, number);
-{SWEEPS};
+CREATE TABLE sweeps (
+    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE,
+    sweep BLOB NOT NULL
+);
 CREATE TABLE slices (
     job INTEGER NOT NULL REFERENCES jobs ON DELETE CASCADE,
     slice INTEGER NOT NULL,
@@ -88,16 +81,6 @@ CREATE TABLE idempotency (
 ) WITHOUT ROWID;
 CREATE INDEX idempotency_by_job ON idempotency (job);
 """
-# Of files of layout 1 only: a new column does not go here.
-SIDE_TABLES = {
-    "sweeps": {"fields": "fields TEXT"},
-    "studies": {"progress": "progress TEXT", "partial": "partial TEXT"},
-    "charges": {"key": "charge_key TEXT", "cases": "charge_cases INTEGER", "began": "charge_began INTEGER"},
-    "traces": {"traceparent": "traceparent TEXT"},
-    "titles": {"title": "title TEXT"},
-    "sizes": {"bytes": "bytes INTEGER"},
-}
-"""Columns of `jobs` that were in tables beside it in layout 1, by those tables; an early file lacks some of them."""
 
 
 class Database:
@@ -114,6 +97,8 @@ class Database:
     def __init__(self, path: Path, check: Callable[[], None] = lambda: None) -> None:
         self._path = path
         self._check = check
+        self.was_missing = False
+        """Whether the file was missing or empty when it was first needed."""
         self._opened: os.stat_result | None = None
         self._checked = False
         self._written = True
@@ -215,10 +200,11 @@ class Database:
                         self._opened = self._path.stat()
                 yield self._connections[kind]
             except (sqlite3.Error, OSError) as error:
-                raise StorageError(f"jobs cannot be stored: {reason(error)}") from error
+                raise storage_error("jobs cannot be stored", error) from error
 
     def _open(self) -> sqlite3.Connection:
-        self._path.parent.mkdir(parents=True, exist_ok=True)
+        make_private_folder(self._path.parent)
+        make_private(self._path)
         try:
             return self._connect()
         except sqlite3.OperationalError:
@@ -231,49 +217,20 @@ class Database:
         connection = sqlite3.connect(
             self._path, timeout=BUSY_SECONDS, isolation_level=None, check_same_thread=False, cached_statements=64
         )
+        connection.text_factory = decode
         try:
+            layout = check_layout(connection, self._path.name)
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
             connection.execute("PRAGMA foreign_keys = ON")
             connection.execute("PRAGMA wal_autocheckpoint = 0")  # An automatic one would copy only a part of the log.
-            layout = connection.execute("PRAGMA user_version").fetchone()[0]
             if layout == 0:
+                self.was_missing = not self._checked
                 connection.executescript(f"BEGIN IMMEDIATE; {TABLES} PRAGMA user_version = {LAYOUT}; COMMIT;")
-            elif layout not in {1, LAYOUT}:
-                raise sqlite3.OperationalError(f"jobs.sqlite has layout {layout}, this version knows {LAYOUT}")
             elif not self._checked and (said := connection.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
                 raise sqlite3.DatabaseError(said)
-            if layout == 1:
-                _fold_side_tables(connection)
             self._checked = True
         except BaseException:
             connection.close()
             raise
         return connection
-
-
-def _fold_side_tables(connection: sqlite3.Connection) -> None:
-    """Bring a file of layout 1 up to layout 2, in one transaction."""
-    connection.execute("BEGIN IMMEDIATE")
-    if connection.execute("PRAGMA user_version").fetchone() == (1,):  # else another process has just done it
-        tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-        for table, columns in SIDE_TABLES.items():
-            for column, declaration in columns.items():
-                connection.execute(f"ALTER TABLE jobs ADD COLUMN {declaration}")
-                if table in tables:
-                    new = declaration.split()[0]
-                    value = f"(SELECT {column} FROM {table} WHERE job = jobs.number)"  # noqa: S608 (of this file)
-                    connection.execute(f"UPDATE jobs SET {new} = {value}")  # noqa: S608
-            if table != "sweeps":
-                connection.execute(f"DROP TABLE IF EXISTS {table}")
-        if "sweeps" in tables:
-            connection.execute("ALTER TABLE sweeps DROP COLUMN fields")
-        else:
-            connection.execute(SWEEPS)
-        connection.execute(f"PRAGMA user_version = {LAYOUT}")
-    connection.execute("COMMIT")
-
-
-def reason(error: sqlite3.Error | OSError) -> str:
-    """Return what went wrong, without the path."""
-    return (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__

@@ -16,6 +16,7 @@ from anyio.to_thread import run_sync
 from opentelemetry.trace import Tracer
 
 from service.cache.record import CaseResult
+from service.clock import SYSTEM, Clock, ClockWatch
 from service.errors import IdempotencyBusyError, IdempotencyConflictError, QueueFullError, StorageError
 from service.jobs.models import BLOCK_SIZE, CaseBlock, Charge, Idempotency, JobCase, JobState, Status, StoredSweep
 from service.jobs.reader import ResultReader
@@ -57,6 +58,8 @@ class JobManager:
         Takes back what an ended job has not used of its quota; see `GiveBack`.
     tracer
         Traces the work of jobs.
+    clock
+        By whose dates jobs expire.
     """
 
     def __init__(
@@ -68,7 +71,11 @@ class JobManager:
         count: Count = lambda *_: None,
         give_back: GiveBack = lambda *_: None,
         tracer: Tracer = NO_TRACER,
+        clock: Clock = SYSTEM,
     ) -> None:
+        self.warning = ""
+        """What somebody should know of the jobs that were there before."""
+        self._clocks = ClockWatch(clock)
         self._count = count
         self._jobs = jobs
         self._queries = queries
@@ -111,7 +118,7 @@ class JobManager:
             await self._go_on()
         except StorageError as error:
             log.warning("%s", error)
-        self._tasks = [asyncio.create_task(work) for work in (self._expire(), self._checkpoint())]
+        self._tasks = [asyncio.create_task(work) for work in (self._expire(), self._checkpoint(), self._clocks.run())]
 
     async def check(self) -> None:
         """See that jobs can be accepted as far as their file goes.
@@ -119,9 +126,10 @@ class JobManager:
         Raises
         ------
         StorageError
-            If it, or the data folder, has been removed or replaced.
+            If it, or the data folder, has been removed or replaced, or jobs could not be read at the start nor now.
         """
         await run_sync(self._jobs.check)
+        await self._go_on()
 
     async def stop(self) -> None:
         """Give up what is being computed: the next start goes on with it."""
@@ -277,8 +285,8 @@ class JobManager:
         if not is_study(job.operation):
             sweep = await self.sweep(job)
             return None if sweep is None else sweep.request
-        stored = await run_sync(self._jobs.requests, job.number, [0])
-        return orjson.loads(stored[0]) if stored else None
+        [case] = await run_sync(self._jobs.rows, job, 0, 1)
+        return None if case.request is None else orjson.loads(case.request)
 
     async def partial(self, job: JobState) -> dict[str, Any] | None:
         """Return the latest partial answer of a study that is not finished."""
@@ -293,14 +301,16 @@ class JobManager:
         *,
         start: int = 0,
         limit: int | None = None,
+        take: Callable[[int], None] = lambda _: None,
+        whole: bool = False,
     ) -> AsyncGenerator[Value, None]:
         """Yield what `use` makes of the results that are ready of a job, in order, in blocks, from case `start` on.
 
         Ends at the first case that is not ready yet; if the job has ended, such cases are left out. What the cache has
-        lost is computed again. `use` is called in a thread, for two blocks of all jobs at a time, so that readers take
-        memory for what they send alone.
+        lost is computed again: `take` and `whole` as in `ResultReader.read`. `use` is called in a thread, for two
+        blocks of all jobs at a time, so that readers take memory for what they send alone.
         """
-        async for used in self._reader.read(lambda: self._state(name), use, start, limit):
+        async for used in self._reader.read(lambda: self._state(name), use, start, limit, take, whole=whole):
             yield used
 
     async def cancel(self, name: str, owner: str | None = OWNER) -> JobState | None:
@@ -446,6 +456,11 @@ class JobManager:
             for state in await run_sync(self._jobs.unfinished):
                 self._scheduler.add(state)
             self._going_on = True
+            if self._jobs.was_missing and self._queries.cache.found_results:
+                self.warning = (
+                    "jobs.sqlite was missing or empty at the start, though there are results: earlier jobs are lost"
+                )
+                log.warning("%s; restore it from a backup before new jobs are made", self.warning)
             if removed or self._scheduler.active:
                 log.info("jobs: %d to go on with, %d removed", len(self._scheduler.active), removed)
 

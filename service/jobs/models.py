@@ -8,15 +8,17 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from enum import IntEnum
 from functools import lru_cache
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import orjson
+from pydantic import Field
 
 from service.names import QUANTITIES, TITLES, named
 from service.operations import KeyedRequest
 
-Status: TypeAlias = Literal["accepted", "running", "successful", "failed", "dismissed"]
-FINAL = frozenset({"successful", "failed", "dismissed"})
+Status: TypeAlias = Literal["accepted", "running", "successful", "failed", "dismissed", "damaged"]
+FINAL = frozenset({"successful", "failed", "dismissed", "damaged"})
+Natural: TypeAlias = Annotated[int, Field(ge=0)]
 BLOCK_SIZE = 200
 """Cases stored together: few enough that preparing them leaves the interpreter lock to others, and enough to compress
 well."""
@@ -69,15 +71,22 @@ class StoredSweep:
         """Number of cases."""
         return math.prod(map(len, self.values))
 
-    def to_json(self) -> bytes:
+    def pack(self) -> bytes:
         """Return the sweep as it is stored."""
-        return orjson.dumps({"request": self.request, "fields": self.fields, "values": self.values})
+        content = orjson.dumps({"request": self.request, "fields": self.fields, "values": self.values})
+        return zlib.compress(content, FASTEST)
 
     @classmethod
-    def from_json(cls, text: bytes | str) -> "StoredSweep":
+    def unpack(cls, packed: bytes) -> "StoredSweep":
         """Return the sweep that was stored."""
-        stored = orjson.loads(text)
+        stored = orjson.loads(zlib.decompress(packed))
         return cls(stored["request"], tuple(stored["fields"]), tuple(stored["values"]))
+
+
+@lru_cache(maxsize=64)
+def fields_of(packed: bytes) -> tuple[str, ...]:
+    """Return the fields of the axes of a sweep that was stored; lists of jobs and every mark of a job ask for them."""
+    return StoredSweep.unpack(packed).fields
 
 
 TITLED = {"diameter_m": (1e3, "mm"), "mass_kg": (1.0, "kg")}
@@ -139,16 +148,16 @@ class JobState:
     id: str
     operation: str
     status: Status
-    total: int
-    done: int
-    cached: int
-    failed: int
+    total: Natural
+    done: Natural
+    cached: Natural
+    failed: Natural
     created: datetime
     started: datetime | None
     finished: datetime | None
     expires: datetime | None
     problem: dict[str, Any] | None
-    revision: int
+    revision: Natural
     number: int = field(repr=False)
     """Row in the store."""
     owner: str = field(repr=False)
@@ -191,6 +200,8 @@ class CaseRow(NamedTuple):
     state: CaseState
     key: str
     custom_id: str | None
+    request: bytes | None
+    """Canonical request; None if it is damaged."""
     problem: dict[str, Any] | None
 
 

@@ -6,18 +6,20 @@ from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
 from contextlib import aclosing
 from dataclasses import replace
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import orjson
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
-from service.cache.record import CaseResult
+from service.cache.record import CaseResult, Record
+from service.errors import DamagedCasesError, QuotaError, problem_of
 from service.jobs.models import CaseRow, CaseState, JobCase, JobState
+from service.jobs.rows import UNKNOWN, is_of
 from service.jobs.runner import CaseRunner
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService
-from service.operations import KeyedRequest, is_study, result_key
+from service.operations import OPERATIONS, KeyedRequest, is_study, result_key
 from service.queries import QueryService
 
 MOST_CASES = 200
@@ -29,6 +31,8 @@ BLOCKS_AT_ONCE = 2
 """Blocks of results in memory, of all readers together: one can take twenty times its answers while it is encoded."""
 
 Value = TypeVar("Value")
+Take: TypeAlias = Callable[[int], None]
+"""Takes work from the quota of a reader."""
 
 
 class ResultReader:
@@ -57,6 +61,9 @@ class ResultReader:
         use: Callable[[list[CaseResult]], Value],
         start: int,
         limit: int | None,
+        take: Take = lambda _: None,
+        *,
+        whole: bool = False,
     ) -> AsyncGenerator[Value, None]:
         """Yield what `use` makes of the results from case `start` on, block by block.
 
@@ -70,13 +77,17 @@ class ResultReader:
             Called in a thread, for few blocks at a time; what it returns should hold no more than is sent.
         limit
             Largest number of results; None for all.
+        take
+            Called with the work of what is computed again; raises QuotaError if that is more than the reader may.
+        whole
+            Whether that is raised; else the cases have it as their problem, as the answer may have begun.
         """
         count, left = FIRST_CASES, math.inf if limit is None else limit
         while left > 0 and (state := await current()) is not None:
-            rows = await run_sync(self._jobs.rows, state.number, start, int(min(count, left)))
+            rows = await run_sync(self._jobs.rows, state, start, int(min(count, left)))
             ready = rows_ready(rows, final=state.final)
             if ready:
-                count, used = await self._use(state, ready, use)
+                count, used = await self._use(state, ready, use, take, whole=whole)
                 yield used
                 del used
             if not rows or (len(ready) < len(rows) and not state.final):
@@ -85,7 +96,13 @@ class ResultReader:
             left -= len(ready)
 
     async def _use(
-        self, state: JobState, rows: Sequence[CaseRow], use: Callable[[list[CaseResult]], Value]
+        self,
+        state: JobState,
+        rows: Sequence[CaseRow],
+        use: Callable[[list[CaseResult]], Value],
+        take: Take,
+        *,
+        whole: bool,
     ) -> tuple[int, Value]:
         """Return how many cases to read next, and what `use` makes of the results of these."""
         again: dict[int, CaseResult] = {}
@@ -96,6 +113,7 @@ class ResultReader:
             records = self._queries.cache.get_many(list({row.key for row in stored}))
             if lost := [row for row in stored if row.key not in records]:
                 return lost
+            again.update({row.number: damaged(row) for row in stored if not belongs(state, row, records[row.key])})
             results = [
                 again.get(row.number)
                 or CaseResult(
@@ -106,35 +124,67 @@ class ResultReader:
             return next_count(results), use(results)
 
         while isinstance(found := await run_sync(gather, limiter=self._blocks), list):
-            again |= await self._compute(state, found)  # It may take long, but does not hold up other readers.
+            again |= await self._compute(
+                state, found, take, whole=whole
+            )  # It may take long, but does not hold up other readers.
         return found
 
-    async def _compute(self, state: JobState, rows: Sequence[CaseRow]) -> dict[int, CaseResult]:
-        """Compute these cases again."""
-
-        def load() -> list[JobCase]:
-            keys = [row.key for row in rows]
-            if state.versions != VERSIONS:  # Results of an earlier engine cannot be computed any more.
-                keys = [result_key(state.operation, orjson.loads(requests[row.number])) for row in rows]
-            found = zip(rows, keys, strict=True)
-            return [JobCase(KeyedRequest(key, requests[row.number]), row.custom_id) for row, key in found]
-
-        requests = await run_sync(self._jobs.requests, state.number, [row.number for row in rows])
-        cases = await run_sync(load)
-        if is_study(state.operation):
-            return {row.number: await self._study(state, row, case) for row, case in zip(rows, cases, strict=True)}
-        found = {}
-        async with aclosing(self._runner.results(state.operation, cases, owner=state.owner)) as results:
+    async def _compute(
+        self, state: JobState, rows: Sequence[CaseRow], take: Take, *, whole: bool
+    ) -> dict[int, CaseResult]:
+        """Compute these cases again, which counts as work of the reader; those that cannot be have a problem."""
+        cases = await run_sync(lambda: [again_of(state, row) for row in rows])
+        found = {row.number: damaged(row) for row, case in zip(rows, cases, strict=True) if case is None}
+        places = [(row, case) for row, case in zip(rows, cases, strict=True) if case is not None]
+        try:
+            if is_study(state.operation):
+                run = partial(self._runner.results, owner=state.owner)
+                for row, case in places:  # Most of its samples may still be there.
+                    record, _ = await self._studies.answer(state.operation, case.request, run, take=take)
+                    found[row.number] = CaseResult(
+                        row.number, row.custom_id, record, None, row.state == CaseState.CACHED
+                    )
+                return found
+            take(sum(case.request.work for _, case in places))
+        except QuotaError as error:
+            if whole:
+                raise
+            return {
+                row.number: CaseResult(row.number, row.custom_id, None, problem_of(error), cached=False) for row in rows
+            }
+        todo = [case for _, case in places]
+        async with aclosing(self._runner.results(state.operation, todo, owner=state.owner)) as results:
             async for result in results:
-                row = rows[result.number]
+                row = places[result.number][0]
                 found[row.number] = replace(result, number=row.number, cached=row.state == CaseState.CACHED)
         return found
 
-    async def _study(self, state: JobState, row: CaseRow, case: JobCase) -> CaseResult:
-        """Compute a study again, of whose samples most may still be there."""
-        run = partial(self._runner.results, owner=state.owner)
-        record, _ = await self._studies.answer(state.operation, case.request, run)
-        return CaseResult(row.number, row.custom_id, record, None, row.state == CaseState.CACHED)
+
+def again_of(state: JobState, row: CaseRow) -> JobCase | None:
+    """Return a case that is computed again; None if it is not known what it was."""
+    if row.request is None or state.operation == UNKNOWN:
+        return None
+    # Results of an earlier engine cannot be computed any more: the case gets the key of this one.
+    key = row.key if state.versions == VERSIONS else result_key(state.operation, orjson.loads(row.request))
+    if not is_of(state.operation, row.request, key):
+        return None
+    known = OPERATIONS.get(state.operation)
+    request: Any = None if known is None else known.request.model_validate_json(row.request)
+    work = 1 if request is None else KeyedRequest.of(state.operation, request).work
+    return JobCase(KeyedRequest(key, row.request, work), row.custom_id)
+
+
+def belongs(state: JobState, row: CaseRow, record: Record) -> bool:
+    """Return whether the result that was found by the key of a case is that of its request."""
+    if row.request is None or record.request_json == row.request:
+        return True
+    return is_of(state.operation, row.request, result_key(state.operation, record.request))
+
+
+def damaged(row: CaseRow) -> CaseResult:
+    """Return the result of a case of which something is damaged."""
+    problem = problem_of(DamagedCasesError(row.number, row.number))
+    return CaseResult(row.number, row.custom_id, None, problem, cached=False)
 
 
 def rows_ready(rows: Sequence[CaseRow], *, final: bool) -> list[CaseRow]:

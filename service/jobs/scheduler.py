@@ -20,8 +20,9 @@ from anyio.to_thread import run_sync
 from opentelemetry.trace import Tracer
 
 from service.cache.record import CaseResult
-from service.errors import JobGoneError, StorageError, case_problem
-from service.jobs.models import BLOCK_SIZE, CaseState, JobCase, JobState, Status
+from service.errors import DamagedCasesError, JobGoneError, StorageError, case_problem, problem_of
+from service.jobs.models import BLOCK_SIZE, CaseRow, CaseState, JobCase, JobState, Status
+from service.jobs.rows import is_of
 from service.jobs.runner import Blocks, CaseRunner
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService
@@ -248,28 +249,52 @@ class Scheduler:
         if state.status == "accepted":
             job.update(await run_sync(self._jobs.begin, state.number))
         for first in range(0, -(-state.total // BLOCK_SIZE), AHEAD):
-            waiting, cached, marked = await run_sync(self._look_up, state.number, first)
+            waiting, cached, marked = await run_sync(self._look_up, state, first)
             if marked is not None:
                 self._count(state.operation, STORED, "hit", cached)
                 job.update(marked)
             for begin in range(0, len(waiting), BLOCK_SIZE):
-                yield await run_sync(self._load, state.number, waiting[begin : begin + BLOCK_SIZE])
+                yield await self._load(job, waiting[begin : begin + BLOCK_SIZE])
         self._note_handed_out(job)
 
-    def _look_up(self, job: int, first: int) -> tuple[list[tuple[int, str]], int, JobState | None]:
+    def _look_up(self, state: JobState, first: int) -> tuple[list[CaseRow], int, JobState | None]:
         """Mark what is in the cache of the next blocks; return the rest, and how much was marked."""
-        waiting = self._jobs.waiting(job, first, AHEAD)
-        known = self._queries.cache.known([key for _, key in waiting])
-        cached = {number: CaseState.CACHED for number, key in waiting if key in known}
-        marked = self._jobs.mark(job, cached) if cached else None
-        return [(number, key) for number, key in waiting if key not in known], len(cached), marked
+        waiting = self._jobs.waiting(state, first, AHEAD)
+        known = self._queries.cache.known([row.key for row in waiting])
+        cached = {row.number: CaseState.CACHED for row in waiting if row.key in known}
+        marked = self._jobs.mark(state.number, cached) if cached else None
+        return [row for row in waiting if row.key not in known], len(cached), marked
 
-    def _load(self, job: int, waiting: Sequence[tuple[int, str]]) -> dict[int, JobCase]:
-        requests = self._jobs.requests(job, [number for number, _ in waiting])
-        return {number: JobCase(KeyedRequest(key, requests[number])) for number, key in waiting}
+    async def _load(self, job: ActiveJob, waiting: Sequence[CaseRow]) -> dict[int, JobCase]:
+        """Return the cases to compute; those whose key is not that of their request are marked as damaged."""
+
+        def check() -> dict[int, JobCase]:
+            """Read and hash the requests, which takes long."""
+            requests = self._jobs.requests(job.state.number, [row.number for row in waiting])
+            return {
+                row.number: JobCase(KeyedRequest(row.key, requests[row.number]))
+                for row in waiting
+                if is_of(job.state.operation, requests[row.number], row.key)
+            }
+
+        cases = await run_sync(check)
+        if damaged := [row.number for row in waiting if row.number not in cases]:
+            problems = {number: problem_of(DamagedCasesError(number, number)) for number in damaged}
+            await self._mark(
+                job, [CaseResult(number, None, None, each, cached=False) for number, each in problems.items()]
+            )
+        return cases
 
     async def _mark(self, job: ActiveJob, results: Sequence[CaseResult]) -> None:
-        """Note results that have been kept, count them and pass the new state of their job on."""
+        """Note results that have been kept, count them and pass the new state of their job on.
+
+        Raises
+        ------
+        StorageError
+            If the disk has refused a result: a job does not end well with results that are not there.
+        """
+        if any(result.record is not None and not result.record.stored for result in results):
+            raise StorageError(f"results cannot be stored: {self._queries.cache.last_error or 'the disk refused them'}")
         states: dict[int, CaseState] = {}
         problems: dict[int, dict[str, Any]] = {}
         counts: Counter[tuple[str, str]] = Counter()

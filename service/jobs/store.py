@@ -8,21 +8,18 @@ A job is `accepting`, and seen by nobody, until all its cases are there.
 import itertools
 import secrets
 import sqlite3
-import time
-import zlib
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
-from datetime import UTC, datetime
+from collections.abc import Callable, Collection, Container, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import orjson
 
+from service.clock import SYSTEM, Clock
 from service.errors import DamagedCasesError, JobGoneError, JobsTooLargeError
 from service.jobs.database import Database
 from service.jobs.models import (
     BLOCK_SIZE,
-    FASTEST,
     KEY_BYTES,
     CaseBlock,
     CaseRow,
@@ -33,12 +30,19 @@ from service.jobs.models import (
     Status,
     StoredSweep,
     join_keys,
-    split_custom_ids,
-    split_keys,
     split_requests,
     title_of,
 )
-from service.operations import SCHEMA_VERSION, result_key
+from service.jobs.rows import (
+    BLOCK_COLUMNS,
+    COLUMNS,
+    DAMAGE,
+    damaged_case,
+    read_block,
+    read_job,
+    read_problem,
+)
+from service.operations import OPERATIONS, SCHEMA_VERSION, result_key
 from solver import ENGINE_VERSION
 
 DAY = 86_400.0  # [s]
@@ -64,13 +68,10 @@ WHERE taken > ?
 """  # noqa: S608 (of this file)
 """Selects the jobs of the owner of a job that exceed so many bytes, and whether they have ended; unfinished jobs and
 those that ended last stay."""
+STATUSES = frozenset(get_args(Status))
 LARGEST = 2**63 - 1
 """Largest integer of SQLite."""
-COLUMNS = (
-    "id, operation, status, total, done, cached, failed, created, started, finished, expires, problem, revision, "
-    "number, owner, versions, progress, title, traceparent, fields, charge_key, charge_cases, charge_began"
-)
-"""Columns of a `JobState`; all but the last four are named as its fields."""
+SELECT = f"SELECT {COLUMNS} FROM jobs LEFT JOIN sweeps ON sweeps.job = jobs.number"  # noqa: S608 (of the package)
 
 
 class JobStore:
@@ -86,6 +87,10 @@ class JobStore:
         Disk for the jobs of one owner: those that ended first go when there is no room for a new one.
     check_folder
         Called before anything is written; raises StorageError if nothing may be.
+    operations
+        Names of what jobs compute.
+    clock
+        Its dates are those of jobs.
     """
 
     def __init__(
@@ -95,7 +100,11 @@ class JobStore:
         job_days: float,
         owner_bytes: int = OWNER_BYTES,
         check_folder: Callable[[], None] = lambda: None,
+        operations: Container[str] = OPERATIONS,
+        clock: Clock = SYSTEM,
     ) -> None:
+        self._operations = operations
+        self._clock = clock
         self._database = Database(folder / "jobs.sqlite", check_folder)
         self._kept_seconds = job_days * DAY
         self._owner_bytes = owner_bytes
@@ -105,7 +114,7 @@ class JobStore:
     def expire(self, *, at_start: bool = False) -> int:
         """Remove what has expired, and at the start what was never accepted whole; return how many jobs."""
         with self._database.writing() as database:
-            removed = database.execute("DELETE FROM jobs WHERE expires < ?", (time.time(),)).rowcount
+            removed = database.execute("DELETE FROM jobs WHERE expires < ?", (self._clock.now(),)).rowcount
             if at_start:
                 removed += database.execute("DELETE FROM jobs WHERE status = 'accepting'").rowcount
         return removed
@@ -114,21 +123,24 @@ class JobStore:
         self, operation: str, owner: str, sweep: StoredSweep | None = None, *, traceparent: str | None = None
     ) -> int:
         """Begin a job that nobody sees yet; return its number."""
-        columns = "id, owner, operation, versions, status, created, fields, title, traceparent"
-        fields, title = (orjson.dumps(sweep.fields).decode(), title_of(sweep)) if sweep is not None else (None, None)
-        row = (secrets.token_hex(16), owner, operation, VERSIONS, "accepting", time.time(), fields, title, traceparent)
+        columns = "id, owner, operation, versions, status, created, title, traceparent"
+        title = None if sweep is None else title_of(sweep)
+        row = (secrets.token_hex(16), owner, operation, VERSIONS, "accepting", self._clock.now(), title, traceparent)
         with self._database.writing() as database:
-            statement = f"INSERT INTO jobs ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"  # noqa: S608 (of this file)
+            statement = f"INSERT INTO jobs ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)"  # noqa: S608 (of this file)
             number = database.execute(statement, row).lastrowid or 0
             if sweep is not None:
-                database.execute("INSERT INTO sweeps VALUES (?, ?)", (number, zlib.compress(sweep.to_json(), FASTEST)))
+                database.execute("INSERT INTO sweeps VALUES (?, ?)", (number, sweep.pack()))
             return number
 
     def sweep(self, job: int) -> StoredSweep | None:
-        """Return the request of a job, if it is a sweep."""
+        """Return the request of a job, if it is a sweep; None too if it is damaged, as the job is then."""
         with self._database.reading() as database:
             row = database.execute("SELECT sweep FROM sweeps WHERE job = ?", (job,)).fetchone()
-        return StoredSweep.from_json(zlib.decompress(row[0])) if row else None
+        try:
+            return StoredSweep.unpack(row[0]) if row else None
+        except DAMAGE:
+            return None
 
     def append(self, job: int, number: int, cases: CaseBlock) -> None:
         """Add the block of cases with this number, whole but for the last one."""
@@ -150,11 +162,9 @@ class JobStore:
             if idempotency is not None:
                 statement = "INSERT INTO idempotency SELECT owner, ?, ?, number FROM jobs WHERE number = ?"
                 database.execute(statement, (idempotency.token, idempotency.whole_digest, job))
-            changes = (
-                "status = 'accepted', total = ?, revision = 1, created = ?, "
-                "charge_key = ?, charge_cases = ?, charge_began = ?"
-            )
-            state = _changed(database, job, changes, (total, time.time(), *(charge or (None, None, None))))
+            changes = "status = 'accepted', total = ?, revision = 1, created = ?, charge = ?"
+            text = None if charge is None else orjson.dumps(list(charge)).decode()
+            state = self._changed(database, job, changes, (total, self._clock.now(), text))
             return state if total else self._end(database, job, "successful", None)
 
     def discard(self, job: int) -> None:
@@ -166,7 +176,7 @@ class JobStore:
         """Note that the job is being worked on."""
         with self._database.writing() as database:
             changes = "status = 'running', started = coalesce(started, ?), revision = revision + 1"
-            return _changed(database, job, changes, (time.time(),))
+            return self._changed(database, job, changes, (self._clock.now(),))
 
     def mark(
         self, job: int, states: Mapping[int, CaseState], problems: Mapping[int, dict[str, Any]] | None = None
@@ -181,6 +191,8 @@ class JobStore:
                     raise JobGoneError("the job has been deleted")
                 stored = bytearray(found[0])
                 for case in cases:
+                    if case % BLOCK_SIZE >= len(stored):
+                        raise DamagedCasesError(case, case)
                     if stored[case % BLOCK_SIZE] == CaseState.WAITING:
                         stored[case % BLOCK_SIZE] = states[case]
                         counts[states[case]] += 1
@@ -189,7 +201,7 @@ class JobStore:
             database.executemany("INSERT OR IGNORE INTO problems VALUES (?, ?, ?)", rows)
             changes = "done = done + ?, cached = cached + ?, failed = failed + ?, revision = revision + 1"
             added = (sum(counts.values()), counts[CaseState.CACHED], counts[CaseState.FAILED])
-            state = _changed(database, job, changes, added)
+            state = self._changed(database, job, changes, added)
             finished = state.done == state.total and not state.final
             return self._end(database, job, "successful", None) if finished else state
 
@@ -198,18 +210,21 @@ class JobStore:
         values = (orjson.dumps(progress).decode(), None if partial is None else orjson.dumps(partial).decode())
         with self._database.writing() as database:
             changes = "progress = ?, partial = coalesce(?, partial), revision = revision + 1"
-            return _changed(database, job, changes, values)
+            return self._changed(database, job, changes, values)
 
     def rename(self, job: int, title: str) -> JobState:
         """Give the job another title."""
         with self._database.writing() as database:
-            return _changed(database, job, "title = ?", (title,))
+            return self._changed(database, job, "title = ?", (title,))
 
     def partial(self, job: int) -> dict[str, Any] | None:
         """Return the latest partial answer of a study, if there is one."""
         with self._database.reading() as database:
             row = database.execute("SELECT partial FROM jobs WHERE number = ?", (job,)).fetchone()
-        return orjson.loads(row[0]) if row and row[0] else None
+        try:
+            return orjson.loads(row[0]) if row and row[0] else None
+        except DAMAGE:  # the next one replaces it
+            return None
 
     def end(self, job: int, status: Status, problem: dict[str, Any] | None = None) -> JobState:
         """End the job as it is; one that has ended stays as it was."""
@@ -252,43 +267,52 @@ class JobStore:
             "AND id NOT IN (SELECT value FROM json_each(?)) GROUP BY status"
         )
         with self._database.reading() as database:
-            return Counter(dict(database.execute(statement, (orjson.dumps(list(others)).decode(),))))
+            found = database.execute(statement, (orjson.dumps(list(others)).decode(),)).fetchall()
+        counts: Counter[Status] = Counter()
+        for status, count in found:
+            counts[status if status in STATUSES else "damaged"] += count
+        return counts
 
     def unfinished(self) -> list[JobState]:
         """Jobs to go on with, in order of arrival."""
         return self._jobs("status IN ('accepted', 'running') ORDER BY number")
 
-    def waiting(self, job: int, first: int, count: int) -> list[tuple[int, str]]:
-        """Numbers and keys of the cases in these slices that have no result yet."""
-        with self._database.reading() as database:
-            blocks = _blocks(database, job, "keys", first, first + count - 1)
+    def waiting(self, job: JobState, first: int, count: int) -> list[CaseRow]:
+        """Return the cases in these blocks that have no result yet.
+
+        Raises
+        ------
+        DamagedCasesError
+            If a block cannot be read.
+        """
+        end = min(job.total, (first + count) * BLOCK_SIZE)
+        blocks = self._blocks(job.number, range(first, -(-end // BLOCK_SIZE)))
         return [
-            (number * BLOCK_SIZE + i, key)
-            for number, states, keys in blocks
-            if CaseState.WAITING in states
-            for i, key in enumerate(split_keys(keys))
-            if states[i] == CaseState.WAITING
+            row
+            for number, stored in blocks.items()
+            for row in read_block(number, min(BLOCK_SIZE, end - number * BLOCK_SIZE), stored)
+            if row.state == CaseState.WAITING
         ]
 
-    def rows(self, job: int, start: int, limit: int) -> list[CaseRow]:
-        """Up to so many cases in order."""
-        end = start + limit
-        with self._database.reading() as database:
-            blocks = _blocks(database, job, "keys, custom_ids", start // BLOCK_SIZE, (end - 1) // BLOCK_SIZE)
-            statement = "SELECT number, problem FROM problems WHERE job = ? AND number >= ? AND number < ?"
-            problems = dict(database.execute(statement, (job, start, end)))
+    def rows(self, job: JobState, start: int, limit: int) -> list[CaseRow]:
+        """Return up to so many cases in order; those that cannot be read have a problem."""
+        total = self._cases_in(job.number) if job.status == "damaged" else job.total
+        end = min(start + limit, total)
         rows: list[CaseRow] = []
-        for number, states, keys, custom_ids in blocks:
-            first, skipped, taken = (
-                number * BLOCK_SIZE,
-                max(0, start - number * BLOCK_SIZE),
-                min(len(states), end - number * BLOCK_SIZE),
-            )
-            split, names = split_keys(keys), split_custom_ids(custom_ids, len(states))
-            for i in range(skipped, taken):
-                problem = orjson.loads(problems[first + i]) if first + i in problems else None
-                rows.append(CaseRow(first + i, CaseState(states[i]), split[i], names[i], problem))
-        return rows
+        for number, stored in self._blocks(job.number, range(start // BLOCK_SIZE, -(-end // BLOCK_SIZE))).items():
+            first, last = number * BLOCK_SIZE, min((number + 1) * BLOCK_SIZE, total)
+            try:
+                block = read_block(number, last - first, stored)
+            except DamagedCasesError:
+                block = [damaged_case(case) for case in range(first, last)]
+            rows += block[max(0, start - first) : end - first]
+        with self._database.reading() as database:
+            statement = "SELECT number, problem FROM problems WHERE job = ? AND number >= ? AND number < ?"
+            problems = dict(database.execute(statement, (job.number, start, end)))
+        return [
+            row._replace(problem=read_problem(row.number, problems[row.number])) if row.number in problems else row
+            for row in rows
+        ]
 
     def requests(self, job: int, cases: Collection[int]) -> dict[int, bytes]:
         """Canonical requests of these cases, as JSON.
@@ -317,11 +341,16 @@ class JobStore:
             with self._database.writing() as database:
                 database.execute("UPDATE slices SET keys = ? WHERE job = ? AND slice = ?", (keys, job, number))
         with self._database.writing() as database:
-            _changed(database, job, "versions = ?", (VERSIONS,))
+            self._changed(database, job, "versions = ?", (VERSIONS,))
 
     def check(self) -> None:
         """See that jobs would be stored where the next start looks for them."""
         self._database.check()
+
+    @property
+    def was_missing(self) -> bool:
+        """Whether the file of the jobs was missing or empty when it was first needed."""
+        return self._database.was_missing
 
     def checkpoint(self) -> None:
         """Move what stands in the log of the database into the file itself."""
@@ -350,55 +379,55 @@ class JobStore:
         self._most_taken[owner] = database.execute(statement, (owner,)).fetchone()[0] + PROBLEM_BYTES * total
 
     def _end(self, database: sqlite3.Connection, job: int, status: Status, problem: dict[str, Any] | None) -> JobState:
-        now = time.time()
+        now = self._clock.now()
         text = None if problem is None else orjson.dumps(problem).decode()
         values = (status, now, now + self._kept_seconds, text)
         changes = "status = ?, finished = ?, expires = ?, problem = ?, revision = revision + 1"
-        return _changed(database, job, changes, values, "AND status IN ('accepted', 'running')")
+        return self._changed(database, job, changes, values, "AND status IN ('accepted', 'running')")
+
+    def _changed(
+        self, database: sqlite3.Connection, job: int, changes: str, values: tuple[object, ...], condition: str = ""
+    ) -> JobState:
+        """Change a job; return it as it is then."""
+        database.execute(f"UPDATE jobs SET {changes} WHERE number = ? {condition}", (*values, job))  # noqa: S608 (of this file)
+        row = database.execute(f"{SELECT} WHERE number = ?", (job,)).fetchone()
+        if row is None:
+            raise JobGoneError("the job has been deleted")
+        return read_job(row, self._operations)
 
     def _jobs(self, condition: str, *values: object) -> list[JobState]:
-        statement = f"SELECT {COLUMNS} FROM jobs WHERE {condition}"  # noqa: S608 (of this file)
         with self._database.reading() as database:
-            return [_state(row) for row in database.execute(statement, values)]
+            return [read_job(row, self._operations) for row in database.execute(f"{SELECT} WHERE {condition}", values)]
 
+    def _blocks(self, job: int, numbers: range) -> dict[int, tuple[Any, ...] | None]:
+        """Return rows of `BLOCK_COLUMNS` of these blocks; None for one that is not there."""
+        statement = (
+            f"SELECT slice, {BLOCK_COLUMNS} FROM slices JOIN states USING (job, slice) "  # noqa: S608 (of the package)
+            "WHERE job = ? AND slice >= ? AND slice < ?"
+        )
+        with self._database.reading() as database:
+            found = {row[0]: row[1:] for row in database.execute(statement, (job, numbers.start, numbers.stop))}
+        return {number: found.get(number) for number in numbers}
 
-def _blocks(database: sqlite3.Connection, job: int, columns: str, first: int, last: int) -> list[tuple[Any, ...]]:
-    """Number, states and these columns of some blocks."""
-    statement = (
-        f"SELECT slice, states, {columns} FROM slices JOIN states USING (job, slice) "  # noqa: S608 (of this file)
-        "WHERE job = ? AND slice BETWEEN ? AND ? ORDER BY slice"
-    )
-    return database.execute(statement, (job, first, last)).fetchall()
+    def _cases_in(self, job: int) -> int:
+        """Return how many cases a job has by its blocks."""
+        statement = (
+            f"SELECT coalesce(max(slice * {BLOCK_SIZE} + length(keys) / {KEY_BYTES}), 0) FROM slices WHERE job = ?"  # noqa: S608
+        )
+        with self._database.reading() as database:
+            count: int = database.execute(statement, (job,)).fetchone()[0]
+        return count
 
 
 def _requests_of(database: sqlite3.Connection, job: int, number: int) -> tuple[bytes, ...]:
     """Canonical requests of a block."""
     statement = "SELECT requests, length(keys) FROM slices WHERE job = ? AND slice = ?"
     stored, length = database.execute(statement, (job, number)).fetchone() or (b"", BLOCK_SIZE * KEY_BYTES)
+    count = length // KEY_BYTES
     try:
-        return split_requests(stored)
-    except zlib.error:
-        first = number * BLOCK_SIZE
-        raise DamagedCasesError(first, first + length // KEY_BYTES - 1) from None
-
-
-def _changed(
-    database: sqlite3.Connection, job: int, changes: str, values: tuple[object, ...], condition: str = ""
-) -> JobState:
-    """Change a job; return it as it is then."""
-    database.execute(f"UPDATE jobs SET {changes} WHERE number = ? {condition}", (*values, job))  # noqa: S608 (of this file)
-    row = database.execute(f"SELECT {COLUMNS} FROM jobs WHERE number = ?", (job,)).fetchone()  # noqa: S608
-    if row is None:
-        raise JobGoneError("the job has been deleted")
-    return _state(row)
-
-
-def _state(row: tuple[Any, ...]) -> JobState:
-    *values, fields, key, cases, began = row
-    found: dict[str, Any] = dict(zip(COLUMNS.split(", "), values, strict=False))
-    for name in ("created", "started", "finished", "expires"):
-        found[name] = None if found[name] is None else datetime.fromtimestamp(found[name], UTC)
-    for name in ("problem", "progress"):
-        found[name] = None if found[name] is None else orjson.loads(found[name])
-    axes = tuple(orjson.loads(fields)) if fields else ()
-    return JobState(**found, axes=axes, charge=None if key is None else Charge(key, cases, began))
+        lines = split_requests(stored)
+        if len(lines) == count:
+            return lines
+    except DAMAGE:
+        pass
+    raise DamagedCasesError(number * BLOCK_SIZE, number * BLOCK_SIZE + count - 1)

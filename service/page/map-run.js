@@ -131,6 +131,6 @@ export function progressWords({ counts, status }, seconds, doneBefore) {
 export function endWords({ status, counts, problem }) {
   const { total, done } = counts;
   if (status === "dismissed") return `Cancelled after ${done} of ${total} cases.`;
-  if (status === "failed") return `Given up after ${done} of ${total} cases: ${problem?.detail ?? "it failed"}.`;
+  if (status === "failed" || status === "damaged") return `Given up after ${done} of ${total} cases: ${problem?.detail ?? "it failed"}.`;
   return `All ${total} cases are computed.`;
 }

@@ -26,6 +26,7 @@ from solver.search.trials import (
     Level,
     Levels,
     SearchState,
+    Strength,
     TrialInputs,
     attempt,
     failed,
@@ -215,7 +216,7 @@ class Found(NamedTuple):
 
 
 @lean
-def _is_smooth(left: FloatArray, right: FloatArray, strength: FloatArray) -> bool:
+def _is_smooth(left: FloatArray, right: FloatArray, strength: Strength) -> bool:
     """Whether there is no need to look between two trials.
 
     Both are clear and end alike, and nothing that depends on the angle beside its sine and cosine varies much: the

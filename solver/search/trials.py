@@ -18,6 +18,7 @@ from solver.motion import (
     Thresholds,
     Workspace,
     kinetic_energy,
+    lasting_energy,
     make_workspace,
     start_state,
     tip_depth,
@@ -125,14 +126,22 @@ CLOSE = math.radians(0.3)
 """Distance from a change within which trials say too little of that growth. [rad]"""
 
 
+class Strength(NamedTuple):
+    """S over the oblique angle."""
+
+    coefficients: FloatArray
+    """Of a polynomial in the angle in degrees, constant first."""
+    held_from: float
+    """Angle from which S stays what it is there. [°]"""
+
+
 class TrialInputs(NamedTuple):
     """What all trials have in common beside projectile and target."""
 
     velocity: float
     angle_of_attack: float
     angular_velocity: float
-    strength: FloatArray
-    """S as a polynomial in the oblique angle in degrees, constant first."""
+    strength: Strength
     compressive_strength: float
     end_time: float
     time_step: float
@@ -176,16 +185,16 @@ def make_trial_table(size: int) -> TrialTable:
 
 
 @lean
-def strength_at(oblique_angle: float, strength: FloatArray) -> float:
+def strength_at(oblique_angle: float, strength: Strength) -> float:
     """S at an oblique angle."""
-    degrees, value = abs(math.degrees(oblique_angle)), 0.0
-    for k in range(strength.size - 1, -1, -1):
-        value = value * degrees + strength[k]
+    degrees, value = min(abs(math.degrees(oblique_angle)), strength.held_from), 0.0
+    for k in range(strength.coefficients.size - 1, -1, -1):
+        value = value * degrees + strength.coefficients[k]
     return value
 
 
 @lean
-def has_strength(oblique_angle: float, strength: FloatArray) -> bool:
+def has_strength(oblique_angle: float, strength: Strength) -> bool:
     """Whether S at an oblique angle is above zero."""
     return 0.0 < strength_at(oblique_angle, strength) < math.inf
 
@@ -232,8 +241,7 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
             level.smooth_ramp,
             model.law.decay,
             model.law.thickness,
-            model.law.plug_scale,
-            model.law.plug_stress,
+            model.law.loaded_thickness,
             model.law.crater_depth,
         )
         present = Model(model.body, law, level.quadrature, model.panels, model.right_hand_side)
@@ -243,7 +251,8 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
             run = integrate_adaptive(
                 start, present, inputs.end_time, thresholds, level.accuracy, table.steps, table.work, table.linear
             )
-        energy = kinetic_energy(run.state, model.body) / kinetic_energy(start, model.body)
+        lasting = lasting_energy(start, model.body)
+        energy = (kinetic_energy(run.state, model.body) - lasting) / (kinetic_energy(start, model.body) - lasting)
         if level.fine or (energy < 1.0 and run.end not in (STEP_LIMIT, NOT_FINITE)):
             break
         level = search.levels[REQUESTED]

@@ -20,6 +20,7 @@ from solver.resistance import (
     PublishedTests,
     Resistance,
     StrengthFactor,
+    held_from,
 )
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, Search
@@ -46,7 +47,8 @@ def scaled(model: StrengthFactor, factor: float) -> StrengthFactor:
     if isinstance(model, ConstantStrengthFactor):
         return replace(model, value=factor * model.value)
     if isinstance(model, ObliquityPolynomial):
-        return ObliquityPolynomial(coefficients=tuple(factor * each for each in model.coefficients))
+        coefficients = tuple(factor * each for each in model.coefficients)
+        return ObliquityPolynomial(coefficients=coefficients, held_from=held_from(model))
     if isinstance(model, OwnTests):
         return replace(model, residual=factor * model.residual)
     if isinstance(model, PublishedTests):

@@ -2,10 +2,10 @@
 
 import json
 import os
+import sqlite3
 import stat
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, nullcontext
 from dataclasses import replace
@@ -23,6 +23,7 @@ from service.auth.dependencies import RequestContext
 from service.auth.quotas import STEP, WINDOW, Quota, QuotaStore
 from service.cli.arguments import CommandError
 from service.cli.serve import check_access
+from service.clock import Clock, ClockWatch
 from service.errors import PoolUnavailableError, QueriesWaitingError, QuotaError, TaskTimeoutError, WorkerCrashedError
 from service.jobs.store import JobStore
 from service.schemas.strike import PAPER, PAPER_AT_45
@@ -191,14 +192,55 @@ def test_panel_steps_count_as_ordinary_cases(guarded: Guarded) -> None:
             problem_of(ida.post("/trajectory/uncertainty", json=scattered, headers=headers), 429)
 
 
+class SetClock:
+    """A clock that a test sets."""
+
+    def __init__(self) -> None:
+        self.date, self.passed = 1.8e9, 1000.0
+        self.clock = Clock(now=lambda: self.date, monotonic=lambda: self.passed)
+
+
 @pytest.mark.parametrize("jump", [-7200.0, 7200.0])
-def test_quota_goes_by_no_clock_that_can_be_set(jump: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    real, quota = time.time, Quota(10)
+def test_quota_goes_by_no_clock_that_can_be_set(jump: float, tmp_path: Path) -> None:
+    key_in(tmp_path, "anna")
+    machine = SetClock()
+    quota = QuotaStore(tmp_path, machine.clock).quota("5f0c21d9", 10)
     quota.take(10)
-    monkeypatch.setattr("time.time", lambda: real() + jump)
+    machine.date += jump
     with pytest.raises(QuotaError) as refused:
         quota.take(1)
     assert WINDOW - STEP <= refused.value.retry_after <= WINDOW + STEP
+    machine.passed += WINDOW + STEP
+    quota.take(10)
+
+
+def test_keys_expire_by_the_date(tmp_path: Path) -> None:
+    machine = SetClock()
+    key, token = make_key("anna", frozenset({"read"}))
+    add_key(tmp_path, replace(key, expires=machine.date + 86_400.0))
+    store = ApiKeyStore(tmp_path, print, machine.clock)
+    machine.passed += 30 * 86_400.0
+    assert store.find(token) is not None
+    machine.date += 86_401.0
+    assert store.find(token) is None
+
+
+@pytest.mark.parametrize(("jump", "words"), [(7200.0, "forward by 7200 s"), (-90.0, "back by 90 s"), (5.0, "")])
+def test_date_and_duration_that_diverge_are_named_in_the_log_once(
+    jump: float, words: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    machine = SetClock()
+    watch = ClockWatch(machine.clock)
+    for _ in range(3):
+        machine.date += 60.0
+        machine.passed += 60.0
+        watch.compare()
+    assert caplog.text == ""
+    machine.date += jump
+    for _ in range(3):
+        watch.compare()
+    assert len(caplog.records) == bool(words)
+    assert words in caplog.text
 
 
 def test_query_that_is_refused_does_not_count(guarded: Guarded) -> None:
@@ -312,6 +354,30 @@ def test_audit_log_records_who_had_what_done(guarded: Guarded) -> None:
     assert "owner" not in found["audited-nobody"]
     assert found["audited-nobody"]["status"] == 401
     assert stat.S_IMODE(log.stat().st_mode) == 0o600
+
+
+def test_audit_log_names_whose_key_lacks_a_scope(guarded: Guarded) -> None:
+    log = guarded.folder.parent / "audit.log"
+    requests = [("POST", "/cra"), ("POST", "/cra/batch"), ("DELETE", "/jobs/1"), ("POST", "/mcp"), ("POST", "/nothing")]
+    with guarded.with_key("carl", "read") as reads:
+        token = reads.headers["Authorization"].removeprefix("Bearer ")
+        for number, (method, path) in enumerate(requests):
+            told = reads.request(method, path, json=PAPER, headers={"X-Request-ID": f"audited-scope-{number}"})
+            assert told.status_code == 403
+        text = audited(log, f"audited-scope-{len(requests) - 1}")
+    found = {line.get("request_id"): line for line in map(json.loads, text.splitlines())}
+    for number in range(len(requests)):
+        entry = found[f"audited-scope-{number}"]
+        assert (entry["owner"], entry["key"], entry["status"]) == ("carl", token.split("_")[1], 403)
+    assert token not in text
+
+
+def test_key_in_the_wrong_header_is_in_no_log(guarded: Guarded) -> None:
+    log = guarded.folder.parent / "audit.log"
+    token = guarded.anna.headers["Authorization"].removeprefix("Bearer ")
+    assert guarded.anna.post("/cra", json=PAPER, headers={"X-Request-ID": token}).status_code == 200
+    assert guarded.anna.post("/cra", json=PAPER, headers={"X-Request-ID": "behind-the-token"}).status_code == 200
+    assert token not in audited(log, "behind-the-token")
 
 
 def test_audit_log_goes_on_in_a_new_file_once_it_is_moved_away(guarded: Guarded) -> None:
@@ -468,49 +534,6 @@ def test_start_after_the_keys_are_lost_is_refused_with_what_to_do(
     assert "ricochet keys add" in line
 
 
-def write_older_version(folder: Path, *keys: ApiKey) -> None:
-    """Leave the files of a version that had `keys.json`, and 7 cases counted for the first key."""
-    rows = [
-        {"id": key.id, "owner": key.owner, "scopes": sorted(key.scopes), "digest": key.digest, "created": key.created}
-        | ({"revoked": key.revoked} if key.revoked else {})
-        | ({"cases_per_hour": key.cases_per_hour} if key.cases_per_hour else {})
-        for key in keys
-    ]
-    (folder / "keys.json").write_text(json.dumps({"layout": 1, "keys": rows}))
-    (folder / "keys.lock").touch()
-    (folder / "usage.json").write_text(json.dumps({keys[0].id: [[int(time.time()) // 60 * 60, 7]]}))
-
-
-@pytest.mark.parametrize("interrupted", [False, True])
-def test_keys_and_quotas_of_an_older_version_are_taken_over(tmp_path: Path, interrupted: bool) -> None:
-    kept, token = make_key("anna", frozenset({"read"}), cases_per_hour=10)
-    revoked, other = make_key("bert", frozenset({"admin"}))
-    write_older_version(tmp_path, kept, replace(revoked, revoked=1.0))
-    if interrupted:
-        (tmp_path / "auth.sqlite").touch()
-    for _ in range(2):
-        store = ApiKeyStore(tmp_path, print)
-        assert store.find(token) == kept
-        assert store.find(other) is None
-        quota = QuotaStore(tmp_path).quota(kept.id, 10)
-        quota.take(3)
-        with pytest.raises(QuotaError):
-            quota.take(1)
-    assert {file.name for file in tmp_path.glob("*.json")} == set()
-    assert stat.S_IMODE((tmp_path / "auth.sqlite").stat().st_mode) == 0o600
-    key_in(tmp_path, "carl")
-    assert {key.owner for key in read_keys(tmp_path).values()} == {"anna", "bert", "carl"}
-    (tmp_path / "auth.sqlite").unlink()
-    assert ApiKeyStore(tmp_path, print).lost
-
-
-def test_damaged_keys_of_an_older_version_are_not_taken_for_none(tmp_path: Path) -> None:
-    (tmp_path / "keys.json").write_text('{"layout":1,"keys":[{')
-    with pytest.raises(KeysUnreadableError, match="damaged"):
-        ApiKeyStore(tmp_path, print)
-    assert (tmp_path / "keys.json").exists()
-
-
 def test_empty_file_of_keys_is_damaged(tmp_path: Path) -> None:
     (tmp_path / "auth.sqlite").touch()
     with pytest.raises(KeysUnreadableError):
@@ -538,38 +561,25 @@ def jobs_of(owner: str) -> Callable[[Path], None]:
     return leave
 
 
-def file_of(name: str, content: str = "") -> Callable[[Path], None]:
-    """Leave a file and nothing else."""
-
-    def leave(folder: Path) -> None:
-        (folder / name).write_text(content)
-
-    return leave
-
-
-@pytest.mark.parametrize(
-    ("leave", "starts"),
-    [
-        *((file_of(name), False) for name in ("auth.lock", "auth.sqlite-journal", "keys.json.migrated", "keys.lock")),
-        (file_of("usage.json", '{"5f0c21d9":[[0,1]]}'), False),
-        (file_of("keys.json.new"), False),
-        (jobs_of("anna"), False),
-        (file_of("audit.log", '{"event":"audit","owner":"anna","key":"5f0c21d9","status":200}\n'), False),
-        (file_of("audit.log", '{"event":"audit","method":"POST","route":"/cra","status":401}\n'), False),
-        (jobs_of("local"), True),
-        (file_of("audit.log", '{"event":"audit","owner":"local","method":"POST","route":"/cra","status":200}\n'), True),
-        (lambda folder: None, True),
-    ],
-)
-def test_any_trace_of_keys_means_that_keys_are_needed(
-    tmp_path: Path, leave: Callable[[Path], None], starts: bool
-) -> None:
-    leave(tmp_path)
-    store = ApiKeyStore(tmp_path, print, tmp_path / "audit.log")
-    assert store.required is not starts
-    with nullcontext() if starts else pytest.raises(CommandError, match=r"auth\.sqlite is missing"):
+@pytest.mark.parametrize("left", ["auth.lock", "", "audit.log", "jobs.sqlite"])
+def test_lock_beside_the_keys_shows_that_there_were_some(tmp_path: Path, left: str) -> None:
+    if left:
+        (tmp_path / left).touch()
+    store = ApiKeyStore(tmp_path, print)
+    assert store.required == store.lost == (left == "auth.lock")
+    with pytest.raises(CommandError, match=r"auth\.sqlite is missing") if store.lost else nullcontext():
         check_access(Settings(data_dir=tmp_path), store)
     check_access(Settings(data_dir=tmp_path, access="open"), store)
+
+
+def test_keys_of_another_layout_are_refused(tmp_path: Path) -> None:
+    key_in(tmp_path, "anna")
+    with closing(sqlite3.connect(tmp_path / "auth.sqlite")) as keys:
+        keys.execute("PRAGMA user_version = 9")
+    before = (tmp_path / "auth.sqlite").read_bytes()
+    with pytest.raises(KeysUnreadableError, match="layout 9"):
+        ApiKeyStore(tmp_path, print)
+    assert (tmp_path / "auth.sqlite").read_bytes() == before
 
 
 def test_new_keys_open_a_folder_that_has_lost_its_own(tmp_path: Path) -> None:
@@ -642,10 +652,9 @@ def test_two_tokens_differ_and_open_only_their_own_key() -> None:
     assert not key.fits(token + "x")
 
 
-def test_window_frees_what_was_requested_an_hour_ago(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_window_frees_what_was_requested_an_hour_ago() -> None:
     now = 1_000_000.0
-    monkeypatch.setattr(time, "monotonic", lambda: now)
-    quota = Quota(10)
+    quota = Quota(10, time=lambda: now)
     quota.take(6)
     now += 1800.0
     quota.take(4)

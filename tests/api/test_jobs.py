@@ -147,9 +147,9 @@ def test_whole_job_as_one_file_opens(client: httpx.Client, job: dict[str, Any], 
     assert response.headers["Content-Type"] == "application/x-hdf5"
     assert int(response.headers["Content-Length"]) == len(response.content)
     with h5py.File(io.BytesIO(response.content)) as file:
-        summary = file["summary"][()]
-        assert len(summary) == 260
-        assert summary["critical_angle_deg"][3] == items[3]["result"]["critical_angle_deg"]
+        angles = file["summary/critical_angle_deg"][()]
+        assert len(angles) == 260
+        assert angles[3] == items[3]["result"]["critical_angle_deg"]
 
 
 def test_form_that_is_not_given_is_not_acceptable(client: httpx.Client, job: dict[str, Any]) -> None:

@@ -115,9 +115,6 @@ def test_tables_of_a_new_operation_have_the_fields_of_its_answer(client: TestCli
     content = client.get(job["links"]["results"], headers={"Accept": "application/x-hdf5"}).content
     with h5py.File(io.BytesIO(content)) as file:
         summary = file["summary"]
-        assert summary["kinetic_energy_j"].tolist() == energies
-        place = summary.dtype.names.index("kinetic_energy_j")
-        assert [summary.attrs[f"column_{kind}"][place] for kind in ("units", "descriptions")] == [
-            b"J",
-            b"at first contact",
-        ]
+        assert summary["kinetic_energy_j"][()].tolist() == energies
+        attributes = summary["kinetic_energy_j"].attrs
+        assert (attributes["units"], attributes["description"]) == ("J", "at first contact")

@@ -51,7 +51,7 @@ def test_strength_factor_is_that_of_the_angle(client: httpx.Client) -> None:
 def test_tables_have_the_strength_factor(client: httpx.Client, path: str, body: dict[str, Any]) -> None:
     answer = answered(client, path, body)
     with file_at(client, f"/results/{answer['key']}") as file:
-        assert file["summary"]["strength_factor"].tolist() == [answer["strength_factor"]]
+        assert file["summary"]["strength_factor"][()].tolist() == [answer["strength_factor"]]
     sent = {"headers": {"Prefer": "respond-async, wait=30"}, "json": {"cases": [body]}}
     job = client.post(f"{path}/batch", **sent).headers["Content-Location"]  # type: ignore[arg-type]
     (row,) = rows_at(client, job)

@@ -109,8 +109,8 @@ def test_second_request_is_a_hit_and_its_result_a_table_and_a_file_too(client: h
     assert names == ["oblique_angle_deg", "ricochet_probability", "lower", "upper"]
     assert [float(row[1]) for row in rows] == answer["probability"]["ricochet_probability"]
     with file_at(client, f"/results/{answer['key']}") as file:
-        assert file["residuals"]["upper"].tolist() == answer["probability"]["upper"]
-        assert file["summary"]["samples"].tolist() == [answer["samples"]]
+        assert file["residuals"]["upper"][()].tolist() == answer["probability"]["upper"]
+        assert file["summary"]["samples"][()].tolist() == [answer["samples"]]
 
 
 def test_outcome_of_one_strike(client: httpx.Client) -> None:

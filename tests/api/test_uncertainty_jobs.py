@@ -57,7 +57,7 @@ def test_result_of_a_job_is_given_as_table_and_file(client: httpx.Client) -> Non
     [row] = rows_at(client, job["links"]["results"])
     assert float(row["ricochet"]) == shares["ricochet"]
     with file_at(client, job["links"]["results"]) as file:
-        assert file["summary"]["samples"].tolist() == [answer["samples"]]
+        assert file["summary"]["samples"][()].tolist() == [answer["samples"]]
     table = client.get(f"/results/{answer['key']}", headers={"Accept": "text/csv"}).text
     assert table.startswith("quantity,level,value,lower,upper")
 

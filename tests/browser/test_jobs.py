@@ -85,7 +85,7 @@ def count_of(path: Path, form: str) -> int:
     """Cases in a file."""
     if form == "HDF5":
         with h5py.File(path) as file:
-            return int(file["summary"].shape[0])
+            return int(file["summary/index"].shape[0])
     text = path.read_text()
     return len(list(csv.DictReader(io.StringIO(text)))) if form == "CSV" else len([*map(json.loads, text.splitlines())])
 

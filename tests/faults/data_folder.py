@@ -32,7 +32,7 @@ def segments(data: Path) -> dict[Path, Segment]:
     for path in sorted((data / SEGMENTS).rglob("*.h5")):
         status = path.stat()
         with h5py.File(BytesIO(path.read_bytes())) as file:
-            keys = tuple(key.decode() for key in file["summary"]["key"])
+            keys = tuple(key.decode() for key in file["key"])
         found[path] = Segment(path, status.st_ino, status.st_mtime_ns, keys)
     return found
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from service.api.app import create_app
 from service.cli.server import Server
-from service.errors import ExecutorError, FolderInUseError
+from service.errors import ExecutorError, UnusableFolderError
 from service.settings import Settings
 from service.telemetry import configure_log
 from solver import warm_up
@@ -41,7 +41,7 @@ def serve(order: dict[str, Any]) -> int:
         Server(create_app(settings), settings).run()
     except SystemExit:
         pass
-    except (FolderInUseError, ExecutorError, OSError) as error:  # as `ricochet serve`
+    except (UnusableFolderError, ExecutorError, OSError) as error:  # as `ricochet serve`
         logging.getLogger(__name__).warning("not started: %s", error)
         status = NOT_STARTED
     library.nth_call_count.restype = ctypes.c_long

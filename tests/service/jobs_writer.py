@@ -17,7 +17,7 @@ KILLS = 8
 
 
 def write_for_ever(folder: Path) -> None:
-    store = JobStore(folder, job_days=7.0)
+    store = JobStore(folder, job_days=7.0, operations={"square"})
     while True:
         job = store.create("square", "local")
         for number, first in enumerate(range(0, CASES, BLOCK_SIZE)):

@@ -24,7 +24,7 @@ async def running(
     """Run a job manager of these operations, by default of squares alone."""
     with ResultCache(folder / "data", memory_bytes=50_000_000, disk_bytes=10**9) as cache:
         queries = QueryService(cache, executor, operations or {"square": SQUARE})
-        jobs = JobStore(folder / "data", job_days=7.0)
+        jobs = JobStore(folder / "data", job_days=7.0, operations=queries.operations)
         manager = JobManager(queries, jobs, **{"max_queued_cases": 100_000} | settings)
         await manager.start()
         try:

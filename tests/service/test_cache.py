@@ -17,9 +17,8 @@ import numpy as np
 import pytest
 
 from service.cache.cache import NOT_CACHED, ResultCache
-from service.cache.hdf5 import BLOCK, read_keys
+from service.cache.hdf5 import DecodedSegment, digest_of, to_segment
 from service.cache.record import Record
-from service.cache.segments import name_of
 from service.errors import FolderInUseError
 from tests.service.records import critical_angle, critical_angle_with_motion, full_disk, key_of, made, same, trajectory
 
@@ -35,7 +34,7 @@ def cache_in(folder: Path, *, memory_bytes: int = 50 * MEGABYTE, disk_bytes: int
 
 
 def path_of(folder: Path, *records: Record) -> Path:
-    name = name_of(record.key for record in records)
+    name = digest_of(to_segment(*records))
     return folder / "results" / "segments" / name[:2] / f"{name}.h5"
 
 
@@ -142,7 +141,7 @@ def test_any_damage_is_a_miss_set_aside_and_written_anew(tmp_path: Path) -> None
     path = path_of(tmp_path, record)
     good = path.read_bytes()
     places = random.Random(0).sample(range(len(good)), 10)  # noqa: S311
-    flipped = [good[:i] + bytes([good[i] ^ 1 << i % 8]) + good[i + 1 :] for i in [0, BLOCK, *places]]
+    flipped = [good[:i] + bytes([good[i] ^ 1 << i % 8]) + good[i + 1 :] for i in [0, len(good) // 2, *places]]
     for bad in [*flipped, b"", good[:-1], good + b"\0"]:
         path.write_bytes(bad)
         with cache_in(tmp_path) as cache:
@@ -343,7 +342,7 @@ def test_writer_killed_at_any_instant_leaves_whole_segments_and_a_true_index(dis
             writer.send_signal(signal.SIGKILL)
         with cache_in(tmp_path, memory_bytes=0) as cache:
             paths = [path for path in (tmp_path / "results" / "segments").rglob("*") if path.is_file()]
-            keys = {path.name: read_keys(path.read_bytes()) for path in paths}
+            keys = {path.name: DecodedSegment(path.read_bytes()).keys for path in paths}
             everything = {key for some in keys.values() for key in some}
             assert len(keys) >= 10
             assert cache.known(list(everything)) == everything

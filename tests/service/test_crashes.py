@@ -26,9 +26,9 @@ SECONDS = 2.0
 
 def stored(folder: Path) -> set[float]:
     """Numbers whose results are on disk."""
-    jobs = JobStore(folder / "data", job_days=7.0)
+    jobs = JobStore(folder / "data", job_days=7.0, operations={"square"})
     with ResultCache(folder / "data", memory_bytes=0, disk_bytes=10**9) as cache:
-        rows = [row for job in jobs.jobs("local") for row in jobs.rows(job.number, 0, CASES)]
+        rows = [row for job in jobs.jobs("local") for row in jobs.rows(job, 0, CASES)]
         known = cache.known([row.key for row in rows])
     jobs.close()
     return {row.number for row in rows if row.key in known}

@@ -1,17 +1,17 @@
-"""The files of results: what they hold, and that nothing damaged gets through."""
+"""The files of results: what they hold, and who can read them."""
 
 import io
-import random
-from collections.abc import Callable
-from contextlib import suppress
+import shutil
+import subprocess
 from pathlib import Path
 
+import h5netcdf
 import h5py
 import numpy as np
 import orjson
 import pytest
 
-from service.cache.hdf5 import BLOCK, BatchFile, check, read_keys, to_hdf5
+from service.cache.hdf5 import BatchFile, DecodedSegment, to_hdf5, to_segment
 from service.cache.record import CaseResult, Record
 from service.cache.tables import trial_table_columns
 from service.errors import DamagedFileError
@@ -46,12 +46,12 @@ def opened(content: bytes) -> h5py.File:
 
 @pytest.mark.parametrize("records", KINDS)
 def test_what_is_read_is_what_was_written_bit_for_bit(records: list[Record]) -> None:
-    content = to_hdf5(*records)
+    content = to_segment(*records)
     assert all(same(read, record) for read, record in zip(read_records(content), records, strict=True))
-    assert read_keys(content) == [record.key for record in records]
+    assert DecodedSegment(content).keys == [record.key for record in records]
     last = len(records) - 1
     assert same(read_records(content, [last])[0], records[last])
-    assert to_hdf5(*read_records(content)) == content
+    assert to_segment(*read_records(content)) == content
 
 
 @pytest.mark.parametrize("records", KINDS)
@@ -68,78 +68,127 @@ def test_json_of_a_stored_result_needs_no_parsing_and_is_the_same(records: list[
         assert stored.json == record.json
 
 
-def test_hdf5_library_reads_what_was_compressed_without_it() -> None:
-    records = [trajectory(number, rows=100 * number + 1) for number in range(4)]
-    with opened(to_hdf5(*records)) as file:
-        history = file["history"][()]
-        for row, record in enumerate(records):
-            own = history[history["case"] == row]
-            assert all(np.array_equal(own[name], column) for name, column in (record.history or {}).items())
-        assert [orjson.loads(line) for line in file["requests"][()].tobytes().splitlines()] == [
-            record.request for record in records
-        ]
-        assert file["summary"]["key"].astype(str).tolist() == [record.key for record in records]
-        assert file["summary"]["maximum_depth_m"].tolist() == [0.1 + 0.2] * 4
-        assert file["summary"]["final_time_s"].tolist() == [record.answer["final"]["time_s"] for record in records]
-
-
 def test_file_explains_itself_to_someone_who_opens_it() -> None:
     record = critical_angle()
-    with opened(to_hdf5(record, without_angle())) as file:
-        assert file.attrs["title"] == b"ricochet results"
+    with opened(to_hdf5(record)) as file:
+        assert file.attrs["title"] == "ricochet results"
         assert set(file) == {"summary", "requests", "answers", "iterations"}
-        assert all(dataset.attrs["description"] for dataset in file.values())
-        assert file["answers"][()].tobytes().splitlines()[0] == record.answer_json
+        assert all(part.attrs["description"] for part in file.values())
+        assert [text.encode() for text in file["answers"].asstr()] == [record.answer_json]
+        assert [text.encode() for text in file["requests"].asstr()] == [record.request_json]
         trials, summary = file["iterations"], file["summary"]
-        assert trials.dtype.names == ("case", "oblique_angle_deg", "final_position_m", "outcome", "fine")
-        assert trials["final_position_m"].tolist() == [t["final_position_m"] for t in record.answer["iterations"]]
-        assert set(trials["outcome"].tolist()) == {b"embedded", b"ricochet"}
-        assert trials.attrs["column_units"].tolist() == [b"", b"deg", b"m", b"", b""]
-        assert all(trials.attrs["column_descriptions"])
-        assert summary["status"].tolist() == [b"converged", b"no_ricochet"]
+        assert set(trials) == {"case", "oblique_angle_deg", "final_position_m", "outcome", "fine"}
+        for name in ("final_position_m", "oblique_angle_deg"):
+            assert trials[name][()].tolist() == [trial[name] for trial in record.answer["iterations"]]
+        assert set(trials["outcome"].asstr()[()]) == {"embedded", "ricochet"}
+        assert {name: column.attrs["units"] for name, column in trials.items() if column.attrs["units"]} == {
+            "oblique_angle_deg": "deg",
+            "final_position_m": "m",
+        }
+        assert all(column.attrs["description"] for table in (trials, summary) for column in table.values())
+        assert summary["key"].asstr()[()].tolist() == [record.key]
+        assert summary["status"].asstr()[0] == "converged"
         assert summary["bracket_high_deg"][0] == record.answer["bracket_deg"][1]
-        assert np.isnan(summary["critical_angle_deg"][1])
-        assert summary["warnings"].tolist() == [b"strength_fit_range second", b""]
-        assert summary["engine_version"].tolist() == [b"1", b"1"]
-    with opened(to_hdf5(trajectory())) as file:
-        units = file["history"].attrs["column_units"].astype(str).tolist()
-        assert units == ["", "s", "m", "m", "m", "deg", "m/s", "m/s", "rad/s", "N", "N", "N m", "J"]
-        assert all(file["history"].attrs["column_descriptions"])
+        assert summary["warnings"].asstr()[0] == "strength_fit_range second"
+        assert summary["engine_version"].asstr()[0] == "1"
+    with opened(to_hdf5(without_angle())) as file:
+        assert "iterations" not in file
+        assert np.isnan(file["summary/critical_angle_deg"][0])
+    motion = trajectory()
+    with opened(to_hdf5(motion)) as file:
+        history = file["history"]
+        units = [history[name].attrs["units"] for name in COLUMNS]
+        assert units == ["s", "m", "m", "m", "deg", "m/s", "m/s", "rad/s", "N", "N", "N m", "J"]
+        assert all(np.array_equal(history[name][()], column) for name, column in (motion.history or {}).items())
+        assert file["summary/maximum_depth_m"][()].tolist() == [0.1 + 0.2]
 
 
 def test_tables_have_the_columns_of_the_contract() -> None:
     assert list(MotionState.model_fields) == COLUMNS
     for operation, model in (("cra", Trial), ("thickness", ThicknessTrial), ("limit-speed", SpeedTrial)):
         trials = trial_table_columns(OPERATIONS[operation].answer)
-        assert {column.name for column in trials} == model.model_fields.keys() - {"exit"}
+        assert {column.name for column in trials} == model.model_fields.keys() - {"exit", "protrusion"}
         assert all(column.description for column in trials)
     assert {column.name for column in OPERATIONS["trajectory"].columns} == {
         "outcome",
         "maximum_depth_m",
+        "protrusion_final_m",
+        "protrusion_greatest_m",
         "strength_factor",
         *(f"final_{name}" for name in MotionState.model_fields),
-        *(f"exit_{name}" for name in Exit.model_fields),
+        *(f"exit_{name}" for name in Exit.model_fields if name != "flight"),
+        *(f"exit_flight_{name}" for name in ("range_m", "impact_speed_m_s", "farthest_range_m")),
     }
 
 
-def test_any_damage_is_found() -> None:
-    good = to_hdf5(trajectory())
-    check(good)
-    places = random.Random(0).sample(range(len(good)), 60)  # noqa: S311
-    flipped = [
-        good[:i] + bytes([good[i] ^ 1 << i % 8]) + good[i + 1 :] for i in [0, BLOCK - 1, BLOCK, *places, len(good) - 1]
-    ]
-    shortened = [good[:i] for i in (0, 1, BLOCK, len(good) // 2, len(good) - 1)]
-    readers: list[Callable[[bytes], object]] = [check, read_keys, read_records]
-    for bad in [*flipped, *shortened, good + b"\0", bytes(len(good))]:
-        for read in readers:
-            with pytest.raises(DamagedFileError):
-                read(bad)
+def texts_in(group: h5py.Group) -> dict[str, h5py.h5t.TypeID]:
+    """Types of all texts of a file, datasets and attributes, by their places."""
+    found: dict[str, h5py.h5t.TypeID] = {}
+
+    def look(name: str, item: h5py.HLObject) -> None:
+        kinds = {f"{name}@{attribute}": item.attrs.get_id(attribute).get_type() for attribute in item.attrs}
+        if isinstance(item, h5py.Dataset):
+            kinds[name] = item.id.get_type()
+        found.update({place: kind for place, kind in kinds.items() if kind.get_class() == h5py.h5t.STRING})
+
+    look("", group)
+    group.visititems(look)
+    return found
+
+
+def written(path: Path) -> Path:
+    """A file of a sweep with names beyond ASCII, large enough for several chunks."""
+    cases = [CaseResult(number, f"№ {number}", trajectory(number, 40), None, cached=False) for number in range(200)]
+    with BatchFile(path, "trajectory", axes=["impact.velocity_m_s"], base='{"note": "Köln"}') as batch:
+        for start in range(0, 200, 30):
+            batch.write(cases[start : start + 30], [[1.0 * start]] * 30)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["segment", "result", "batch"])
+def test_texts_are_utf_8_and_the_format_is_that_of_old_libraries(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "file.h5"
+    if kind == "batch":
+        written(path)
+    else:
+        record = trajectory(rows=1000)
+        path.write_bytes(to_segment(record) if kind == "segment" else to_hdf5(record))
+    assert path.read_bytes()[:9] == b"\x89HDF\r\n\x1a\n\x00", "superblock 0, from byte 0"
+    with h5py.File(path) as file:
+        texts = texts_in(file)
+        assert len(texts) > 6
+        assert {place for place, text in texts.items() if text.get_cset() != h5py.h5t.CSET_UTF8} == set()
+        assert all(dataset.dtype.names is None for dataset in file["history"].values()), "plain arrays"
+        assert file["history/time_s"].compression == "gzip"
+        assert file["history/time_s"].attrs["units"] == "s"
+
+
+def test_other_readers_read_what_was_written(tmp_path: Path) -> None:
+    path = written(tmp_path / "batch.h5")
+    with h5netcdf.File(path, phony_dims="sort") as file:
+        assert file.attrs["base"] == '{"note": "Köln"}'
+        assert list(file["history"].variables) == ["case", *COLUMNS]
+        assert "impact.velocity_m_s" in file["summary"].variables
+        assert [text.decode() for text in file["summary"].variables["custom_id"][:2]] == ["№ 0", "№ 1"]
+        history = file["history"].variables["depth_velocity_m_s"]
+        assert history.attrs["units"] == "m/s"
+        assert np.array_equal(history[:40], (trajectory(0, 40).history or {})["depth_velocity_m_s"])
+    if shutil.which("h5dump"):
+        command = ["h5dump", "-d", "/history/time_s", "-s", "0", "-c", "1", str(path)]
+        text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        assert "H5T_IEEE_F64LE" in text
+        assert "CSET H5T_CSET_UTF8" in text
 
 
 def test_row_that_is_not_there_is_damage() -> None:
     with pytest.raises(DamagedFileError):
-        read_records(to_hdf5(critical_angle()), [1])
+        read_records(to_segment(critical_angle()), [1])
+
+
+@pytest.mark.parametrize("content", [b"", b"no HDF5 at all", to_hdf5(critical_angle())], ids=["empty", "text", "other"])
+def test_file_that_is_no_segment_is_damage(content: bytes) -> None:
+    with pytest.raises(DamagedFileError, match="no segment of this version"):
+        read_records(content)
 
 
 def test_text_too_long_for_its_column_is_refused_rather_than_cut() -> None:
@@ -147,12 +196,12 @@ def test_text_too_long_for_its_column_is_refused_rather_than_cut() -> None:
         to_hdf5(made(key_of(0), "cra", {}, {}, engine_version="1" * 33))
 
 
-def test_critical_angles_in_chunks_take_about_a_kilobyte_each() -> None:
-    assert len(to_hdf5(*map(critical_angle, range(100)))) < 100 * 1100
-    assert len(to_hdf5(critical_angle())) < 8000
+def test_critical_angles_in_segments_take_less_than_a_kilobyte_each() -> None:
+    assert len(to_segment(*map(critical_angle, range(100)))) < 100 * 900
+    assert len(to_segment(critical_angle())) < 10_000
 
 
-def test_batch_written_by_slices_is_whole_and_sealed(tmp_path: Path) -> None:
+def test_batch_written_by_slices_is_whole(tmp_path: Path) -> None:
     path, problem = tmp_path / "batch.h5", {"type": "/problems/timeout", "title": "Too long", "status": 504}
     cases = [
         CaseResult(number, f"№ {number}" if number % 2 else None, critical_angle(number), None, cached=False)
@@ -162,12 +211,10 @@ def test_batch_written_by_slices_is_whole_and_sealed(tmp_path: Path) -> None:
     with BatchFile(path, "cra") as batch:
         for start in range(0, 900, 70):
             batch.write(cases[start : start + 70])
-    check(path.read_bytes())
     with h5py.File(path) as file:
-        summary, trials = file["summary"][()], file["iterations"][()]
-        answers = file["answers"][()].tobytes().splitlines()
-        requests = file["requests"][()].tobytes().splitlines()
-        assert file["answers"].chunks[0] < file["answers"].size, "it is in several chunks"
+        summary, trials = ({name: column[()] for name, column in file[of].items()} for of in ("summary", "iterations"))
+        answers, requests = file["answers"][()].tolist(), file["requests"][()].tolist()
+        assert file["iterations/case"].chunks[0] < file["iterations/case"].size, "it is in several chunks"
     assert summary["index"].tolist() == list(range(900))
     assert [name.decode() for name in summary["custom_id"].tolist()[:4]] == ["", "№ 1", "", "№ 3"]
     assert (summary["key"][333], summary["problem"][333]) == (b"", b"/problems/timeout")
@@ -177,8 +224,8 @@ def test_batch_written_by_slices_is_whole_and_sealed(tmp_path: Path) -> None:
         record = critical_angle(row)
         assert summary["key"][row].decode() == record.key
         assert (answers[row], requests[row]) == (record.answer_json, record.request_json)
-        own = trials[trials["case"] == row]
-        assert own["final_position_m"].tolist() == [t["final_position_m"] for t in record.answer["iterations"]]
+        own = trials["final_position_m"][trials["case"] == row]
+        assert own.tolist() == [t["final_position_m"] for t in record.answer["iterations"]]
 
 
 def test_histories_of_a_batch_written_by_slices_are_those_of_its_cases(tmp_path: Path) -> None:
@@ -188,18 +235,8 @@ def test_histories_of_a_batch_written_by_slices_are_those_of_its_cases(tmp_path:
         for number, record in enumerate(records):
             batch.write([CaseResult(number, None, record, None, cached=False)])
         batch.finish()
-    check(path.read_bytes())
     with h5py.File(path) as file:
-        history = file["history"][()]
-    assert len(history) == 30 * 997
+        history = {name: column[()] for name, column in file["history"].items()}
+    assert {len(column) for column in history.values()} == {30 * 997}
     for name in COLUMNS:
         assert np.array_equal(history[name], np.concatenate([(record.history or {})[name] for record in records]))
-
-
-def test_batch_given_up_leaves_a_file_that_nobody_takes_for_whole(tmp_path: Path) -> None:
-    path = tmp_path / "batch.h5"
-    with suppress(KeyboardInterrupt), BatchFile(path, "cra") as batch:
-        batch.write([CaseResult(0, None, critical_angle(), None, cached=False)])
-        raise KeyboardInterrupt
-    with pytest.raises(DamagedFileError):
-        check(path.read_bytes())

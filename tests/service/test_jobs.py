@@ -6,7 +6,6 @@ import subprocess
 import sys
 import threading
 import time
-import zlib
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
@@ -14,13 +13,12 @@ from pathlib import Path
 import orjson
 import pytest
 
-from service.errors import QueueFullError, StorageError
+from service.errors import FolderLayoutError, QueueFullError, StorageError
 from service.jobs import store as module
 from service.jobs.models import (
     BLOCK_SIZE,
     CaseBlock,
     CaseState,
-    Charge,
     Idempotency,
     JobCase,
     JobState,
@@ -41,7 +39,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def store_in(folder: Path, job_days: float = 7.0) -> JobStore:
-    return JobStore(folder, job_days=job_days)
+    return JobStore(folder, job_days=job_days, operations={"square"})
 
 
 def cases(count: int, first: int = 0) -> list[JobCase]:
@@ -57,7 +55,7 @@ def stored_job(store: JobStore, count: int = 450, owner: str = "local", token: I
 
 def test_jobs_of_an_owner_have_a_bound_on_disk(tmp_path: Path) -> None:
     """For a new one those go that ended first; those that have not ended stay, and no more are taken on."""
-    store = JobStore(tmp_path, job_days=7.0, owner_bytes=100_000)  # three jobs and a bit
+    store = JobStore(tmp_path, job_days=7.0, owner_bytes=100_000, operations={"square"})  # three jobs and a bit
     other = stored_job(store, owner="bert")
     first, second, third = (stored_job(store, owner="anna") for _ in range(3))
     for job in (other, second, first, third):
@@ -127,86 +125,16 @@ def test_sweep_is_kept_with_its_job_and_goes_with_it(tmp_path: Path) -> None:
     assert store.sweep(number) is None
 
 
-LAYOUT_1 = """
-CREATE TABLE jobs (
-    number INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, owner TEXT NOT NULL, operation TEXT NOT NULL,
-    versions TEXT NOT NULL, status TEXT NOT NULL, total INTEGER NOT NULL DEFAULT 0, done INTEGER NOT NULL DEFAULT 0,
-    cached INTEGER NOT NULL DEFAULT 0, failed INTEGER NOT NULL DEFAULT 0, created REAL NOT NULL, started REAL,
-    finished REAL, expires REAL, problem TEXT, revision INTEGER NOT NULL DEFAULT 0
-);
-CREATE TABLE slices (
-    job INTEGER NOT NULL REFERENCES jobs ON DELETE CASCADE, slice INTEGER NOT NULL, keys BLOB NOT NULL,
-    requests BLOB NOT NULL, custom_ids BLOB, PRIMARY KEY (job, slice)
-);
-CREATE TABLE states (
-    job INTEGER NOT NULL REFERENCES jobs ON DELETE CASCADE, slice INTEGER NOT NULL, states BLOB NOT NULL,
-    PRIMARY KEY (job, slice)
-) WITHOUT ROWID;
-CREATE TABLE problems (
-    job INTEGER NOT NULL REFERENCES jobs ON DELETE CASCADE, number INTEGER NOT NULL, problem TEXT NOT NULL,
-    PRIMARY KEY (job, number)
-) WITHOUT ROWID;
-CREATE TABLE idempotency (
-    owner TEXT NOT NULL, token TEXT NOT NULL, digest TEXT NOT NULL,
-    job INTEGER NOT NULL REFERENCES jobs ON DELETE CASCADE, PRIMARY KEY (owner, token)
-) WITHOUT ROWID;
-INSERT INTO jobs VALUES (7, 'aa', 'anna', 'square', '1 1', 'running', 6, 2, 0, 0, 1e9, 1e9, NULL, NULL, NULL, 4);
-INSERT INTO jobs VALUES (8, 'bb', 'anna', 'square', '1 1', 'accepted', 6, 0, 0, 0, 1e9, NULL, NULL, NULL, NULL, 1);
-PRAGMA user_version = 1;
-"""
-SIDE_TABLES = """
-CREATE TABLE sweeps (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE, fields TEXT NOT NULL, sweep BLOB NOT NULL
-);
-CREATE TABLE studies (job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE, progress TEXT NOT NULL, partial TEXT);
-CREATE TABLE charges (
-    job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE, key TEXT NOT NULL, cases INTEGER NOT NULL,
-    began INTEGER NOT NULL
-);
-CREATE TABLE traces (job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE, traceparent TEXT NOT NULL);
-CREATE TABLE titles (job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE, title TEXT NOT NULL);
-CREATE TABLE sizes (job INTEGER PRIMARY KEY REFERENCES jobs ON DELETE CASCADE, bytes INTEGER NOT NULL);
-INSERT INTO studies VALUES (7, '{"samples":3}', '{"probability":0.5}');
-INSERT INTO charges VALUES (7, 'k', 20, 1000);
-INSERT INTO traces VALUES (7, '00-aa-bb-01');
-INSERT INTO titles VALUES (7, 'speed');
-INSERT INTO sizes VALUES (7, 12345);
-"""
-
-
-@pytest.mark.parametrize("side_tables", [True, False], ids=["38e3e2a", "before sweeps"])
-def test_file_of_an_earlier_layout_is_opened_with_all_that_it_holds(tmp_path: Path, side_tables: bool) -> None:
-    sweep = StoredSweep({"base": {"x": 1.0}, "axes": []}, ("a.b", "c"), ([1.0, 2.0], [5.0, 6.0, 7.0]))
-    with closing(sqlite3.connect(tmp_path / "jobs.sqlite")) as database, database:
-        database.executescript(LAYOUT_1 + (SIDE_TABLES if side_tables else ""))
-        if side_tables:
-            row = (7, orjson.dumps(sweep.fields).decode(), zlib.compress(sweep.to_json()))
-            database.execute("INSERT INTO sweeps VALUES (?, ?, ?)", row)
-    store_in(tmp_path).unfinished()
-    store = store_in(tmp_path)  # the first one that opened it has brought it up to this layout
-    first, second = store.unfinished()
-    assert (first.id, first.status, first.done, first.revision) == ("aa", "running", 2, 4)
-    assert (second.id, second.axes, second.progress, second.title, second.charge) == ("bb", (), None, None, None)
-    assert (store.sweep(second.number), store.partial(second.number)) == (None, None)
-    found = (first.axes, first.progress, first.title, first.charge, first.traceparent, store.partial(7), store.sweep(7))
-    study = ({"samples": 3}, "speed", Charge("k", 20, 1000), "00-aa-bb-01", {"probability": 0.5})
-    assert found == ((sweep.fields, *study, sweep) if side_tables else ((), *[None] * 6))
-    new = stored_job(store, owner="anna")
-    assert [job.id for job in store.jobs("anna")] == [new.id, "bb", "aa"]
-    store.discard(7)
-    assert store.sweep(7) is None
-
-
 def test_cases_come_back_in_order_from_any_place(tmp_path: Path) -> None:
     store = store_in(tmp_path)
-    job = stored_job(store).number
+    job = stored_job(store)
     for start, limit in [(0, 450), (199, 2), (200, 200), (37, 301), (449, 10), (450, 10)]:
         rows = store.rows(job, start, limit)
         expected = range(start, min(450, start + limit))
         assert [row.number for row in rows] == list(expected)
         assert [row.custom_id for row in rows] == [f"name {i}" if i % 3 == 0 else None for i in expected]
         assert [row.key for row in rows] == [result_key("square", Question(i).canonical()) for i in expected]
-    assert store.requests(job, [3, 449]) == {i: orjson.dumps(Question(i).canonical()) for i in (3, 449)}
+    assert store.requests(job.number, [3, 449]) == {i: orjson.dumps(Question(i).canonical()) for i in (3, 449)}
 
 
 def test_marks_are_counted_once_and_the_last_one_ends_the_job(tmp_path: Path) -> None:
@@ -219,8 +147,8 @@ def test_marks_are_counted_once_and_the_last_one_ends_the_job(tmp_path: Path) ->
     again = store.mark(job, marks, {200: PROBLEM})
     assert (state.done, state.cached, state.failed) == (again.done, again.cached, again.failed) == (3, 1, 1)
     assert again.revision > state.revision
-    assert [number for number, _ in store.waiting(job, 0, 2)] == [i for i in range(400) if i not in marks]
-    assert [row.problem for row in store.rows(job, 199, 3)] == [None, PROBLEM, None]
+    assert [row.number for row in store.waiting(state, 0, 2)] == [i for i in range(400) if i not in marks]
+    assert [row.problem for row in store.rows(state, 199, 3)] == [None, PROBLEM, None]
     ended = store.mark(job, dict.fromkeys(range(450), CaseState.DONE))
     assert (ended.status, ended.done, ended.cached, ended.failed) == ("successful", 450, 1, 1)
     assert ended.finished is not None
@@ -270,10 +198,10 @@ def test_job_of_an_earlier_engine_gets_the_keys_of_this_one(tmp_path: Path, monk
         earlier.setattr("service.operations.ENGINE_VERSION", "0")
         earlier.setattr(module, "VERSIONS", "0 0")
         job = stored_job(store)
-        old = [row.key for row in store.rows(job.number, 0, 450)]
+        old = [row.key for row in store.rows(job, 0, 450)]
     assert job.versions == "0 0"
     store.renew_keys(job.number)
-    new = [row.key for row in store.rows(job.number, 0, 450)]
+    new = [row.key for row in store.rows(job, 0, 450)]
     assert new == [result_key("square", Question(i).canonical()) for i in range(450)]
     assert not set(old) & set(new)
     assert store.jobs("local")[0].versions == module.VERSIONS
@@ -314,7 +242,7 @@ def test_file_of_a_later_version_is_left_alone(tmp_path: Path) -> None:
     database = sqlite3.connect(tmp_path / "jobs.sqlite")
     database.execute("PRAGMA user_version = 99")
     database.close()
-    with pytest.raises(StorageError, match="layout 99"):
+    with pytest.raises(FolderLayoutError, match="layout 99"):
         store_in(tmp_path).jobs("local")
 
 
@@ -356,7 +284,7 @@ def test_writer_killed_at_any_instant_leaves_whole_jobs_only(tmp_path: Path) -> 
     states = store.jobs("local")
     assert len(states) > 10
     for state in states:
-        rows = store.rows(state.number, 0, 10_000)
+        rows = store.rows(state, 0, 10_000)
         assert len(rows) == state.total == 450
         assert sum(bool(row.state) for row in rows) == state.done
         assert (state.status == "successful") == (state.done == 450)

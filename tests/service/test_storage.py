@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from service.cache.cache import ResultCache
+from service.cache.hdf5 import digest_of, to_segment
 from service.cache.maintenance import evict, rebuild, stat, verify
-from service.cache.segments import name_of
 from service.errors import UnusableFolderError
 from tests.service.records import critical_angle, key_of
 
@@ -28,7 +28,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def segment(folder: Path, first: int) -> Path:
-    name = name_of(key_of(number) for number in range(first, first + 10))
+    name = digest_of(to_segment(*(critical_angle(number) for number in range(first, first + 10))))
     return folder / "results" / "segments" / name[:2] / f"{name}.h5"
 
 
