@@ -20,7 +20,7 @@ WARM_UP = $(BIN)/python -u -c "import solver; solver.warm_up(print)"
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve test test-system test-all check audit wheel sbom format openapi docs clients bench accuracy load growth call-path soak \
+.PHONY: help setup demo serve test test-system test-all check audit wheel sbom format openapi docs clients bench accuracy load growth call-path soak hostile \
 	cluster slider reproduce validate figures screenshots lock clean
 
 help: ## list what can be made
@@ -127,6 +127,9 @@ growth: setup ## measure how the cost grows with cores, Dask workers, queued cas
 
 call-path: setup ## count the files of service that a request touches
 	$(BIN)/python benchmarks/call_path.py $(ARGS)
+
+hostile: setup ## measure how long 2,000 hostile requests make the event loop stand still, two minutes
+	$(BIN)/python benchmarks/hostile.py $(ARGS)
 
 soak: setup ## load the service through kills and restarts, 20 minutes; ARGS="--minutes 2"
 	$(BIN)/python benchmarks/soak.py $(ARGS)

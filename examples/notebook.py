@@ -30,7 +30,8 @@ strike = solver.simulate(
     projectile=projectile, target=target, impact=Impact(velocity=238.0, oblique_angle=math.radians(55.0))
 )
 history = strike.columns()
-print(f"{strike.outcome} after {1e3 * strike.final.time:.2f} ms, {1e3 * strike.maximum_depth:.0f} mm deep at most")
+deepest = strike.maximum_depth or 0.0  # there is one, as nothing perforates thick concrete
+print(f"{strike.outcome} after {1e3 * strike.final.time:.2f} ms, {1e3 * deepest:.0f} mm deep at most")
 print(f"{'time [ms]':>10} {'nose tip [m]':>13} {'axis [deg]':>11} {'depth force [kN]':>17}")
 for row in range(0, len(history["time"]), 50):
     axis_angle = math.degrees(history["axis_angle"][row])

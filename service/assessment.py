@@ -13,7 +13,7 @@ from pydantic import MISSING
 from service.errors import ReportsMissingError
 from service.operations import SCHEMA_VERSION
 from service.schemas.requests import ReportRequest
-from service.schemas.verdict import next_shot_advice_in, usual_inputs, verdict_in
+from service.schemas.verdict import angle_in, next_shot_advice_in, usual_inputs, verdict_in
 from solver import ENGINE_VERSION, ConstantStrengthFactor, mass_properties
 from solver.checks import BOUNDS
 from solver.strength_scatter import strength_scatter
@@ -56,20 +56,24 @@ def verdict_queries(request: ReportRequest) -> dict[str, Query]:
     """Return the requests that the verdict is made from, by name.
 
     The answer to `cra` is needed; the others may be problems. The routes of the paper take seconds a case: with them
-    there is no range.
+    there is no range. A wall is judged at the angle to judge, along the normal without one.
     """
     case, angle, search = _search_of(request), _angle_of(request), request.canonical()["search"]
     start, stop, count = probability_angles(angle, search["lower_deg"], search["upper_deg"])
-    study = {
-        "uncertain": usual_inputs(request),
+    sampling = {
         "oblique_angles_deg": {"start": start, "stop": stop, "count": count},
         "sampling": {"max_samples": SAMPLES, "half_width": HALF_WIDTH},
     }
     queries = {"cra": Query("cra", case)}
     if not request.by_panels:
-        queries["uncertainty"] = Query("cra_uncertainty", case | study)
+        queries["uncertainty"] = Query("cra_uncertainty", case | sampling | {"uncertain": usual_inputs(request)})
+        if request.has_own_law:
+            theories = {"uncertain": usual_inputs(request, theories=True)}
+            queries["theories"] = Query("cra_uncertainty", case | sampling | theories)
     if angle is not None:
         queries["judged"] = Query("trajectory", _strike_of(case, angle))
+    if "thickness_m" in case["target"]:
+        queries["wall"] = Query("wall", _strike_of(case, 0.0 if angle is None else angle))
     return queries
 
 
@@ -90,7 +94,9 @@ def weighing_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[s
     codes = [each["code"] for each in found["warnings"]]
     return {
         f"{code} {index}": Query("cra", _with_probe(case, code, value))
-        for code, values in probes(codes, **bodies, numerics=arguments["numerics"] or USUAL).items()
+        for code, values in probes(
+            codes, angle=angle_in(found), **bodies, numerics=arguments["numerics"] or USUAL
+        ).items()
         for index, value in enumerate(values)
     }
 

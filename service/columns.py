@@ -11,6 +11,7 @@ from typing import Any
 
 UNITS = {
     "_kg_m2": "kg m^2",
+    "_m2": "m^2",
     "_kg_m3": "kg/m^3",
     "_pa": "Pa",
     "_kg": "kg",
@@ -25,7 +26,7 @@ UNITS = {
     "_g": "g_0",
 }
 """Unit by the end of a name, longer ends first."""
-WRITTEN = {"kg m^2": "kg m²", "kg/m^3": "kg/m³", "deg": "°", "g_0": "g"}
+WRITTEN = {"kg m^2": "kg m²", "m^2": "m²", "kg/m^3": "kg/m³", "deg": "°", "g_0": "g"}
 SYMBOLS = {end: WRITTEN.get(unit, unit) for end, unit in UNITS.items()}
 """The same as they are written for people."""
 
@@ -118,9 +119,9 @@ some of these."""
 
 
 def trial_columns(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Return the trials of a search, by column; how they leave the concrete is not among them."""
+    """Return the trials of a search, by column; how they leave or stand out of the concrete is not among them."""
     trials = answer["iterations"]
-    names = dict.fromkeys(name for trial in trials for name in trial if name != "exit")
+    names = dict.fromkeys(name for trial in trials for name in trial if name not in {"exit", "protrusion"})
     return {name: [trial.get(name) for trial in trials] for name in names}
 
 
@@ -129,14 +130,23 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
 
     A `Column` that is not a number or a text of the answer is filled here, or stays empty.
     """
-    row = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
-    for part in ("final", "exit"):
+    row: dict[str, Any] = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
+    for part in ("final", "exit", "protrusion"):
         row |= {f"{part}_{name}": value for name, value in answer.get(part, {}).items()}
+    flight: dict[str, Any] = row.pop("exit_flight", {})
+    row |= {f"exit_flight_{name}": value for name, value in flight.items()}
     for unit in ("deg", "m", "m_s"):
         if bracket := answer.get(f"bracket_{unit}"):
             row[f"bracket_low_{unit}"], row[f"bracket_high_{unit}"] = min(bracket), max(bracket)
+    if "variants" in answer and "iterations" in answer:  # of a search for perforation, in the unit of its answer
+        unit = "m" if "thickness_m" in answer["iterations"][0] else "m_s"
+        row |= {f"{name}_{unit}": value for name, value in answer["variants"].items()}
+        ends = {name: answer.get("range", {}).get(end) for name, end in (("low", "lower"), ("high", "upper"))}
+        row |= {f"range_{name}_{unit}": value for name, value in ends.items() if value is not None}
     if "iterations" in answer:
         row["trials"] = len(answer["iterations"])
+    if (beside := row.pop("without_protrusion", None)) is not None:  # columns have the unit in their names
+        row["without_protrusion_m" if "thickness_m" in answer["iterations"][0] else "without_protrusion_m_s"] = beside
     if interval := answer.get("confidence_interval"):
         row["confidence_low"], row["confidence_high"] = interval
     angle = answer.get("critical_angle", {})

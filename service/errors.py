@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from service.schemas.explanations import explained
+from service.schemas.explanations import UNKNOWN, explained
 from service.schemas.problems import pointer_of_location, pointer_of_parameter
 from service.schemas.sweeps import AxisError, Grid, Outline
 from solver import IntegrationError, ParameterError, StepLimitError
@@ -23,6 +23,8 @@ log = logging.getLogger(__name__)
 
 MAX_ERRORS = 100
 """Errors listed in one problem: a body may be wrong in ten thousand places, and nobody reads on."""
+MAX_SUGGESTIONS = 10
+"""Unknown fields in one problem for which similar ones are looked for: each takes up to a millisecond."""
 RETRY_SECONDS = 5
 """When to try again a service that starts, stops or has lost its workers; a worker starts in about 1 s."""
 
@@ -83,6 +85,10 @@ class PoolUnavailableError(ExecutorError):
     status = HTTPStatus.SERVICE_UNAVAILABLE
     type = "urn:ricochet:problem:unavailable"
     title = "No worker process can take the query"
+
+
+class QueueTimeoutError(ExecutorError):
+    """No worker has taken the call in the time that it may wait."""
 
 
 class ComputationCancelled(ServiceError):  # noqa: N818 (as asyncio.CancelledError: not a failure)
@@ -405,13 +411,22 @@ def field_errors(exception: BaseException) -> list[dict[str, str]]:
     return []
 
 
+def errors_found(error: ValidationError) -> list[Any]:
+    """Return the first of pydantic's errors, with no more of each than is said of it."""
+    return error.errors(include_url=False, include_context=False)[:MAX_ERRORS]
+
+
 def validation_errors(errors: Sequence[Any], before: str = "") -> list[dict[str, str]]:
     """Return pydantic's errors as pointers, behind this one, and details."""
-    pointers = [pointer_of_location(error["loc"]) for error in errors[:MAX_ERRORS]]
-    return [
-        {"pointer": before + pointer, "detail": explained(pointer, error)}
-        for pointer, error in zip(pointers, errors, strict=False)
-    ]
+    found: list[dict[str, str]] = []
+    unknown = 0
+    for error in errors[:MAX_ERRORS]:
+        pointer = pointer_of_location(error["loc"])
+        unknown += error["type"] == UNKNOWN
+        found.append(
+            {"pointer": before + pointer, "detail": explained(pointer, error, suggest=unknown <= MAX_SUGGESTIONS)}
+        )
+    return found
 
 
 def validated_as(model: type[Model], content: Any, pointer: str = "") -> Model:
@@ -425,7 +440,7 @@ def validated_as(model: type[Model], content: Any, pointer: str = "") -> Model:
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        raise InvalidBodyError(validation_errors(error.errors(), pointer)) from error
+        raise InvalidBodyError(validation_errors(errors_found(error), pointer)) from error
 
 
 def grid_of(model: type[BaseModel], outline: Outline) -> Grid:
@@ -454,7 +469,7 @@ def errors_of_point(grid: Grid, number: int, point: Sequence[float]) -> Iterator
     try:
         yield
     except (ValidationError, ParameterError) as error:
-        found = field_errors(error) if isinstance(error, ParameterError) else validation_errors(error.errors())
+        found = field_errors(error) if isinstance(error, ParameterError) else validation_errors(errors_found(error))
         place = "at " + ", ".join(f"{field} = {value:g}" for field, value in zip(grid.fields, point, strict=True))
         errors = [{**each, "pointer": grid.pointer(number, each["pointer"])} for each in found]
         raise InvalidBodyError(errors, place) from error

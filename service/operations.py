@@ -3,8 +3,6 @@
 import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple, Protocol, TypeAlias
@@ -23,31 +21,41 @@ from service.schemas import (
     CriticalAngleUncertaintyRequest,
     DepthCalibrationAnswer,
     DepthCalibrationRequest,
+    FlightAnswer,
+    FlightRequest,
     FormulasAnswer,
     FormulasRequest,
     LimitSpeedAnswer,
+    LimitSpeedBase,
     LimitSpeedRequest,
     MotionCalibrationAnswer,
     MotionCalibrationRequest,
     ObliquityCalibrationAnswer,
     ObliquityCalibrationRequest,
     ThicknessAnswer,
+    ThicknessBase,
     ThicknessRequest,
     TrajectoryAnswer,
     TrajectoryBase,
     TrajectoryRequest,
     TrajectoryUncertaintyAnswer,
     TrajectoryUncertaintyRequest,
+    WallAnswer,
+    WallRequest,
     critical_angle_answer,
     depth_answer,
     formulas_answer,
+    limit_speed_answer,
     motion_answer,
     obliquity_answer,
+    thickness_answer,
     trajectory_answer,
+    wall_answer,
 )
 from service.schemas.answers import FOUND, RUN, VERSIONED
 from service.schemas.calibration_motion import Calibration
 from service.schemas.fields import columns_of, walk
+from service.schemas.flight import flight_of
 from service.schemas.perforation import SPEED, THICKNESS, WALL
 from service.schemas.quantities import Part
 from service.schemas.requests import Case, TrajectoryFields, alternatives_in
@@ -59,9 +67,10 @@ from service.schemas.uncertainty import MOST_SAMPLES_OF_A_REQUEST, UncertainCase
 from solver import ENGINE_VERSION
 from solver.arrays import FloatArray
 from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetration_depths, predict_motion
+from solver.cancellation import ComputingThreads
 from solver.search.trials import LAST_POINTS, LAST_STATIONS, LAST_TOLERANCE
 from solver.strike import SEARCH_STATIONS
-from solver.uncertainty import Crossings, Ending
+from solver.uncertainty import Crossings, Ending, judge_wall
 
 SCHEMA_VERSION = "1"
 """Raised whenever the meaning of a request changes, as `ENGINE_VERSION` is for answers: older results are not used."""
@@ -223,7 +232,8 @@ class Operation:
 
     def work(self, request: Case) -> int:
         """Return what one case counts as: by panels, as all the time steps that its runs may take."""
-        return max(self.weight, math.ceil(self.runs * request.panel_steps() / PANEL_STEPS))
+        once = max(self.weight, math.ceil(self.runs * request.panel_steps() / PANEL_STEPS))
+        return once * request.searches
 
     def charge(self, request: Any) -> int:
         """Return what a request counts as: with alternatives, each of them is a case too."""
@@ -236,7 +246,10 @@ class Operation:
 
 def compute_trajectory(request: bytes) -> Answer:
     """Run one strike."""
-    return trajectory_answer(solver.simulate(**TrajectoryRequest.model_validate_json(request).arguments()))
+    strike = TrajectoryRequest.model_validate_json(request)
+    arguments = strike.arguments()
+    found = solver.simulate(**arguments)
+    return trajectory_answer(found, flight_of(strike.flight, arguments["projectile"], found))
 
 
 DECIDING_SETTINGS: tuple[dict[str, Any], ...] = (
@@ -304,6 +317,11 @@ def compute_obliquity_calibration(request: bytes) -> Answer:
     return obliquity_answer(fit_obliquity(**ObliquityCalibrationRequest.model_validate_json(request).arguments())), None
 
 
+def compute_flight(request: bytes) -> Answer:
+    """Fly a body that has left the target to the ground."""
+    return walk(FlightAnswer, solver.flight(**FlightRequest.model_validate_json(request).arguments())), None
+
+
 def compute_formulas(request: bytes) -> Answer:
     """Evaluate the empirical formulas."""
     return formulas_answer(FormulasRequest.model_validate_json(request)), None
@@ -311,14 +329,17 @@ def compute_formulas(request: bytes) -> Answer:
 
 def compute_thickness(request: bytes) -> Answer:
     """Find the least thickness that is not perforated."""
-    case = ThicknessRequest.model_validate_json(request)
-    return walk(ThicknessAnswer, solver.least_thickness(**case.arguments()), formulas=case.formulas()), None
+    return thickness_answer(ThicknessRequest.model_validate_json(request)), None
 
 
 def compute_limit_speed(request: bytes) -> Answer:
     """Find the least speed that perforates a wall."""
-    case = LimitSpeedRequest.model_validate_json(request)
-    return walk(LimitSpeedAnswer, solver.limit_velocity(**case.arguments()), formulas=case.formulas()), None
+    return limit_speed_answer(LimitSpeedRequest.model_validate_json(request)), None
+
+
+def compute_wall(request: bytes) -> Answer:
+    """Judge a wall."""
+    return wall_answer(judge_wall(**WallRequest.model_validate_json(request).arguments())), None
 
 
 StudyReport: TypeAlias = Callable[[int, float | None], None]
@@ -404,8 +425,7 @@ def answer_study(
 
     steps: Any = request.study().steps()
     batch, done = next(steps), 0
-    with ThreadPoolExecutor(threads) as pool, ExitStack() as on_leaving:
-        on_leaving.callback(pool.shutdown, wait=False, cancel_futures=True)  # Ctrl-C does not wait for the rest.
+    with ComputingThreads(threads) as pool:
         while True:
             half_width = None if batch.so_far is None else batch.so_far.convergence[-1].half_width
             report(done, half_width)
@@ -423,6 +443,9 @@ def answer_study(
 
 WALL_CASES = 20
 """What a search for perforation counts as: it takes 20 to 30 runs."""
+
+WALL_SEARCHES = 5
+"""Searches of a verdict on a wall at most: as given, plain, with a plug, with a crater too, that along the normal."""
 
 
 SEARCH_RUNS = 10
@@ -450,7 +473,7 @@ def cases_of_a_study(request: UncertainCase) -> int:
     return request.sampling.max_samples
 
 
-SEARCH_NOTE = f"A case counts as {WALL_CASES} against a quota, as many as the runs of its search."
+SEARCH_NOTE = f"A case counts as {WALL_CASES} against a quota, as many as the runs of its search; with a range, as six."
 UNCERTAINTY_TOOL = (
     "uncertainty",
     "Uncertainty of an angle or an outcome",
@@ -617,6 +640,17 @@ FORMULAS = Operation(
     "its\nvelocity along the normal.",
     tag="formulas",
 )
+FLIGHT = Operation(
+    "flight",
+    compute_flight,
+    FlightRequest,
+    FlightAnswer,
+    route="compute_flight",
+    description="Compute where a body lands on level ground: a point mass with quadratic drag.\n\nThe direction in "
+    "which a tumbling body leaves is the least certain of all, so the answer\nhas the farthest distance over all "
+    "elevations too.",
+    tag="flight",
+)
 LEAST_THICKNESS = Operation(
     "thickness",
     compute_thickness,
@@ -631,7 +665,7 @@ LEAST_THICKNESS = Operation(
     many=Many(
         CaseModels.of(
             "Thickness",
-            ThicknessRequest,
+            ThicknessBase,
             ThicknessAnswer,
             one="least thickness",
             many="least thicknesses",
@@ -657,14 +691,14 @@ LIMIT_SPEED = Operation(
     LimitSpeedRequest,
     LimitSpeedAnswer,
     route="find_limit_speed",
-    description="Find the least speed at which a projectile perforates a wall.",
+    description="Find the least speed at which a projectile perforates a wall, beside what the empirical formulas say.",
     tag="walls",
     weight=WALL_CASES,
     runs=WALL_CASES,
     many=Many(
         CaseModels.of(
             "LimitSpeed",
-            LimitSpeedRequest,
+            LimitSpeedBase,
             LimitSpeedAnswer,
             one="limit speed",
             many="limit speeds",
@@ -679,6 +713,26 @@ LIMIT_SPEED = Operation(
         note=SEARCH_NOTE,
     ),
 )
+WALL_VERDICT = Operation(
+    "wall",
+    compute_wall,
+    WallRequest,
+    WallAnswer,
+    route="judge_wall",
+    description="Judge a wall: whether it is thick enough against perforation and against scabbing.\n\n"
+    "The largest of the formulas within their range decides, with the margins of DOE-STD-3014-2006, and against\n"
+    "perforation the model with a plug and a crater where it needs more. `/verdict` on a target with a thickness says\n"
+    "the same.",
+    tag="walls",
+    weight=WALL_SEARCHES * WALL_CASES,
+    runs=WALL_SEARCHES * WALL_CASES,
+    tool=ToolText(
+        "judge_wall",
+        "Whether a wall is thick enough",
+        "Judge a wall: perforation and scabbing, each with its limit, its design value, the formula that decides and "
+        "yes or no, and a sentence to repeat.",
+    ),
+)
 
 OPERATIONS: dict[str, Operation] = {
     each.name: each
@@ -691,8 +745,10 @@ OPERATIONS: dict[str, Operation] = {
         MOTION_CALIBRATION,
         OBLIQUITY_CALIBRATION,
         FORMULAS,
+        FLIGHT,
         LEAST_THICKNESS,
         LIMIT_SPEED,
+        WALL_VERDICT,
     )
 }
 """All that can be computed, by name; one more is available everywhere as soon as it stands here."""
@@ -714,6 +770,8 @@ def outcome_of(answer: Mapping[str, Any]) -> str:
     """Return how a run, a search or a study ended; a fit that has an answer was found, and so were formulas."""
     if "formulas" in answer and "status" not in answer:
         return "evaluated"
+    if "scabbing" in answer:
+        return "judged"
     if "converged" in answer:
         return "converged" if answer["converged"] else "not_converged"
     outcome: str = answer.get("outcome") or answer.get("status") or "fitted"

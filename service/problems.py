@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from http import HTTPStatus
 
 import orjson
+from anyio.to_thread import run_sync
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
@@ -57,7 +58,7 @@ async def answer_http_exception(request: Request, exception: Exception) -> Respo
     errors = [{"pointer": "", "detail": exception.detail}] if status in OF_THE_BODY else []
     headers = dict(exception.headers or {})
     if status is HTTPStatus.METHOD_NOT_ALLOWED:
-        headers["Allow"] = ", ".join(allowed_methods(request, headers.get("Allow", "GET")))
+        headers["Allow"] = ", ".join(await run_sync(allowed_methods, request, headers.get("Allow", "GET")))
     return problem_response(request, ProblemType.of_status(status).content(exception.detail, errors), headers)
 
 

@@ -106,12 +106,15 @@ class RequestLog:
         Called for every request.
     level
         Least weight of what is logged.
+    secret
+        Prefix of API keys: an id with it is replaced, as a client may have put its key into the wrong header.
     """
 
-    def __init__(self, app: ASGIApp, observe: Observe, level: str) -> None:
+    def __init__(self, app: ASGIApp, observe: Observe, level: str, secret: str) -> None:
         self._app = app
         self._observe = observe
         self._log = request_logger(level)
+        self._secret = secret.encode()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request."""
@@ -119,7 +122,7 @@ class RequestLog:
             await self._app(scope, receive, send)
             return
         begun = scope[BEGUN] = time.perf_counter()
-        request_id = id_of(scope)
+        request_id = id_of(scope, self._secret)
         structlog.contextvars.bind_contextvars(request_id=request_id.decode())
         status = 500
 
@@ -140,10 +143,10 @@ class RequestLog:
             )
 
 
-def id_of(scope: Scope) -> bytes:
+def id_of(scope: Scope, secret: bytes) -> bytes:
     """Return the id the client has given the request, or a new one."""
     for name, value in scope["headers"]:
-        if name == b"x-request-id" and SANE_ID.fullmatch(value):
+        if name == b"x-request-id" and SANE_ID.fullmatch(value) and secret not in value.lower():
             return bytes(value)
     return secrets.token_hex(16).encode()
 

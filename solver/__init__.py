@@ -1,6 +1,8 @@
 """Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians."""
 
+from solver.cancellation import Cancellation, CancelledError
 from solver.checks import IntegrationError, ParameterError, RicochetError, StepLimitError, name_keywords
+from solver.flight import Flight, flight, launch_elevation, mean_projected_area
 from solver.formulas import FormulaResult, OutOfRange, cea_edf_limit_speed, formulas
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
 from solver.many import (
@@ -18,7 +20,7 @@ from solver.perforation import (
     least_thickness,
     limit_velocity,
 )
-from solver.prepared import Exit, Outcome
+from solver.prepared import Exit, Outcome, Protrusion
 from solver.projectile import (
     BoatTail,
     Conical,
@@ -55,13 +57,15 @@ from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 
-ENGINE_VERSION = "14"
+ENGINE_VERSION = "15"
 """Raised whenever results change, the text of a warning among them: results of another version are not used."""
 
 __all__ = [
     "ENGINE_VERSION",
     "Alternative",
     "BoatTail",
+    "Cancellation",
+    "CancelledError",
     "Conical",
     "ConstantStrengthFactor",
     "Crater",
@@ -69,6 +73,7 @@ __all__ = [
     "ElasticPlastic",
     "Exit",
     "Flat",
+    "Flight",
     "FormulaResult",
     "Impact",
     "IntegrationError",
@@ -90,6 +95,7 @@ __all__ = [
     "PerforationTrial",
     "Profile",
     "Projectile",
+    "Protrusion",
     "PublishedTests",
     "Resistance",
     "RicochetError",
@@ -116,12 +122,15 @@ __all__ = [
     "critical_angle_many",
     "critical_angle_sweep",
     "decay_factor",
+    "flight",
     "formulas",
+    "launch_elevation",
     "least_thickness",
     "least_thickness_many",
     "limit_velocity",
     "limit_velocity_many",
     "mass_properties",
+    "mean_projected_area",
     "simulate",
     "simulate_many",
     "simulate_sweep",

@@ -185,6 +185,7 @@ BOUNDS: Mapping[str, Bound] = {
     "projectile.nose.caliber_radius_head": Bound(0.5, 100.0, "", "a ratio"),
     "projectile.nose.length_to_diameter": Bound(0.0, 20.0, "", "a ratio", above=True),
     "target.compressive_strength": Bound(1e5, 1e9, "Pa", "pascals", PRESSURES),
+    "target.characteristic_strength": Bound(1e5, 1e9, "Pa", "pascals", PRESSURES),
     "target.density": Bound(100.0, 2e4, "kg/m³", "kg/m³", (("g/cm³", 1e3),)),
     "target.youngs_modulus": Bound(1e6, 1e12, "Pa", "pascals", (("GPa", 1e9), ("MPa", 1e6))),
     "target.poissons_ratio": Bound(0.0, 0.5, "", "a ratio"),
@@ -192,6 +193,10 @@ BOUNDS: Mapping[str, Bound] = {
     "shot.depth": Bound(1e-6, 100.0, "m", "metres", MILLIMETRES),
     "impact.velocity": Bound(0.1, 1e4, "m/s", "m/s"),
     "impact.angular_velocity": Bound(-1e5, 1e5, "rad/s", "rad/s"),
+    "flight.speed": Bound(0.0, 1e4, "m/s", "m/s", above=True),
+    "flight.projected_area": Bound(1e-8, 100.0, "m²", "m²", (("mm²", 1e-6), ("cm²", 1e-4))),
+    "flight.drag_coefficient": Bound(0.0, 10.0, "", "a ratio"),
+    "flight.height": Bound(0.0, 1e4, "m", "metres", MILLIMETRES),
 }
 """By the dotted names of the solver."""
 

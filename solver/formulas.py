@@ -9,7 +9,7 @@ have no factor for others; their sources do not say how far a pointed nose is of
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, get_args
 
 from solver.checks import ParameterError, require_positive
@@ -27,6 +27,22 @@ NDRC_CONSTANT = 3.8e-5
 """In SI units; converted exactly, the form in US units has 3.8034e-5, 0.1 % more."""
 SCABBING_MARGIN, PERFORATION_MARGIN = 1.1, 1.2
 """Factors on the limit thicknesses that DOE-STD-3014-2006 requires in a design. [1]"""
+NAMES: Mapping[str, str] = {
+    "modified_ndrc": "Modified NDRC",
+    "degen": "Degen",
+    "cea_edf": "CEA-EDF",
+    "ukaea": "UKAEA (Barr)",
+    "chang": "Chang",
+    "hughes": "Hughes",
+    "kar": "Kar",
+    "ace": "ACE",
+    "brl": "BRL",
+    "li_chen": "Li and Chen",
+    "whiffen": "Whiffen",
+}
+"""Names of the formulas in sentences."""
+LIMIT_SPEEDS = (0.1, 1e4)
+"""Speeds along the normal among which a limit speed is sought: the bounds of `impact.velocity`. [m/s]"""
 AGGREGATE_SIZE = 0.02
 """Largest aggregate of usual concrete. [m]"""
 POUND, INCH, FOOT, PSI = 0.45359237, 0.0254, 0.3048, 6894.757
@@ -473,6 +489,85 @@ def formulas(*, projectile: Projectile, target: Target, impact: Impact) -> tuple
     degen 0.366 True
     """
     return tuple(formula(projectile=projectile, target=target, impact=impact) for formula in FORMULAS)
+
+
+def limit_speeds(
+    *, projectile: Projectile, target: Target, thickness: float, oblique_angle: float = 0.0
+) -> tuple[FormulaResult, ...]:
+    """Return the least speed that perforates a wall, by every formula that has a perforation thickness.
+
+    Parameters
+    ----------
+    thickness
+        Thickness of the wall. [m]
+    oblique_angle
+        From the inward normal of the face to the velocity; the formulas are for the component along the normal. [rad]
+
+    Returns
+    -------
+    tuple of FormulaResult
+        One for each formula by which some speed up to 10 km/s along the normal perforates the wall.
+
+    Raises
+    ------
+    ParameterError
+        If the thickness is not above zero, or the strike has no velocity along the normal.
+
+    Notes
+    -----
+    CEA and EDF give their formula for the speed, see `cea_edf_limit_speed`; the others are solved for it. A formula
+    that falls by a hair where two of its branches meet has two solutions there, 0.2 % apart, of which one is given.
+    """
+    require_positive("thickness", thickness)
+    cosine = _normal_velocity(Impact(velocity=1.0, oblique_angle=oblique_angle))
+    found = []
+    for formula in FORMULAS:
+        if formula is cea_edf:
+            found.append(
+                cea_edf_limit_speed(
+                    projectile=projectile, target=target, thickness=thickness, oblique_angle=oblique_angle
+                )
+            )
+        elif (solved := _solved_for_speed(formula, projectile, target, thickness, cosine)) is not None:
+            found.append(solved)
+    return tuple(found)
+
+
+def _solved_for_speed(
+    formula: Formula, projectile: Projectile, target: Target, thickness: float, cosine: float
+) -> FormulaResult | None:
+    """Return the limit speed by a formula for the thickness; None if it has none in the range searched."""
+
+    def at(velocity: float) -> FormulaResult:
+        return formula(projectile=projectile, target=target, impact=Impact(velocity=velocity, oblique_angle=0.0))
+
+    def perforates(velocity: float) -> bool:
+        needed = at(velocity).perforation_thickness
+        return needed is not None and needed > thickness
+
+    lower, upper = LIMIT_SPEEDS
+    if perforates(lower) or not perforates(upper):
+        return None
+    while upper - lower > 1e-12 * upper:  # some 45 halvings; a rounding error of the formula is of this size
+        middle = math.sqrt(lower * upper)
+        if not lower < middle < upper:
+            break
+        lower, upper = (lower, middle) if perforates(middle) else (middle, upper)
+    there = at(upper)
+    fields = {"impact.velocity": "limit_speed", "perforation_thickness": "target.thickness"}
+    outside = tuple(
+        replace(each, field=fields.get(each.field, each.field))
+        for each in there.out_of_range
+        if each.field != "scabbing_thickness"
+    )
+    return replace(
+        there,
+        penetration_depth=None,
+        scabbing_thickness=None,
+        perforation_thickness=None,
+        limit_speed=upper / cosine,
+        out_of_range=outside,
+    )
 
 
 def _normal_velocity(impact: Impact) -> float:

@@ -19,9 +19,10 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray, arc_cosine, gauss_rule
-from solver.compilation import VECTOR_WIDTH, compiled, inlined, lean, vectorised
+from solver.compilation import VECTOR_WIDTH, inlined, lean, vectorised
 from solver.free_surface import TINY, build_decay, decay_at
-from solver.resistance import Resistance
+from solver.projectile import Projectile
+from solver.resistance import Resistance, plug_height
 from solver.surface import (
     BOUNDED,
     MAX_CUTS,
@@ -69,7 +70,6 @@ from solver.surface_integration import (
     integrate_full,
     integrate_rings,
     loaded_range,
-    loaded_thickness,
     place_ring,
     ramped,
     ring_motion,
@@ -119,20 +119,19 @@ class Scratch(NamedTuple):
 
 
 def build_law(
-    *, resistance: Resistance, target: Target, diameter: float, strength_factor: float, ramp_velocity: float
+    *, resistance: Resistance, target: Target, projectile: Projectile, strength_factor: float, ramp_velocity: float
 ) -> Law:
-    """Resistance of `target` with the strength factor of one strike, to a projectile of this diameter."""
-    plug, crater = resistance.rear_plug, resistance.crater
+    """Resistance of `target` with the strength factor of one strike."""
+    thickness, crater = math.inf if target.thickness is None else float(target.thickness), resistance.crater
     return Law(
         static_stress=float(strength_factor * target.compressive_strength),
         dynamic_density=float(resistance.inertia_factor * target.density),
         ramp_velocity=float(ramp_velocity),
         smooth_ramp=True,
         decay=build_decay(resistance.free_surface, target),
-        thickness=math.inf if target.thickness is None else float(target.thickness),
-        plug_scale=0.0 if plug is None else 0.5 * diameter / math.tan(plug.cone_angle),
-        plug_stress=1.0 if plug is None else target.compressive_strength / (math.sqrt(3.0) * math.tan(plug.cone_angle)),
-        crater_depth=0.0 if crater is None else float(crater.depth_diameters * diameter),
+        thickness=thickness,
+        loaded_thickness=thickness - plug_height(resistance=resistance, target=target, projectile=projectile),
+        crater_depth=0.0 if crater is None else float(crater.depth_diameters * projectile.diameter),
     )
 
 
@@ -148,7 +147,6 @@ def _rule(count: int) -> Rule:
     return Rule(count, table)
 
 
-@compiled
 def make_scratch() -> Scratch:
     """Return arrays to work in."""
     attitudes, ends = np.zeros((MOST_STATES, 3)), np.zeros((MOST_STATES, 2), np.int64)
@@ -242,7 +240,7 @@ def panel_loads(state: FloatArray, panels: Panels, law: Law) -> Load:
     c, s = math.cos(angle), math.sin(angle)
     forward, sideways = state[3] * c + state[4] * s, state[4] * c - state[3] * s
     along = across = moment = 0.0
-    loaded = loaded_thickness(law)
+    loaded = law.loaded_thickness
     for i in range(panels.area.size):
         axial, lateral = panels.axial[i], panels.lateral[i]
         inside = depth + axial * c - lateral * s
@@ -269,7 +267,7 @@ def accelerate_in_wall(
     states: FloatArray, body: Body, law: Law, quadrature: Quadrature, scratch: Scratch, out: FloatArray
 ) -> None:
     """Write the accelerations of depth, lateral position and axis angle, as `accelerate_by_gauss` does."""
-    loaded = loaded_thickness(law)
+    loaded = law.loaded_thickness
     for k in range(out.size // 3):
         at = 6 * k
         c, s = math.cos(states[at + 2]), math.sin(states[at + 2])
@@ -340,7 +338,7 @@ def _ring_loader(name: str, *, tapers: bool) -> Callable[[FloatArray, np.uint64,
 
     def load_rings(rows: FloatArray, last: np.uint64, law: Law) -> None:
         """Find the arcs of every ring up to a place, those that face the rear at `REAR`; integrate those in full."""
-        beyond, endless, loaded = law.decay.corner - 1.0, law.decay.corner == 0.0, loaded_thickness(law)
+        beyond, endless, loaded = law.decay.corner - 1.0, law.decay.corner == 0.0, law.loaded_thickness
         for i in range(last):
             j = i + REAR
             depth, c, s, forward, sideways, spin = ring_motion(rows, i)

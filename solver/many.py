@@ -7,8 +7,7 @@ names of the solver.
 import math
 from collections import deque
 from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
+from concurrent.futures import Future
 from dataclasses import fields
 from functools import partial
 from itertools import islice, repeat
@@ -18,6 +17,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from solver.cancellation import ComputingThreads
 from solver.checks import ParameterError, RicochetError, plain
 from solver.display import Columns, DataFrame, dataframe
 from solver.perforation import TOLERANCE, PerforationLimit, least_thickness, limit_velocity
@@ -277,8 +277,7 @@ def _run(
         yield from (attempt(function, case) for case in cases)
         return
     waiting: deque[Future[Answer | RicochetError]] = deque()
-    with ThreadPoolExecutor(threads) as pool, ExitStack() as on_leaving:
-        on_leaving.callback(lambda: [future.cancel() for future in waiting])
+    with ComputingThreads(threads) as pool:
         for case in cases:
             waiting.append(pool.submit(attempt, function, case))
             if len(waiting) > AHEAD * threads:
@@ -299,11 +298,12 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
     -------
     dict of str to array
         First the inputs that were given one for each case, objects by their fields, if the answers come straight from
-        the function. For trajectories ``outcome``, ``maximum_depth`` [m], ``strength_factor`` and ``final_time`` [s] to
-        ``final_kinetic_energy`` [J]; for critical angles ``status``, ``angle``, ``standard_error``, ``bracket_low`` and
-        ``bracket_high`` [rad], and ``strength_factor``; for limits of perforation ``status``, ``value``, ``value_low``
-        and ``value_high`` [m or m/s]. Then ``warnings``, their codes with blanks between them, and
-        ``error``, empty unless the case failed. NaN and empty text stand where there is nothing.
+        the function. For trajectories ``outcome``, ``maximum_depth``, ``protrusion_final`` and ``protrusion_greatest``
+        [m], ``strength_factor`` and ``final_time`` [s] to ``final_kinetic_energy`` [J]; for critical angles ``status``,
+        ``angle``, ``standard_error``, ``bracket_low`` and ``bracket_high`` [rad], and ``strength_factor``; for limits
+        of perforation ``status``, ``value``, ``value_low``, ``value_high`` and ``without_protrusion`` [m or m/s]. Then
+        ``warnings``, their codes with blanks between them, and ``error``, empty unless the case failed. NaN and empty
+        text stand where there is nothing.
 
     Raises
     ------
@@ -350,7 +350,9 @@ Column = tuple[Callable[[Any], Any], Any]
 COLUMNS: Mapping[type, Mapping[str, Column]] = {
     Trajectory: {
         "outcome": (attrgetter("outcome.value"), ""),
-        "maximum_depth": (attrgetter("maximum_depth"), math.nan),
+        "maximum_depth": (lambda answer: _number(answer.maximum_depth), math.nan),
+        "protrusion_final": (lambda answer: _number(answer.protrusion and answer.protrusion.final), math.nan),
+        "protrusion_greatest": (lambda answer: _number(answer.protrusion and answer.protrusion.greatest), math.nan),
         "strength_factor": (attrgetter("strength_factor"), math.nan),
         **{f"final_{name}": (attrgetter(f"final.{name}"), math.nan) for name in FINAL},
     },
@@ -367,5 +369,6 @@ COLUMNS: Mapping[type, Mapping[str, Column]] = {
         "value": (lambda answer: _number(answer.value), math.nan),
         "value_low": (lambda answer: (answer.bracket or NO_BRACKET)[0], math.nan),
         "value_high": (lambda answer: (answer.bracket or NO_BRACKET)[1], math.nan),
+        "without_protrusion": (lambda answer: _number(answer.without_protrusion), math.nan),
     },
 }

@@ -9,9 +9,20 @@ import numpy as np
 
 from solver.checks import require, require_between
 from solver.display import Axes, Columns, DataFrame, Figure, card, dataframe, line, plot_perforation
-from solver.motion import Termination, Thresholds
+from solver.motion import Termination
 from solver.plausibility import check_walls
-from solver.prepared import LEAST_THICKNESS, OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
+from solver.prepared import (
+    LEAST_THICKNESS,
+    OUTCOMES,
+    Exit,
+    Outcome,
+    PreparedCase,
+    Protrusion,
+    exit_of,
+    integrate,
+    prepare,
+    protrusion_of,
+)
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
 from solver.strike import USUAL, Impact, Numerics, usual_termination_time
@@ -51,6 +62,13 @@ class PerforationTrial:
     outcome: Outcome
     exit: Exit | None
     """How the projectile left; None if it did not."""
+    protrusion: Protrusion | None
+    """How far it stood out of the rear face of a wall that it did not perforate; None if nothing of it did."""
+
+    @property
+    def comes_out(self) -> bool:
+        """Whether anything of the projectile was ever beyond the rear face."""
+        return self.outcome is Outcome.PERFORATED or self.protrusion is not None
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -67,9 +85,13 @@ class PerforationLimit:
     """Values between which the outcome was last pinned down. [m or m/s]"""
     iterations: tuple[PerforationTrial, ...]
     """Every trial, in order."""
+    without_protrusion: float | None
+    """Least thickness with which nothing of the projectile was seen to come out of the rear face, or greatest velocity;
+    None if something does over all of the range, or nothing. [m or m/s]"""
     warnings: tuple[ModelWarning, ...]
     """Those of the trial at `value`, of the last trial if there is none, and ``undecided`` if a trial on either side of
-    the change, or any trial if there is none, was still in motion at its termination time."""
+    the change, or any trial if there is none, was still in motion at its termination time; so too beside
+    `without_protrusion`."""
 
     def columns(self) -> Columns:
         """Return the trials as arrays by name, in order."""
@@ -149,7 +171,8 @@ def least_thickness(
 
     Notes
     -----
-    Each wall is half as thick again as the one before until one holds; bisection follows. A wall that is not perforated
+    Each wall is half as thick again as the one before until one holds; bisection follows. Then the same for the least
+    wall out of whose rear face nothing of the projectile comes. A wall that is not perforated
     by the termination time, or before the projectile has turned by more than 360°, counts as one that holds, with a
     warning if it is next to the change. Without a plug that
     shears out and a crater, see `Resistance`, real walls have to be thicker: compare with `solver.formulas`.
@@ -215,7 +238,8 @@ def limit_velocity(
 
     Notes
     -----
-    Each velocity is half as high again as the one before, from 1 m/s, until one perforates; bisection follows. A wall
+    Each velocity is half as high again as the one before, from 1 m/s, until one perforates; bisection follows. Then the
+    same for the greatest velocity at which nothing of the projectile comes out of the rear face. A wall
     that is not perforated by the termination time counts as one that holds, with a warning if it is next to the change.
 
     Examples
@@ -269,49 +293,78 @@ def _search(
     """Least value from the lower bound on at which the wall is perforated, or is not, unlike at that bound."""
     require_between("tolerance", tolerance, 1e-8, 0.1)
     always, never = PerforationStatus.ALWAYS_PERFORATED, PerforationStatus.NEVER_PERFORATED
-    trials: list[PerforationTrial] = []
+    trials: dict[float, PerforationTrial] = {}
     warnings: dict[float, tuple[ModelWarning, ...]] = {}
     end_times: dict[float, float] = {}
 
-    def changed(value: float) -> bool:
+    def trial_at(value: float) -> PerforationTrial:
+        if value in trials:
+            return trials[value]
         prepared, impact = strike(value)
-        model, retention = (
-            prepared.model._replace(law=prepared.law_at(impact)),
-            prepared.numerics.retention_energy_fraction,
-        )
-        run, _ = integrate(prepared, model, impact, keep_steps=False, thresholds=Thresholds(retention, retention))
+        model = prepared.model._replace(law=prepared.law_at(impact))
+        run, _ = integrate(prepared, model, impact, keep_steps=False)
         outcome = OUTCOMES[run.end]
-        trials.append(PerforationTrial(value, outcome, exit_of(outcome, run.state.tolist(), model.body)))
+        left = exit_of(outcome, run.state.tolist(), model.body)
+        trials[value] = PerforationTrial(
+            value, outcome, left, protrusion_of(outcome, run, model.body, prepared.target.thickness)
+        )
         warnings[value] = run_warnings(prepared, impact, run, outcome)
         if run.end == Termination.TIME:
             end_times[value] = run.time
-        return (outcome is Outcome.PERFORATED) is not perforated_at_first
+        return trials[value]
 
-    def answer(status: PerforationStatus, bracket: tuple[float, float] | None = None) -> PerforationLimit:
-        value = None if bracket is None else bracket[1]
-        quantity: Literal["thickness", "velocity"] = "thickness" if perforated_at_first else "velocity"
-        # The wall of a trial thickness is not the target of one's own shots.
-        others = {UNDECIDED, DEEPER_THAN_WALL} if perforated_at_first else {UNDECIDED}
-        found = [each for each in warnings[value or trials[-1].value] if each.code not in others]
-        beside = [each for each in warnings[bracket[0]] if each.code == TUMBLING] if bracket else []
-        found += beside if TUMBLING not in {each.code for each in found} else []
-        if perforated_at_first and status is not never:
-            passed = [(each.value, each.exit) for each in trials if each.outcome is Outcome.PERFORATED and each.exit]
-            found += check_walls(*strike(trials[-1].value), value, passed)
-        if unfinished := [end_times[each] for each in bracket or end_times if each in end_times]:
-            found.append((undecided if bracket is None else decided_by_time)(termination_time=max(unfinished)))
-        return PerforationLimit(quantity, status, value, bracket, tuple(trials), tuple(found))
+    def perforated(value: float) -> bool:
+        return trial_at(value).outcome is Outcome.PERFORATED
 
+    def comes_out(value: float) -> bool:
+        return trial_at(value).comes_out
+
+    bracket, status = None, never if perforated_at_first else always
+    if perforated(bounds[0]) is perforated_at_first:
+        bracket = _first_change(perforated, bounds, tolerance)
+        if bracket is None:
+            status = always if perforated_at_first else never
+    value, last = None if bracket is None else bracket[1], next(reversed(trials))
+    # The nose comes out of walls somewhat thicker than those that are perforated, at speeds somewhat lower.
+    beside = _first_change(comes_out, bounds, tolerance) if comes_out(bounds[0]) is perforated_at_first else None
+
+    # The wall of a trial thickness is not the target of one's own shots.
+    others = {UNDECIDED, DEEPER_THAN_WALL} if perforated_at_first else {UNDECIDED}
+    found = [each for each in warnings[value or last] if each.code not in others]
+    tumbled = [each for each in warnings[bracket[0]] if each.code == TUMBLING] if bracket else []
+    found += tumbled if TUMBLING not in {each.code for each in found} else []
+    if perforated_at_first and status is not never:
+        perforating = [each for each in trials.values() if each.outcome is Outcome.PERFORATED]
+        passed = [(each.value, each.exit) for each in perforating if each.exit]
+        found += check_walls(*strike(last), passed)
+    if unfinished := [end_times[each] for each in (*(bracket or trials), *(beside or ())) if each in end_times]:
+        found.append((undecided if bracket is None else decided_by_time)(termination_time=max(unfinished)))
+    return PerforationLimit(
+        quantity="thickness" if perforated_at_first else "velocity",
+        status=PerforationStatus.CONVERGED if bracket else status,
+        value=value,
+        bracket=bracket,
+        iterations=tuple(trials.values()),
+        # On the side on which nothing comes out: that of thicker walls, and of lower speeds.
+        without_protrusion=None if beside is None else beside[1 if perforated_at_first else 0],
+        warnings=tuple(found),
+    )
+
+
+def _first_change(
+    holds: Callable[[float], bool], bounds: tuple[float, float], tolerance: float
+) -> tuple[float, float] | None:
+    """Values between which a condition changes first from the lower bound on; None if it does not change.
+
+    Each value is `GROWTH` times the one before, up to the upper bound; bisection to the tolerance follows.
+    """
     value, upper = bounds
-    if changed(value):
-        return answer(never if perforated_at_first else always)
-    while True:
+    before, at_first = value, holds(value)
+    while holds(value) is at_first:
         if value == upper:
-            return answer(always if perforated_at_first else never)
+            return None
         before, value = value, min(GROWTH * value, upper)
-        if changed(value):
-            break
     while value - before > tolerance * value:
         middle = 0.5 * (before + value)
-        before, value = (before, middle) if changed(middle) else (middle, value)
-    return answer(PerforationStatus.CONVERGED, (before, value))
+        before, value = (middle, value) if holds(middle) is at_first else (before, middle)
+    return before, value

@@ -27,7 +27,7 @@ from solver.checks import (
 )
 from solver.free_surface import ElasticPlastic, FreeSurface
 from solver.projectile import GAUSS_POINTS, Profile, Projectile
-from solver.target import Crater, ShearPlug, Target
+from solver.target import MOST_PLUG, Crater, ShearPlug, Target
 
 FIELD = "resistance.strength_factor"
 ROUNDING = 1e-6
@@ -38,6 +38,12 @@ STRENGTH_CHECKS = 801
 """Angles of a range at which the strength factor is looked at."""
 EQUATION_9_COEFFICIENTS = (8.469, 0.0149, -0.0013)
 """Eq. 9, fitted to an 80 mm projectile in concrete of 39 MPa. [1, 1/°, 1/°²]"""
+
+HELD_FROM = math.radians(60.0)
+"""Oblique angle from which S by eq. 9 stays what it is there: the end of the paper's search range. Extrapolated further
+the parabola falls to zero at 86.6°, so that bodies nearly along the face would meet hardly any concrete. [rad]"""
+NOT_HELD = math.pi / 2.0
+"""Such an angle that no strike reaches. [rad]"""
 
 ObliquityShape: TypeAlias = Literal["constant", "equation_9"]
 """How a law of strength and diameter varies with the oblique angle: not at all, or as S(θ)/S(0) of eq. 9."""
@@ -75,16 +81,20 @@ class ObliquityPolynomial:
     covariance
         Covariance of the coefficients, if known: a search then gives the standard error of its angle.
         [products of their units]
+    held_from
+        Oblique angle from which S stays what it is there. Not given, it is 60° for the coefficients of eq. 9, and
+        others are not held; 90° holds none. [rad]
 
     Notes
     -----
-    Eq. 9 fits finite element runs from 0° to 45° and is extrapolated beyond.
+    Eq. 9 fits finite element runs from 0° to 45° and is extrapolated up to 60°, where S is 4.68.
     """
 
     name: ClassVar[str] = "obliquity_polynomial"
     fitted_to: ClassVar[float] = math.radians(45.0)
     coefficients: tuple[float, ...] = EQUATION_9_COEFFICIENTS
     covariance: tuple[tuple[float, ...], ...] | None = None
+    held_from: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients", tuple(plain(self.coefficients)))
@@ -94,12 +104,16 @@ class ObliquityPolynomial:
         if self.covariance is not None:
             object.__setattr__(self, "covariance", tuple(tuple(row) for row in plain(self.covariance)))
             _check_covariance(self.covariance, len(self.coefficients))
+        if self.held_from is not None:
+            require_finite(f"{FIELD}.held_from", self.held_from)
+            degrees = math.degrees(self.held_from)
+            require(0.0 <= degrees <= 90.0 + 1e-9, f"{FIELD}.held_from", f"must be 0° to 90°, got {degrees:g}°")
 
     def standard_error(self, oblique_angle: float) -> float:
         """Standard error of S at an oblique angle, from the covariance. [1]"""
         if self.covariance is None:
             raise ParameterError(f"{FIELD}.covariance", "must be given for a standard error")
-        powers = abs(math.degrees(oblique_angle)) ** np.arange(len(self.coefficients))
+        powers = math.degrees(min(abs(oblique_angle), held_from(self))) ** np.arange(len(self.coefficients))
         return math.sqrt(max(0.0, float(powers @ np.array(self.covariance) @ powers)))
 
     def polynomial(self, *, target: Target, projectile: Projectile) -> tuple[float, ...]:
@@ -107,10 +121,10 @@ class ObliquityPolynomial:
         return self.coefficients
 
 
-def positive_up_to(coefficients: Sequence[float], lower: float, upper: float) -> float:
+def positive_up_to(coefficients: Sequence[float], held: float, lower: float, upper: float) -> float:
     """The upper end of a range of oblique angles, or the angle below it up to which a polynomial S is above 0. [rad]"""
     angles = np.linspace(lower, upper, STRENGTH_CHECKS)
-    values = np.polynomial.polynomial.polyval(np.abs(np.degrees(angles)), coefficients)
+    values = np.polynomial.polynomial.polyval(np.degrees(np.minimum(np.abs(angles), held)), coefficients)
     beyond = np.flatnonzero(~(values > 0.0))
     return float(angles[max(beyond[0] - 1, 0)]) if beyond.size else upper
 
@@ -151,7 +165,7 @@ class StrengthPowerLaw:
     reference_diameter
         [m]
     obliquity_shape
-        ``"equation_9"`` multiplies by S(θ)/S(0) of eq. 9.
+        ``"equation_9"`` multiplies by S(θ)/S(0) of eq. 9, held from 60°.
 
     Notes
     -----
@@ -436,6 +450,17 @@ def _body_of(shot: Shot, projectile: Projectile) -> Projectile:
 StrengthFactor: TypeAlias = ConstantStrengthFactor | ObliquityPolynomial | StrengthPowerLaw | PublishedTests | OwnTests
 
 
+def held_from(model: StrengthFactor) -> float:
+    """Oblique angle from which S of a law stays what it is there; 90° if it is not held. [rad]"""
+    if isinstance(model, ObliquityPolynomial):
+        if model.held_from is not None:
+            return model.held_from
+        return HELD_FROM if model.coefficients == EQUATION_9_COEFFICIENTS else NOT_HELD
+    if isinstance(model, ConstantStrengthFactor) or model.obliquity_shape == "constant":
+        return NOT_HELD
+    return HELD_FROM
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resistance:
     """How the target resists.
@@ -479,6 +504,11 @@ class Resistance:
             )
         return model.polynomial(target=target, projectile=projectile)
 
+    @property
+    def held_from(self) -> float:
+        """Oblique angle from which S stays what it is there; 90° if it is not held. [rad]"""
+        return held_from(self.strength_factor)
+
 
 EQUATION_9 = Resistance()
 """The resistance of the source paper, used unless another is given."""
@@ -506,7 +536,7 @@ def strength_factor(*, resistance: Resistance, oblique_angle: float, target: Tar
     ParameterError
         If the model gives a value that is not above zero at this angle.
     """
-    degrees, value = abs(math.degrees(oblique_angle)), 0.0
+    degrees, value = math.degrees(min(abs(oblique_angle), resistance.held_from)), 0.0
     for coefficient in reversed(resistance.strength_polynomial(target=target, projectile=projectile)):
         value = value * degrees + coefficient
     if not (math.isfinite(value) and value > 0.0):
@@ -516,6 +546,22 @@ def strength_factor(*, resistance: Resistance, oblique_angle: float, target: Tar
             f"but the model gives {value:g}",
         )
     return value
+
+
+def plug_height(*, resistance: Resistance, target: Target, projectile: Projectile) -> float:
+    """Height of the plug that shears out of the rear of a wall, at most `MOST_PLUG` of it; 0 without a plug. [m]
+
+    Notes
+    -----
+    The shear strength of the concrete is ``(S / S_ref) f'c / √3``, where S_ref is the median of `PublishedTests` for
+    its strength and this diameter, in normal impact. So S is a measure of the concrete that scales the force of the
+    projectile and the shear strength alike, and the height is that of a concrete of the median S.
+    """
+    if resistance.rear_plug is None:
+        return 0.0
+    (reference,) = PublishedTests.law.polynomial(target=target, projectile=projectile)
+    height = resistance.rear_plug.height(strength_factor=reference, diameter=projectile.diameter)
+    return height if target.thickness is None else min(height, MOST_PLUG * target.thickness)
 
 
 def nose_factor(projectile: Projectile) -> float:

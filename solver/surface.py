@@ -18,8 +18,11 @@ from solver.projectile import Arc, Line, MassProperties, OutlinePiece, Projectil
 
 LINE, ARC = 0.0, 1.0
 """First column of an outline row, the kind of the piece."""
-BOUNDED, TAPERED = 1, 2
-"""Whether the cavity is bounded towards both faces somewhere, and whether it is towards the rear face only."""
+BOUNDED, TAPERED, CENTRED = 1, 2, 4
+"""Whether the cavity is bounded towards both faces somewhere, whether it is towards the rear face only, and whether all
+normals of the body pass through its centre of gravity, so that no load turns it: those of a sphere."""
+CENTRED_WITHIN = 1e-9
+"""Distance of the centre of a sphere from its centre of gravity, over its radius, that is rounding. [1]"""
 
 BEHIND = 1e-100
 """Cosine of α that stands for that of the base: where the base faces the impact face, the channel that the body has cut
@@ -54,8 +57,8 @@ class Body(NamedTuple):
     moment_of_inertia: float
     """About a transverse axis through the centre of gravity. [kg m²]"""
     bounds: int
-    """Whether the cavity is bounded anywhere but on the base: `BOUNDED`, `TAPERED`, both or 0. One number for both,
-    since this is handed over at every evaluation."""
+    """Whether the cavity is bounded anywhere but on the base, and whether the body is a sphere: the sum of `BOUNDED`,
+    `TAPERED` and `CENTRED`. One number for all, since this is handed over at every evaluation."""
 
 
 class Panels(NamedTuple):
@@ -144,23 +147,43 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
                 corners.append((center - x, r))
     tip, mass, inertia = map(float, (center, properties.mass, properties.moment_of_inertia))  # 13 is another type
     bounded, tapered = (any(sign * cavity > 0.0 for _, cavity in outline) for sign in (1.0, -1.0))
-    bounds = BOUNDED * bounded + TAPERED * tapered
+    centred = all(
+        isinstance(piece, Arc)
+        and math.hypot(piece.x_center - center, piece.r_center) <= CENTRED_WITHIN * piece.radius
+        and projectile.base.length == 0.0
+        for piece, _ in outline
+    )
+    bounds = BOUNDED * bounded + TAPERED * tapered + CENTRED * centred
     return Body(np.array(rows, float), np.array(corners, float), tip, mass, inertia, bounds)
 
 
 @compiled
 def deepest_offset(body: Body, axis_angle: float) -> float:
     """Depth of the deepest point of the surface ahead of the centre of gravity. [m]"""
-    c, s = math.cos(axis_angle), abs(math.sin(axis_angle))
+    return deepest_point(body, axis_angle)[0]
+
+
+@lean
+def deepest_point(body: Body, axis_angle: float) -> tuple[float, float]:
+    """Depth of the deepest point of the surface ahead of the centre of gravity, and its growth with the axis angle.
+
+    In metres, and metres per radian.
+    """
+    c, s = math.cos(axis_angle), math.sin(axis_angle)
+    mirror, s = math.copysign(1.0, s), abs(s)
     facing = math.atan2(c, s)  # α of the element whose normal points into depth
-    reach = -math.inf
+    reach, axial, radius = -math.inf, 0.0, 0.0
     for i in range(body.corners.shape[0]):
-        reach = max(reach, body.corners[i, 0] * c + body.corners[i, 1] * s)
+        depth = body.corners[i, 0] * c + body.corners[i, 1] * s
+        if depth > reach:
+            reach, axial, radius = depth, body.corners[i, 0], body.corners[i, 1]
     for i in range(body.outline.shape[0]):
         piece = body.outline[i]
         if piece[0] == ARC and piece[4] < facing < piece[5]:
-            reach = max(reach, piece[1] * c + piece[2] * s + piece[3])
-    return reach
+            depth = piece[1] * c + piece[2] * s + piece[3]
+            if depth > reach:
+                reach, axial, radius = depth, piece[1], piece[2]  # its centre turns as the point on it does
+    return reach, mirror * (radius * c - axial * s)
 
 
 def build_panels(projectile: Projectile, properties: MassProperties, count: int) -> Panels:

@@ -70,19 +70,10 @@ class Law(NamedTuple):
     decay: Decay
     thickness: float
     """Depth of the rear face; infinite for a half-space. [m]"""
-    plug_scale: float
-    """Height of the plug over what `loaded_thickness` takes from the stresses; 0 for none. [m]"""
-    plug_stress: float
-    """Static stress that makes the plug √2 - 1 times that high. [Pa]"""
+    loaded_thickness: float
+    """Depth from which nothing is loaded: the rear face, or where the plug begins. [m]"""
     crater_depth: float
     """From which the target resists in full; 0 for no crater. [m]"""
-
-
-@lean
-def loaded_thickness(law: Law) -> float:
-    """Depth from which nothing is loaded: the rear face, or where the plug begins. [m]"""
-    height = law.plug_scale * (math.sqrt(1.0 + law.static_stress / law.plug_stress) - 1.0)
-    return float(max(law.thickness - height, 0.0))
 
 
 @vectorised

@@ -8,6 +8,11 @@ from dataclasses import dataclass, fields
 
 from solver.checks import require, require_bounds
 
+MOST_PLUG = 0.9
+"""Height of a plug over the thickness of the wall, at most. A plug as high as the wall would leave nothing to resist,
+and the slowest body would perforate. With a tenth left the paper's body perforates 50 mm from 33 m/s on, where CEA-EDF
+has 18 m/s and the model without a plug 86 m/s. [1]"""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
@@ -25,6 +30,9 @@ class Target:
         0.5 is the incompressible solid that the decay theory of Warren et al. starts from. [1]
     thickness
         Thickness of a wall; a half-space unless given. At least a tenth of the projectile's diameter. [m]
+    characteristic_strength
+        Strength that 95 % of the concrete has, as of a strength class. Design values of walls rest on it where it is
+        given; all else takes the compressive strength, which is the mean. [Pa]
 
     Raises
     ------
@@ -37,6 +45,7 @@ class Target:
     youngs_modulus: float | None = None
     poissons_ratio: float = 0.5
     thickness: float | None = None
+    characteristic_strength: float | None = None
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -108,10 +117,12 @@ class ShearPlug:
 
     Notes
     -----
-    The height h is that at which a quasi-static force S f'c on the cross section shears the cone at f'c / √3:
-    ``h / d = (√(1 + √3 S tan α) - 1) / (2 tan α)``, as Li and Tong (2003) and Chen, Fan and Li (2004) have it, with
-    α = 66.1° after the tests of Dancygier (1998). The force of inertia, the obliquity, and the mass and energy of the
-    plug do not count. The decay near the rear face stays.
+    The height h is that at which a quasi-static force S f'c on the cross section shears the cone at
+    (S / S_ref) f'c / √3: ``h / d = (√(1 + √3 S_ref tan α) - 1) / (2 tan α)``, as Li and Tong (2003) and Chen, Fan and
+    Li (2004) have it for a shear strength of f'c / √3, with α = 66.1° after the tests of Dancygier (1998). S_ref is the
+    median of the published tests for the concrete and the diameter: a concrete with a higher S is as much stronger in
+    shear. The plug takes up at most nine tenths of a wall. The force of inertia, the obliquity, and the mass and energy
+    of the plug do not count. The decay near the rear face stays.
     """
 
     cone_angle: float = math.radians(66.1)
@@ -122,6 +133,6 @@ class ShearPlug:
         require(fits, "resistance.rear_plug.cone_angle", f"must be 10° to 85°, got {degrees:g}°")
 
     def height(self, *, strength_factor: float, diameter: float) -> float:
-        """Height of the plug. [m]"""
+        """Height of the plug, with S_ref, in a wall of any thickness. [m]"""
         slope = math.tan(self.cone_angle)
         return diameter * (math.sqrt(1.0 + math.sqrt(3.0) * strength_factor * slope) - 1.0) / (2.0 * slope)

@@ -12,7 +12,17 @@ from solver.checks import ParameterError, require_one, require_positive
 from solver.display import Axes, Columns, DataFrame, Figure, card, dataframe, line, plot_motion
 from solver.motion import Model, Run, Termination, sample, sample_accelerations, sample_loads
 from solver.plausibility import check_depth, check_energy
-from solver.prepared import OUTCOMES, Exit, Outcome, PreparedCase, exit_of, integrate, prepare
+from solver.prepared import (
+    OUTCOMES,
+    Exit,
+    Outcome,
+    PreparedCase,
+    Protrusion,
+    exit_of,
+    integrate,
+    prepare,
+    protrusion_of,
+)
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance, StrengthPosterior
 from solver.strength_scatter import known_strength
@@ -90,8 +100,10 @@ class Trajectory:
     """At the event that ended the run."""
     history: Motion[FloatArray] | None
     """At even intervals and at that event; None if not requested."""
-    maximum_depth: float
-    """Greatest depth of the nose tip. [m]"""
+    maximum_depth: float | None
+    """Greatest depth of the deepest point of the projectile; None if it perforates a wall. [m]"""
+    protrusion: Protrusion | None
+    """How far it stands out of the rear face of a wall; None if it never does, and if it perforates."""
     strength_factor: float
     """S of this strike. [1]"""
     warnings: tuple[ModelWarning, ...]
@@ -140,7 +152,8 @@ class Trajectory:
         return plot_motion(self.columns(), self._summary(), projectile, ax)
 
     def _summary(self) -> str:
-        return f"{self.outcome.replace('_', ' ')} after {1e3 * self.final.time:.2f} ms, {self.maximum_depth:.3f} m deep"
+        depth = "" if self.maximum_depth is None else f", {self.maximum_depth:.3f} m deep"
+        return f"{self.outcome.replace('_', ' ')} after {1e3 * self.final.time:.2f} ms{depth}"
 
     def __repr__(self) -> str:
         final = f"axis at {math.degrees(self.final.axis_angle):.1f}°"
@@ -150,7 +163,8 @@ class Trajectory:
     def _repr_html_(self) -> str:
         exit_ = self.exit
         rows = {
-            "nose tip, greatest depth": f"{self.maximum_depth:.4g} m",
+            "greatest depth": "" if self.maximum_depth is None else f"{self.maximum_depth:.4g} m",
+            "out of the rear face at most": "" if self.protrusion is None else f"{self.protrusion.greatest:.4g} m",
             "axis at the end": f"{math.degrees(self.final.axis_angle):.1f}° from the normal",
             "leaves at": ""
             if exit_ is None
@@ -232,7 +246,8 @@ def run_prepared(prepared: PreparedCase, impact: Impact, sample_interval: float 
         outcome=outcome,
         final=_motion_at(run, model),
         history=None if sample_interval is None else _history(run, steps, model, sample_interval),
-        maximum_depth=run.maximum_tip_depth,
+        maximum_depth=None if outcome is Outcome.PERFORATED else run.maximum_depth,
+        protrusion=protrusion_of(outcome, run, model.body, prepared.target.thickness),
         strength_factor=model.law.static_stress / prepared.target.compressive_strength,
         warnings=run_warnings(prepared, impact, run, outcome),
         steps=run.steps,
@@ -309,11 +324,11 @@ def run_warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outc
         found.append(model_warnings.ENERGY_GAIN)
     if run.end == Termination.TIME:
         found.append(model_warnings.undecided(termination_time=run.time))
-    turned = abs(float(run.state[2]) - impact.axis_angle)
+    turned = 0.0 if prepared.is_centred else abs(float(run.state[2]) - impact.axis_angle)
     found += model_warnings.tumbling(turned=turned, oblique_angle=impact.oblique_angle)
-    left = exit_of(outcome, run.state.tolist(), prepared.model_without_address.body)
+    left = exit_of(outcome, run.state.tolist(), prepared.model.body)
     found += check_energy(prepared, impact, outcome, left)
-    found += check_depth(prepared, impact, run.maximum_tip_depth)
+    found += check_depth(prepared, impact, run.maximum_depth)
     if outcome is Outcome.EMBEDDED:
-        found += model_warnings.shallow(depth=run.maximum_tip_depth, diameter=prepared.projectile.diameter)
+        found += model_warnings.shallow(depth=run.maximum_depth, diameter=prepared.projectile.diameter)
     return tuple(found)

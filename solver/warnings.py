@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from solver.formulas import formulas, spread
 from solver.motion import MOST_TURN
@@ -10,15 +10,17 @@ from solver.projectile import Projectile, solid_properties
 from solver.resistance import (
     EQUATION_9_COEFFICIENTS,
     FAR_OFF,
+    HELD_FROM,
     ObliquityPolynomial,
     OwnTests,
     PublishedTests,
     Resistance,
     StrengthPosterior,
     StrengthPowerLaw,
+    plug_height,
 )
 from solver.strike import Impact
-from solver.target import Target
+from solver.target import MOST_PLUG, Target
 
 RIGID_VELOCITY = 800.0
 """Steel noses were seen to erode above about this speed (Forrestal et al. 1996). [m/s]"""
@@ -146,13 +148,23 @@ def law_warnings(
     by_angle = isinstance(model, ObliquityPolynomial) or (
         isinstance(model, StrengthPowerLaw | PublishedTests | OwnTests) and model.obliquity_shape == "equation_9"
     )
-    fitted_to = ObliquityPolynomial.fitted_to
+    fitted_to, held = ObliquityPolynomial.fitted_to, resistance.held_from
     if by_angle and abs(oblique_angle) > fitted_to * (1.0 + 1e-12):
         found.append(
             ModelWarning(
                 "strength_fit_extrapolated",
                 f"the strength factor was fitted to finite element runs from 0° to {math.degrees(fitted_to):g}° "
-                f"from the normal; {math.degrees(abs(oblique_angle)):.4g}° is beyond",
+                f"from the normal; {math.degrees(abs(oblique_angle)):.4g}° is beyond"
+                + (f", where it is held from {math.degrees(held):.4g}° on" if abs(oblique_angle) > held else ""),
+            )
+        )
+    if isinstance(model, ObliquityPolynomial) and any(model.coefficients[1:]) and abs(oblique_angle) > HELD_FROM < held:
+        found.append(
+            ModelWarning(
+                "strength_factor_not_held",
+                f"beyond {math.degrees(HELD_FROM):g}° the strength factor follows its polynomial, which nothing bounds "
+                f"there, up to {math.degrees(min(abs(oblique_angle), held)):.4g}°; eq. 9 is held from "
+                f"{math.degrees(HELD_FROM):g}° on, see `held_from_deg`",
             )
         )
     if isinstance(model, ObliquityPolynomial) and model.coefficients == EQUATION_9_COEFFICIENTS:
@@ -169,6 +181,7 @@ def law_warnings(
         found.append(CRATER_AT_OBLIQUITY)
     if target.thickness is not None:
         found.append(_rear_face(projectile=projectile, target=target, resistance=resistance, impact=impact))
+        found += _plug_through_wall(projectile, target, resistance)
     return tuple(found)
 
 
@@ -189,6 +202,21 @@ def _rear_face(*, projectile: Projectile, target: Target, resistance: Resistance
     else:
         detail += f"; no formula is within its range for {strike}"
     return ModelWarning(code, detail)
+
+
+def _plug_through_wall(projectile: Projectile, target: Target, resistance: Resistance) -> tuple[ModelWarning, ...]:
+    """Warning of a plug that would be as high as the wall, or nearly."""
+    height = plug_height(resistance=resistance, target=replace(target, thickness=None), projectile=projectile)
+    if target.thickness is None or height <= MOST_PLUG * target.thickness:
+        return ()
+    return (
+        ModelWarning(
+            "plug_through_wall",
+            f"the plug would be {1e3 * height:.3g} mm high in thicker concrete, and the wall is "
+            f"{1e3 * target.thickness:.4g} mm thick: the plug is taken as {100.0 * MOST_PLUG:g} % of the wall, and how "
+            "such a wall holds is a guess",
+        ),
+    )
 
 
 def _other_concrete(projectile: Projectile, target: Target) -> tuple[ModelWarning, ...]:

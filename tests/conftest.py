@@ -6,7 +6,6 @@ import ssl
 import subprocess
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -28,29 +27,6 @@ NO_TLS = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 """For a client of plain HTTP: what it would trust by default takes 20 ms to read, for each client anew."""
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
-DEADLINE = float(os.environ.get("TEST_DEADLINE", "inf"))
-NOT_RUN = "not run: TEST_DEADLINE is over"
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup() -> None:
-    """Leave out what has not begun at a time in seconds of `date +%s`: CI has half an hour, on a slow machine too."""
-    if time.time() > DEADLINE:
-        pytest.skip(NOT_RUN)
-
-
-def pytest_report_teststatus(report: pytest.TestReport) -> tuple[str, str, str] | None:
-    """Count what the deadline leaves out as not run, apart from what is skipped."""
-    return ("not run", "n", "NOT RUN") if report.skipped and NOT_RUN in str(report.longrepr) else None
-
-
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Name the files of what the deadline leaves out, so that nobody takes it for passed."""
-    files = Counter(report.nodeid.partition("::")[0] for report in terminalreporter.stats.get("not run", ()))
-    if files:
-        terminalreporter.section(f"NOT RUN: {files.total()} TESTS, THE TIME WAS OVER", red=True, bold=True)
-        for file, count in sorted(files.items()):
-            terminalreporter.line(f"{count:5} of {file}")
 
 
 @pytest.fixture(scope="session")

@@ -36,7 +36,8 @@ from solver import (
     solid_properties,
 )
 from solver.free_surface import FreeSurface
-from solver.prepared import OUTCOMES, exit_of, integrate, prepare
+from solver.motion import Termination
+from solver.prepared import OUTCOMES, Protrusion, exit_of, integrate, prepare, protrusion_of
 from solver.projectile import NoseShape
 from solver.strike import RETENTION_ENERGY_FRACTION, USUAL, usual_termination_time
 
@@ -62,7 +63,8 @@ creep, which turns it by tenths of a degree on a long way. Panels have none. [1]
 NEAR_THRESHOLD = 3.0
 """Factor of the retention energy within which the energy left may decide an outcome either way. [1]"""
 SPEED_TOLERANCE, DEPTH_TOLERANCE = 0.01, 0.02
-"""Of the exit speed over the striking speed, and of the depth over the larger of depth and diameter. [1]"""
+"""Of the exit speed over the striking speed, and of the depth and the way out of the rear face over the larger of depth
+and diameter. [1]"""
 
 
 class Resolution(NamedTuple):
@@ -111,11 +113,15 @@ class End(NamedTuple):
 
     outcome: Outcome
     energy: float
-    """Kinetic energy left over that at first contact, rotation then left out. [1]"""
+    """Kinetic energy left over that at first contact, rotation then left out, and that of a sphere altogether. [1]"""
     speed: float | None
     """At which the projectile leaves, if it does. [m/s]"""
     depth: float
-    """Greatest depth of the nose tip. [m]"""
+    """Greatest depth of the deepest point. [m]"""
+    protrusion: Protrusion | None
+    """Out of the rear face of a wall."""
+    at_rest: bool
+    """Whether the run ends at rest, and not with the end of all load. Panels may never see rest."""
     time: float
     """[s]"""
 
@@ -145,9 +151,12 @@ class Strike:
         outcome = OUTCOMES[run.end]
         left = exit_of(outcome, run.state.tolist(), model.body)
         _, _, _, *speeds, spin = run.state.tolist()
-        energy = sum(speed**2 for speed in speeds) + model.body.moment_of_inertia / model.body.mass * spin**2
-        speed = left.speed if left else None
-        return End(outcome, energy / self.impact.velocity**2, speed, run.maximum_tip_depth, run.time)
+        energy = sum(speed**2 for speed in speeds)
+        if not prepared.is_centred:
+            energy += model.body.moment_of_inertia / model.body.mass * spin**2
+        speed, out = left.speed if left else None, protrusion_of(outcome, run, model.body, self.target.thickness)
+        at_rest = run.end == Termination.REST
+        return End(outcome, energy / self.impact.velocity**2, speed, run.maximum_depth, out, at_rest, run.time)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -306,10 +315,19 @@ def _difference(strike: Strike, one: End, other: End) -> str:
         error = abs(one.speed - other.speed) / strike.impact.velocity
         if error > SPEED_TOLERANCE:
             return f"exit speed: by {100.0 * error:.2g} % of the striking speed"
-    rear = math.inf if strike.target.thickness is None else strike.target.thickness
-    depth, depth_too = min(one.depth, rear), min(other.depth, rear)  # how far a tip flies behind a wall says nothing
-    error = abs(depth - depth_too) / max(depth, strike.projectile.diameter)
-    return f"depth: by {100.0 * error:.2g} %" if error > DEPTH_TOLERANCE else ""
+    if one.outcome is Outcome.PERFORATED:
+        return ""  # how far a body flies behind a wall says nothing
+    size = max(one.depth, strike.projectile.diameter)
+    error = abs(one.depth - other.depth) / size
+    if error > DEPTH_TOLERANCE:
+        return f"depth: by {100.0 * error:.2g} %"
+    ways = [(0.0 if end.protrusion is None else end.protrusion.greatest) for end in (one, other)]
+    error = abs(ways[0] - ways[1]) / size
+    if one.at_rest:
+        # Where a body that creeps back out of its hole is when its last contact ends says as little.
+        ends = [(0.0 if end.protrusion is None else end.protrusion.final or 0.0) for end in (one, other)]
+        error = max(error, abs(ends[0] - ends[1]) / size)
+    return f"protrusion: by {100.0 * error:.2g} %" if error > DEPTH_TOLERANCE else ""
 
 
 def table_of_combinations(strikes: Iterator[Strike] | list[Strike]) -> Counter[Combination]:

@@ -54,7 +54,7 @@ def model_depth(strength: float, velocity: float, resistance: Resistance) -> flo
     run = simulate(
         projectile=SPHERE, target=concrete(strength), impact=impact, resistance=resistance, sample_interval=None
     )
-    return run.maximum_depth
+    return run.maximum_depth or 0.0  # there is one, as nothing perforates thick concrete
 
 
 def formula_values(strength: float, velocity: float, limit: Limit) -> Mapping[str, float]:

@@ -34,7 +34,7 @@ from solver import (
     mass_properties,
     simulate,
 )
-from solver.resistance import EQUATION_9_COEFFICIENTS
+from solver.resistance import EQUATION_9_COEFFICIENTS, HELD_FROM
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.uncertainty import RESIDUAL, Lognormal, Normal, Sampling, Uncertain, critical_angle_uncertainty
 
@@ -53,7 +53,7 @@ def terms() -> dict[str, dict[str, float]]:
 
     def scaled(factor: float) -> Resistance:
         coefficients = tuple(factor * each for each in EQUATION_9_COEFFICIENTS)
-        return Resistance(strength_factor=ObliquityPolynomial(coefficients=coefficients))
+        return Resistance(strength_factor=ObliquityPolynomial(coefficients=coefficients, held_from=HELD_FROM))
 
     projectile, target = PAPER_PROJECTILE, PAPER_TARGET
     groups: dict[str, dict[str, float]] = {

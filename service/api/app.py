@@ -4,9 +4,11 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
+from threading import Lock
 from typing import Any
 
 from anyio import CapacityLimiter
+from anyio.to_thread import run_sync
 from fastapi import FastAPI
 from starlette.middleware.cors import CORSMiddleware
 from starlette.types import ASGIApp
@@ -16,9 +18,15 @@ from service.api import downloads, health, jobs, mcp, operations, page, queries,
 from service.api.body import KnownBodies
 from service.api.contract import declare_access, declare_bodies, declare_defaults, declare_events, declare_problems
 from service.api.job_models import JobChange
-from service.api.middleware import AuthMiddleware, CompressionMiddleware, HeadMiddleware, RefusalMiddleware
+from service.api.middleware import (
+    AuthMiddleware,
+    CompressionMiddleware,
+    HeaderLimits,
+    HeadMiddleware,
+    RefusalMiddleware,
+)
 from service.api.services import READING_THREADS, Metrics, Services, executor_for
-from service.auth.api_keys import ApiKeyStore
+from service.auth.api_keys import PREFIX, ApiKeyStore
 from service.auth.audit_log import AuditLog
 from service.auth.dependencies import ConcurrencyLimit, authorize_unrouted
 from service.auth.quotas import QuotaStore
@@ -31,6 +39,7 @@ from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.problems import install_problem_handlers
 from service.queries import QueryService
 from service.schemas import ReportRequest
+from service.schemas.explanations import known_fields
 from service.settings import Settings
 
 DESCRIPTION = """
@@ -44,6 +53,7 @@ TAGS = [
     {"name": "trajectory", "description": "Motions of single strikes, and how sure their outcomes are."},
     {"name": "walls", "description": "Walls that are just not perforated, and speeds at which they just are not."},
     {"name": "formulas", "description": "Empirical formulas of penetration, scabbing and perforation."},
+    {"name": "flight", "description": "Where a body lands after a ricochet."},
     {"name": "calibration", "description": "Strength factors that fit tests and finite element runs."},
     {"name": "results", "description": "Answers that are kept, by their keys."},
     {"name": "jobs", "description": "Batches, sweeps and studies that take longer than a client waits."},
@@ -72,8 +82,16 @@ log = logging.getLogger(__name__)
 class Application(FastAPI):
     """FastAPI, with errors declared as the problems they are answered as."""
 
+    def __init__(self, **options: Any) -> None:
+        self._making = Lock()
+        super().__init__(**options)
+
     def openapi(self) -> dict[str, Any]:
-        """Return the contract."""
+        """Return the contract. The first call takes most of a second: the service makes it in a thread."""
+        with self._making:
+            return self._openapi()
+
+    def _openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:
             contract = super().openapi()
             bodies = operations.bodies_of(OPERATIONS.values())
@@ -99,7 +117,8 @@ class Application(FastAPI):
         if settings.gzip:
             inner = CompressionMiddleware(inner)
         inner = HeadMiddleware(inner)  # Outside of the compression, so that the headers are those of `GET`.
-        return telemetry.RequestLog(RefusalMiddleware(inner), services.metrics.observe, settings.log_level)
+        inner = RefusalMiddleware(HeaderLimits(inner))
+        return telemetry.RequestLog(inner, services.metrics.observe, settings.log_level, secret=PREFIX)
 
 
 def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastAPI:
@@ -127,6 +146,7 @@ def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastA
         openapi_tags=TAGS,
         license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
         lifespan=lifespan,
+        openapi_url=None,
         docs_url=None,
         redoc_url=None,
         redirect_slashes=False,
@@ -184,7 +204,8 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         )
         services.downloads.clear()
         services.executor = executor_for(settings)
-        await services.executor.start()
+        # The names of all fields take a tenth of a second to collect: the event loop would stand still at an error.
+        await asyncio.gather(services.executor.start(), run_sync(known_fields))
         stack.push_async_callback(services.executor.stop, POOL_SECONDS)
         services.queries = QueryService(
             services.cache,

@@ -14,12 +14,14 @@ from fastapi import HTTPException, Request
 from pydantic import MISSING, ValidationError
 from pydantic_core import to_json
 
-from service.api.body import parse_json, read_body, refuse_crowd, require_type, stream_up_to
+from service.api.body import BodyLimits, parse_json, read_body, require_type, stream_up_to
 from service.api.negotiation import JSON, JSONL
 from service.api.services import Services, services_of, unless_left
+from service.auth.dependencies import context_in
 from service.errors import (
     MAX_ERRORS,
     InvalidBodyError,
+    errors_found,
     errors_of_point,
     field_errors,
     grid_of,
@@ -40,6 +42,8 @@ CASES_AT_ONCE = 200
 """Cases validated in one go, some 5 ms."""
 CHECKED_AT_ONCE = 50
 """Cases that a worker checks in one call, some milliseconds: single queries wait no longer for it."""
+CHECK_COST = 0.01
+"""Cost of checking a case. [ordinary cases]"""
 BYTES_AT_ONCE = 256 * 1024
 """Lines validated in one go: few long ones take as much time as many short ones."""
 
@@ -106,10 +110,11 @@ class BatchReader:
             chunks = stream_up_to(self._request, self._limits.max_jsonl_bytes)
             lines = split_lines(chunks, self._limits.max_body_bytes, digest)
             return BatchBody(self._read_lines(lines), digest, estimate=self._estimate)
-        body = await read_body(self._request, self._limits.max_batch_bytes)
+        limits = BodyLimits.of_batch(self._limits)
+        body = await read_body(self._request, limits)
         digest.update(body)
         reading = self._services.reading
-        found = await run_sync(unwrap, body, self._limits.max_body_depth, limiter=reading)
+        found = await run_sync(unwrap, body, limits, limiter=reading)
         cases: list[JobCase] = []
         for first in range(0, len(found.cases), CASES_AT_ONCE):
             part = found.cases[first : first + CASES_AT_ONCE]
@@ -130,9 +135,10 @@ class BatchReader:
         """
         media_type = require_type(self._request, JSON)
         digest = hashlib.sha256(f"{path_of(self._request.scope)} {media_type}\n".encode())
-        body = await read_body(self._request, self._limits.max_batch_bytes)
+        limits = BodyLimits.of_series(self._limits)
+        body = await read_body(self._request, limits)
         digest.update(body)
-        outline, grid = await run_sync(self._lay_grid, body)
+        outline, grid = await run_sync(self._lay_grid, body, limits, limiter=self._services.reading)
         sent = {"base": outline.base, "axes": [axis.model_dump(mode="json") for axis in outline.axes]}
         sweep = StoredSweep(sent, tuple(grid.fields), tuple(grid.values))
         return BatchBody(self._read_points(grid), digest, grid.count, sweep)
@@ -158,7 +164,7 @@ class BatchReader:
                 else:
                     cases[number] = self._case(content)
             except ValidationError as error:
-                errors[number] = validation_errors(error.errors(), place)
+                errors[number] = validation_errors(errors_found(error), place)
             except ParameterError as error:
                 errors[number] = behind(place, field_errors(error))
             if sum(map(len, errors.values())) > MAX_ERRORS:
@@ -172,7 +178,13 @@ class BatchReader:
         for first in range(0, len(numbers), CHECKED_AT_ONCE):
             some = numbers[first : first + CHECKED_AT_ONCE]
             requests = [cases[number].request.json for number in some]
-            checking = self._services.executor.submit(check_requests, canonical, requests)
+            checking = self._services.executor.submit(
+                check_requests,
+                canonical,
+                requests,
+                owner=context_in(self._request.scope).queue_owner,
+                cost=CHECK_COST * len(requests),
+            )
             wrong = await unless_left(self._request, checking)
             errors |= {some[place]: behind(f"/cases/{some[place]}", found) for place, found in wrong.items()}
         return errors
@@ -205,17 +217,19 @@ class BatchReader:
         if not line.strip():
             raise InvalidBodyError([{"pointer": pointer, "detail": "is empty"}], place)
         try:
-            return self._case(parse_json(line, self._limits.max_body_depth))
+            return self._case(parse_json(line, BodyLimits.of_one(self._limits)))
+        except InvalidBodyError as error:
+            raise InvalidBodyError(behind(pointer, error.errors), place) from error
         except HTTPException as error:
             raise InvalidBodyError([{"pointer": pointer, "detail": error.detail}], place) from error
         except ValidationError as error:
-            raise InvalidBodyError(validation_errors(error.errors(), pointer), place) from error
+            raise InvalidBodyError(validation_errors(errors_found(error), pointer), place) from error
         except ParameterError as error:
             raise InvalidBodyError(behind(pointer, field_errors(error)), place) from error
 
-    def _lay_grid(self, body: bytes) -> tuple[Outline, Grid]:
+    def _lay_grid(self, body: bytes, limits: BodyLimits) -> tuple[Outline, Grid]:
         """Return the grid of a sweep."""
-        outline = validated_as(Outline, few_fields(parse_json(body, self._limits.max_body_depth)))
+        outline = validated_as(Outline, parse_json(body, limits))
         if len(to_json(outline.base)) > self._limits.max_body_bytes:
             detail = f"may be {self._limits.max_body_bytes} bytes long at most"
             raise InvalidBodyError([{"pointer": "/base", "detail": detail}])
@@ -242,16 +256,9 @@ async def in_blocks(cases: Sequence[JobCase]) -> AsyncIterator[list[JobCase]]:
         yield list(cases[first : first + CASES_AT_ONCE])
 
 
-def unwrap(body: bytes, max_depth: int) -> Cases:
+def unwrap(body: bytes, limits: BodyLimits) -> Cases:
     """Return a batch, its cases not yet validated."""
-    return validated_as(Cases, few_fields(parse_json(body, max_depth)))
-
-
-def few_fields(content: Any) -> Any:
-    """Return it unless it is an object with too many fields."""
-    if isinstance(content, dict):
-        refuse_crowd(content)
-    return content
+    return validated_as(Cases, parse_json(body, limits))
 
 
 async def split_lines(

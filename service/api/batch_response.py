@@ -50,10 +50,9 @@ Prefer = Annotated[
 ]
 
 
-PREFERENCE = re.compile(
-    r'\s*([!#$%&\'*+.^_`|~0-9a-z-]+)\s*(?:=\s*("(?:[^"\\]|\\.)*"|[^\s;,"]*))?[^,"]*(?:"[^"]*"[^,"]*)*'
-)
-"""A token, its value, and parameters, which none of ours has. Of what is said twice the first counts."""
+PREFERENCE = re.compile(r'(?:"(?:[^"\\]|\\.)*"?|[^",])+')
+"""What stands between two commas that are in no quotes. Nothing follows the repeated group and its alternatives begin
+with different characters, so that a header is read once, whatever it holds."""
 MOST_DIGITS = 9
 
 
@@ -83,8 +82,9 @@ class Preference:
 def read_preference(headers: Iterable[str]) -> Preference:
     """Return what these headers say; what they say of other matters, or wrongly, is passed over."""
     found: dict[str, str] = {}
-    for match in PREFERENCE.finditer(",".join(headers).lower()):
-        found.setdefault(match[1], (match[2] or "").strip('"'))
+    for text in PREFERENCE.findall(",".join(headers).lower()):
+        name, _, value = text.partition(";")[0].partition("=")  # Parameters follow, which none of ours has.
+        found.setdefault(name.strip(), value.strip().strip('"'))  # Of repeated preferences the first one counts.
     wait = found.get("wait", "")
     seconds = int(wait[:MOST_DIGITS]) if wait.isascii() and wait.isdigit() else None
     return Preference("respond-async" in found, seconds)
@@ -218,7 +218,7 @@ class BatchResponse(JobResponse):
             yield cases
 
     async def _answer_now(self, cases: Sequence[JobCase], sweep: StoredSweep | None) -> Response:
-        results = self._jobs.run_now(self.operation, cases, self._context.queue_owner)
+        results = self._jobs.run_now(self.operation, cases, owner=self._context.queue_owner)
         if self.form == JSONL:
             beginning = begin(results)  # Waits, so that a refusal is answered before the answer has begun.
             begun = await unless_left(self._request, beginning)

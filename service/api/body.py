@@ -1,9 +1,16 @@
-"""Bodies of requests: reading them within a limit, JSON, and which bodies have which results."""
+"""Bodies of requests: reading them within their limits, JSON, and which bodies have which results.
+
+Every body is read here, whatever the route. Its length, its depth, the number of its fields and values, and that no
+field is there twice are checked before it is validated, as the time of validation grows with all of them and what is
+wrong with a million fields takes seconds to list.
+"""
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping
+import json
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
 from http import HTTPStatus
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from cachetools import LRUCache
 from fastapi import HTTPException, Request
@@ -11,13 +18,27 @@ from pydantic_core import from_json
 from starlette.requests import ClientDisconnect
 
 from service.errors import InvalidBodyError
+from service.schemas.problems import json_pointer
+from service.settings import Settings
 
 REMEMBERED_BYTES = 8 * 1024
 """Longest body that is remembered; few are longer."""
 REMEMBERED_SHARE = 1 / 8
 """Memory for remembered bodies over that for results: some 20,000 of the usual bodies by default."""
-MAX_FIELDS = 20
-"""Fields of an object of a body whose objects have half as many at most."""
+MAX_FIELDS = 30
+"""Fields of one object: the largest of the contract has half as many."""
+MAX_LISTED_FIELDS = 10_000
+"""Fields of the body of one request: a thousand shots of four fields are 4,000. Validation takes some 10 ms."""
+MAX_LISTED_VALUES = 10_000
+"""Items and fields of the body of one request: a profile of 1,000 points is 3,000."""
+MAX_BATCH_FIELDS = 100_000
+"""Fields of a JSON batch of 1,000 cases: five times the usual. Parsing takes some 20 ms, in a thread."""
+MAX_SERIES_FIELDS = 25_000
+"""Fields of a calibration or a sweep: a thousand tests of eight fields are 8,000."""
+MAX_SERIES_VALUES = 250_000
+"""Items and fields of a batch, a calibration or a sweep: an axis may have 100,000 values, and 20 runs with four columns
+of 3,000 rows are 240,000. Parsing and validation take some 20 ms, in a thread."""
+CONTAINERS = (dict, list)
 OVERHEAD = 300
 """Memory of an entry beside its body, about. [bytes]"""
 
@@ -29,6 +50,41 @@ MARKS = {
     b"\x00\x00\xfe\xff": "is in UTF-32, with a byte order mark",
 }
 """What a body may begin with that JSON does not (RFC 8259, section 8.1)."""
+
+
+@dataclass(frozen=True, slots=True)
+class BodyLimits:
+    """What a body may be before it is looked at: its length, and what takes time in proportion to its content.
+
+    Parameters
+    ----------
+    length
+        Its bytes.
+    depth
+        Objects and lists in one another.
+    fields, values
+        Fields of all its objects; these and the items of all its lists.
+    """
+
+    length: int
+    depth: int
+    fields: int = MAX_LISTED_FIELDS
+    values: int = MAX_LISTED_VALUES
+
+    @classmethod
+    def of_one(cls, settings: Settings) -> Self:
+        """Limits of one request, also of a line of many."""
+        return cls(settings.max_body_bytes, settings.max_body_depth)
+
+    @classmethod
+    def of_batch(cls, settings: Settings) -> Self:
+        """Limits of a JSON batch."""
+        return cls(settings.max_batch_bytes, settings.max_body_depth, MAX_BATCH_FIELDS, MAX_SERIES_VALUES)
+
+    @classmethod
+    def of_series(cls, settings: Settings) -> Self:
+        """Limits of a body with long lists: a sweep, a calibration."""
+        return cls(settings.max_batch_bytes, settings.max_body_depth, MAX_SERIES_FIELDS, MAX_SERIES_VALUES)
 
 
 class KnownBody(NamedTuple):
@@ -59,7 +115,7 @@ class KnownBodies(LRUCache[tuple[str, bytes], KnownBody]):
         return known
 
 
-async def read_body(request: Request, limit: int) -> bytes:
+async def read_body(request: Request, limits: BodyLimits) -> bytes:
     """Return the body.
 
     Raises
@@ -67,7 +123,7 @@ async def read_body(request: Request, limit: int) -> bytes:
     HTTPException
         413 if it is too long.
     """
-    return b"".join([chunk async for chunk in stream_up_to(request, limit)])
+    return b"".join([chunk async for chunk in stream_up_to(request, limits.length)])
 
 
 async def stream_up_to(request: Request, limit: int) -> AsyncIterator[bytes]:
@@ -113,7 +169,7 @@ def require_type(request: Request, *accepted: str) -> str:
     return media_type
 
 
-def parse_json(text: bytes, max_depth: int) -> Any:
+def parse_json(text: bytes, limits: BodyLimits) -> Any:
     """Return the content of a JSON text.
 
     NaN, Infinity and 1e999 are parsed, though they are no JSON, so that validation can name the field that holds them.
@@ -121,43 +177,69 @@ def parse_json(text: bytes, max_depth: int) -> Any:
     Raises
     ------
     HTTPException
-        400 if it is not JSON in UTF-8, or has more objects and lists in one another than `max_depth`.
+        400 if it is not JSON in UTF-8, is beyond a limit, or has a field twice in one object.
+    InvalidBodyError
+        If an object has more than `MAX_FIELDS`.
     """
     if text.startswith(tuple(MARKS)):
         named = next(name for mark, name in MARKS.items() if text.startswith(mark))
         raise HTTPException(HTTPStatus.BAD_REQUEST, f"the body {named}; send UTF-8 without one")
     if text[1:2] == b"\x00" or text[:1] == b"\x00":
         raise HTTPException(HTTPStatus.BAD_REQUEST, "the body is in UTF-16 or UTF-32; send UTF-8")
+    # Counted before it is parsed. Colons and commas in texts count too: no text of a request is long enough to matter.
+    fields = text.count(b":")
+    if fields > limits.fields or text.count(b",") > limits.values:
+        detail = f"the body may have {limits.fields:,} fields and {limits.values:,} values at most"
+        raise HTTPException(HTTPStatus.BAD_REQUEST, detail)
     try:
         content = from_json(text)
     except ValueError as error:
         raise HTTPException(HTTPStatus.BAD_REQUEST, f"not JSON: {error}") from error
-    if text.count(b"{") + text.count(b"[") > max_depth and is_deeper(content, max_depth):
-        raise HTTPException(HTTPStatus.BAD_REQUEST, f"the body may be nested {max_depth} deep at most")
+    if count_fields(content, limits.depth) != fields:  # A field is there twice, or a text has a colon.
+        json.loads(text, object_pairs_hook=refuse_repeated)
     return content
 
 
-def is_deeper(content: Any, depth: int) -> bool:
-    """Return whether objects and lists are nested by more than this depth."""
-    level = [content]
-    for _ in range(depth + 1):
-        level = [each for each in level if isinstance(each, dict | list)]
-        if not level:
-            return False
-        level = [inner for each in level for inner in (each.values() if isinstance(each, dict) else each)]
-    return True
-
-
-def refuse_crowd(content: Mapping[str, Any], pointer: str = "") -> None:
-    """Refuse an object with too many fields: listing what is wrong with a million would take a second.
+def count_fields(content: Any, max_depth: int) -> int:
+    """Return the number of fields of all objects in the content of a body.
 
     Raises
     ------
+    HTTPException
+        400 if objects and lists are nested by more than `max_depth`.
     InvalidBodyError
-        If it has more than `MAX_FIELDS`.
+        If an object has more than `MAX_FIELDS`: listing what is wrong with a million would take a second.
     """
-    if len(content) > MAX_FIELDS:
-        raise InvalidBodyError([{"pointer": pointer, "detail": f"has {len(content)} fields, most of them unknown"}])
+    fields, level = 0, [((), content)] if isinstance(content, CONTAINERS) else list[tuple[tuple[Any, ...], Any]]()
+    for _ in range(max_depth):
+        inner: list[tuple[tuple[Any, ...], Any]] = []
+        for steps, each in level:
+            if isinstance(each, dict):
+                if len(each) > MAX_FIELDS:
+                    detail = f"has {len(each)} fields, most of them unknown"
+                    raise InvalidBodyError([{"pointer": json_pointer(steps), "detail": detail}])
+                fields += len(each)
+            pairs = each.items() if isinstance(each, dict) else enumerate(each)
+            inner += [((*steps, step), item) for step, item in pairs if isinstance(item, CONTAINERS)]
+        if not inner:
+            return fields
+        level = inner
+    raise HTTPException(HTTPStatus.BAD_REQUEST, f"the body may be nested {max_depth} deep at most")
+
+
+def refuse_repeated(fields: list[tuple[str, Any]]) -> None:
+    """Refuse an object of a JSON text that has a field twice: readers do not agree which of both counts.
+
+    Raises
+    ------
+    HTTPException
+        400 (RFC 8259, section 4: names should be unique).
+    """
+    seen: set[str] = set()
+    for name, _ in fields:
+        if name in seen:
+            raise HTTPException(HTTPStatus.BAD_REQUEST, f"an object of the body has the field {name[:100]!r} twice")
+        seen.add(name)
 
 
 async def next_turn(parsing: asyncio.Lock) -> None:

@@ -13,7 +13,7 @@ from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from service.api.batch_response import job_json, job_response, retry_after, root_of, to_job, until
-from service.api.body import parse_json, read_body, require_type
+from service.api.body import BodyLimits, parse_json, read_body, require_type
 from service.api.contract import RETRY_LATER, Responses, one_body, problems
 from service.api.job_models import Job, JobChange, JobResults, Jobs
 from service.api.middleware import client_of
@@ -276,10 +276,9 @@ async def cancel_job(request: Request, job_id: JobId, jobs: CurrentManager, cont
 )
 async def change_job(request: Request, job_id: JobId, jobs: CurrentManager, context: RunContext) -> Response:
     """Give a job another title."""
-    settings = services_of(request).settings
+    limits = BodyLimits.of_one(services_of(request).settings)
     require_type(request, JSON)
-    content = parse_json(await read_body(request, settings.max_body_bytes), settings.max_body_depth)
-    change = validated_as(JobChange, content)
+    change = validated_as(JobChange, parse_json(await read_body(request, limits), limits))
     state = known(await jobs.rename(job_id, change.title, context.principal.visible_owner))
     context.job = state.id
     return job_response(root_of(request), state)

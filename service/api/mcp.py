@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Mapping
+from dataclasses import replace
 from http import HTTPStatus
 from importlib import import_module
 from importlib.util import find_spec
@@ -10,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import orjson
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Request, Response
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.api.body import is_deeper
+from service.api.body import BodyLimits, count_fields, next_turn, parse_json, read_body
 from service.api.queries import resolve, validated
 from service.api.services import services_of
 from service.auth.dependencies import RUN
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 
 router = APIRouter(dependencies=[RUN], include_in_schema=False)
+ENVELOPE_DEPTH = 5
+"""Objects of a message around the request in it, with one or two to spare."""
 
 
 def is_installed() -> bool:
@@ -83,21 +86,44 @@ class McpServer:
 
 
 class McpResponse(Response):
-    """The answer to a message, which the SDK sends by itself."""
+    """The answer to a message, which the SDK sends by itself.
 
-    def __init__(self, server: ASGIApp) -> None:
+    Parameters
+    ----------
+    server
+        The SDK.
+    message
+        The body of the request, which has been read within the limits of every other body.
+    """
+
+    def __init__(self, server: ASGIApp, message: bytes) -> None:
         super().__init__()
         self._server = server
+        self._message = message
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send the answer."""
-        await self._server(scope, receive, send)
+        given = False
+
+        async def receive_message() -> Message:
+            nonlocal given
+            if given:
+                return await receive()
+            given = True
+            return {"type": "http.request", "body": self._message, "more_body": False}
+
+        await self._server(scope, receive_message, send)
 
 
 @router.post("/mcp")
 async def serve_mcp(request: Request) -> Response:
     """Answer a message of the Model Context Protocol (streamable HTTP)."""
-    return McpResponse(services_of(request).mcp)
+    services = services_of(request)
+    limits = BodyLimits.of_one(services.settings)
+    message = await read_body(request, limits)
+    await next_turn(services.parsing)
+    parse_json(message, replace(limits, depth=limits.depth + ENVELOPE_DEPTH))
+    return McpResponse(services.mcp, message)
 
 
 async def compute(operation: str, content: Mapping[str, Any], request: Request) -> dict[str, Any]:
@@ -127,9 +153,11 @@ async def compute(operation: str, content: Mapping[str, Any], request: Request) 
 
 async def _answer(operation: str, content: Mapping[str, Any], request: Request) -> bytes:
     services = services_of(request)
-    if is_deeper(content, services.settings.max_body_depth):
+    try:
+        count_fields(content, services.settings.max_body_depth)
+    except HTTPException:
         detail = f"may be nested {services.settings.max_body_depth} deep at most"
-        raise InvalidBodyError([{"pointer": "", "detail": detail}])
+        raise InvalidBodyError([{"pointer": "", "detail": detail}]) from None
     found = OPERATIONS[operation]
     case = validated(content, found, services)
     most = services.settings.small_samples

@@ -84,6 +84,53 @@ class RefusalMiddleware:
         await self._app(scope, receive_some, send_after_body)
 
 
+MAX_HEADERS = 100
+"""Headers of a request; browsers and proxies send some thirty, and Apache takes as many as this."""
+MAX_HEADER_BYTES = 8 * 1024
+"""Longest header, and longest target of a request [bytes]: those of nginx, and of a key with room to spare."""
+MAX_HEAD_BYTES = 32 * 1024
+"""All headers of a request [bytes]: those of nginx. The cookies that other services of a machine have set come too."""
+
+
+class HeaderLimits:
+    """Refuses a request with a long head before any of it is read, so that whatever reads a header finds it short."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on."""
+        refused = refusal_of_head(scope) if scope["type"] == "http" else None
+        if refused is None:
+            await self._app(scope, receive, send)
+            return
+
+        async def send_secured(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = secured(message.get("headers", []), tls=scope.get("scheme") == "https")
+            await send(message)
+
+        content = ProblemType.of_status(refused.status_code).content(refused.detail)
+        content["instance"] = ""  # A long path is not repeated.
+        await problem_response(Request(scope), content)(scope, receive, send_secured)
+
+
+def refusal_of_head(scope: Scope) -> HTTPException | None:
+    """Return the error of a head that is too long, None if it is not."""
+    if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > MAX_HEADER_BYTES:
+        return HTTPException(HTTPStatus.REQUEST_URI_TOO_LONG, f"a target may be {MAX_HEADER_BYTES} bytes long at most")
+    headers = scope["headers"]
+    if len(headers) > MAX_HEADERS:
+        detail = f"a request may have {MAX_HEADERS} headers at most"
+    elif max((len(value) for _, value in headers), default=0) > MAX_HEADER_BYTES:
+        detail = f"a header may be {MAX_HEADER_BYTES} bytes long at most"
+    elif sum(len(name) + len(value) for name, value in headers) > MAX_HEAD_BYTES:
+        detail = f"all headers may be {MAX_HEAD_BYTES} bytes long at most"
+    else:
+        return None
+    return HTTPException(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE, detail)
+
+
 class HeadMiddleware:
     """Lets `HEAD` reach the routes of `GET`; the server sends the head of their answer alone."""
 
@@ -140,8 +187,11 @@ class CompressionMiddleware:
         async def send_weak(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(raw=message["headers"])
-                if "content-encoding" in headers and headers.get("etag", "").startswith('"'):
+                changed = "content-encoding" in headers or (message["status"] == 304 and coding != "identity")
+                if changed and headers.get("etag", "").startswith('"'):
                     headers["etag"] = "W/" + headers["etag"]
+                if "etag" in headers:  # Also without a body, so that 304 says what 200 does (RFC 9110, 15.4.5).
+                    headers.add_vary_header("Accept-Encoding")
                 if "vary" in headers:  # Assets have it already, and the responder adds it once more.
                     headers["vary"] = ", ".join(dict.fromkeys(headers["vary"].split(", ")))
             await send(message)
@@ -404,8 +454,9 @@ def refuse_other_sites(headers: Mapping[bytes, bytes], origins: frozenset[bytes]
         return
     if site in OWN_SITES or origin in origins:
         return
-    if site is None and origin is not None and urlsplit(origin).netloc == headers.get(b"host"):
-        return
+    with suppress(ValueError):  # An origin that is no URL is none of this service.
+        if site is None and origin is not None and urlsplit(origin).netloc == headers.get(b"host"):
+            return
     raise HTTPException(HTTPStatus.FORBIDDEN, "requests by pages of other sites are refused; see RICOCHET_CORS_ORIGINS")
 
 

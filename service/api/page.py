@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import fastapi_offline
+import orjson
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, FastAPI, Request, Response
 from fastapi.openapi.docs import get_swagger_ui_html
@@ -127,11 +128,23 @@ async def plotly(request: Request) -> Response:
 @router.get("/page/contract.json")
 async def contract(request: Request) -> Response:
     """Serve what the page takes from here instead of repeating it: schemas of the contract, usual scatter, names."""
-    content, tag = contract_content(request.app)
+    content, tag = await run_sync(contract_content, request.app)
     headers = HEADERS | {"ETag": tag, "Content-Encoding": "gzip"}
     if tag in request.headers.get("If-None-Match", ""):
         return Response(status_code=304, headers=headers)
     return Response(content, media_type="application/json", headers=headers)
+
+
+@router.get("/openapi.json")
+async def openapi(request: Request) -> Response:
+    """Serve the contract."""
+    return Response(await run_sync(openapi_content, request.app), media_type="application/json")
+
+
+@lru_cache(maxsize=1)
+def openapi_content(app: FastAPI) -> bytes:
+    """Return the contract as JSON."""
+    return orjson.dumps(app.openapi())
 
 
 @lru_cache(maxsize=1)

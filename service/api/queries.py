@@ -14,11 +14,11 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Header, HTTPException, Request, Response
 from fastapi import Path as PathParameter
 
-from service.api.body import next_turn, parse_json, read_body, refuse_crowd, require_type
+from service.api.body import BodyLimits, next_turn, parse_json, read_body, require_type
 from service.api.contract import Responses, problems
 from service.api.job_models import Result
 from service.api.negotiation import CSV, HDF5, JSON, choose, matches
-from service.api.services import Services, services_of, unless_left
+from service.api.services import Services, in_time, services_of, unless_left
 from service.auth.dependencies import READ, RequestContext, context_in
 from service.cache.hdf5 import to_hdf5
 from service.cache.record import Record
@@ -28,7 +28,6 @@ from service.errors import InvalidBodyError, ProblemType, problem_of, validated_
 from service.jobs.scheduler import problem_name
 from service.operations import OPERATIONS, KeyedRequest, Operation, study_of
 from service.queries import Answered, CacheStatus, check_work
-from service.schemas.problems import json_pointer
 from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
 from service.telemetry import BEGUN
 
@@ -102,14 +101,15 @@ def single_route(operation: Operation) -> Callable[[Request], Awaitable[Response
         services, path, begun = services_of(request), request.scope["path"], request.scope[BEGUN]
         require_type(request, JSON)
         form = form_of(request)
-        settings, long = services.settings, operation.long
-        body = await read_body(request, settings.max_batch_bytes if long else settings.max_body_bytes)
+        long = operation.long
+        limits = (BodyLimits.of_series if long else BodyLimits.of_one)(services.settings)
+        body = await read_body(request, limits)
         known = services.bodies.get((path, body))
         record = None if known is None else services.cache.recall(known.key)
         if known is not None and record is not None:
             return await recalled(request, operation, record, known.cases, form)
         if long:
-            case = await run_sync(validated_long, body, operation, services, limiter=services.reading)
+            case = await run_sync(validated_long, body, limits, operation, services, limiter=services.reading)
             query = await run_sync(KeyedRequest.of, operation.name, case)
         else:
             case = await read_request(services, body, operation)
@@ -179,9 +179,11 @@ async def _answer_study(request: Request, operation: Operation, case: Any, query
     if record is None:
         check_work(await run_sync(study_of(operation.name).base, case), services.settings.max_panel_steps)
         with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
-            record, status = await services.jobs.answer_study(
+            study = services.jobs.answer_study(
                 operation.name, query, case, owner=context.queue_owner, take=context.take, limiter=services.reading
             )
+            found: Answered = await in_time(study, services.settings.study_seconds)
+            record, status = found
     if status == "hit":
         context.take(1)
     services.metrics.count(operation.name, record.outcome, status, 1)
@@ -243,14 +245,12 @@ async def read_content(services: Services, body: bytes) -> Any:
     if not body:
         raise InvalidBodyError([{"pointer": "", "detail": "Field required"}])
     await next_turn(services.parsing)
-    return parse_json(body, services.settings.max_body_depth)
+    return parse_json(body, BodyLimits.of_one(services.settings))
 
 
-def validated_long(body: bytes, operation: Operation, services: Services) -> Any:
-    """Validate a body that may be long."""
-    content = parse_json(body, services.settings.max_body_depth)
-    refuse_crowds(content)
-    return validated(content, operation, services)
+def validated_long(body: bytes, limits: BodyLimits, operation: Operation, services: Services) -> Any:
+    """Parse and validate a body that may be long."""
+    return validated(parse_json(body, limits), operation, services)
 
 
 def validated(content: Any, operation: Operation, services: Services) -> Any:
@@ -264,18 +264,6 @@ def validated(content: Any, operation: Operation, services: Services) -> Any:
     case = validated_as(operation.request, content)
     check_work(case, services.settings.max_panel_steps)
     return case
-
-
-def refuse_crowds(content: Any, steps: tuple[str | int, ...] = ()) -> None:
-    """Refuse objects with too many fields, at any depth."""
-    if isinstance(content, dict):
-        refuse_crowd(content, json_pointer(steps))
-        for name, item in content.items():
-            refuse_crowds(item, (*steps, name))
-    elif isinstance(content, list):
-        for index, item in enumerate(content):
-            if isinstance(item, dict | list):
-                refuse_crowds(item, (*steps, index))
 
 
 DECLARED: Responses = {

@@ -17,12 +17,12 @@ import orjson
 from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import Field, TypeAdapter, ValidationError
 
-from service.api.body import next_turn, parse_json, read_body
+from service.api.body import BodyLimits, next_turn, parse_json, read_body
 from service.api.negotiation import JSON
 from service.api.queries import resolve, validated
 from service.api.services import services_of
 from service.auth.dependencies import RUN
-from service.errors import InvalidBodyError, ProblemType, ServiceError, problem_of, validation_errors
+from service.errors import InvalidBodyError, ProblemType, ServiceError, errors_found, problem_of, validation_errors
 from service.operations import OPERATIONS
 from service.schemas.quantities import Num, Part
 from service.schemas.strike import PAPER, PAPER_AT_45
@@ -52,21 +52,24 @@ DEFAULT_INPUTS = [
     ModelInput(field="target.compressive_strength_pa", scale=1e6),
 ]
 INPUTS = TypeAdapter(Annotated[list[ModelInput], Field(min_length=1, max_length=MOST_INPUTS)])
-VECTORS = TypeAdapter(list[list[Num]])
+VECTOR = TypeAdapter(list[Num])
 
 
 def critical_angle_output(answer: Mapping[str, Any]) -> list[float]:
-    """Return angle and status: without an angle 90° (no ricochet, not converged) or 0° (ricochet at every angle)."""
+    """Return angle and status: without an angle 90° (no ricochet, not converged) or 0° (ricochet at the lower end)."""
     status = SearchStatus(answer["status"])
     limit = 0.0 if status is SearchStatus.ALWAYS_RICOCHET else 90.0
     return [answer.get("critical_angle_deg", limit), float(STATUSES.index(status))]
 
 
 def trajectory_output(answer: Mapping[str, Any]) -> list[float]:
-    """Return outcome, greatest depth, exit speed and exit angle, the latter 0 unless the strike was turned away."""
+    """Return outcome, greatest depth, exit speed and exit angle.
+
+    The depth is 0 if the wall is perforated, the angle unless the strike was turned away.
+    """
     outcome, left = Outcome(answer["outcome"]), answer.get("exit", {"speed_m_s": 0.0})
     angle = left["direction_deg"] if outcome is Outcome.RICOCHET else 0.0
-    return [float(OUTCOMES.index(outcome)), answer["maximum_depth_m"], left["speed_m_s"], angle]
+    return [float(OUTCOMES.index(outcome)), answer.get("maximum_depth_m", 0.0), left["speed_m_s"], angle]
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,9 +132,12 @@ async def answer(endpoint: str, request: Request) -> dict[str, Any]:
     """
     services = services_of(request)
     try:
-        body = await read_body(request, services.settings.max_body_bytes)
+        limits = BodyLimits.of_one(services.settings)
+        body = await read_body(request, limits)
         await next_turn(services.parsing)
-        content = parse_json(body or b"{}", services.settings.max_body_depth)
+        content = parse_json(body or b"{}", limits)
+    except InvalidBodyError as error:
+        raise protocol_error(error) from None
     except HTTPException as error:
         raise ProtocolError("InvalidInput", str(error.detail), error.status_code) from None
     if not isinstance(content, dict):
@@ -181,7 +187,7 @@ def read_config(name: str, model: Model, config: object) -> tuple[list[ModelInpu
         try:
             inputs = INPUTS.validate_python(parts.pop("inputs"))
         except ValidationError as error:
-            found = [{**each, "loc": ("config", "inputs", *each["loc"])} for each in error.errors()]
+            found = [{**each, "loc": ("config", "inputs", *each["loc"])} for each in errors_found(error)]
             raise InvalidBodyError(validation_errors(found)) from error
     base = {**model.base, **parts}
     fields = [each.field for each in inputs]
@@ -207,14 +213,13 @@ def read_input(content: object, size: int) -> list[float]:
     ProtocolError
         If it is no list of one list of finite numbers of this length.
     """
-    try:
-        vectors = VECTORS.validate_python(content)
-    except ValidationError as error:
-        detail = validation_errors([{**each, "loc": ("input", *each["loc"])} for each in error.errors()[:1]])[0]
-        raise ProtocolError("InvalidInput", f"{detail['pointer']}: {detail['detail']}") from None
-    if [len(each) for each in vectors] != [size]:
+    if not isinstance(content, list) or [len(each) if isinstance(each, list) else -1 for each in content] != [size]:
         raise ProtocolError("InvalidInput", f"input must be one list of {size} numbers")
-    return vectors[0]
+    try:
+        return VECTOR.validate_python(content[0])
+    except ValidationError as error:
+        detail = validation_errors([{**each, "loc": ("input", 0, *each["loc"])} for each in errors_found(error)[:1]])[0]
+        raise ProtocolError("InvalidInput", f"{detail['pointer']}: {detail['detail']}") from None
 
 
 def protocol_error(error: Exception) -> ProtocolError:

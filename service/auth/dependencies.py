@@ -102,10 +102,11 @@ class RequestContext:
         key = self._keys.find(token.strip())
         if key is None:
             raise HTTPException(HTTPStatus.UNAUTHORIZED, "invalid or expired API key", headers=INVALID_TOKEN)
+        # Before the scopes are checked, so that the audit log names whose key was refused.
+        self.principal = Principal(key.owner, key, self._quotas.quota(key.id, key.cases_per_hour))
         for scope in scopes:
             if not key.may(scope):
                 raise HTTPException(HTTPStatus.FORBIDDEN, f"the API key lacks the scope `{scope}`")
-        self.principal = Principal(key.owner, key, self._quotas.quota(key.id, key.cases_per_hour))
 
     def take(self, count: int) -> None:
         """Count cases.

@@ -11,8 +11,12 @@ import codecs
 import gc
 import io
 import os
+import signal
 import sys
+import threading
 import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -23,14 +27,17 @@ from service.cli.arguments import (
     CommandError,
     Parser,
     UsageError,
-    choose_format,
     examples,
-    one_answer,
     reason_of,
 )
+from service.cli.outputs import check_outputs, one_answer
 
 PLAIN = {"°": "deg", "θ": "theta", "±": "+/-", "×": "x", "–": "-", "…": "..."}
 """What stands for a character that the encoding of a terminal lacks, where Unicode does not know it."""
+
+
+EVENT_LOOPS = frozenset({"serve", "mcp"})
+"""Commands that run an event loop in the main thread."""
 
 
 class Command(NamedTuple):
@@ -49,6 +56,7 @@ COMMANDS = (
     Command("formulas", "penetration and least thickness by the formulas of the field", "service.cli.walls"),
     Command("thickness", "least thickness of a wall that is not perforated", "service.cli.walls"),
     Command("limit-speed", "least speed that perforates a wall", "service.cli.walls"),
+    Command("flight", "where a body lands after a ricochet", "service.cli.flight"),
     Command("report", "a strike on two pages to file, as HTML or PDF", "service.cli.reports"),
     Command("batch", "many cases from a file", "service.cli.batch"),
     Command("sweep", "one case over ranges of up to four of its fields", "service.cli.batch"),
@@ -102,21 +110,61 @@ def main(arguments: list[str] | None = None) -> int:
     atexit.register(gc.freeze)  # The last collection would take a quarter of a second, to free what ends anyway.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # Small systems of equations are slower on several threads.
     os.environ.pop("MPLBACKEND", None)  # Plots go to files; a backend that a notebook has set may not be here.
+    os.environ["MATPLOTLIBRC"] = os.devnull  # The figures have a style of their own.
     name = next((argument for argument in arguments if not argument.startswith("-")), "")
     try:
-        return run(name, arguments)
+        with interruptible(name):
+            return run(name, arguments)
     except CommandError as error:
         print(f"ricochet {name}: {error}", file=sys.stderr)
         return error.status
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return INTERRUPTED
+        return interrupted()
     except BrokenPipeError:  # The reader of the pipe, such as `head`, has all that it wants.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # This is most likely a full disk.
         print(f"ricochet {name}: {reason_of(error)}", file=sys.stderr)
         return FAILED
+
+
+@contextmanager
+def interruptible(name: str) -> Iterator[None]:
+    """Raise `KeyboardInterrupt` for whatever error Ctrl-C has ended in.
+
+    Libraries that import each other in C turn it into another one, such as numpy into an `ImportError`. The commands
+    with an event loop leave Ctrl-C to that, which takes it only from the handler of Python.
+    """
+    if name in EVENT_LOOPS or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pressed = False
+
+    def press(*_: object) -> None:
+        nonlocal pressed
+        pressed = True
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, press)
+    try:
+        yield
+    except BaseException as error:
+        if pressed:
+            raise KeyboardInterrupt from error
+        raise
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def interrupted() -> int:
+    """Say that Ctrl-C was pressed, which from now on ends this process at once; return the exit status."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    # Python ends by the signal, whatever the status, if the interruption passed through a text that it was executing,
+    # as named tuples are made; executing another one clears that mark.
+    eval("None")  # noqa: S307 (a constant)
+    print("interrupted", file=sys.stderr)
+    return INTERRUPTED
 
 
 def prepare_streams() -> None:
@@ -165,7 +213,7 @@ def run(name: str, arguments: list[str]) -> int:
         selected = import_module("service.cli.single").add_operation_command(commands, name) or parser
     args = parser.parse_args(arguments)
     try:
-        choose_format(args)
+        check_outputs(args)
         with one_answer(args):
             status: int = args.run(args)
         sys.stdout.flush()

@@ -2,11 +2,9 @@
 
 import argparse
 import difflib
-import io
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -84,9 +82,6 @@ def problem_text(problem: Mapping[str, Any]) -> str:
     return ": ".join(str(problem[name]) for name in ("title", "detail") if problem.get(name))
 
 
-ONE_ANSWER = {".json": "json", ".csv": "csv"}
-MANY_ANSWERS = {".jsonl": "json", ".ndjson": "json", ".csv": "csv", ".parquet": "parquet"}
-"""Flag of a format by the end of the name of a file."""
 URL, DATA_DIR = "RICOCHET_URL", "RICOCHET_DATA_DIR"
 """Variables that replace flags."""
 
@@ -104,20 +99,10 @@ def read_points(text: str) -> list[list[float]]:
     return points
 
 
-def read_own_shots(path: str) -> list[dict[str, float]]:
-    """Return the shots of a file as own tests hold them."""
-    from service.readers.calibration import read_shots
-    from service.readers.files import FileError
+class InputFile(str):
+    """Path of a file that a command reads, as typed; - is standard input."""
 
-    units = {"velocity": "m_s", "depth": "m", "mass": "kg", "diameter": "m"}
-    try:
-        shots = read_shots(path)
-    except FileError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    return [
-        {f"{name}_{unit}": value for name, unit in units.items() if (value := getattr(shot, name)) is not None}
-        for shot in shots
-    ]
+    __slots__ = ()
 
 
 class Flag(NamedTuple):
@@ -219,7 +204,7 @@ RESISTANCE = (
         "--shots",
         (*STRENGTH, "shots"),
         "own shots into the concrete, CSV with velocity, depth, and perhaps mass and diameter: S is read from them",
-        read=read_own_shots,
+        read=InputFile,
         metavar="FILE",
         implies=("own_tests",),
     ),
@@ -299,7 +284,11 @@ STRIKE = (*IMPACT, *BODY, *RESISTANCE)
 def add_case(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> None:
     """Add the inputs of one case: a file, flags for its numbers, and `--set` for any other field."""
     parser.add_argument(
-        "case", nargs="?", metavar="CASE", help="TOML or JSON file with a request body; - reads JSON from a pipe"
+        "case",
+        nargs="?",
+        type=InputFile,
+        metavar="CASE",
+        help="TOML or JSON file with a request body; - reads JSON from a pipe",
     )
     group = add_numbers(parser, flags)
     group.add_argument(
@@ -325,79 +314,6 @@ def add_numbers(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> "argp
             help=f"{flag.help}: {', '.join(flag.choices)}" if flag.choices else flag.help,
         )
     return group
-
-
-def add_formats(
-    parser: argparse.ArgumentParser, *, json: str, csv: str, endings: Mapping[str, str] = ONE_ANSWER
-) -> "argparse._MutuallyExclusiveGroup":
-    """Add `--output`, and `--json` and `--csv`, which exclude each other; return the group of these."""
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="FILE",
-        help=f"write to a file, in the format of its name: {', '.join(endings)}; else a flag says the format",
-    )
-    formats = parser.add_mutually_exclusive_group()
-    formats.add_argument("--json", action="store_true", help=json)
-    formats.add_argument("--csv", action="store_true", help=csv)
-    parser.set_defaults(endings=endings)
-    return formats
-
-
-def choose_format(args: argparse.Namespace) -> None:
-    """Set the flag of the format in which a command writes its file, by its name unless a flag is given.
-
-    Raises
-    ------
-    CommandError
-        If the name says no format, or the folder does not exist; before the computation.
-    """
-    if getattr(args, "endings", None) is None or args.output is None:
-        return
-    if not any(getattr(args, flag) for flag in set(args.endings.values())):
-        setattr(args, args.endings[ending_of("--output", args.output, args.endings)], True)
-    if not args.output.absolute().parent.is_dir():
-        raise CommandError(f"--output {args.output}: the folder does not exist", FAILED)
-
-
-def ending_of(flag: str, file: Path, known: Iterable[str]) -> str:
-    """Return the end of the name of a file to write.
-
-    Raises
-    ------
-    CommandError
-        If it is not one of those known.
-    """
-    ending = file.suffix.lower()
-    if ending not in known:
-        *others, last = known
-        raise CommandError(f"{flag} {file}: must end in {', '.join(others)}{' or ' if others else ''}{last}")
-    return ending
-
-
-@contextmanager
-def one_answer(args: argparse.Namespace) -> Iterator[None]:
-    """Put what a command with one answer prints into the file of `--output`, once all of it is there.
-
-    Commands with many answers write their file as these become ready.
-    """
-    if getattr(args, "endings", None) is not ONE_ANSWER or args.output is None:
-        yield
-        return
-    content = io.BytesIO()
-    with io.TextIOWrapper(content, "utf-8", newline="") as printed, redirect_stdout(printed):
-        yield
-        printed.flush()
-        try:
-            args.output.write_bytes(content.getvalue())
-        except OSError as error:
-            raise CommandError(f"--output {args.output}: {error.strerror or error}", FAILED) from None
-
-
-def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add `--plot`."""
-    parser.add_argument("--plot", type=Path, metavar="FILE", help=f"plot {what}, as .svg, .png or .pdf")
 
 
 def add_verbose(parser: argparse.ArgumentParser, what: str) -> None:
@@ -438,14 +354,6 @@ def add_operation(parser: argparse.ArgumentParser) -> None:
     """Add `--operation`."""
     parser.add_argument(
         "--operation", choices=MANY, default="cra", help="what to compute for each case (default: %(default)s)"
-    )
-
-
-def add_output(parser: argparse.ArgumentParser) -> None:
-    """Add `--output` and the formats of the results of many cases."""
-    formats = add_formats(parser, json="print JSON lines", csv="print the summaries as CSV", endings=MANY_ANSWERS)
-    formats.add_argument(
-        "--parquet", action="store_true", help="write the summaries as Parquet; needs the extra parquet at the service"
     )
 
 

@@ -10,18 +10,18 @@ from typing import Any, NamedTuple
 from service.cli.arguments import (
     STRIKE,
     CommandError,
+    InputFile,
     RefusedError,
     UsageError,
     add_case,
     add_data_dir,
     add_operation,
-    add_output,
-    add_plot,
     add_url,
     examples,
 )
 from service.cli.case_table import ENDINGS, read_cases
 from service.cli.jobs import BatchRequest, run_batch, write_results
+from service.cli.outputs import add_output, add_plot
 from service.cli.request_body import STDIN, RequestBody, read_body, without_sought
 from service.cli.writers import Writer
 
@@ -55,8 +55,10 @@ def add_batch(parser: argparse.ArgumentParser) -> None:
         "ricochet batch cases.jsonl > angles.jsonl",
         "ricochet batch cases.csv --case strike.toml -o angles.csv",
     )
-    parser.add_argument("file", metavar="FILE", help="up to 100,000 cases, .jsonl or .csv; - reads JSON lines")
-    parser.add_argument("--case", type=Path, metavar="CASE", help="TOML or JSON file with what a table leaves out")
+    parser.add_argument(
+        "file", type=InputFile, metavar="FILE", help="up to 100,000 cases, .jsonl or .csv; - reads JSON lines"
+    )
+    parser.add_argument("--case", type=InputFile, metavar="CASE", help="TOML or JSON file with what a table leaves out")
     _add_common(parser)
     parser.set_defaults(run=run_file)
 
@@ -155,7 +157,7 @@ def run_sweep(args: argparse.Namespace) -> int:
 
         if len(axes) > MAX_PLOT_AXES:
             raise UsageError(f"--plot needs one axis or two, not {len(axes)}")
-        check_plot(args.plot)
+        check_plot()
         writers = [SweepPlot(args.plot, args.operation, [axis.field for axis in axes])]
     try:
         return _compute_sweep(args, content, writers)

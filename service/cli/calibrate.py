@@ -2,16 +2,16 @@
 
 import argparse
 import csv
+import io
 import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from service.cli.arguments import BODY, IMPACT, WRONG, CommandError, ending_of, examples
+from service.cli.arguments import BODY, IMPACT, WRONG, CommandError, InputFile, examples
 from service.cli.calibration_input import (
     GREATEST_DEPTH,
     CalibrationBody,
@@ -22,6 +22,7 @@ from service.cli.calibration_input import (
     by_quantity,
     calibration_body,
 )
+from service.cli.outputs import OutputFile, check_outputs
 from service.cli.writers import print_table, print_warnings
 from service.names import CHOICES, named
 from service.readers.calibration import (
@@ -67,9 +68,6 @@ def run(args: argparse.Namespace) -> int:
         "obliquity": calibrate_obliquity,
     }
     try:
-        for table in ("curves", "histories"):
-            if getattr(args, table, None):
-                ending_of(f"--{table}", getattr(args, table), [".csv"])
         fits[args.calibration](args)
     except (CommandError, FileError) as error:
         return _fail(args, error, error.status if isinstance(error, CommandError) else WRONG)
@@ -171,7 +169,8 @@ def _table_inputs(args: argparse.Namespace) -> list[_Input]:
     for row in read_motion_runs(args.runs):
         cells = {f"impact/{name}": value for name, value in _fields(row.impact).items()}
         until = args.until if row.until is None else row.until
-        own = argparse.Namespace(**(vars(args) | cells | {"history": row.file, "until": until}))
+        own = argparse.Namespace(**(vars(args) | cells | {"history": InputFile(row.file), "until": until}))
+        check_outputs(own)
         try:
             inputs.append(replace(_single_input(own), name=row.name))
         except CommandError as error:
@@ -267,21 +266,18 @@ def _weights(pairs: Iterable[tuple[str, str]]) -> dict[str, float]:
     return values
 
 
-def _write_csv(path: Path, tables: Iterable[Mapping[str, Any]]) -> None:
+def _write_csv(output: OutputFile, tables: Iterable[Mapping[str, Any]]) -> None:
     """Write tables below each other, a row for each instant or velocity; a column that a table lacks is empty."""
-    tables = list(tables)
+    tables, text = list(tables), io.StringIO()
     names = list(dict.fromkeys(name for table in tables for name in table))
-    try:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, names, lineterminator="\n")
-            writer.writeheader()
-            for table in tables:
-                columns = {name: values for name, values in table.items() if isinstance(values, list)}
-                for row in zip(*columns.values(), strict=True):
-                    numbers = {**table, **dict(zip(columns, row, strict=True))}
-                    writer.writerow({name: f"{value:.9g}" for name, value in numbers.items()})
-    except OSError as error:
-        raise FileError(path, error.strerror or str(error)) from None
+    writer = csv.DictWriter(text, names, lineterminator="\n")
+    writer.writeheader()
+    for table in tables:
+        columns = {name: values for name, values in table.items() if isinstance(values, list)}
+        for row in zip(*columns.values(), strict=True):
+            numbers = {**table, **dict(zip(columns, row, strict=True))}
+            writer.writerow({name: f"{value:.9g}" for name, value in numbers.items()})
+    output.write(text.getvalue().encode())
 
 
 def _print_json(answer: Mapping[str, Any]) -> None:

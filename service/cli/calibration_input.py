@@ -5,7 +5,6 @@ import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, TypeVar
 
 from service.cli.arguments import (
@@ -14,12 +13,14 @@ from service.cli.arguments import (
     IMPACT,
     CommandError,
     Flag,
+    InputFile,
     RefusedError,
     add_numbers,
     add_url,
     examples,
 )
 from service.cli.local import refusals
+from service.cli.outputs import add_output_file
 from service.cli.request_body import RequestBody, read_body
 from service.cli.single import answer_of
 from service.errors import validated_as
@@ -57,12 +58,16 @@ def add_depth_flags(parser: argparse.ArgumentParser) -> None:
     parser.description = f"Fit the strength factor to depths of normal-impact tests. {CSV_FILES}"
     parser.epilog = examples("ricochet calibrate depth tests.csv --case strike.toml")
     parser.add_argument(
-        "tests", metavar="TESTS.csv", help="velocity and depth of each test, optionally its mass and weight"
+        "tests",
+        type=InputFile,
+        metavar="TESTS.csv",
+        help="velocity and depth of each test, optionally its mass and weight",
     )
     _add_file_flags(parser, DEPTH_TESTS, "velocity=V0", "depth=mm")
     parser.add_argument("--group", action="store_true", help="also fit each group of the group column")
     _add_fit_flags(parser)
-    parser.add_argument("--curves", type=Path, metavar="FILE.csv", help="write depth over velocity for each factor")
+    described = "write depth over velocity for each factor"
+    add_output_file(parser, "--curves", endings=(".csv",), metavar="FILE.csv", help=described)
     _add_case_flags(parser, BODY)
 
 
@@ -77,10 +82,10 @@ def add_motion_flags(parser: argparse.ArgumentParser) -> None:
         "ricochet calibrate motion history.csv --case strike.toml --oblique-angle 30 --until greatest-depth",
         "ricochet calibrate motion --runs runs.csv --case strike.toml --until greatest-depth",
     )
-    parser.add_argument("history", nargs="?", metavar="HISTORY", help="CSV, rbdout, nodout or binout")
+    parser.add_argument("history", nargs="?", type=InputFile, metavar="HISTORY", help="CSV, rbdout, nodout or binout")
     parser.add_argument(
         "--runs",
-        type=Path,
+        type=InputFile,
         metavar="RUNS.csv",
         help="fit several histories together: a table with the file, oblique_angle, velocity and until of each run; "
         "what it lacks is set by flags",
@@ -118,7 +123,8 @@ def add_motion_flags(parser: argparse.ArgumentParser) -> None:
         help="weight of depth, lateral or rotation (default: 1); 0 excludes it",
     )
     _add_fit_flags(parser)
-    parser.add_argument("--histories", type=Path, metavar="FILE.csv", help="write the motion for each factor")
+    described = "write the motion for each factor"
+    add_output_file(parser, "--histories", endings=(".csv",), metavar="FILE.csv", help=described)
     _add_case_flags(parser, (*IMPACT, *BODY))
 
 
@@ -130,7 +136,10 @@ def add_obliquity_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = examples("ricochet calibrate obliquity points.csv")
     parser.add_argument(
-        "points", metavar="POINTS.csv", help="oblique_angle_deg, strength_factor and optionally standard_error"
+        "points",
+        type=InputFile,
+        metavar="POINTS.csv",
+        help="oblique_angle_deg, strength_factor and optionally standard_error",
     )
     _add_file_flags(parser, OBLIQUITY_POINTS, "oblique_angle=theta", "oblique_angle=deg")
     parser.add_argument("--order", type=int, default=2, metavar="N", help="highest power of the angle (%(default)s)")
@@ -180,7 +189,7 @@ def _add_fit_flags(parser: argparse.ArgumentParser) -> None:
 
 def _add_case_flags(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> None:
     add_numbers(parser, flags).add_argument(
-        "--case", type=Path, metavar="FILE", help="TOML or JSON file with a request body of /trajectory"
+        "--case", type=InputFile, metavar="FILE", help="TOML or JSON file with a request body of /trajectory"
     )
 
 

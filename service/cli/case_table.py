@@ -3,7 +3,7 @@
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,8 @@ from service.cli.request_body import put_field, put_model, read_text
 ENDINGS = frozenset({".csv", ".tsv"})
 SEPARATORS = ",;\t"
 CUSTOM_ID = "custom_id"
+MAX_SHOWN = 100
+"""Characters of a name that an error quotes, and compares with those of the fields."""
 
 
 def read_cases(file: Path, operation: str, base: Mapping[str, Any]) -> tuple[list[bytes], list[int]]:
@@ -32,9 +34,12 @@ def read_cases(file: Path, operation: str, base: Mapping[str, Any]) -> tuple[lis
     text = read_text(file)
     header = text.partition("\n")[0]
     rows = csv.reader(io.StringIO(text), delimiter=max(SEPARATORS, key=header.count))
-    columns = [_steps(name.strip(), _fields(operation), f"{file}:1") for name in next(rows)]
+    fields, columns = _fields(operation), list[tuple[str, ...]]()
     cases, lines = list[bytes](), list[int]()
-    for cells in rows:
+    for cells in _rows(file, rows):
+        if not columns:
+            columns = [_steps(name.strip(), fields, f"{file}:1") for name in cells]
+            continue
         place = f"{file}:{rows.line_num}"
         if len(cells) > len(columns):
             raise CommandError(f"{place}: {len(cells)} cells for {len(columns)} columns")
@@ -43,6 +48,13 @@ def read_cases(file: Path, operation: str, base: Mapping[str, Any]) -> tuple[lis
             cases.append(json.dumps(_case(base, given, place)).encode())
             lines.append(rows.line_num)
     return cases, lines
+
+
+def _rows(file: Path, rows: Any) -> Iterator[list[str]]:
+    try:
+        yield from rows
+    except csv.Error as error:  # A cell has more than 131,072 characters, or a quoted one goes on to the end.
+        raise CommandError(f"{file}:{rows.line_num}: not a CSV file: {error}") from None
 
 
 def _fields(operation: str) -> list[str]:
@@ -63,10 +75,11 @@ def _steps(name: str, fields: Sequence[str], place: str) -> tuple[str, ...]:
     found = [name] if name in fields else [field for field in fields if field.endswith(f".{name}")]
     # The length of a projectile comes before that of its boat-tail.
     found = [field for field in found if field.count(".") == min(each.count(".") for each in found)]
+    shown = name[:MAX_SHOWN]
     if not name or len(found) > 1:
-        raise CommandError(f"{place}: column {name!r}: must be one of {', '.join(found) or 'the fields of a request'}")
+        raise CommandError(f"{place}: column {shown!r}: must be one of {', '.join(found) or 'the fields of a request'}")
     if not found:
-        raise CommandError(f"{place}: column {name!r}: is not a field of a request{suggestion(f'/{name}')}")
+        raise CommandError(f"{place}: column {shown!r}: is not a field of a request{suggestion(f'/{shown}')}")
     return tuple(found[0].split("."))
 
 

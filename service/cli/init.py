@@ -1,10 +1,11 @@
 """`ricochet init` and `ricochet completion`: a commented file of a strike, and a script for a shell."""
 
 import argparse
+import os
 from collections.abc import Iterator
-from pathlib import Path
 
-from service.cli.arguments import FAILED, CommandError, Parser, ending_of, examples
+from service.cli.arguments import CommandError, Parser, examples
+from service.cli.outputs import add_output_file
 
 STRIKE = """\
 # A strike, for `ricochet cra` and the other commands. SI units; angles in degrees from the inward normal of the face.
@@ -73,22 +74,16 @@ def add_init(parser: argparse.ArgumentParser) -> None:
         "comment. A file that is there already is left as it is."
     )
     parser.epilog = examples("ricochet init", "ricochet init wall.toml")
-    parser.add_argument(
-        "file", nargs="?", type=Path, default=Path("strike.toml"), metavar="FILE", help="default: strike.toml"
-    )
+    options = {"nargs": "?", "default": "strike.toml", "help": "default: strike.toml"}
+    add_output_file(parser, "file", flag="FILE", endings=(".toml",), **options)
     parser.set_defaults(run=run_init)
 
 
 def run_init(args: argparse.Namespace) -> int:
     """Write the file."""
-    ending_of("FILE", args.file, [".toml"])
-    try:
-        with args.file.open("x", encoding="utf-8") as stream:
-            stream.write(STRIKE)
-    except FileExistsError:
-        raise CommandError(f"{args.file}: is there already; name another file") from None
-    except OSError as error:
-        raise CommandError(f"{args.file}: {error.strerror or error}", FAILED) from None
+    if os.path.lexists(args.file.path):
+        raise CommandError(f"{args.file}: is there already; name another file")
+    args.file.write(STRIKE.encode())
     print(f"wrote {args.file}; next: ricochet cra {args.file}")
     return 0
 

@@ -1,14 +1,14 @@
 """`ricochet jobs`, and how batches and sweeps run as jobs: submitted, followed, and written as results become ready."""
 
 import argparse
-import itertools
 import json
 import os
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 from uuid import uuid4
 
@@ -17,18 +17,17 @@ from service.cli.arguments import (
     URL,
     CommandError,
     add_actions,
-    add_output,
     add_url,
     examples,
     problem_text,
 )
+from service.cli.outputs import add_output, open_output
 from service.cli.writers import (
     Counts,
     Item,
     ProgressReport,
     SweepTable,
     Writer,
-    open_output,
     print_table,
     print_values,
     progress,
@@ -36,8 +35,6 @@ from service.cli.writers import (
 )
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from service.cli.client import Client, Content
 
 DEFAULT_URL = "http://127.0.0.1:8000"
@@ -166,13 +163,12 @@ def write_results(
     further
         Further writers of the results.
     """
-    counts, results = Counts(), iter(results)
-    first = next(results)  # A request that is refused must not empty an earlier output.
-    with open_output(args) as stream:
+    counts = Counts()
+    with open_output(args) as stream, kept_rows(args, stream, counts, count):
         table = SweepTable(stream, args.operation, content) if args.csv else writer_for(args, stream, args.operation)
         writers = (table, *further, counts)
         with progress("computing") as report:
-            for item in itertools.chain([first], results):
+            for item in results:
                 for writer in writers:
                     writer.write([item])
                 report(counts.total, count)
@@ -180,6 +176,17 @@ def write_results(
             writer.close()
     report_counts(args, counts)
     return counts.status
+
+
+@contextmanager
+def kept_rows(args: argparse.Namespace, stream: TextIO, counts: Counts, total: int) -> Iterator[None]:
+    """Say which file keeps the results so far if there will be no more."""
+    try:
+        yield
+    except BaseException:
+        if args.output and Path(stream.name).stat().st_size:  # All writers have flushed what they wrote.
+            print(f"{counts.total:,} of {total:,} rows in {stream.name}", file=sys.stderr)
+        raise
 
 
 def report_counts(args: argparse.Namespace, counts: Counts) -> None:
@@ -194,9 +201,9 @@ def service_for(args: argparse.Namespace) -> AbstractContextManager["Client"]:
         from service.cli.client import connect
 
         return connect(args.url)
-    from service.workers.fork_server import start_fork_server
+    from service.workers.template import template
 
-    start_fork_server()  # It loads the solver while this process imports the server.
+    template.start()  # It loads the solver while this process imports the server.
     from service.cli.server import local_server
 
     data_dir: Path | None = args.data_dir
@@ -236,27 +243,28 @@ def follow(
     writers = [*further, counts] if whole else [writer_for(args, stream, job["operation"]), *further, counts]
     if args.parquet:
         client.parquet(job["id"], limit=1)  # A service without Parquet refuses before the work.
-    try:
-        with progress("computing") as report:
-            for page in pages(client, job["id"], report):
-                if args.csv:
-                    table = client.table(job["id"], page.cursor, len(page.items))
-                    stream.write(table if counts.total == 0 else without_header(table))
-                    stream.flush()
-                for writer in writers:
-                    writer.write(page.items)
-    except KeyboardInterrupt:
-        print(how_to_continue(job, args), file=sys.stderr)
-        raise
-    if args.parquet:
-        stream.buffer.write(client.parquet(job["id"]))
-        stream.flush()
-    for writer in writers:
-        writer.close()
-    state = client.job(job["id"])
-    if state["status"] != "successful":
-        reason = problem_text(state["problem"]) if "problem" in state else "it was cancelled"
-        raise CommandError(f"job {job['id']} ended early, after {counts}: {reason}", FAILED)
+    with kept_rows(args, stream, counts, job["counts"]["total"]):
+        try:
+            with progress("computing") as report:
+                for page in pages(client, job["id"], report):
+                    if args.csv:
+                        table = client.table(job["id"], page.cursor, len(page.items))
+                        stream.write(table if counts.total == 0 else without_header(table))
+                        stream.flush()
+                    for writer in writers:
+                        writer.write(page.items)
+        except KeyboardInterrupt:
+            print(how_to_continue(job, args), file=sys.stderr)
+            raise
+        if args.parquet:
+            stream.buffer.write(client.parquet(job["id"]))
+            stream.flush()
+        for writer in writers:
+            writer.close()
+        state = client.job(job["id"])
+        if state["status"] != "successful":
+            reason = problem_text(state["problem"]) if "problem" in state else "it was cancelled"
+            raise CommandError(f"job {job['id']} ended early, after {counts}: {reason}", FAILED)
     report_counts(args, counts)
     return counts.status
 
@@ -291,7 +299,11 @@ def how_to_continue(job: dict[str, Any], args: argparse.Namespace) -> str:
         from service.cli.client import without_secrets
 
         where = "" if os.environ.get(URL) == args.url else f" --url {without_secrets(args.url)}"
-        return f"the job continues at the service; for its results: ricochet jobs results {job['id']}{where}"
+        names = f"{job['id']}{where}"
+        return (
+            f"the job continues at the service; to stop it: ricochet jobs cancel {names}; "
+            f"for its results: ricochet jobs results {names}"
+        )
     if args.data_dir:
         return f"finished results are kept in {args.data_dir}; the same command continues from there"
-    return "finished results are lost; with --data-dir they are kept"
+    return "the same command begins anew; with --data-dir it would continue"

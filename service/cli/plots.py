@@ -3,17 +3,17 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from pathlib import Path
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
-from service.cli.arguments import FAILED, CommandError, ending_of
+from service.cli.arguments import FAILED, CommandError
+from service.cli.outputs import OutputFile
 from service.cli.writers import Item, Writer, heading
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Panel
     from matplotlib.figure import Figure
 
-SUFFIXES = (".png", ".svg", ".pdf")
 SNAPSHOTS = 5
 MARGIN = 0.08
 """Space that is shown around the projectile, over its length. [1]"""
@@ -29,26 +29,27 @@ ERROR = "critical_angle_standard_error_deg"
 COLORS = {"ricochet": "#c8102e", "embedded": "#123f73", "in_motion": "#8a8378", "perforated": "#2e7d32"}
 
 
-def check_plot(path: Path) -> None:
-    """Check, before the computation, that a plot can be written to a file.
+def check_plot() -> None:
+    """Check, before the computation, that plots can be drawn.
 
     Raises
     ------
     CommandError
-        If the file type or the folder is wrong, or matplotlib is not installed.
+        If matplotlib is not installed, or cannot read its settings in the working folder.
     """
-    ending_of("--plot", path, SUFFIXES)
-    if not path.absolute().parent.is_dir():
-        raise CommandError(f"--plot {path}: the folder does not exist")
     try:
         import_module("matplotlib")
+    except UnicodeDecodeError:
+        raise CommandError("matplotlibrc: the file of matplotlib in this folder is not UTF-8", FAILED) from None
     except ModuleNotFoundError as error:
         from service.settings import missing_package
 
         raise CommandError(missing_package("--plot", str(error.name), "reports"), FAILED) from None
 
 
-def plot_motion(path: Path, body: dict[str, Any], answer: Mapping[str, Any], history: Mapping[str, Any]) -> None:
+def plot_motion(
+    output: OutputFile, body: dict[str, Any], answer: Mapping[str, Any], history: Mapping[str, Any]
+) -> None:
     """Plot the projectile from the side at several instants."""
     import numpy as np
 
@@ -68,7 +69,7 @@ def plot_motion(path: Path, body: dict[str, Any], answer: Mapping[str, Any], his
     margin = MARGIN * length + breadth
     lateral = np.concatenate((tip.lateral, tip.lateral - length * np.sin(tip.axis_angle)))
     down = np.concatenate((tip.depth, tip.depth - length * np.cos(tip.axis_angle), [0.0]))
-    with figure_file(path, WIDE) as (_, panel):
+    with figure_file(output, WIDE) as (_, panel):
         draw_path(panel, projectile, tip, np.linspace(0.0, tip.time[-1], SNAPSHOTS))
         draw_concrete(
             panel,
@@ -79,9 +80,9 @@ def plot_motion(path: Path, body: dict[str, Any], answer: Mapping[str, Any], his
         panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-def plot_search(path: Path, answer: Mapping[str, Any]) -> None:
+def plot_search(output: OutputFile, answer: Mapping[str, Any]) -> None:
     """Plot the final position of each trial over its angle, and the critical angle."""
-    with figure_file(path, SQUARE) as (_, panel):
+    with figure_file(output, SQUARE) as (_, panel):
         for outcome, color in COLORS.items():
             trials = [trial for trial in answer["iterations"] if trial["outcome"] == outcome]
             if trials:
@@ -100,14 +101,14 @@ class SweepPlot(Writer):
 
     Parameters
     ----------
-    path
+    output
         File of the plot.
     fields
         Fields of the axes.
     """
 
-    def __init__(self, path: Path, operation: str, fields: Sequence[str]) -> None:
-        self._path = path
+    def __init__(self, output: OutputFile, operation: str, fields: Sequence[str]) -> None:
+        self._output = output
         self._name = PLOTTED[operation]
         self._fields = fields
         self._values: dict[tuple[float, ...], Mapping[str, float]] = {}
@@ -124,7 +125,7 @@ class SweepPlot(Writer):
         if not self._values:
             return
         labels = [labelled(field) for field in self._fields]
-        with figure_file(self._path, SQUARE) as (figure, panel):
+        with figure_file(self._output, SQUARE) as (figure, panel):
             if len(labels) == 1:
                 self._draw_line(panel)
                 panel.set(xlabel=labels[0], ylabel=labelled(self._name))
@@ -157,7 +158,7 @@ def labelled(name: str) -> str:
 
 
 @contextmanager
-def figure_file(path: Path, size: tuple[float, float]) -> "Iterator[tuple[Figure, Panel]]":
+def figure_file(output: OutputFile, size: tuple[float, float]) -> "Iterator[tuple[Figure, Panel]]":
     """Open a figure with one panel, and write it to a file at the end.
 
     Raises
@@ -170,9 +171,7 @@ def figure_file(path: Path, size: tuple[float, float]) -> "Iterator[tuple[Figure
     from service.reports.style import styled
 
     with styled():
-        figure = Figure(figsize=size, layout="constrained")
+        figure, picture = Figure(figsize=size, layout="constrained"), BytesIO()
         yield figure, figure.subplots()
-        try:
-            figure.savefig(path)
-        except OSError as error:
-            raise CommandError(f"--plot {path}: {error.strerror or error}", FAILED) from None
+        figure.savefig(picture, format=output.ending()[1:])
+    output.write(picture.getvalue())

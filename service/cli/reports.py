@@ -16,10 +16,11 @@ from service.cli.arguments import (
     RefusedError,
     add_case,
     add_url,
-    ending_of,
     examples,
 )
 from service.cli.local import answers_to, refusals
+from service.cli.outputs import add_output_file
+from service.cli.plots import check_plot
 from service.cli.request_body import read_body
 from service.cli.writers import progress
 
@@ -56,14 +57,8 @@ def add_report(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = examples("ricochet report strike.toml", "ricochet report strike.toml --angle 30 -o report.pdf")
     add_case(parser, STRIKE)
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("report.html"),
-        metavar="FILE",
-        help="file to write, .html or .pdf (default: %(default)s)",
-    )
+    described = "file to write, .html or .pdf (default: %(default)s)"
+    add_output_file(parser, "-o", "--output", endings=(".html", ".pdf"), default="report.html", help=described)
     add_url(parser)
     parser.set_defaults(run=run_report)
 
@@ -76,22 +71,14 @@ def run_report(args: argparse.Namespace) -> int:
     CommandError
         If there is none, or the file cannot be written.
     """
-    output: Path = args.output
-    kind = ending_of("--output", output, (".html", ".pdf"))
-    browser = find_browser() if kind == ".pdf" else ""
+    browser = find_browser() if args.output.ending() == ".pdf" else ""
     body = read_body(args.case, args, STRIKE)
     try:
         page = _fetch_report(args.url, body.content) if args.url else _make_report(body.content)
     except RefusedError as error:
         raise body.explain(error) from None
-    try:
-        if kind == ".pdf":
-            print_pdf(browser, page, output)
-        else:
-            output.write_bytes(page)
-    except OSError as error:
-        raise CommandError(f"--output {output}: {error.strerror or error}", FAILED) from None
-    print(f"wrote {output}")
+    args.output.write(print_pdf(browser, page, args.output.path.absolute().parent) if browser else page)
+    print(f"wrote {args.output}")
     return 0
 
 
@@ -111,6 +98,7 @@ def _make_report(body: dict[str, Any]) -> bytes:
     from service.schemas import ReportRequest
 
     try:
+        check_plot()
         require_extra()
     except ReportsMissingError as error:
         raise CommandError(str(error), FAILED) from None
@@ -152,20 +140,18 @@ def find_browser() -> str:
     return found
 
 
-def print_pdf(browser: str, page: bytes, output: Path) -> None:
-    """Print a page of HTML to a file.
+def print_pdf(browser: str, page: bytes, place: Path) -> bytes:
+    """Return a page of HTML printed as PDF, with temporary files in a folder.
 
     Raises
     ------
     CommandError
         If the browser fails.
     OSError
-        If the file cannot be written.
+        If the folder cannot be written.
     """
     # The folder is beside the output, as a browser in a container of its distribution sees no other temporary folder.
-    with tempfile.TemporaryDirectory(
-        prefix="ricochet-", dir=output.absolute().parent, ignore_cleanup_errors=True
-    ) as folder:
+    with tempfile.TemporaryDirectory(prefix="ricochet-", dir=place, ignore_cleanup_errors=True) as folder:
         source, target = Path(folder) / "report.html", Path(folder) / "report.pdf"
         source.write_bytes(page)
         command = [browser, *PRINTING, f"--user-data-dir={folder}/profile", f"--print-to-pdf={target}"]
@@ -180,4 +166,4 @@ def print_pdf(browser: str, page: bytes, output: Path) -> None:
         if not target.exists():
             reason = done.stderr.strip().splitlines()[-1:] or [f"exit status {done.returncode}"]
             raise CommandError(f"{browser} has not printed the report: {reason[0]}", FAILED)
-        shutil.copyfile(target, output)
+        return target.read_bytes()

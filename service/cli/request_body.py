@@ -2,16 +2,23 @@
 
 import argparse
 import json
+import re
 import sys
 import tomllib
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from service.cli.arguments import MODEL_NAMES, CommandError, Flag, RefusedError
+from service.cli.arguments import MODEL_NAMES, CommandError, Flag, InputFile, RefusedError
 
 STDIN = "-"
+MAX_BYTES, MAX_OBJECT = 2**30, 10_000_000
+"""Largest table of cases and largest strike that are read [B]; a device such as /dev/zero has no end."""
+QUOTED = re.compile(r""""(?:[^"\\\n]|\\.)*+"?|'[^'\n]*+'?""")
+DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
+"""Texts in quotes, and keys of more than 100 parts, for which tomllib takes minutes: its time is of their square."""
 MISSING = "Field required"
 """What Pydantic says of a field that is not there."""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics"}
@@ -76,21 +83,45 @@ def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence
         If the file holds no JSON object, or a field cannot be set.
     """
     content: dict[str, Any] = {} if file is None else read_object(file)
-    given = {}
-    for flag in flags:
-        value = getattr(args, "/".join(flag.steps))
+    values = [(flag, getattr(args, "/".join(flag.steps))) for flag in flags]
+    for flag, value in values:
         if flag.steps[:-1] not in MODEL_NAMES:
             _put_number(content, flag, value)
-        if value is not None:
-            given[flag.pointer] = flag.name
+    chosen = [
+        (flag, read_own_shots(flag, value) if isinstance(value, InputFile) else value)
+        for flag, value in values
+        if value is not None
+    ]
+    given = {flag.pointer: flag.name for flag, _ in chosen}
     for part in MODEL_NAMES:
-        chosen = [(flag, getattr(args, "/".join(flag.steps))) for flag in flags if flag.steps[:-1] == part]
-        put_model(content, part, [(flag, value) for flag, value in chosen if value is not None])
+        put_model(content, part, [(flag, value) for flag, value in chosen if flag.steps[:-1] == part])
     for text in getattr(args, "set", ()):
         field, value = _split(text)
         put_field(content, field.split("."), value, f"--set {text}")
         given["/" + field.replace(".", "/")] = f"--set {text}"
     return RequestBody(content, None if file is None else str(file), {flag.pointer: flag for flag in flags}, given)
+
+
+def read_own_shots(flag: Flag, file: InputFile) -> list[dict[str, float]]:
+    """Return the shots of a file as own tests hold them.
+
+    Raises
+    ------
+    CommandError
+        If the file holds no shots; it names the flag.
+    """
+    from service.readers.calibration import read_shots
+    from service.readers.files import FileError
+
+    units = {"velocity": "m_s", "depth": "m", "mass": "kg", "diameter": "m"}
+    try:
+        shots = read_shots(file)
+    except FileError as error:
+        raise CommandError(f"{flag.name} {error}") from None
+    return [
+        {f"{name}_{unit}": value for name, unit in units.items() if (value := getattr(shot, name)) is not None}
+        for shot in shots
+    ]
 
 
 def without_sought(body: RequestBody, operation: str) -> RequestBody:
@@ -169,15 +200,15 @@ def read_object(file: str | Path) -> dict[str, Any]:
     CommandError
         If the file cannot be read or parsed, or holds something else.
     """
-    text = read_text(file)
+    text = read_text(file, MAX_OBJECT)
     try:
         content = _parse_toml(text) if Path(file).suffix.lower() == ".toml" else json.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise CommandError(f"{file}: not TOML: {error}") from None
     except json.JSONDecodeError as error:
         raise CommandError(f"{file}:{error.lineno}: not JSON: {error.msg}") from None
-    except ValueError as error:  # A number has thousands of digits.
-        raise CommandError(f"{file}: {error}") from None
+    except ValueError:  # Python reads no integer of more digits, as that takes ever longer.
+        raise CommandError(f"{file}: holds a number of more than 4,300 digits") from None
     except RecursionError:
         raise CommandError(f"{file}: nested too deep") from None
     if not isinstance(content, dict):
@@ -187,21 +218,31 @@ def read_object(file: str | Path) -> dict[str, Any]:
 
 def _parse_toml(text: str) -> Any:
     """Return TOML as JSON values; a date becomes text, which no field accepts."""
+    if DEEP_KEY.search(QUOTED.sub("x", text)):
+        raise RecursionError
     return json.loads(json.dumps(tomllib.loads(text), default=str))
 
 
-def read_text(file: str | Path) -> str:
+def read_text(file: str | Path, limit: int = MAX_BYTES) -> str:
     """Return the text of a file or, for -, of standard input.
+
+    Parameters
+    ----------
+    limit
+        Largest size. [B]
 
     Raises
     ------
     CommandError
-        If it cannot be read, is empty or is not UTF-8.
+        If it cannot be read, is empty, too large or not UTF-8.
     """
     try:
-        content = sys.stdin.buffer.read() if str(file) == STDIN else Path(file).read_bytes()
+        with nullcontext(sys.stdin.buffer) if str(file) == STDIN else Path(file).open("rb") as stream:
+            content = stream.read(limit + 1)
     except OSError as error:
         raise CommandError(f"{file}: {error.strerror or error}") from None
+    if len(content) > limit:
+        raise CommandError(f"{file}: the file is larger than {limit:,} bytes")
     if not content.strip():
         raise CommandError(f"{file}: the file is empty")
     try:

@@ -5,14 +5,15 @@ import asyncio
 import errno
 import json
 import logging
+import os
 import signal
 import sys
-from collections.abc import Mapping
+from collections.abc import AsyncIterator, Mapping
 from contextlib import suppress
 from http import HTTPStatus
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from service.cli.arguments import (
     FAILED,
@@ -24,6 +25,7 @@ from service.cli.arguments import (
     read_settings,
     reason_of,
 )
+from service.cli.outputs import OutputFile
 
 if TYPE_CHECKING:
     from service.auth.api_keys import ApiKeyStore
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
     from service.settings import Settings
 
 NOT_STARTED = 3
+READ_BYTES = 64 * 1024
+"""Largest part of standard input that is read at once. [bytes]"""
 CONTRACT = Path("openapi/openapi.json")
 
 log = logging.getLogger(__name__)
@@ -60,9 +64,9 @@ def run_serve(args: argparse.Namespace) -> int:
     settings = read_settings(**{name: value for name, value in flags.items() if value is not None})
     asyncio.run(check_address(settings.host, settings.port))
     if settings.executor != "in-process":
-        from service.workers.fork_server import start_fork_server
+        from service.workers.template import template
 
-        start_fork_server()  # It loads the solver while this process imports the application.
+        template.start()  # It loads the solver while this process imports the application.
     from service.api.app import create_app
     from service.auth.api_keys import KeysUnreadableError
     from service.cli.server import Server
@@ -180,7 +184,7 @@ def add_mcp(parser: argparse.ArgumentParser) -> None:
 
 
 def run_mcp(args: argparse.Namespace) -> int:
-    """Serve until standard input ends.
+    """Serve until standard input ends, or until SIGTERM or SIGINT.
 
     Raises
     ------
@@ -222,8 +226,29 @@ async def serve_tools(client: "Client") -> None:
         return answer
 
     server = server_of(compute)
-    async with client.asynchronous() as http, stdio_server() as (reading, writing):
+    messages = cast(Any, lines_of(sys.stdin.fileno()))
+    async with client.asynchronous() as http, stdio_server(messages) as (reading, writing):
         await server.run(reading, writing, server.create_initialization_options())
+
+
+async def lines_of(descriptor: int) -> AsyncIterator[str]:
+    """Yield the lines of a file as they come.
+
+    The SDK reads standard input in a thread, which no signal interrupts as long as the input is open: a process that
+    is told to end would wait for it.
+    """
+    import anyio
+
+    rest = b""
+    while True:
+        with suppress(PermissionError):  # The system refuses to wait for a regular file, which is always readable.
+            await anyio.wait_readable(descriptor)
+        part = os.read(descriptor, READ_BYTES)
+        *lines, rest = (rest + part).split(b"\n")
+        for line in lines if part else filter(None, [rest]):
+            yield line.decode("utf-8", errors="replace")
+        if not part:
+            return
 
 
 def add_openapi(parser: argparse.ArgumentParser) -> None:
@@ -238,7 +263,7 @@ def run_openapi(args: argparse.Namespace) -> int:
     """Write the contract; with `--check`, return 1 if the file is not up to date."""
     if not args.check:
         CONTRACT.parent.mkdir(exist_ok=True)
-        CONTRACT.write_text(contract(), encoding="utf-8")
+        OutputFile("openapi", (".json",), str(CONTRACT)).write(contract().encode())
         return 0
     if CONTRACT.exists() and CONTRACT.read_text(encoding="utf-8") == contract():
         return 0

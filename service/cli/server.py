@@ -3,6 +3,7 @@
 import asyncio
 import gc
 import logging
+import os
 import signal
 import socket
 import sys
@@ -20,12 +21,14 @@ from fastapi import FastAPI
 from service.api.app import REFUSAL_SECONDS, STOP_SECONDS, create_app
 from service.cli.arguments import FAILED, CommandError, read_settings
 from service.cli.client import Client, connect
+from service.cli.http_protocol import HttpProtocol
 from service.cli.writers import progress
 from service.errors import ExecutorError, UnusableFolderError
 from service.settings import Settings
-from service.workers.fork_server import socket_folder
 from solver.compilation import compilation_progress
 
+SOCKET_FOLDER_BYTES = 70
+"""Longest path of the folder of a socket: the names below it take 24, and macOS allows 103 in all, Linux 107."""
 TICK_SECONDS = 0.1
 """Between two looks at a start that takes long."""
 MAX_CONNECTIONS = 800
@@ -65,7 +68,7 @@ class Server(uvicorn.Server):
                 host=settings.host,
                 port=settings.port,
                 root_path=settings.root_path,
-                http="httptools",
+                http=HttpProtocol,
                 ws="none",
                 limit_concurrency=MAX_CONNECTIONS,
                 timeout_keep_alive=IDLE_SECONDS,
@@ -124,6 +127,12 @@ class Server(uvicorn.Server):
         await super().shutdown(sockets)
         if not self.force_exit:
             await self._lifespan.aclose()
+
+
+def socket_folder() -> str:
+    """Return the folder for temporary files, or /tmp if the path of a socket in it would be too long."""
+    folder = tempfile.gettempdir()
+    return folder if len(os.fsencode(folder)) <= SOCKET_FOLDER_BYTES else "/tmp"  # noqa: S108 (folders in it are private)
 
 
 @contextmanager

@@ -14,12 +14,11 @@ from service.cli.arguments import (
     RefusedError,
     add_alternatives,
     add_case,
-    add_formats,
-    add_plot,
     add_url,
     add_verbose,
     examples,
 )
+from service.cli.outputs import add_formats, add_plot
 from service.cli.request_body import RequestBody, read_body
 from service.cli.writers import heading, print_table, print_values, print_warning_codes, print_warnings, progress
 from service.columns import csv_cells, trial_columns
@@ -139,7 +138,7 @@ def answer_one(operation: str, args: argparse.Namespace) -> tuple[RequestBody, b
     if args.plot:
         from service.cli.plots import check_plot
 
-        check_plot(args.plot)
+        check_plot()
     return body, answer_of(operation, without_angle(body) if operation == "cra" else body, args.url)
 
 
@@ -207,14 +206,23 @@ def motion_sentence(answer: Mapping[str, Any], oblique_angle: float) -> str:
         end = f"{1e3 * answer['maximum_depth_m']:.3g} mm deep {after}"
     else:
         end = f"it leaves at {left['speed_m_s']:.3g} m/s {after}"
-    return f"At {oblique_angle:g}° from the normal: {named(OUTCOMES, answer['outcome'])}, {end}."
+    if answer["outcome"] == "embedded" and (out := answer.get("protrusion", {}).get("final_m")):
+        end = f"its nose {round(1e3 * out, 1):g} mm out of the rear face, {end}"
+    sentence = f"At {oblique_angle:g}° from the normal: {named(OUTCOMES, answer['outcome'])}, {end}."
+    if left is None or "flight" not in left:
+        return sentence
+    from solver.flight import landing_sentence
+
+    distances = (left["flight"][name] for name in ("range_m", "farthest_range_m", "range_without_drag_m"))
+    return f"{sentence} {landing_sentence(*distances)}"
 
 
 def print_motion(answer: Mapping[str, Any]) -> None:
     """Print the end of a motion."""
     final = {heading(name): value for name, value in answer["final"].items()}
     values = {"outcome": named(OUTCOMES, answer["outcome"])}
-    values |= {heading(name): answer[name] for name in ("maximum_depth_m", "strength_factor")}
+    values |= {heading(name): answer[name] for name in ("maximum_depth_m", "strength_factor") if name in answer}
+    values |= {f"protrusion {heading(name)}": length for name, length in answer.get("protrusion", {}).items()}
     print_values(values | {f"final {name}": value for name, value in final.items()})
     print_alternatives(answer)
     print_warnings(answer["warnings"])

@@ -5,7 +5,6 @@ import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
@@ -15,12 +14,11 @@ from service.cli.arguments import (
     CommandError,
     RefusedError,
     add_case,
-    add_formats,
-    add_plot,
     add_url,
     examples,
     problem_text,
 )
+from service.cli.outputs import OutputFile, add_formats, add_plot
 from service.cli.plots import check_plot, figure_file
 from service.cli.request_body import RequestBody, read_body
 from service.cli.single import print_csv, print_json
@@ -84,7 +82,7 @@ def run_uncertainty(args: argparse.Namespace) -> int:
     if args.plot:
         if strike:
             raise CommandError("--plot: there is a curve to plot without --angle only")
-        check_plot(args.plot)
+        check_plot()
     if args.next_shot:
         if strike:
             raise CommandError("--next-shot: goes without --angle: shots narrow the range of the critical angle")
@@ -289,9 +287,9 @@ def _shares(sensitivity: Mapping[str, Any]) -> list[str]:
     return [named(QUANTITIES, sensitivity["field"]), *shares, " to ".join(f"{angle:.4g}" for angle in angles)]
 
 
-def plot_probability(path: Path, curve: Mapping[str, Sequence[float]]) -> None:
+def plot_probability(output: OutputFile, curve: Mapping[str, Sequence[float]]) -> None:
     """Plot the probability of ricochet with its interval."""
-    with figure_file(path, WIDE) as (_, panel):
+    with figure_file(output, WIDE) as (_, panel):
         angles = curve["oblique_angle_deg"]
         panel.fill_between(angles, curve["lower"], curve["upper"], color="#123f73", alpha=0.25, linewidth=0.0)
         panel.plot(angles, curve["ricochet_probability"], color="#123f73")

@@ -4,8 +4,10 @@ The last gives what the empirical formulas of the field say of both, and of the 
 """
 
 import argparse
+import copy
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from service.cli.arguments import (
@@ -15,12 +17,12 @@ from service.cli.arguments import (
     OBLIQUE_ANGLE,
     RESISTANCE,
     add_case,
-    add_formats,
     add_url,
     add_verbose,
     examples,
 )
-from service.cli.request_body import SOUGHT, RequestBody, read_body, without_sought
+from service.cli.outputs import add_formats
+from service.cli.request_body import SOUGHT, WALL_PARTS, read_body, without_sought
 from service.cli.single import answer_of, print_csv, print_json
 from service.cli.writers import heading, print_table, print_values, print_warnings
 from service.columns import trial_columns
@@ -30,21 +32,24 @@ STRIKE_FLAGS = (*IMPACT, *(flag for flag in BODY if flag.steps != SOUGHT["thickn
 WALL_FLAGS = (OBLIQUE_ANGLE, *ATTACK, *BODY, *RESISTANCE)
 FORMULA_VALUES = {"least_thickness_m": "perforation_thickness_m", "limit_speed_m_s": "limit_speed_m_s"}
 """Value of the formulas that is compared with the value sought, by the name of the latter."""
+BRACKETS = {"least_thickness_m": "bracket_m", "limit_speed_m_s": "bracket_m_s"}
+"""Bracket of the value sought."""
 
 
 def add_thickness(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet thickness`."""
     parser.description = (
-        "Find the least thickness of a wall that a strike does not perforate, beside what the empirical formulas of "
-        "the field say, which take the component of the velocity along the normal. A thickness in the file is left "
-        "out, and so are other parts than projectile, target, impact, resistance and numerics."
+        "Judge how thick a wall must be: design values against perforation and scabbing by the empirical formulas of "
+        "the field, which take the component of the velocity along the normal, and the least thickness that a strike "
+        "does not perforate by the model. A thickness in the file is judged. Other parts than projectile, target, "
+        "impact, resistance and numerics are left out."
     )
     parser.epilog = examples(
         "ricochet thickness strike.toml --angle 30", "ricochet thickness strike.toml --angle 0 --json"
     )
     add_case(parser, STRIKE_FLAGS)
     add_formats(parser, json="print the answer as the service sends it", csv="print the thicknesses tried")
-    add_verbose(parser, "print the thicknesses tried too")
+    add_verbose(parser, "print the thicknesses tried and the numbers of the search too")
     add_url(parser)
     parser.set_defaults(run=run_thickness)
 
@@ -52,44 +57,47 @@ def add_thickness(parser: argparse.ArgumentParser) -> None:
 def add_limit_speed(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet limit-speed`."""
     parser.description = (
-        "Find the least speed at which a projectile perforates a wall, beside that of CEA and EDF's formula. A speed "
-        "in the file is left out, and so are other parts than projectile, target, impact, resistance and numerics."
+        "Find the least speed at which a projectile perforates a wall, by the empirical formulas of the field and by "
+        "the model. A speed in the file is left out, and so are other parts than projectile, target, impact, "
+        "resistance and numerics."
     )
     parser.epilog = examples("ricochet limit-speed strike.toml --thickness 0.2 --angle 20")
     add_case(parser, WALL_FLAGS)
     add_formats(parser, json="print the answer as the service sends it", csv="print the speeds tried")
-    add_verbose(parser, "print the speeds tried too")
+    add_verbose(parser, "print the speeds tried and the numbers of the search too")
     add_url(parser)
     parser.set_defaults(run=run_limit_speed)
 
 
 def run_thickness(args: argparse.Namespace) -> int:
-    """Search the least thickness and print it, below what the formulas of the field require of a design."""
+    """Search the least thickness and print it, below the verdict on the wall of the case."""
     body = read_body(args.case, args, STRIKE_FLAGS)
-    target = body.content.get("target")
-    wall = target.get("thickness_m") if isinstance(target, dict) else None
-    text = answer_of("thickness", without_sought(body, "thickness"), args.url)
+    for name in body.content.keys() - WALL_PARTS:
+        del body.content[name]
+    said = []
     if not (args.json or args.csv):
-        from service.design import design_sentence
-
-        known = wall if isinstance(wall, int | float) else None  # the search leaves it out, so nothing has checked it
-        print(design_sentence(json.loads(text).get("formulas", ()), known), end="\n\n")
-    return _print(args, text, "least_thickness_m", "bracket_m")
+        wall = replace(body, content=copy.deepcopy(body.content))  # the search leaves its thickness out
+        said.append(json.loads(answer_of("wall", wall, args.url))["sentence"])
+    text = answer_of("thickness", without_sought(body, "thickness"), args.url)
+    return _print(args, text, "least_thickness_m", said)
 
 
 def run_limit_speed(args: argparse.Namespace) -> int:
-    """Search the limit speed and print it, below a sentence with it."""
-    body = read_body(args.case, args, WALL_FLAGS)
-    speed = body.value_at("/impact/velocity_m_s")
-    body = without_sought(body, "limit-speed")
-    text = answer_of("limit-speed", body, args.url)
-    if not (args.json or args.csv):
-        known = speed if isinstance(speed, int | float) else None  # the search leaves it out, so nothing has checked it
-        print(limit_sentence(json.loads(text), body, known), end="\n\n")
-    return _print(args, text, "limit_speed_m_s", "bracket_m_s")
+    """Search the limit speed and print it."""
+    body = without_sought(read_body(args.case, args, WALL_FLAGS), "limit-speed")
+    return _print(args, answer_of("limit-speed", body, args.url), "limit_speed_m_s", [])
 
 
-def _print(args: argparse.Namespace, text: bytes, value: str, bracket: str) -> int:
+def _print(args: argparse.Namespace, text: bytes, value: str, said: list[str]) -> int:
+    """Print an answer: what is said of it, the formulas, and if verbose the trials and the numbers of the search.
+
+    Parameters
+    ----------
+    value
+        Field with what was sought.
+    said
+        Sentences before that of the answer.
+    """
     answer: dict[str, Any] = json.loads(text)
     columns = trial_columns(answer)
     columns["exit_speed_m_s"] = [trial.get("exit", {}).get("speed_m_s", "") for trial in answer["iterations"]]
@@ -98,7 +106,7 @@ def _print(args: argparse.Namespace, text: bytes, value: str, bracket: str) -> i
     elif args.csv:
         print_csv(columns)
     else:
-        print_values(_found(answer, value, bracket))
+        print("\n".join([*said, *([answer["sentence"]] if "sentence" in answer else [])]))
         if rows := answer.get("formulas"):
             print()
             name = FORMULA_VALUES[value]
@@ -108,32 +116,17 @@ def _print(args: argparse.Namespace, text: bytes, value: str, bracket: str) -> i
             print()
             columns["outcome"] = [named(OUTCOMES, outcome) for outcome in columns["outcome"]]
             print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
+            print()
+            print_values(_found(answer, value))
         print_warnings(answer["warnings"])
     return 0
 
 
-def limit_sentence(answer: Mapping[str, Any], body: RequestBody, speed: float | None) -> str:
-    """Return the limit speed of a wall, and on which side of it the speed of the case is.
-
-    Parameters
-    ----------
-    answer
-        As ``/limit-speed`` gives it.
-    speed
-        Of the case; None if it has none. [m/s]
-    """
-    thickness, angle = body.value_at("/target/thickness_m"), body.value_at("/impact/oblique_angle_deg")
-    wall = f"a wall of {1e3 * thickness:g} mm at {angle:g}° from the normal"
-    if "limit_speed_m_s" not in answer:
-        return f"No limit speed of {wall}: {named(STATUSES, answer['status'])}."
-    limit = answer["limit_speed_m_s"]
-    judged = "" if speed is None else f"{speed:g} m/s: {'perforated' if speed >= limit else 'not perforated'}. "
-    return f"{judged}Limit speed {limit:.0f} m/s of {wall}, by this model without a margin."
-
-
-def _found(answer: Mapping[str, Any], value: str, bracket: str) -> dict[str, Any]:
+def _found(answer: Mapping[str, Any], value: str) -> dict[str, Any]:
+    """Return the numbers of a search, which are for comparing models and not for a design."""
     found: dict[str, Any] = {"status": named(STATUSES, answer["status"])}
     if value in answer:
+        bracket = BRACKETS[value]
         lower, upper = answer[bracket]
         found |= {heading(value): answer[value], heading(bracket): f"{lower:.6g} to {upper:.6g}"}
     return found

@@ -11,7 +11,7 @@ from typing import Any, TextIO, TypeAlias
 
 import orjson
 
-from service.cli.arguments import FAILED, SOME_FAILED, CommandError, problem_text
+from service.cli.arguments import SOME_FAILED, problem_text
 from service.columns import base_of, batch_columns, batch_row, csv_cells, summarize, unit_end, unit_of
 
 Item: TypeAlias = Mapping[str, Any]
@@ -131,28 +131,6 @@ class Counts(Writer):
 
     def __str__(self) -> str:
         return f"{self.total} cases, {self.failed} of them with a problem"
-
-
-@contextmanager
-def open_output(args: argparse.Namespace) -> Iterator[TextIO]:
-    """Open the file of `--output`, or standard output.
-
-    Raises
-    ------
-    CommandError
-        If the file cannot be written, or Parquet would go to a terminal.
-    """
-    if args.output is None:
-        if args.parquet and sys.stdout.isatty():
-            raise CommandError("Parquet is not for a terminal: name a file with -o")
-        yield sys.stdout
-        return
-    try:
-        file = args.output.open("w", encoding="utf-8", newline="")
-    except OSError as error:
-        raise CommandError(f"{args.output}: {error.strerror or error}", FAILED) from None
-    with file:
-        yield file
 
 
 def writer_for(args: argparse.Namespace, stream: TextIO, operation: str) -> Writer:

@@ -19,7 +19,7 @@ trajectory = ${literal(trajectoryRequest(values))}
 angle = ${literal(angleRequest(values))}
 
 answer = httpx.post(service + "trajectory", json=trajectory, timeout=60.0).raise_for_status().json()
-print(answer["outcome"], answer["maximum_depth_m"])
+print(answer["outcome"], answer.get("maximum_depth_m"))
 answer = httpx.post(service + "cra", json=angle, timeout=60.0).raise_for_status().json()
 print(answer["status"], answer.get("critical_angle_deg"))
 `;

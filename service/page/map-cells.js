@@ -28,16 +28,20 @@ export const QUANTITIES = {
   },
 };
 
+/** How a run ends on a map that is embedded with its nose out of the rear face of a wall. */
+const OUT = "embedded_out";
+
 /** Ways to end that differ on a map, with the mark each has there. */
 export const ENDINGS = {
   cra: { no_ricochet: "x-thin", always_ricochet: "circle-open", not_converged: "diamond-open", failed: "cross-thin" },
   thickness: { always_perforated: "x-thin", never_perforated: "circle-open", failed: "cross-thin" },
   probability: { failed: "cross-thin" },
-  trajectory: { embedded: "x-thin", perforated: "triangle-down-open", in_motion: "diamond-open", ricochet: "circle-open", failed: "cross-thin" },
+  trajectory: { embedded: "x-thin", [OUT]: "asterisk", perforated: "triangle-down-open", in_motion: "diamond-open", ricochet: "circle-open", failed: "cross-thin" },
 };
 
 /** Return how a case of a map ended in a word or two. */
 export function endingShown(ending) {
+  if (ending === OUT) return `${outcomeShown("embedded")}, its nose out of the rear face`;
   return outcomeShown(ending) ?? statusShown(ending) ?? ending;
 }
 
@@ -51,7 +55,7 @@ export function endingShown(ending) {
 export function readCell({ result, problem }) {
   if (!result) return { ending: "failed", warnings: [], detail: problem?.detail };
   return {
-    ending: result.status ?? result.outcome ?? "converged",
+    ending: result.outcome === "embedded" && result.protrusion?.final_m ? OUT : (result.status ?? result.outcome ?? "converged"),
     // The outcomes of a search on a wall are ranges of angles.
     probability: result.status ? undefined : result.outcomes && (result.outcomes.find(({ outcome }) => outcome === "ricochet")?.value ?? 0),
     angle: result.critical_angle_deg,
@@ -107,7 +111,7 @@ export function cellsCsv(operation, [x, y], cells) {
   return csvOf({
     [x.field]: found.map((index) => x.values[index % x.values.length]),
     [y.field]: found.map((index) => y.values[Math.floor(index / x.values.length)]),
-    [quantity ? "status" : "outcome"]: column(({ ending }) => ending),
+    [quantity ? "status" : "outcome"]: column(({ ending }) => (ending === OUT ? "embedded" : ending)),
     [quantity?.column ?? "maximum_depth_m"]: column(quantity?.of ?? (({ depth }) => depth)),
     warnings: column(({ warnings }) => warnings.join(" ")),
     key: column(({ key }) => key),

@@ -94,7 +94,7 @@ export class MapPicture {
   /** Draw what is there of the cells, and of a coarse grid where there are none yet. */
   async showCells(cells, rough = []) {
     const { operation } = this.#map;
-    const lines = QUANTITIES[operation]?.label.toLowerCase() ?? `greatest depth of the nose tip [${unitOf("mm").unit}]`;
+    const lines = QUANTITIES[operation]?.label.toLowerCase() ?? `greatest depth [${unitOf("mm").unit}]`;
     const scatter = isStudied(this.#map) ? ` ${scatterWords(this.#map.values)}` : "";
     this.counts.textContent = `${countWords(operation, cells)}. Lines: ${lines}.${scatter}`;
     this.cell.hidden = false;

@@ -8,7 +8,7 @@ import { warningShown } from "./words.js";
 // Viridis from a quarter on, so that dark lines and words can be read upon all of it.
 const COLOURS = ["#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725"];
 const NO_ANGLE = "#a9a9a9";
-const OUTCOMES = { embedded: "#5b7fb5", perforated: "#e08e5a", in_motion: "#b5b5b5", ricochet: "#fde725", failed: "#8c6d6d" };
+const OUTCOMES = { embedded: "#5b7fb5", embedded_out: "#a58fc9", perforated: "#e08e5a", in_motion: "#b5b5b5", ricochet: "#fde725", failed: "#8c6d6d" };
 const FRAMES = ["square-open", "hexagon-open", "star-square-open", "octagon-open"];
 const INK = "#111111";
 const PAPER = "#e8eaed"; // below the marks of the legend, in either theme

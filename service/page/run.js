@@ -16,6 +16,8 @@ const ANGLE = "impact.oblique_angle_deg";
 const STRENGTH = "resistance.strength_factor";
 const EQUATION_9 = [8.469, 0.0149, -0.0013]; // of 1, θ, θ² in degrees: what a polynomial without coefficients has
 
+const HELD_FROM_DEG = 60; // from where S of eq. 9 stays what it is there
+
 let latest = {}; // speed and duration of the latest run, which the next is taken to be like. [m/s, s]
 
 /**
@@ -73,10 +75,12 @@ async function requestStrike(body, signal) {
  * Only the polynomial falls to zero; a case that the service would refuse whatever the angle is returned as it is.
  */
 export function clipped(values) {
-  const { model, coefficients = EQUATION_9, obliquity_shape: shape } = valueAt(values, STRENGTH) ?? {};
+  const { model, coefficients = EQUATION_9, held_from_deg: given, obliquity_shape: shape } = valueAt(values, STRENGTH) ?? {};
   const isPolynomial = model === "obliquity_polynomial" || (shape ?? nodeAt(`${STRENGTH}.obliquity_shape`, values)?.default) === "equation_9";
   if (!isPolynomial) return values;
-  const factor = (angle) => coefficients.reduceRight((sum, each) => sum * angle + each, 0);
+  const isHeld = model !== "obliquity_polynomial" || coefficients.every((each, i) => each === EQUATION_9[i]);
+  const held = given ?? (isHeld ? HELD_FROM_DEG : 90);
+  const factor = (angle) => coefficients.reduceRight((sum, each) => sum * Math.min(angle, held) + each, 0);
   let angle = valueAt(values, ANGLE);
   while (angle > 0 && factor(angle) <= 0) angle = Math.round((angle - CLIP_DEG) / CLIP_DEG) * CLIP_DEG;
   return angle > 0 && angle < valueAt(values, ANGLE) ? withValue(values, ANGLE, Number(angle.toFixed(1))) : values;

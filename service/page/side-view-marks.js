@@ -3,7 +3,7 @@
 
 import { closedOutline, centreOfGravity, placed } from "./outline.js";
 import { colour } from "./plots.js";
-import { degreesShown, digits, quantityShown } from "./words.js";
+import { degreesShown, digits, lengthShown, quantityShown } from "./words.js";
 
 const RADIAN = Math.PI / 180;
 const SWEPT = 48; // instants whose outlines together are the hole
@@ -79,6 +79,13 @@ export function exitMark({ exit, final, path, projectile: { length_m: length } }
   const side = final.depth_velocity_m_s < 0 ? "above" : isNarrow ? "left" : "right";
   const end = tip.map((value, i) => value + direction[i] - (i && side === "above" ? 0.05 * length : 0)); // of the words
   return [arrow(tip, direction, colour("accent"), "exit"), { at: end, text, side, color: colour("accent") }];
+}
+
+/** How far a body at rest stands out of the rear face of a wall, beside its nose tip. */
+export function protrusionMark({ outcome, protrusion, path, projectile: { diameter_m: diameter } }) {
+  if (outcome !== "embedded" || !protrusion?.final_m) return [];
+  const at = [path.lateral.at(-1) + diameter, path.depth.at(-1)];
+  return [{ at, text: `nose ${lengthShown(protrusion.final_m)} out`, color: colour("bad") }];
 }
 
 /** The force of the concrete on the projectile at an instant, where it acts on the axis; its length is in the greatest of the run. */

@@ -6,10 +6,10 @@ import { svg } from "./elements.js";
 import { aboutRuns } from "./exports.js";
 import { closedOutline, placed } from "./outline.js";
 import { colour, csvOf, drawingOf, place } from "./plots.js";
-import { arcMarks, criticalMark, exitMark, faceNames, forceMarks, hole } from "./side-view-marks.js";
+import { arcMarks, criticalMark, exitMark, faceNames, forceMarks, hole, protrusionMark } from "./side-view-marks.js";
 import { rowAt } from "./run.js";
 import { unitOf } from "./units.js";
-import { digits, lengthShown, outcomeShown } from "./words.js";
+import { digits, endingShown, lengthShown } from "./words.js";
 
 const OUTLINES = [6, 3]; // of a run by itself, and of each that is compared
 const SEGMENTS = 36; // of the first path, each in the colour of its speed
@@ -78,7 +78,7 @@ function render(root, scene) {
   const isNarrow = size.width < NARROW;
   const range = [0, Math.max(...own.path.speed)];
   const count = OUTLINES[Math.min(others.length, 1)];
-  const marks = [...arcMarks(own, isNarrow), ...criticalMark(own, options.critical, isNarrow), ...exitMark(own, isNarrow)];
+  const marks = [...arcMarks(own, isNarrow), ...criticalMark(own, options.critical, isNarrow), ...exitMark(own, isNarrow), ...protrusionMark(own)];
   const outlines = evenRows(own, count).map((each) => outlineAt(own, each));
   const compared = others.flatMap(({ run }) => evenRows(run, count).map((each) => outlineAt(run, each)));
   const moving = outlineAt(own, row);
@@ -117,7 +117,7 @@ function render(root, scene) {
     ...legend(runs, range, size),
   );
   place(root, picture, {
-    title: `Side view: ${runs.map(({ run }) => outcomeShown(run.outcome)).join(", ")}`,
+    title: `Side view: ${runs.map(({ run }) => endingShown(run)).join(", ")}`,
     ...aboutRuns(runs),
     again: () => render(root, scene),
     csv: () => csvOf(runs.flatMap(rowsOf)),
@@ -270,5 +270,5 @@ function rowsOf({ run: { history, path }, name }) {
 function inWords({ run, name }) {
   const { outcome, final, maximum_depth_m: depth, target } = run;
   const reach = outcome === "perforated" ? `wall of ${lengthShown(target.thickness_m)}` : `${lengthShown(depth)} deep at most`;
-  return `${name}: ${outcomeShown(outcome)} after ${digits(final.time_s * 1e3)} ms, ${reach}.`;
+  return `${name}: ${endingShown(run)} after ${digits(final.time_s * 1e3)} ms, ${reach}.`;
 }

@@ -1,5 +1,5 @@
-// The verdict on a case: what happens at its oblique angle, how probable that is, the critical angle with its range, and the range
-// over the theories on one strip with the angle of the case.
+// The verdict on a case: the sentence of the service, what happens at its oblique angle, how probable that is, the critical angle with
+// its range, and the range over the theories on one strip with the angle of the case.
 
 import { address, caseQuery } from "./address.js";
 import { angleRequest } from "./case.js";
@@ -11,13 +11,14 @@ import { clipped, requestEnd } from "./run.js";
 import { inputField, takeUsual } from "./scatter.js";
 import { request } from "./service.js";
 import { clearParts, markFresh, markStale } from "./stale.js";
-import { capital, degreesShown, describeAngle, digits, lengthShown, outcomeShown, quantityShown, warningList } from "./words.js";
+import { inShownUnits } from "./units.js";
+import { capital, degreesShown, describeAngle, digits, endingShown, lengthShown, outcomeShown, quantityShown, warningList } from "./words.js";
 
 const REST_MS = 300; // without a change before the spread and the theories are computed: they are hundreds of searches
 const STRIP = { height: 40, edge: 14, margin_deg: 4 };
 
 /**
- * Return the verdict on a strike in words: the service's where they are known, until then those that need no study.
+ * Return the verdict on a strike: the sentence of the service where it is known, until then how the strike ends.
  *
  * @param {{values: object, run: object, found: object, judged?: object}} known the answers to `/trajectory`, `/cra` and
  *   `/verdict` for a case; the range of `judged` may be that of another oblique angle
@@ -28,15 +29,14 @@ export function verdictOf({ values, run, found, judged }) {
   const angle = found.critical_angle_deg;
   const decimals = decimalsOf(judged);
   const isOfAngle = judged?.oblique_angle_deg === values.impact.oblique_angle_deg;
-  const probability = isOfAngle ? judged.ricochet_probability : undefined;
-  const begins = angle === undefined ? describeAngle(found, decimals) : `Critical angle ${degreesShown(angle, decimals)} from the normal.`;
+  const probability = isOfAngle ? judged.probability_text : undefined;
   return {
-    sentence: isOfAngle ? judged.sentence : `At ${mine} from the normal: ${outcomeShown(run.outcome)}. ${begins}`,
+    sentence: isOfAngle ? inShownUnits(judged.sentence) : `At ${mine} from the normal, with the inputs as given: ${endingShown(run)}.`,
     figures: [
       { name: `Outcome at ${mine}`, value: capital(outcomeShown(run.outcome)), note: endOf(run) },
       {
         name: "Probability of ricochet",
-        value: probability === undefined ? (isOfAngle ? "–" : "...") : chance(probability),
+        value: probability ?? (isOfAngle ? "–" : "..."),
         note: isOfAngle && probability === undefined && judged.range_text ? `${mine} is not in the range searched` : `at ${mine}, with the usual scatter`,
       },
       {
@@ -171,7 +171,8 @@ export class Verdict {
     this.#hadShots = hasShots;
     this.spread.replaceChildren([describeAngle(this.found, decimalsOf(this.#judged)), this.#judged ? describeRange(this.#judged) : ""].join(" "));
     this.warnings.replaceChildren(...warningList(run.warnings, this.found.warnings, this.#judged?.warnings ?? []));
-    const theories = (this.#judged?.theories ?? []).map((each) => each.critical_angle_deg).filter((angle) => angle !== undefined);
+    // One card shows one critical angle: beside that of a law of one's own, the theories stand in words alone.
+    const theories = (this.#judged?.own_law ? [] : this.#judged?.theories ?? []).map((each) => each.critical_angle_deg).filter((angle) => angle !== undefined);
     const { lower_deg: lower, upper_deg: upper } = this.#judged?.range ?? {};
     const range = lower === undefined ? [] : [lower, upper];
     const { oblique_angle_deg: mine } = values.impact;
@@ -189,15 +190,16 @@ function decimalsOf(judged) {
 }
 
 /** Return where a run has ended in a few words. */
-function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
+function endOf({ outcome, final, exit, protrusion, maximum_depth_m: depth }) {
   if (outcome === "perforated") return `goes on at ${quantityShown(exit?.speed_m_s ?? final.depth_velocity_m_s, "m/s")}`;
   if (exit) return `at ${quantityShown(exit.speed_m_s, "m/s")}, ${digits(exit.elevation_deg)}° from the face`;
-  return `${lengthShown(depth)} deep after ${digits(final.time_s * 1e3)} ms`;
+  const out = outcome === "embedded" && protrusion?.final_m ? `its nose ${lengthShown(protrusion.final_m)} out of the rear face, ` : "";
+  return `${out}${lengthShown(depth)} deep after ${digits(final.time_s * 1e3)} ms`;
 }
 
 /** Return what the range stands for in words. */
 function describeRange(judged) {
-  const { usual_scatter: scatter, strength_factor_dispersion: dispersion, theories, share_without_angle: without } = judged;
+  const { usual_scatter: scatter, strength_factor_dispersion: dispersion, theories, share_without_angle: without, theory_range: range } = judged;
   const inputs = scatter.map(({ field }) => inputField(field).label.toLowerCase()).join(", ");
   const decays = names.choices["resistance.free_surface.model"];
   const by = theories.map(({ free_surface: name, weight, critical_angle_deg: angle }) => {
@@ -205,7 +207,8 @@ function describeRange(judged) {
   });
   return [
     `90 % range: usual scatter of ${inputs}; S scatters by ${percent(dispersion)}.`,
-    by.length ? `Theories: ${by.join(", ")}.` : "",
+    judged.own_law ? "It is that of the law chosen." : "",
+    by.length ? `Theories: ${by.join(", ")}${range ? `, their 90 % range ${range.lower_deg.toFixed(1)}° to ${range.upper_deg.toFixed(1)}°` : ""}.` : "",
     without ? `${percent(without)} of the samples have no critical angle.` : "",
   ].filter(Boolean).join(" ");
 }
@@ -260,12 +263,6 @@ function fitOf({ shots, median, dispersion, prior_median: before, prior_dispersi
     svg("line", { class: "critical", x1: at(middle), x2: at(middle), y1: 3 + 24 * i, y2: 23 + 24 * i }),
   ]);
   return [svg("svg", { viewBox: `0 0 ${right + 14} 54`, role: "img", "aria-label": `${words}.` }, ...bars), element("p.quiet", {}, `${words}.`)];
-}
-
-/** Return a probability in per cent: none is certain. */
-function chance(probability) {
-  if (probability < 0.005) return "below 1 %";
-  return probability > 0.995 ? "above 99 %" : percent(probability);
 }
 
 function percent(share) {

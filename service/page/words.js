@@ -30,6 +30,12 @@ export function lengthShown(value, count = 3) {
   return quantityShown(value, "mm", count);
 }
 
+/** Return how a run ended in a few words, with how far the body stands out of the rear face of a wall. */
+export function endingShown({ outcome, protrusion }) {
+  const out = outcome === "embedded" && protrusion?.final_m;
+  return out ? `${outcomeShown(outcome)}, its nose ${lengthShown(out)} out of the rear face` : outcomeShown(outcome);
+}
+
 /** Return a critical angle as text. */
 export function degreesShown(value, decimals = 2) {
   return `${value.toFixed(decimals)}°`;
@@ -56,7 +62,7 @@ export function describeRun(run) {
   const speed = Math.hypot(final.depth_velocity_m_s, final.lateral_velocity_m_s);
   const rest = run.outcome === "embedded" ? "" : ` It goes on at ${quantityShown(speed, "m/s")}.`;
   const wall = wallOf(run);
-  const depth = run.outcome === "perforated" ? "" : ` The nose tip went ${lengthShown(run.maximum_depth_m)} deep.`;
+  const depth = run.outcome === "perforated" ? "" : ` It went ${lengthShown(run.maximum_depth_m)} deep.`;
   return (
     `After ${digits(final.time_s * 1e3)} ms, with its nose tip ${place(final.nose_tip_depth_m, target.thickness_m)} and its axis at ` +
     `${(Math.round(10 * final.axis_angle_deg) / 10 || 0).toFixed(1)}° from the normal.${rest}${depth}${wall} Strength factor ${digits(run.strength_factor)}.`
@@ -64,11 +70,12 @@ export function describeRun(run) {
 }
 
 /** Return what the outcome of a run means for the wall that Walls judges. */
-function wallOf({ outcome, target: { thickness_m: thickness } }) {
+function wallOf({ outcome, protrusion, target: { thickness_m: thickness } }) {
   if (outcome === "in_motion") return "";
   if (thickness === undefined) return outcome === "embedded" ? " This concrete has no rear face: Walls says how thick a wall must be." : "";
   const word = outcome === "perforated" ? "perforated" : "not perforated";
-  return ` The wall of ${lengthShown(thickness, 6)} is ${word} by this model, without a margin: Walls says whether it is enough for a design.`;
+  const out = protrusion ? ` though the body comes ${lengthShown(protrusion.greatest_m)} out of the rear face,` : "";
+  return ` The wall of ${lengthShown(thickness, 6)} is ${word} by this model,${out} which is unconservative: the verdict says whether it is enough.`;
 }
 
 /** Return what a search found besides the angle, in sentences; how it ended if there is none. */
@@ -102,17 +109,18 @@ const WORST = ["implausible", "base_strikes_first", "velocity_beyond_rigid", "un
 
 /**
  * Return warnings in a line, with how many there are and the worst, and the standing notes in another; both unfold to all of
- * theirs. Of warnings with one code the last counts.
+ * theirs. A warning that another one repeats with more to say is left out; of the same ones the last counts.
  */
 export function warningList(...lists) {
-  const found = [...new Map(lists.flat().map((each) => [each.code, each])).values()];
+  const all = [...new Map(lists.flat().map((each) => [each.detail, each])).values()];
+  const found = all.filter((each) => !all.some((other) => other !== each && other.detail.startsWith(each.detail)));
   const rank = ({ code }) => (WORST.includes(code) ? WORST.indexOf(code) : WORST.length + (code === "strength_fit_extrapolated"));
   const special = found.filter(({ standing }) => !standing).sort((one, other) => rank(one) - rank(other));
   const standing = found.filter((each) => each.standing);
   const words = ({ detail }) => unbroken(sentence(inShownUnits(detail)));
-  const folded = (name, kind, all, ...summary) => {
-    const items = all.map((each) => element(`li.${kind}`, { "data-code": each.code }, words(each)));
-    return all.length ? [element(`details.${name}`, {}, element("summary", {}, ...summary), element("ul", {}, ...items))] : [];
+  const folded = (name, kind, some, ...summary) => {
+    const items = some.map((each) => element(`li.${kind}`, { "data-code": each.code }, words(each)));
+    return some.length ? [element(`details.${name}`, {}, element("summary", {}, ...summary), element("ul", {}, ...items))] : [];
   };
   const count = element("strong", {}, special.length === 1 ? "1 warning" : `${special.length} warnings`);
   const worst = element("span.worst", {}, ` ${special.slice(0, 1).map(words).join("")}`);

@@ -20,6 +20,7 @@ and length; the offset is that of the record with the numbers.
 import itertools
 import posixpath
 import re
+from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -138,7 +139,12 @@ def select(path: str | PathLike[str], kind: str, ids: Sequence[int], wanted: int
     return wanted
 
 
-NUMBER = re.compile(r"[+-]?\d+\.\d*(?:[EeDd][+-]?\d+|[+-]\d{3})?|[+-]?(?:nan|inf(?:inity)?)", re.IGNORECASE)
+# Digits are counted: without a limit the pattern would begin anew at each digit of a long run.
+NUMBER = re.compile(
+    r"[+-]?\d{1,40}\.\d{,40}(?:[EeDd][+-]?\d{1,9}|[+-]\d{3})?|[+-]?(?:nan|inf(?:inity)?)", re.IGNORECASE
+)
+MAX_LINE = 10_000
+"""Longest line of numbers [characters]; those of LS-DYNA have some 200."""
 ASTERISKS, COLUMN_WIDTH = re.compile(r"\*+"), 12
 """What Fortran writes for a number that does not fit into its column."""
 BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d{3})$")
@@ -148,7 +154,7 @@ RBDOUT_MARK = "r i g i d   b o d y   m o t i o n"
 RBDOUT_STATE = re.compile(r"\s*r i g i d +b o d y +m o t i o n +a t +cycle= *\S+ +time= *(?P<time>\S+)\s*")
 SWITCHED = "a part that is switched to deformable is not a rigid body"
 """Why a body may be absent from states in the middle of a file."""
-BODY = re.compile(r"\s*(nodal )?rigid body\s+(?P<body>\d+)\b.*")
+BODY = re.compile(r"\s*(nodal )?rigid body\s+(?P<body>\d{1,18})\b.*")
 DISPLACEMENT_LINE = re.compile(r"\s*displacements:(?P<numbers>.*)")
 
 NODOUT_MARK = "n o d a l   p r i n t   o u t"
@@ -156,7 +162,7 @@ NODOUT_STATE = re.compile(
     r"\s*n o d a l +p r i n t +o u t +f o r +t i m e +s t e p.*\( *at time *(?P<time>[^\s)]+) *\)\s*"
 )
 COLUMN_NAMES = re.compile(r"\s*nodal point\s+x-(?P<kind>disp|rot)\b.*")
-NODE = re.compile(r"\s*(?P<node>\d+)(?P<numbers>(?:\s*[+-]?\d*\.|\s*\*|\s+[+-]?(?:nan|inf)).*)", re.IGNORECASE)
+NODE = re.compile(r"\s*(?P<node>\d{1,18})(?P<numbers>(?:\s*[+-]?\d{,40}\.|\s*\*|\s+[+-]?(?:nan|inf)).*)", re.IGNORECASE)
 
 
 def read_rbdout(path: str | Path, lines: Sequence[str], part: int | None) -> States:
@@ -268,6 +274,8 @@ def _numbers(path: str | PathLike[str], line: int, text: str, least: int, what: 
     FileError
         If the line holds something else, or fewer numbers.
     """
+    if len(text) > MAX_LINE:
+        raise FileError(path, f"{what}: the line has more than {MAX_LINE:,} characters", line)
     text = ASTERISKS.sub(lambda found: " nan" * max(1, len(found[0]) // COLUMN_WIDTH), text)
     rest = NUMBER.sub(" ", text).strip()
     if rest:
@@ -278,7 +286,7 @@ def _numbers(path: str | PathLike[str], line: int, text: str, least: int, what: 
     return found
 
 
-STATE = re.compile(r"/(?P<database>rbdout|nodout)/d(?P<state>\d+)/time")
+STATE = re.compile(r"/(?P<database>rbdout|nodout)/d(?P<state>\d{1,18})/time")
 DISPLACEMENTS = {
     "rbdout": ("global_dx", "global_dy", "global_dz"),
     "nodout": ("x_displacement", "y_displacement", "z_displacement"),
@@ -291,6 +299,8 @@ BODIES = {"rbdout": "rigid body", "nodout": "node"}
 
 CHANGE_FOLDER, DATA, VARIABLE, TABLE, TABLE_END, FIRST_TABLE = 2, 3, 4, 5, 6, 7
 HEADER_BYTES = 8
+MAX_PATH = 1000
+"""Longest path of a variable in its folders; those of LS-DYNA have some 50 characters."""
 TYPES: Mapping[int, str] = {
     1: "i1", 2: "i2", 3: "i4", 4: "i8", 5: "u1", 6: "u2", 7: "u4", 8: "u8", 9: "f4", 10: "f8"
 }  # fmt: skip
@@ -324,18 +334,19 @@ def read_binout(path: str | Path, content: bytes, part: int | None, node: int | 
     database = "nodout" if node is not None or (part is None and not states["rbdout"]) else "rbdout"
     folders = [folder for _, folder in sorted(states[database], key=lambda state: state[0])]
     if not folders:
-        others = sorted({name.split("/")[1] for file in files for name in file.names()})
+        others = sorted({name.split("/")[1] for file in files for name in file.names()})[:20]
         sought = database if node is not None or part is not None else "rbdout and no nodout"
         reason = f"the binout has no {sought}, but {', '.join(others) or 'nothing'}"
         raise FileError(path, f"{reason}; LS-DYNA may have written it to another file of the run")
     known = _ids_of_states(files, folders, database)
     kind = BODIES[database]
-    different = {id(ids): ids for ids in known}.values()
-    listed = list(dict.fromkeys(int(each) for ids in different for each in ids[np.isfinite(ids)]))
+    different = {id(ids): ids for ids in known}
+    listed = list(dict.fromkeys(int(each) for ids in different.values() for each in ids[np.isfinite(ids)]))
     wanted = select(path, kind, listed, node if database == "nodout" else part)
+    found_in = {key: np.flatnonzero(ids == wanted) for key, ids in different.items()}
     places = []
     for row, ids in enumerate(known):
-        columns = np.flatnonzero(ids == wanted)
+        columns = found_in[id(ids)]
         if len(columns) != 1:
             times = f"{len(columns)} times" if len(columns) else f"not at all: {SWITCHED}"
             raise FileError(path, f"state {row + 1} has {kind} {wanted} {times}")
@@ -375,7 +386,7 @@ def _ids_of_states(files: Sequence["Lsda"], folders: Sequence["Folder"], databas
             ids = latest = latest if written is None else written
         if ids is None:
             raise FileError(files[0].path, f"the binout has no ids for its {database}")
-        known.append(known[-1] if known and np.array_equal(ids, known[-1]) else ids)
+        known.append(known[-1] if known and (ids is known[-1] or np.array_equal(ids, known[-1])) else ids)
     return known
 
 
@@ -410,6 +421,10 @@ class Variable:
     count: int
 
 
+def _start(variable: Variable) -> int:
+    return variable.start
+
+
 class Lsda:
     """The variables of an LSDA file.
 
@@ -430,7 +445,11 @@ class Lsda:
         self._length, self._offset, self._command, self._type = content[1:5]
         self._order: Literal["little", "big"] = "little" if content[5] else "big"
         self._variables: dict[str, list[Variable]] = {}
+        self._numbers: dict[Variable, NDArray[np.float64]] = {}
+        self._bytes = 0
         self._read_tables()
+        for versions in self._variables.values():
+            versions.sort(key=_start)
 
     def names(self) -> Iterator[str]:
         """Yield the paths of all variables."""
@@ -451,12 +470,17 @@ class Lsda:
         variable = versions[-1]
         if before:
             end = self._variables[f"{before}/time"][-1].start
-            variable = next((each for each in reversed(versions) if each.start < end), versions[0])
-        end = variable.start + variable.count * variable.dtype.itemsize
-        if end > len(self._content):
-            raise self._cut_short(variable.start)
-        numbers = np.frombuffer(self._content, variable.dtype, variable.count, variable.start)
-        return numbers.astype(np.float64)
+            variable = versions[max(0, bisect_left(versions, end, key=_start) - 1)]
+        if variable not in self._numbers:
+            size = variable.count * variable.dtype.itemsize
+            self._bytes += size
+            if variable.start + size > len(self._content):
+                raise self._cut_short(variable.start)
+            if self._bytes > len(self._content):  # Each variable has bytes of its own.
+                raise self._damaged("its variables overlap")
+            numbers = np.frombuffer(self._content, variable.dtype, variable.count, variable.start)
+            self._numbers[variable] = numbers.astype(np.float64)
+        return self._numbers[variable]
 
     def _read_tables(self) -> None:
         command, position, _ = self._record(self._content[0])
@@ -465,7 +489,7 @@ class Lsda:
         seen = set()
         while table := self._integer(position, self._offset):
             if table in seen:
-                raise FileError(self.path, "the binout is damaged: its tables of symbols form a cycle")
+                raise self._damaged("its tables of symbols form a cycle")
             seen.add(table)
             position = self._read_table(table)
 
@@ -473,19 +497,27 @@ class Lsda:
         """Read one table; return the position of the next table's offset."""
         command, position, _ = self._record(position)
         if command != TABLE:
-            raise FileError(self.path, f"the binout is damaged: no table of symbols at byte {position}")
+            raise self._damaged(f"no table of symbols at byte {position}")
         folder = "/"
         while True:
             command, start, end = self._record(position)
             if command == TABLE_END:
                 return start
+            if end < start:
+                raise self._damaged(f"a record at byte {position} has no length")
             if command == CHANGE_FOLDER:
-                folder = posixpath.normpath(posixpath.join(folder, self._text(start, end)))
+                folder = self._path(folder, self._text(start, end))
             elif command == VARIABLE:
                 name_end = end - self._type - self._offset - self._length
                 name = self._text(start, name_end)
-                self._add(posixpath.join(folder, name), name, name_end)
+                self._add(self._path(folder, name), name, name_end)
             position = end
+
+    def _path(self, folder: str, name: str) -> str:
+        path = posixpath.normpath(posixpath.join(folder, name))
+        if len(path) > MAX_PATH:
+            raise self._damaged(f"it has folders of more than {MAX_PATH} characters")
+        return path
 
     def _add(self, path: str, name: str, position: int) -> None:
         kind = self._integer(position, self._type)
@@ -495,11 +527,11 @@ class Lsda:
         count = self._integer(position + self._type + self._offset, self._length)
         command, start, end = self._record(offset)
         if command != DATA:
-            raise FileError(self.path, f"the binout is damaged: {path} is not at byte {offset}")
-        start += self._type + 1 + len(name.encode())
+            raise self._damaged(f"{path} is not at byte {offset}")
+        start += self._type + 1 + len(name)
         dtype = np.dtype(TYPES[kind]).newbyteorder("<" if self._order == "little" else ">")
         if count * dtype.itemsize > end - start:
-            raise FileError(self.path, f"the binout is damaged: {path} is longer than its record")
+            raise self._damaged(f"{path} is longer than its record")
         self._variables.setdefault(path, []).append(Variable(dtype, start, count))
 
     def _record(self, position: int) -> tuple[int, int, int]:
@@ -509,7 +541,7 @@ class Lsda:
         end = position + length
         command = self._integer(position + self._length, self._command)
         if command not in (TABLE, TABLE_END) and end < start:
-            raise FileError(self.path, f"the binout is damaged at byte {position}")
+            raise self._damaged(f"a record at byte {position} has no length")
         return command, start, end
 
     def _integer(self, position: int, width: int) -> int:
@@ -521,6 +553,9 @@ class Lsda:
         if end > len(self._content) or end < start:
             raise self._cut_short(start)
         return self._content[start:end].decode("latin-1")
+
+    def _damaged(self, how: str) -> FileError:
+        return FileError(self.path, f"the binout is damaged: {how}")
 
     def _cut_short(self, position: int) -> FileError:
         return FileError(

@@ -18,20 +18,28 @@ OTHER_FORMATS = (
     (re.compile(rb"PK\x03\x04|\xd0\xcf\x11\xe0"), "an Excel workbook or a ZIP archive; save the sheet as CSV"),
     (re.compile(rb"\x89HDF"), "an HDF5 file; export its columns as CSV"),
     (re.compile(rb"PAR1"), "a Parquet file; export its columns as CSV"),
-    (re.compile(rb"(\$.*\s+)*\*[A-Za-z_]+ *\r?\n"), "an LS-DYNA keyword file, the input of a run; {motion}"),
+    (re.compile(rb"(\$.*\n\s*)*+\*[A-Za-z_]+ *\r?\n"), "an LS-DYNA keyword file, the input of a run; {motion}"),
     (
         re.compile(rb"(?s).{,4096}(dt of cycle|kinetic energy\.{4})"),
         "LS-DYNA's glstat, the energies of a model; {motion}",
     ),
-    (re.compile(rb"(?s)\s*\*{20,}.{,200}LEGAL NOTICES"), "LS-DYNA's d3hsp, the log of a run; {motion}"),
-    (
-        re.compile(rb"(?s).{,512}ls-dyna.{,80}date(?!.*(r i g i d   b o d y|n o d a l   p r i n t))"),
-        "an LS-DYNA text file other than rbdout and nodout; {motion}",
-    ),
+    (re.compile(rb"(?s)\s*\*{20,}+.{,200}LEGAL NOTICES"), "LS-DYNA's d3hsp, the log of a run; {motion}"),
 )
 """What else is given as a file of tests or of a motion, by how it begins."""
+DYNA_TITLE = re.compile(rb"(?s).{,512}ls-dyna.{,80}date")
+DYNA_MOTIONS = (b"r i g i d   b o d y", b"n o d a l   p r i n t")
+OTHER_DYNA = "an LS-DYNA text file other than rbdout and nodout; {motion}"
+HEAD_BYTES = 65_536
+"""Bytes that show the format of a file, comments of a keyword file among them; patterns see no more, so that a crafted
+file cannot make them slow."""
+MAX_BYTES = 2**30
+"""Largest file that is read, as LS-DYNA begins another file at this size; a device such as /dev/zero has no end."""
 D3PLOT_TYPES, D3PLOT_DIMENSIONS = range(1, 7), range(2, 8)
 MOTION_FILES = "the motion of a body is in rbdout, nodout or binout"
+
+
+MAX_REASON = 500
+"""Characters of an error, which may quote a cell of any length."""
 
 
 class FileError(Exception):
@@ -50,7 +58,7 @@ class FileError(Exception):
     def __init__(self, path: str | PathLike[str], reason: str, line: int | None = None) -> None:
         super().__init__(path, reason, line)
         self.path = path
-        self.reason = reason
+        self.reason = reason if len(reason) <= MAX_REASON else f"{reason[:MAX_REASON]}..."
         self.line = line
 
     def __str__(self) -> str:
@@ -67,9 +75,12 @@ def read_bytes(path: str | Path) -> bytes:
         If it cannot be read or is empty.
     """
     try:
-        content = Path(path).read_bytes()
+        with Path(path).open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise FileError(path, error.strerror or str(error)) from None
+    if len(content) > MAX_BYTES:
+        raise FileError(path, f"the file is larger than {MAX_BYTES:,} bytes")
     if not content.strip(b"\xef\xbb\xbf \t\r\n\x00"):
         raise FileError(path, "the file is empty")
     if other := _other_format(content):
@@ -81,7 +92,11 @@ def _other_format(content: bytes) -> str | None:
     """Return the name of a format that no reader takes, and what to do; None for any other content."""
     if _is_d3plot(content):
         return "LS-DYNA's d3plot, the state of a whole model; {motion}"
-    return next((name for start, name in OTHER_FORMATS if start.match(content)), None)
+    head = content[:HEAD_BYTES]
+    if found := next((name for start, name in OTHER_FORMATS if start.match(head)), None):
+        return found
+    is_motion = any(mark in content for mark in DYNA_MOTIONS)
+    return OTHER_DYNA if DYNA_TITLE.match(head) and not is_motion else None
 
 
 def _is_d3plot(content: bytes) -> bool:

@@ -110,7 +110,11 @@ SEPARATOR_LINE = re.compile(r"\s*sep=(?P<separator>[,;\t|])\s*", re.IGNORECASE)
 COMMENTS = ("#", "%")
 MAX_NAMES = 20
 """Names of columns listed in an error."""
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
+MAX_COLUMNS = 10_000
+"""Largest number of columns: the name of each is compared with those of all quantities in all units."""
+NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?")
+BLANKS = re.compile(r"(?<![ \t])[ \t]++(?![\[(])")
+"""Blanks between cells: all of a run of blanks, unless a unit in brackets follows."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{,2}(,\d{3})+(\.\d*)?")
 """A number with commas between its thousands; with one comma, it may as well be a decimal comma."""
@@ -187,10 +191,12 @@ def read_table(path: str | Path, content: bytes | None = None) -> Table:
     header_line, header = next(cells)
     while header and not header[-1]:
         header.pop()
+    if len(header) > MAX_COLUMNS:
+        raise FileError(path, f"the header has {len(header):,} columns, more than {MAX_COLUMNS:,}", header_line)
     rows: list[list[str]] = []
     starts: list[int] = []
-    for line, row in cells:
-        if not rows and _are_units(row):
+    for number, (line, row) in enumerate(cells):
+        if number == 0 and _are_units(row):
             units = itertools.chain((cell.strip("[]()-") for cell in row), itertools.repeat(""))
             header = [
                 f"{name} ({unit})" if unit and not BRACKETED.fullmatch(name) else name
@@ -250,7 +256,7 @@ def _has_numbers_only(line: str) -> bool:
 
 def _with_tabs(lines: list[str]) -> list[str]:
     """Return lines whose cells are separated by blanks with tabs between them; names may have units in brackets."""
-    return [line if line.startswith(COMMENTS) else re.sub(r"[ \t]+(?![ \t\[(])", "\t", line.strip()) for line in lines]
+    return [line if line.startswith(COMMENTS) else BLANKS.sub("\t", line.strip()) for line in lines]
 
 
 def _are_units(row: Sequence[str]) -> bool:
@@ -308,7 +314,7 @@ def _find_one(table: Table, quantity: Quantity, name: str | None, unit: str | No
         _check_absent(table, quantity, wanted)
         return None
     if len(indices) > 1:
-        names = " and ".join(repr(table.header[index]) for index in indices)
+        names = " and ".join(repr(table.header[index]) for index in indices[:MAX_NAMES])
         raise FileError(table.path, f"there are {len(indices)} columns of {quantity.name}: {names}", table.header_line)
     given = unit_in_header(quantity, table.header[indices[0]], named=wanted is not None) or ""
     if quantity.units is None:

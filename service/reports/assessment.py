@@ -8,10 +8,8 @@ from math import degrees
 from typing import Any, Final, NamedTuple
 
 import jinja2
-import matplotlib as mpl
 from markupsafe import Markup
 
-from service.design import design_sentence
 from service.names import FORMULAS, OUTCOMES, QUANTITIES, STATUSES
 from service.reports import style
 from service.reports.assessment_figures import SETTINGS, curves, side_views, sketch, svg
@@ -21,6 +19,7 @@ from solver.free_surface import NoFreeSurface
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9_COEFFICIENTS, ObliquityPolynomial, PublishedTests
 from solver.uncertainty import Verdict
+from solver.uncertainty.verdict import probability_text
 from solver.warnings import (
     EQUATION_9_DIAMETER,
     EQUATION_9_STRENGTH,
@@ -54,6 +53,8 @@ KEYS: Final[Mapping[str, str]] = {
     "above": "run just above",
     "lowest": "run at the lower end",
     "highest": "run at the upper end",
+    "wall": "verdict on the wall",
+    "theories": "spread over the theories",
     "thickness": "least thickness",
     "formulas": "formulas",
 }
@@ -120,12 +121,12 @@ def page(strike: Assessed) -> str:
         case=_groups(numbers, strike),
         search=search,
         angle=search.get("critical_angle_deg"),
-        design=_design(formulas, lookup(strike.case, "/target/thickness_m")),
         shots=lookup(strike.case, "/resistance/strength_factor/shots"),
         judged=lookup(strike.case, "/impact/oblique_angle_deg"),
         run=_answered(strike, "judged"),
         study=study,
         probability=_probability_at(strike, study),
+        probability_text="" if strike.verdict.probability is None else probability_text(strike.verdict.probability),
         quantiles=_quantiles(study),
         advice=strike.advice,
         scatter=_scatter(numbers, strike, study),
@@ -253,11 +254,6 @@ def _formula_rows(answer: Mapping[str, Any] | None) -> list[tuple[int, Mapping[s
     return sorted(enumerate(answer["formulas"] if answer else ()), key=lambda each: not each[1]["in_range"])
 
 
-def _design(answer: Mapping[str, Any] | None, wall: float | None) -> str:
-    """Return whether the wall of the case is enough; empty without a wall or formulas."""
-    return "" if answer is None or wall is None else design_sentence(answer["formulas"], wall)
-
-
 def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
     """Return the limits of validity with the values of the case."""
     impact, target = strike.case["impact"], strike.case["target"]
@@ -321,20 +317,27 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
 
 
 def _warnings(strike: Assessed) -> list[tuple[tuple[str, str, str], bool]]:
-    """Return the warnings of what is shown, the first of each code.
+    """Return the warnings of what is shown: those of the verdict, and of the rest each code that these do not have.
 
-    Those of the search come first: they say most. Each is its code, its text and what it belongs to, with whether it
-    comes with most answers.
+    Each is its code, its text and what it belongs to, with whether it comes with most answers.
     """
-    found: dict[str, tuple[tuple[str, str, str], bool]] = {}
-    for each in strike.verdict.warnings:
-        found.setdefault(each.code, ((each.code, each.detail, KEYS["cra"]), each.standing))
-    for name in (*RUNS, "thickness", "uncertainty"):
+    of_strike = {each["detail"] for each in (_answered(strike, "judged") or {}).get("warnings", ())}
+    of_search = {each["detail"] for each in strike.answers["cra"]["warnings"]}
+    found = [
+        (
+            (each.code, each.detail, KEYS["judged" if each.detail in of_strike - of_search else "cra"]),
+            each.standing,
+        )
+        for each in strike.verdict.warnings
+    ]
+    codes = {each.code for each in strike.verdict.warnings}
+    for name in (*RUNS, "wall", "uncertainty"):
         for warning in (_answered(strike, name) or {}).get("warnings", ()):
-            if warning["code"] not in UNSAID:
+            if warning["code"] not in UNSAID | codes:
+                codes.add(warning["code"])
                 shown = warning["code"], warning["detail"], KEYS[name]
-                found.setdefault(warning["code"], (shown, warning.get("standing", False)))
-    return list(found.values())
+                found.append((shown, warning.get("standing", False)))
+    return found
 
 
 def _pictures(strike: Assessed, study: Mapping[str, Any] | None) -> dict[str, bytes]:
@@ -349,7 +352,7 @@ def _pictures(strike: Assessed, study: Mapping[str, Any] | None) -> dict[str, by
             runs.append((f"{RUN_TITLES[name]}{start:.2f}°:\n{end}", answer))
     drawn = next((each for each in (judged, angle, case["search"].get("upper_deg")) if each is not None), 45.0)
     speeds = [each for each in strike.speeds if "problem" not in each[1]]
-    with mpl.rc_context({**style.SETTINGS, **SETTINGS}):
+    with style.styled(SETTINGS):
         found = {
             "sketch": sketch(
                 strike.projectile,

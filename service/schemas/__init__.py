@@ -1,6 +1,12 @@
 """Requests and answers as the contract has them; the only place that converts degrees."""
 
-from service.schemas.answers import CriticalAngleAnswer, TrajectoryAnswer, critical_angle_answer, trajectory_answer
+from service.schemas.answers import (
+    CriticalAngleAnswer,
+    FlightAnswer,
+    TrajectoryAnswer,
+    critical_angle_answer,
+    trajectory_answer,
+)
 from service.schemas.batches import TrajectoryBase
 from service.schemas.calibration_depth import (
     DepthCalibrationAnswer,
@@ -12,12 +18,17 @@ from service.schemas.calibration_depth import (
 )
 from service.schemas.calibration_motion import MotionCalibrationRequest
 from service.schemas.calibration_motion_answer import MotionCalibrationAnswer, motion_answer
+from service.schemas.flight import FlightRequest
 from service.schemas.formulas import FormulasAnswer, FormulasRequest, formulas_answer
 from service.schemas.perforation import (
     LimitSpeedAnswer,
+    LimitSpeedBase,
     LimitSpeedRequest,
     ThicknessAnswer,
+    ThicknessBase,
     ThicknessRequest,
+    limit_speed_answer,
+    thickness_answer,
 )
 from service.schemas.requests import CriticalAngleBase, CriticalAngleRequest, ReportRequest, TrajectoryRequest
 from service.schemas.sweeps import CaseModels
@@ -27,6 +38,7 @@ from service.schemas.uncertainty_answers import (
     TrajectoryUncertaintyAnswer,
 )
 from service.schemas.verdict import VerdictAnswer, usual_inputs, verdict_answer
+from service.schemas.wall import WallAnswer, WallRequest, wall_answer
 
 __all__ = [
     "CaseModels",
@@ -37,9 +49,12 @@ __all__ = [
     "CriticalAngleUncertaintyRequest",
     "DepthCalibrationAnswer",
     "DepthCalibrationRequest",
+    "FlightAnswer",
+    "FlightRequest",
     "FormulasAnswer",
     "FormulasRequest",
     "LimitSpeedAnswer",
+    "LimitSpeedBase",
     "LimitSpeedRequest",
     "MotionCalibrationAnswer",
     "MotionCalibrationRequest",
@@ -47,6 +62,7 @@ __all__ = [
     "ObliquityCalibrationRequest",
     "ReportRequest",
     "ThicknessAnswer",
+    "ThicknessBase",
     "ThicknessRequest",
     "TrajectoryAnswer",
     "TrajectoryBase",
@@ -54,12 +70,17 @@ __all__ = [
     "TrajectoryUncertaintyAnswer",
     "TrajectoryUncertaintyRequest",
     "VerdictAnswer",
+    "WallAnswer",
+    "WallRequest",
     "critical_angle_answer",
     "depth_answer",
     "formulas_answer",
+    "limit_speed_answer",
     "motion_answer",
     "obliquity_answer",
+    "thickness_answer",
     "trajectory_answer",
     "usual_inputs",
     "verdict_answer",
+    "wall_answer",
 ]

@@ -1,5 +1,6 @@
 """The answers as the contract has them."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import MISSING, Field
@@ -7,6 +8,7 @@ from pydantic import MISSING, Field
 import solver
 from service.columns import Column
 from service.schemas.fields import GIVEN, NOT_TABLED, Behind, Described, Of, columns_of, history_columns, walk
+from service.schemas.flight import LANDING, FlightResult
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Num, Part, with_examples
 from service.schemas.resistance import FreeSurfaceModel, StrengthLaw
@@ -31,14 +33,15 @@ STATE = {
 }
 ACCELERATIONS = {"axial_acceleration_g": -8961.0, "transverse_acceleration_g": -141.3}
 EXIT = {
-    "speed_m_s": 101.1,
-    "direction_deg": 70.82,
-    "elevation_deg": 19.18,
-    "axis_angle_deg": 100.1,
-    "angular_velocity_rad_s": 214.0,
-    "kinetic_energy_j": 67100.0,
-    "lateral_m": 0.4011,
+    "speed_m_s": 23.77,
+    "direction_deg": 54.17,
+    "elevation_deg": 35.83,
+    "axis_angle_deg": 102.1,
+    "angular_velocity_rad_s": 40.59,
+    "kinetic_energy_j": 3880.0,
+    "lateral_m": 0.5723,
 }
+PROTRUSION = {"final_m": 0.0402, "greatest_m": 0.0402}
 WARNING = {
     "code": "mass_properties_assumed",
     "detail": "moment of inertia not given: that of a homogeneous solid of the outer shape is used",
@@ -51,7 +54,7 @@ STRENGTH = {"strength_factor_dispersion": 0.1126, "own_tests": OWN_TESTS}
 RUN = {
     "outcome": "embedded",
     "final": STATE,
-    "maximum_depth_m": 0.121271,
+    "maximum_depth_m": 0.128313,
     "strength_factor": 6.507,
     **STRENGTH,
     "warnings": [WARNING],
@@ -77,7 +80,7 @@ LAWS = {
 }
 OTHER_OUTCOME = LAWS | {"outcome": "ricochet"}
 OTHER_ANGLE = LAWS | {"status": "converged", "critical_angle_deg": 43.59}
-VERSIONED = {"key": "0" * 64, "engine_version": "10"}
+VERSIONED = {"key": "0" * 64, "engine_version": solver.ENGINE_VERSION}
 
 Key = Annotated[
     str,
@@ -217,6 +220,30 @@ class Exit(Part):
     """Energy of translation and rotation. [J]"""
     lateral_m: Annotated[Num, Described("way of the centre of gravity along the face since first contact")]
     """Way of the centre of gravity along the face, from where it was at first contact. [m]"""
+    flight: Annotated[FlightResult | MISSING, GIVEN, columns_of(FlightResult, "flight_")] = MISSING
+    """Where the body lands, in the answer to a trajectory with `flight`."""
+
+
+class FlightAnswer(FlightResult):
+    """Where a body lands on level ground, and how far it can land at most."""
+
+    model_config = with_examples(LANDING | VERSIONED)
+
+    key: Key
+    engine_version: EngineVersion
+
+
+class Protrusion(Part):
+    """How far a projectile stands out of the rear face of a wall that it does not perforate."""
+
+    model_config = with_examples(PROTRUSION)
+
+    final_m: Annotated[
+        Num | MISSING, Described("way of the deepest point out of the rear face at the end; empty if it leaves")
+    ] = MISSING
+    """Way of its deepest point out of the rear face at the end of the run; absent if it leaves by the front. [m]"""
+    greatest_m: Annotated[Num, Described("greatest way of the deepest point out of the rear face")]
+    """Greatest way of its deepest point out of the rear face. [m]"""
 
 
 class Trajectory(Part):
@@ -231,8 +258,12 @@ class Trajectory(Part):
     """At the event that ended the run."""
     exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_"), Behind("strength_factor")] = MISSING
     """If the projectile left."""
-    maximum_depth_m: Num
-    """Greatest depth of the nose tip. [m]"""
+    maximum_depth_m: Annotated[
+        Num | MISSING, Described("greatest depth of the deepest point; empty if the projectile perforates")
+    ] = MISSING
+    """Greatest depth of the deepest point of the projectile; absent if it perforates a wall. [m]"""
+    protrusion: Annotated[Protrusion | MISSING, columns_of(Protrusion, "protrusion_")] = MISSING
+    """In a wall, if anything of the projectile ever comes out of the rear face, and it does not perforate."""
     strength_factor: Annotated[Num, Described("in use, at this oblique angle")]
     """Strength factor in use, at this oblique angle. [1]"""
     strength_factor_dispersion: Annotated[StrengthDispersion, NOT_TABLED]
@@ -376,10 +407,23 @@ Columns = dict[str, FloatArray]
 """Columns of a history, by their names in the contract."""
 
 
-def trajectory_answer(found: solver.Trajectory) -> tuple[dict[str, Any], Columns | None]:
-    """Return the answer without its history, and the columns of the history if there is one."""
+def trajectory_answer(
+    found: solver.Trajectory, flight: Mapping[str, Any] | None = None
+) -> tuple[dict[str, Any], Columns | None]:
+    """Return the answer without its history, and the columns of the history if there is one.
+
+    Parameters
+    ----------
+    found
+        The run.
+    flight
+        Of the body that has left, if it is wanted.
+    """
     history = None if found.history is None else history_columns(MotionHistory, found.history)
-    return walk(TrajectoryAnswer, found), history
+    answer = walk(TrajectoryAnswer, found)
+    if flight is not None:
+        answer["exit"]["flight"] = flight
+    return answer, history
 
 
 def critical_angle_answer(

@@ -269,5 +269,5 @@ def obliquity_answer(fit: ObliquityFit) -> dict[str, Any]:
             "points",
             f"are too close together for a polynomial of this order: it has numbers above {LARGEST_COEFFICIENT:g}",
         )
-    model = walk(ObliquityPolynomial, fit, model="obliquity_polynomial")
+    model = walk(ObliquityPolynomial, fit.model, model="obliquity_polynomial")
     return walk(ObliquityCalibrationAnswer, fit, strength_factor_model=model)

@@ -19,15 +19,23 @@ OUT_OF_BOUNDS = {"greater_than", "greater_than_equal", "less_than", "less_than_e
 """Types of the errors of numbers outside their bounds."""
 CASE = {"projectile", "target", "impact", "resistance", "numerics", "search", "output", "alternatives"}
 """Parts of the request of a case."""
+LONGEST_MISSPELT = 200
+"""Longest pointer to a field that may be a misspelt one: difflib takes time in proportion to the length of a name."""
 SIMILAR = 0.8
 """Similarity above which a misspelt name gets a suggestion, by difflib. [1]"""
 
 
-def explained(pointer: str, error: Mapping[str, Any]) -> str:
-    """Return the message of an error of pydantic for the field at a pointer into a request."""
+def explained(pointer: str, error: Mapping[str, Any], *, suggest: bool = True) -> str:
+    """Return the message of an error of pydantic for the field at a pointer into a request.
+
+    Parameters
+    ----------
+    suggest
+        Whether to look for the field that an unknown one may be meant as.
+    """
     detail: str = error["msg"]
     if error["type"] == UNKNOWN:
-        return detail + suggestion(pointer)
+        return detail + suggestion(pointer) if suggest and len(pointer) <= LONGEST_MISSPELT else detail
     if error["type"] not in OUT_OF_BOUNDS:
         return detail
     field = pointer.strip("/").replace("/", ".").removesuffix(unit_end(pointer))
@@ -43,7 +51,7 @@ def explained(pointer: str, error: Mapping[str, Any]) -> str:
 def suggestion(pointer: str) -> str:
     """Return the end of an error for an unknown field: the field it may be meant as, or those beside it."""
     field = ".".join(step for step in pointer.split("/") if step and not step.isdigit())
-    known = _known_fields()
+    known = known_fields()
     if field in known:  # The field belongs to another request.
         return ""
     holder, _, last = field.rpartition(".")
@@ -58,7 +66,7 @@ def suggestion(pointer: str) -> str:
 
 
 @cache
-def _known_fields() -> list[str]:
+def known_fields() -> list[str]:
     """Return the fields of all requests, by their places."""
     models = [each for name, each in vars(schemas).items() if name.endswith("Request") and isclass(each)]
     found = (name for model in models if issubclass(model, BaseModel) for name in field_names(schema_of(model)))

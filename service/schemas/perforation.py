@@ -6,28 +6,84 @@ from pydantic import MISSING, Field
 
 import solver
 from service.columns import Column
-from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Exit, Key, ModelWarning
-from service.schemas.fields import GIVEN, Described, Of, walk
-from service.schemas.formulas import ROW, FormulaRow, FormulasRequest, formulas_answer
-from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.answers import (
+    VERSIONED,
+    WARNING,
+    EngineVersion,
+    Exit,
+    Key,
+    ModelWarning,
+    Protrusion,
+)
+from service.schemas.fields import GIVEN, NOT_TABLED, Described, Of, walk
+from service.schemas.formulas import ROW, FormulaRow
+from service.schemas.quantities import Flag, Num, Part, with_examples
 from service.schemas.requests import Case
 from service.schemas.strike import PAPER, PAPER_AT_45, Approach, Impact
-from solver import Outcome, ParameterError, PerforationStatus
+from service.schemas.wall import VARIANTS, Variants
+from solver import FormulaResult, Outcome, ParameterError, PerforationStatus
+from solver.formulas import limit_speeds
 from solver.perforation import RUN_TOLERANCE
 from solver.strike import TERMINATION_TIME
+from solver.uncertainty import PerforationSpread, limit_speed_spread, thickness_spread
+from solver.uncertainty.walls import PROBABILITY, limit_speed_sentence, thickness_sentence
 
+RANGE = {"lower": 0.1623, "upper": 0.2139, "probability": PROBABILITY}
+RANGE_COLUMNS = {
+    unit: (Column(f"range_low_{unit}", "lower end of the 90 % range"), Column(f"range_high_{unit}", "upper end"))
+    for unit in ("m", "m_s")
+}
+"""Columns of a range, by the unit of the answer."""
+VARIANT_COLUMNS = {
+    unit: tuple(
+        Column(f"{name}_{unit}", text)
+        for name, text in (
+            ("plain", "without a plug and a crater"),
+            ("rear_plug", "with a plug that shears out of the rear"),
+            ("rear_plug_and_crater", "with a plug and a crater"),
+        )
+    )
+    for unit in ("m", "m_s")
+}
+"""Columns of the variants, by the unit of the answer."""
 WALL = PAPER | {
     "target": PAPER["target"] | {"thickness_m": 0.2},
     "impact": {"oblique_angle_deg": 20.0},
 }
-LEFT = {"outcome": "perforated", "exit": EXIT}
-THICKNESS_TRIAL = {"thickness_m": 0.18} | LEFT
-SPEED_TRIAL = {"velocity_m_s": 224.0} | LEFT
+BEHIND = {
+    "speed_m_s": 186.1,
+    "direction_deg": 43.63,
+    "elevation_deg": 46.37,
+    "axis_angle_deg": 44.22,
+    "angular_velocity_rad_s": -8.263,
+    "kinetic_energy_j": 225000.0,
+    "lateral_m": 0.5305,
+}
+THICKNESS_TRIAL = {"thickness_m": 0.1, "outcome": "perforated", "exit": BEHIND}
+STOPPED = {"thickness_m": 0.1959, "outcome": "embedded", "protrusion": {"final_m": 0.0004, "greatest_m": 0.0004}}
+SPEED_TRIAL = {
+    "velocity_m_s": 243.3,
+    "outcome": "perforated",
+    "exit": {
+        "speed_m_s": 105.0,
+        "direction_deg": 19.82,
+        "elevation_deg": 70.18,
+        "axis_angle_deg": 19.82,
+        "angular_velocity_rad_s": -0.0022,
+        "kinetic_energy_j": 71720.0,
+        "lateral_m": 0.1428,
+    },
+}
 THICKNESS = {
     "status": "converged",
-    "least_thickness_m": 0.2402,
-    "bracket_m": [0.2402, 0.2402],
-    "iterations": [THICKNESS_TRIAL],
+    "least_thickness_m": 0.1864,
+    "bracket_m": [0.1864, 0.1864],
+    "range": RANGE,
+    "variants": VARIANTS,
+    "sentence": "Not perforated from 367 mm on by Hughes, the largest of the formulas within their range, without a "
+    "margin. This model, which is unconservative: 163 mm to 214 mm (90 % range over S, 187 mm with S as given).",
+    "without_protrusion": 0.1961,
+    "iterations": [THICKNESS_TRIAL, STOPPED],
     "formulas": [ROW],
     "warnings": [WARNING],
 }
@@ -44,14 +100,48 @@ SPEED = {
     "status": "converged",
     "limit_speed_m_s": 218.7,
     "bracket_m_s": [218.7, 218.7],
+    "without_protrusion": 193.5,
+    "range": {"lower": 199.4, "upper": 239.9, "probability": PROBABILITY},
+    "variants": {"plain": 218.7, "rear_plug": 175.8, "rear_plug_and_crater": 143.9},
+    "sentence": "Perforated from 79 m/s on by Hughes, the lowest of the formulas within their range. This model, which "
+    "is unconservative: 199 m/s to 239 m/s (90 % range over S, 218 m/s with S as given).",
     "iterations": [SPEED_TRIAL],
     "formulas": [SPEED_ROW],
     "warnings": [WARNING],
 }
 
 
-class ThicknessRequest(Case):
-    """A strike on a wall whose thickness is sought; its target has none."""
+class LimitOutput(Part):
+    """What the answer to a search for perforation holds."""
+
+    model_config = with_examples({"range": False})
+
+    range: Flag = True
+    """Whether to add the 90 % range over the strength factor, the values with a plug and a crater, and the sentence:
+    five searches more."""
+
+
+class BatchLimitOutput(LimitOutput):
+    """What the answer to a search for perforation holds among many."""
+
+    range: Flag = False
+    """Whether to add the 90 % range over the strength factor, the values with a plug and a crater, and the sentence:
+    five searches more; not among many, unless requested."""
+
+
+class PerforationCase(Case):
+    """What searches for perforation have in common."""
+
+    output: Annotated[LimitOutput, Field(default_factory=LimitOutput)]
+
+    @property
+    def searches(self) -> int:
+        """How many searches the answer takes."""
+        return 6 if self.output.range else 1
+
+
+class ThicknessFields(PerforationCase):
+    """A strike on a wall whose thickness is sought, alone or among many; its target has none."""
 
     model_config = with_examples(PAPER_AT_45)
 
@@ -81,18 +171,32 @@ class ThicknessRequest(Case):
         case = self.resolved()
         return case.shared_arguments() | {"impact": case.impact.to_solver()}
 
-    def formulas(self) -> list[dict[str, Any]]:
+    def formulas(self) -> list[FormulaResult]:
         """Return what the empirical formulas say of the same strike; nothing without a velocity along the normal."""
-        parts = self.model_dump(mode="json", include={"projectile", "target", "impact"})
+        arguments = self.arguments()
         try:
-            rows: list[dict[str, Any]] = formulas_answer(FormulasRequest.model_validate(parts))["formulas"]
+            rows = solver.formulas(**{name: arguments[name] for name in ("projectile", "target", "impact")})
         except ParameterError:
             return []
-        return [row for row in rows if "perforation_thickness_m" in row]
+        return [row for row in rows if row.perforation_thickness is not None]
 
 
-class LimitSpeedRequest(Case):
-    """A wall, and a projectile whose least speed that perforates is sought."""
+class ThicknessRequest(ThicknessFields):
+    """A strike on a wall whose thickness is sought; its target has none."""
+
+    model_config = with_examples(PAPER_AT_45)
+
+
+class ThicknessBase(ThicknessFields):
+    """A strike on a wall whose thickness is sought, among many: without a range unless requested."""
+
+    model_config = with_examples(PAPER_AT_45)
+
+    output: Annotated[BatchLimitOutput, Field(default_factory=BatchLimitOutput)]
+
+
+class LimitSpeedFields(PerforationCase):
+    """A wall, and a projectile whose least speed that perforates is sought, alone or among many."""
 
     model_config = with_examples(WALL)
 
@@ -122,25 +226,51 @@ class LimitSpeedRequest(Case):
         case = self.resolved()
         return case.shared_arguments() | case.impact.arguments()
 
-    def formulas(self) -> list[dict[str, Any]]:
+    def formulas(self) -> list[FormulaResult]:
         """Return the limit speeds of the empirical formulas; nothing for a strike along the face."""
         arguments = self.arguments()
         strike = {name: arguments[name] for name in ("projectile", "target", "oblique_angle")}
         try:
-            found = solver.cea_edf_limit_speed(**strike, thickness=arguments["target"].thickness)
+            return list(limit_speeds(**strike, thickness=arguments["target"].thickness))
         except ParameterError:
             return []
-        return [walk(FormulaRow, found)]
+
+
+class LimitSpeedRequest(LimitSpeedFields):
+    """A wall, and a projectile whose least speed that perforates is sought."""
+
+    model_config = with_examples(WALL)
+
+
+class LimitSpeedBase(LimitSpeedFields):
+    """A wall, and a projectile whose limit speed is sought, among many: without a range unless requested."""
+
+    model_config = with_examples(WALL)
+
+    output: Annotated[BatchLimitOutput, Field(default_factory=BatchLimitOutput)]
+
+
+class LimitRange(Part):
+    """Range of a limit over the scatter of the strength factor, in the unit of the answer."""
+
+    model_config = with_examples(RANGE)
+
+    lower: Num
+    upper: Num
+    probability: Annotated[Num, Field(ge=0.0, le=1.0)]
+    """With which the limit of this model lies in it. [1]"""
 
 
 class PerforationTrial(Part):
     """How one run of a search for perforation ended."""
 
-    answered_last: ClassVar = ("outcome", "exit")
+    answered_last: ClassVar = ("outcome", "exit", "protrusion")
 
     outcome: Annotated[Outcome, Described("how the trial ended")]
     exit: Exit | MISSING = MISSING
     """If the projectile left."""
+    protrusion: Protrusion | MISSING = MISSING
+    """If anything of the projectile comes out of the rear face, and it does not perforate."""
 
 
 class ThicknessTrial(PerforationTrial):
@@ -178,8 +308,19 @@ class ThicknessAnswer(Part):
         Column("bracket_high_m", "upper of these"),
     ] = MISSING
     """Thicknesses between which the outcome changes. [m]"""
+    without_protrusion: Annotated[
+        Num | MISSING, Column("without_protrusion_m", "least thickness of a wall out of which nothing comes")
+    ] = MISSING
+    """Least thickness with which nothing of the projectile was seen to come out of the rear face: where a wall is as
+    thick as `least_thickness_m`, its nose may stand out. [m]"""
     iterations: Annotated[list[ThicknessTrial], Column("trials", "number of thicknesses tried")]
     """Every thickness tried, in order."""
+    range: Annotated[LimitRange | MISSING, GIVEN, *RANGE_COLUMNS["m"]] = MISSING
+    """Over the scatter of the strength factor; if requested, and if there is a thickness at both of its ends. [m]"""
+    variants: Annotated[Variants | MISSING, GIVEN, *VARIANT_COLUMNS["m"]] = MISSING
+    """Least thickness with different rear and front faces, if requested. [m]"""
+    sentence: Annotated[str | MISSING, GIVEN, NOT_TABLED] = MISSING
+    """What the formulas and the model say, with the range; not a design value, which `/wall` has."""
     formulas: Annotated[list[FormulaRow], GIVEN]
     """Empirical formulas with a perforation thickness for the same strike."""
     warnings: list[ModelWarning]
@@ -202,10 +343,61 @@ class LimitSpeedAnswer(Part):
         Column("bracket_high_m_s", "upper of these"),
     ] = MISSING
     """Speeds between which the outcome changes. [m/s]"""
+    without_protrusion: Annotated[
+        Num | MISSING, Column("without_protrusion_m_s", "greatest speed at which nothing comes out of the wall")
+    ] = MISSING
+    """Greatest speed at which nothing of the projectile was seen to come out of the rear face: just below
+    `limit_speed_m_s` its nose may stand out. [m/s]"""
     iterations: Annotated[list[SpeedTrial], Column("trials", "number of speeds tried")]
     """Every speed tried, in order."""
+    range: Annotated[LimitRange | MISSING, GIVEN, *RANGE_COLUMNS["m_s"]] = MISSING
+    """Over the scatter of the strength factor; if requested, and if there is a speed at both of its ends. [m/s]"""
+    variants: Annotated[Variants | MISSING, GIVEN, *VARIANT_COLUMNS["m_s"]] = MISSING
+    """Limit speed with different rear and front faces, if requested. [m/s]"""
+    sentence: Annotated[str | MISSING, GIVEN, NOT_TABLED] = MISSING
+    """What the formulas and the model say, with the range."""
     formulas: Annotated[list[FormulaRow], GIVEN]
-    """Empirical formulas with a limit speed for the same wall and angle."""
+    """Limit speeds of the empirical formulas for the same wall and angle."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
+
+
+def thickness_answer(request: ThicknessFields) -> dict[str, Any]:
+    """Return the answer to a search for the least thickness without its key and version.
+
+    Raises
+    ------
+    ParameterError
+        If values do not go together.
+    IntegrationError
+        If a run could not be integrated.
+    """
+    arguments, rows = request.arguments(), request.formulas()
+    found = solver.least_thickness(**arguments)
+    given: dict[str, Any] = {}
+    if request.output.range:
+        spread, law = thickness_spread(**arguments), arguments["resistance"]
+        given = _spread_answer(spread) | {"sentence": thickness_sentence(found, spread, rows, law)}
+    return walk(ThicknessAnswer, found, formulas=rows, **given)
+
+
+def limit_speed_answer(request: LimitSpeedFields) -> dict[str, Any]:
+    """Return the answer to a search for the limit speed without its key and version; raises as `thickness_answer`."""
+    arguments, rows = request.arguments(), request.formulas()
+    found = solver.limit_velocity(**arguments)
+    given: dict[str, Any] = {}
+    if request.output.range:
+        spread = limit_speed_spread(**arguments)
+        given = _spread_answer(spread) | {
+            "sentence": limit_speed_sentence(found, spread, rows, arguments["resistance"])
+        }
+    return walk(LimitSpeedAnswer, found, formulas=rows, **given)
+
+
+def _spread_answer(spread: PerforationSpread) -> dict[str, Any]:
+    given: dict[str, Any] = {"variants": spread.variants}
+    if spread.range is not None:
+        lower, upper = spread.range
+        given["range"] = {"lower": lower, "upper": upper, "probability": PROBABILITY}
+    return given

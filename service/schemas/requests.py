@@ -8,6 +8,7 @@ import orjson
 from pydantic import MISSING, Field
 
 import solver
+from service.schemas.flight import FlightInput
 from service.schemas.numerics import Method, Numerics, Search, SearchMethod, usual_range
 from service.schemas.quantities import Flag, Num, Part, with_examples
 from service.schemas.resistance import Resistance
@@ -30,6 +31,7 @@ from solver.search.critical_angle import PAPER_TERMINATION_TIME
 from solver.strike import SEARCH_TOLERANCE, TRAJECTORY_TOLERANCE, usual_termination_time
 from solver.sweeps import fitted_to
 from solver.trajectory import SAMPLE_INTERVAL
+from solver.uncertainty.usual import has_own_law
 
 MOST_ROWS = 20_000
 """Rows of a history: some 4 MB of JSON, far finer than any plot shows."""
@@ -125,6 +127,11 @@ class Case(Part):
             length=self.projectile.length_m, velocity=velocity_m_s, method="panels" if self.by_panels else "adaptive"
         )
 
+    @property
+    def searches(self) -> int:
+        """How many times an answer takes what the weight of its operation stands for."""
+        return 1
+
     def panel_steps(self) -> float:
         """Return panels times time steps of one run at most, 0 if it has none. [1]"""
         if not self.by_panels:
@@ -153,6 +160,8 @@ class TrajectoryFields(Case):
 
     impact: Impact
     output: Annotated[TrajectoryOutput, Field(default_factory=TrajectoryOutput)]
+    flight: FlightInput | MISSING = MISSING
+    """How the face stands: then an exit says where the body lands."""
 
     def resolved(self) -> Self:
         """Return the same with what was left open filled in."""
@@ -294,6 +303,11 @@ class ReportRequest(CriticalAngleRequest):
     model_config = with_examples(PAPER, PAPER_AT_45)
 
     impact: ReportedStrike
+
+    @property
+    def has_own_law(self) -> bool:
+        """Whether the verdict is on a law of one's own, beside the theories."""
+        return has_own_law(self.resistance.to_solver())
 
     def check(self) -> None:
         """Refuse routes that take seconds a case: a report is made of some hundreds.

@@ -65,7 +65,7 @@ class ConstantStrengthFactor(SolverPart[solver.ConstantStrengthFactor]):
 class ObliquityPolynomial(SolverPart[solver.ObliquityPolynomial]):
     """Polynomial in the initial oblique angle in degrees. Must be above zero at every angle of the request."""
 
-    model_config = with_examples(OBLIQUITY, UNCERTAIN)
+    model_config = with_examples(OBLIQUITY, UNCERTAIN, OBLIQUITY | {"held_from_deg": 55.0})
 
     model: Literal["obliquity_polynomial"]
     coefficients: Annotated[
@@ -79,10 +79,16 @@ class ObliquityPolynomial(SolverPart[solver.ObliquityPolynomial]):
         ),
     ]
     covariance: CovarianceMatrix | MISSING = MISSING
+    held_from_deg: Annotated[Num, Field(ge=0.0, le=90.0)] | MISSING = MISSING
+    """Oblique angle from which S stays what it is there. Not given, it is 60 for the default coefficients, written or
+    not, and others are not held; 90 holds none, 0 makes S a constant. [°]"""
 
 
 class ObliquityShape(StrEnum):
-    """Change of the strength factor with the oblique angle: none, or S(θ)/S(0) of the default polynomial."""
+    """Change of the strength factor with the oblique angle: none, or S(θ)/S(0) of the default polynomial.
+
+    The polynomial is held from 60° on.
+    """
 
     CONSTANT = "constant"
     EQUATION_9 = "equation_9"

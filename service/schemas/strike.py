@@ -160,6 +160,9 @@ class Target(SolverPart[solver.Target]):
     """0.5 is an incompressible solid. [1]"""
     thickness_m: Annotated[Num, Field(**within("target.thickness"))] | MISSING = MISSING
     """Thickness of a wall, at least a tenth of the diameter of the projectile; a half-space when not given. [m]"""
+    characteristic_strength_pa: Annotated[Num, Field(**within("target.characteristic_strength"))] | MISSING = MISSING
+    """Strength that 95 % of the concrete has, as of a strength class. Design values of walls rest on it where it is
+    given; all else takes `compressive_strength_pa`, which is the mean. [Pa]"""
 
 
 AngleOfAttack = Annotated[

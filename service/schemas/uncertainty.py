@@ -169,12 +169,11 @@ def crossings_in(answer: Mapping[str, Any]) -> Crossings:
         return Crossings(problem="failed")
     if "critical_angle_deg" not in answer:
         return Crossings(tuple(sorted(others)), answer["status"] == "always_ricochet")
-    first = math.radians(answer["critical_angle_deg"])
-    angles = sorted((first, *others))
-    return Crossings(tuple(angles), angles.index(first) % 2 == 1)
+    return Crossings(tuple(sorted((math.radians(answer["critical_angle_deg"]), *others))))
 
 
 def ending_in(answer: Mapping[str, Any]) -> Ending:
     """Return what a study keeps of the answer to a trajectory."""
-    left = answer.get("exit")
-    return Ending(answer["outcome"], answer["maximum_depth_m"], None if left is None else Exit(**in_solver_units(left)))
+    left = {name: value for name, value in answer.get("exit", {}).items() if name != "flight"}
+    depth = answer.get("maximum_depth_m", math.nan)
+    return Ending(answer["outcome"], depth, Exit(**in_solver_units(left)) if left else None)

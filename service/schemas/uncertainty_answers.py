@@ -278,7 +278,7 @@ class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
         tuple(Column(each.value, f"probability of {each.value}") for each in Outcome),
     ]
     maximum_depth_m: Annotated[list[QuantileAnswer], Of(lambda found: quantile_answers(found.maximum_depth))]
-    """Quantiles over all runs. [m]"""
+    """Greatest depth of the deepest point: quantiles over the runs that do not perforate. [m]"""
     ricochet_exit: Annotated[ExitQuantilesAnswer | MISSING, Of(lambda found: exit_answer(found.ricochet_exit))] = (
         MISSING
     )

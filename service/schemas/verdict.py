@@ -8,13 +8,21 @@ from typing import Annotated, Any
 from pydantic import MISSING, Field
 
 import solver
-from service.schemas.answers import WARNING, EngineVersion, Key, ModelWarning, OwnTestsAnswer
+from service.schemas.answers import (
+    WARNING,
+    EngineVersion,
+    Key,
+    ModelWarning,
+    OwnTestsAnswer,
+    Protrusion,
+)
 from service.schemas.fields import walk
 from service.schemas.problems import pointer_of_parameter
-from service.schemas.quantities import Num, Part, degrees, with_examples
+from service.schemas.quantities import Flag, Num, Part, degrees, with_examples
 from service.schemas.requests import CriticalAngleBase, ReportRequest
 from service.schemas.resistance import FreeSurfaceModel
 from service.schemas.uncertain_inputs import SCATTER, UncertainInput
+from service.schemas.wall import WallDesign, design_in, protrusion_in, wall_in
 from solver import (
     ENGINE_VERSION,
     Outcome,
@@ -24,16 +32,18 @@ from solver import (
 )
 from solver.strength_scatter import strength_scatter
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
-from solver.uncertainty import AfterShots, Discrete, Uncertain, Verdict, usual_scatter
+from solver.uncertainty import AfterShots, Discrete, Estimate, Uncertain, Verdict, usual_scatter
 from solver.uncertainty.results import RANGE
 from solver.uncertainty.usual import THEORIES, THEORY_LAWS
-from solver.uncertainty.verdict import next_shot_advice
-from solver.uncertainty.weighed_warnings import MOVES, weighed
+from solver.uncertainty.verdict import next_shot_advice, probability_text, range_with, with_those_of_strike
+from solver.uncertainty.weighed_warnings import HELD, MOVES, range_held_earlier, weighed
 
 DECAY = "resistance.free_surface.model"
 """The only one of these inputs that is discrete."""
 CENTRES = {"normal": "mean", "lognormal": "median"}
 """Parameter of a distribution that is the value of the case."""
+CURVE = ("oblique_angle_deg", "ricochet_probability", "lower", "upper")
+"""Columns of the probability of ricochet in an answer of `/cra/uncertainty`: angle, value and its interval."""
 THEORY_MODELS = tuple(law.name for law in THEORY_LAWS)
 
 
@@ -52,8 +62,13 @@ def contract_input(uncertain: Uncertain) -> dict[str, Any]:
     return {"field": field, "distribution": found}
 
 
-def usual_inputs(request: CriticalAngleBase) -> list[dict[str, Any]]:
+def usual_inputs(request: CriticalAngleBase, *, theories: bool | None = None) -> list[dict[str, Any]]:
     """Return the usual scatter around the values of a case, as `/cra/uncertainty` takes it.
+
+    Parameters
+    ----------
+    theories
+        As for `solver.uncertainty.usual_scatter`.
 
     Raises
     ------
@@ -63,7 +78,7 @@ def usual_inputs(request: CriticalAngleBase) -> list[dict[str, Any]]:
     impact: dict[str, Any] = request.impact.arguments()
     del impact["angular_velocity"]
     case = {name: value for name, value in request.shared_arguments().items() if name != "numerics"}
-    return [contract_input(each) for each in usual_scatter(**case, **impact)]
+    return [contract_input(each) for each in usual_scatter(**case, **impact, theories=theories)]
 
 
 def _without_centre(distribution: Mapping[str, Any]) -> dict[str, Any]:
@@ -87,8 +102,8 @@ the page takes them from here."""
 
 THEORY = {"free_surface": "elastic_plastic", "weight": 0.8, "critical_angle_deg": 48.6}
 VERDICT = {
-    "sentence": "At 55° from the normal: ricochet (probability above 0.99). Critical angle 48.6°, 90 % range 43° to "
-    "51°; elastic-plastic decay (weight 0.8) 48.6°.",
+    "sentence": "At 55° from the normal: is turned away (probability above 97 %). Critical angle 48.6° from the "
+    "normal, 90 % range 43° to 51°; elastic-plastic decay (weight 0.8) 48.6°.",
     "range_text": "43° to 51°",
     "status": "converged",
     "critical_angle_deg": 48.63,
@@ -98,6 +113,8 @@ VERDICT = {
     "oblique_angle_deg": 55.0,
     "outcome": "ricochet",
     "ricochet_probability": 0.998,
+    "ricochet_probability_interval": {"lower": 0.978, "upper": 1.0},
+    "probability_text": "above 97 %",
     "strength_factor": 6.1,
     "strength_factor_dispersion": 0.113,
     "usual_scatter": SCATTER,
@@ -114,6 +131,15 @@ class LikelyAngles(Part):
 
     lower_deg: Num
     upper_deg: Num
+
+
+class ProbabilityInterval(Part):
+    """Interval of a probability by its sampling, at 95 %."""
+
+    model_config = with_examples(VERDICT["ricochet_probability_interval"])
+
+    lower: Annotated[Num, Field(ge=0.0, le=1.0)]
+    upper: Annotated[Num, Field(ge=0.0, le=1.0)]
 
 
 class TheoryAngle(Part):
@@ -134,7 +160,9 @@ class VerdictKeys(Part):
 
     cra: Key
     uncertainty: Key | MISSING = MISSING
+    theories: Key | MISSING = MISSING
     trajectory: Key | MISSING = MISSING
+    wall: Key | MISSING = MISSING
 
 
 class VerdictAnswer(Part):
@@ -150,16 +178,31 @@ class VerdictAnswer(Part):
     critical_angle_deg: Num | MISSING = MISSING
     """With the inputs as given, if there is one. [°]"""
     range: LikelyAngles | MISSING = MISSING
-    """With the usual scatter, of the samples that have an angle."""
+    """With the usual scatter, of the samples that have an angle; `critical_angle_deg` belongs to it. Where a law of
+    one's own is chosen, by that law."""
+    held_angle_deg: Num | MISSING = MISSING
+    """Critical angle with the strength factor held from 55° on, if it is held from 60° on and the angle is beyond 55°;
+    `range` has room for both. [°]"""
     share_without_angle: Annotated[Num, Field(ge=0.0, le=1.0)]
     """Share of the samples that have none in the range searched."""
     theories: list[TheoryAngle]
+    own_law: Flag | MISSING = MISSING
+    """Present and true if outcome, probability and range are by a law chosen that is none of the theories."""
+    theory_range: LikelyAngles | MISSING = MISSING
+    """Over the theories, beside the range of a law of one's own."""
     oblique_angle_deg: Num | MISSING = MISSING
     """Angle to judge, if one was given. [°]"""
     outcome: Outcome | MISSING = MISSING
-    """Of the strike at that angle."""
+    """Of the strike at that angle, with the inputs as given."""
+    protrusion: Protrusion | MISSING = MISSING
+    """If anything of the projectile then comes out of the rear face of a wall, without going through."""
     ricochet_probability: Annotated[Num, Field(ge=0.0, le=1.0)] | MISSING = MISSING
     """At that angle, with the usual scatter."""
+    ricochet_probability_interval: ProbabilityInterval | MISSING = MISSING
+    probability_text: str | MISSING = MISSING
+    """The probability as it stands in the sentence."""
+    wall: WallDesign | MISSING = MISSING
+    """Whether the wall is thick enough, if the target has a thickness; along the normal without an angle to judge."""
     strength_factor: Num | MISSING = MISSING
     """At the critical angle, if there is one. [1]"""
     strength_factor_dispersion: Num
@@ -169,8 +212,8 @@ class VerdictAnswer(Part):
     usual_scatter: list[UncertainInput]
     """Inputs that scatter, as `/cra/uncertainty` takes them."""
     warnings: list[ModelWarning]
-    """Of the search. Beside a 90 % range each whose effect is known says how far it moves the angle, and is standing if
-    that is at most a quarter of the range."""
+    """Of the strike at the angle to judge, then of the search. Beside a 90 % range each of the latter whose effect is
+    known says how far it moves the angle, and is standing if that is at most a quarter of the range."""
     keys: VerdictKeys
     engine_version: EngineVersion
 
@@ -189,35 +232,51 @@ def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
     angle = request.impact.oblique_angle_deg
     search = request.resolved().search
     critical = study.get("critical_angle", {"quantiles": [], "share_without_angle": {"value": 0.0}})
-    levels = {each["level"]: each["value"] for each in critical["quantiles"]}
-    curve = study.get("probability", {"oblique_angle_deg": [], "ricochet_probability": []})
+    curve = study.get("probability", {name: [] for name in CURVE})
     near = (
         []
         if angle is MISSING
         else [
-            probability
-            for each, probability in zip(curve["oblique_angle_deg"], curve["ricochet_probability"], strict=True)
+            Estimate(*estimate)
+            for each, *estimate in zip(*(curve[name] for name in CURVE), strict=True)
             if abs(each - angle) < 1e-7
         ]
     )
-    central = _radians(found.get("critical_angle_deg"))
-    spread = (math.radians(levels[RANGE[0]]), math.radians(levels[RANGE[1]])) if levels else None
+    central, moved = angle_in(found), _moved(answers)
+    held = next(iter(moved[HELD]), None)
+    spread = range_held_earlier(range_with(_range_in(study), central), central, held)
+    own_law, oblique = request.has_own_law, None if angle is MISSING else math.radians(angle)
+    over_theories = answers.get("theories", {}) if own_law else study
+    wall = answers.get("wall", {})
     return Verdict(
         status=SearchStatus(found["status"]),
         angle=central,
         searched=search.to_solver().bounds,
         spread=spread,
         share_without=critical["share_without_angle"]["value"],
-        theories=tuple(_radians(each.get("critical_angle_deg")) for each in _theories(study)),
+        theories=tuple(_radians(each.get("critical_angle_deg")) for each in _theories(over_theories)),
+        own_law=own_law,
+        held_angle=held,
+        theory_spread=_range_in(over_theories) if own_law else None,
         standard_error=_radians(found.get("critical_angle_standard_error_deg")),
         other_crossings=tuple(map(math.radians, found["other_crossings_deg"])),
-        oblique_angle=None if angle is MISSING else math.radians(angle),
+        oblique_angle=oblique,
         outcome=Outcome(judged["outcome"]) if "outcome" in judged else None,
+        protrusion=protrusion_in(judged),
         probability=near[0] if near else None,
-        warnings=weighed(
-            [_warning(each) for each in found["warnings"]], angle=central, spread=spread, moved=_moved(answers)
+        wall=wall_in(request, wall, oblique or 0.0) if "sentence" in wall else None,
+        wall_failed="problem" in wall,
+        warnings=with_those_of_strike(
+            [_warning(each) for each in judged.get("warnings", ())],
+            weighed([_warning(each) for each in found["warnings"]], angle=central, spread=spread, moved=moved),
         ),
     )
+
+
+def _range_in(study: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Return the 90 % range of an answer of `/cra/uncertainty`; None if it has none. [rad]"""
+    levels = {each["level"]: each["value"] for each in study.get("critical_angle", {}).get("quantiles", ())}
+    return (math.radians(levels[RANGE[0]]), math.radians(levels[RANGE[1]])) if levels else None
 
 
 def _warning(found: Mapping[str, Any]) -> solver.ModelWarning:
@@ -233,8 +292,7 @@ def _warning(found: Mapping[str, Any]) -> solver.ModelWarning:
 def _moved(answers: Mapping[str, Any]) -> dict[str, list[float | None]]:
     """Return the critical angles by the searches that weigh warnings, by code."""
     return {
-        code: [_radians(found.get("critical_angle_deg")) for name, found in answers.items() if name.split()[0] == code]
-        for code in MOVES
+        code: [angle_in(found) for name, found in answers.items() if name.split()[0] == code] for code in (*MOVES, HELD)
     }
 
 
@@ -266,8 +324,14 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
     if found.angle is not None:
         answer["critical_angle_deg"] = answers["cra"]["critical_angle_deg"]
     if found.spread is not None:
-        answer["range"] = dict(zip(("lower_deg", "upper_deg"), map(degrees, found.spread), strict=True))
+        answer["range"] = _likely_angles(found.spread)
     answer["share_without_angle"] = found.share_without
+    if found.held_angle is not None:
+        answer["held_angle_deg"] = degrees(found.held_angle)
+    if found.own_law:
+        answer["own_law"] = True
+    if found.theory_spread is not None:
+        answer["theory_range"] = _likely_angles(found.theory_spread)
     theories = zip(THEORY_MODELS, THEORIES, found.theories, strict=True) if found.theories else ()
     answer["theories"] = [
         {"free_surface": name, "weight": weight} | ({} if angle is None else {"critical_angle_deg": degrees(angle)})
@@ -277,10 +341,22 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
         answer["oblique_angle_deg"] = request.impact.oblique_angle_deg
     if found.outcome is not None:
         answer["outcome"] = found.outcome.value
+    if found.protrusion is not None:
+        answer["protrusion"] = walk(Protrusion, found.protrusion)
     if found.probability is not None:
-        answer["ricochet_probability"] = found.probability
+        answer["ricochet_probability"] = found.probability.value
+        interval = {"lower": found.probability.lower, "upper": found.probability.upper}
+        answer |= {"ricochet_probability_interval": interval, "probability_text": probability_text(found.probability)}
+    if found.wall is not None:
+        answer["wall"] = design_in(answers["wall"])
     answer |= {name: answers["cra"][name] for name in ("strength_factor", "own_tests") if name in answers["cra"]}
-    names = {"cra": "cra", "uncertainty": "uncertainty", "judged": "trajectory"}
+    names = {
+        "cra": "cra",
+        "uncertainty": "uncertainty",
+        "theories": "theories",
+        "judged": "trajectory",
+        "wall": "wall",
+    }
     return answer | {
         "strength_factor_dispersion": scatter.dispersion,
         "usual_scatter": usual_inputs(request),
@@ -290,9 +366,18 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
     }
 
 
+def _likely_angles(spread: tuple[float, float]) -> dict[str, float]:
+    return dict(zip(("lower_deg", "upper_deg"), map(degrees, spread), strict=True))
+
+
 def _theories(study: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the critical angle by each theory, as a study with the usual scatter has them."""
     return next((each["swing"] for each in study.get("sensitivity", ()) if each["field"] == DECAY), [])
+
+
+def angle_in(found: Mapping[str, Any]) -> float | None:
+    """Return the critical angle in an answer of a search, None without one. [rad]"""
+    return _radians(found.get("critical_angle_deg"))
 
 
 def _radians(angle: float | None) -> float | None:

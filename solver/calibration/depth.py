@@ -117,7 +117,7 @@ class _Shots:
 
     def depths(self, tests: Sequence[DepthTest], strength_factor: float) -> FloatArray:
         """Greatest depth of each of some tests. [m]"""
-        return np.array([run.maximum_tip_depth for run in self.runs(tests, strength_factor)])
+        return np.array([run.maximum_depth for run in self.runs(tests, strength_factor)])
 
 
 def penetration_depths(
@@ -171,7 +171,7 @@ def penetration_depths(
     shots = _Shots(projectile, target, resistance, numerics)
     each = [None] * len(velocities) if masses is None else [float(mass) for mass in masses]
     runs = [shots.run(float(velocity), mass, strength_factor) for velocity, mass in zip(velocities, each, strict=True)]
-    return np.array([run.maximum_tip_depth for run in runs])
+    return np.array([run.maximum_depth for run in runs])
 
 
 def fit_depth(
@@ -258,7 +258,7 @@ def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> 
     best = minimise(residuals, start, "tests")
     slope = log_slope(residuals, best) / best
     runs = shots.runs(tests, best)
-    predicted = np.array([run.maximum_tip_depth for run in runs])
+    predicted = np.array([run.maximum_depth for run in runs])
     misses = measured - predicted
     variance = float(np.sum((roots * misses) ** 2)) / (len(tests) - 1)
     posterior = _posterior(tests, shots)

@@ -26,7 +26,7 @@ from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, ObliquityPolynomial, Resistance, positive_up_to
 from solver.search.outcome import HALF_DEGREE, MORE_INERTIA, search_outcome
 from solver.search.paper import search_bisection, search_secant
-from solver.search.trials import ANGLE, END, ENERGY_FLOOR, TrialInputs, search_levels
+from solver.search.trials import ANGLE, END, ENERGY_FLOOR, Strength, TrialInputs, search_levels
 from solver.search.types import USUAL_SEARCH, Change, CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
 from solver.strength_scatter import known_strength
 from solver.strike import (
@@ -159,7 +159,7 @@ def _seek(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Chang
     except ParameterError:
         lower, upper = search.bounds
         coefficients = prepared.resistance.strength_polynomial(target=prepared.target, projectile=prepared.projectile)
-        positive = positive_up_to(coefficients, lower, upper)
+        positive = positive_up_to(coefficients, prepared.resistance.held_from, lower, upper)
         if not lower < positive < upper:
             raise
     clipped = replace(search, upper=positive)
@@ -191,7 +191,8 @@ def _standard_error(
 def _shifted_angle(prepared: PreparedCase, impact: Impact, search: Search, shift: float) -> float | None:
     """Critical angle with the strength factor shifted, within what it leaves of the range; None if there is none."""
     constant, *rest = prepared.resistance.strength_polynomial(target=prepared.target, projectile=prepared.projectile)
-    shifted = ObliquityPolynomial(coefficients=(constant + shift, *rest))
+    held = prepared.resistance.held_from
+    shifted = ObliquityPolynomial(coefficients=(constant + shift, *rest), held_from=held)
     present = replace(prepared, resistance=replace(prepared.resistance, strength_factor=shifted))
     try:
         change, _, _ = _seek(present, impact, search)
@@ -211,7 +212,7 @@ def _search_paper(prepared: PreparedCase, impact: Impact, search: Search) -> tup
         position = final_tip_depth(run, model.body, prepared.numerics.termination_time)
         outcome = OUTCOMES[run.end]
         left = exit_of(outcome, run.state.tolist(), model.body)
-        turned = abs(float(run.state[2]) - strike.axis_angle)
+        turned = 0.0 if prepared.is_centred else abs(float(run.state[2]) - strike.axis_angle)
         trials.append(Trial(oblique_angle, position, outcome, exit=left, turned=turned))
         return trials[-1]
 
@@ -281,7 +282,10 @@ def _energy_behind(prepared: PreparedCase, impact: Impact, oblique_angle: float)
     if left is None or run.end != Termination.PERFORATED:
         return 0.0
     body, spin = model.body, impact.angular_velocity
-    return left.kinetic_energy / (0.5 * (body.mass * impact.velocity**2 + body.moment_of_inertia * spin * spin))
+    translation, rotation = 0.5 * body.mass * impact.velocity**2, 0.5 * body.moment_of_inertia * spin * spin
+    if prepared.is_centred:
+        return (left.kinetic_energy - rotation) / translation
+    return left.kinetic_energy / (translation + rotation)
 
 
 Brackets: TypeAlias = list[tuple[Trial, Trial]]
@@ -327,13 +331,12 @@ def _find_changes(
         The brackets of the changes, all trials, and the shares of the energy left near the first onset.
     """
     numerics, target = prepared.numerics, prepared.target
+    polynomial = prepared.resistance.strength_polynomial(target=target, projectile=prepared.projectile)
     inputs = TrialInputs(
         velocity=float(impact.velocity),
         angle_of_attack=float(impact.angle_of_attack),
         angular_velocity=float(impact.angular_velocity),
-        strength=np.array(
-            prepared.resistance.strength_polynomial(target=target, projectile=prepared.projectile), float
-        ),
+        strength=Strength(np.array(polynomial, float), math.degrees(prepared.resistance.held_from)),
         compressive_strength=float(target.compressive_strength),
         end_time=float(numerics.termination_time),
         time_step=float(numerics.time_step),
@@ -347,8 +350,8 @@ def _find_changes(
         points=numerics.points,
         tolerance=search.tolerance,
     )
-    found = search_outcome(_scan(search), inputs, prepared.model_without_address, levels)
-    rows, body = found.trials.tolist(), prepared.model_without_address.body
+    found = search_outcome(_scan(search), inputs, prepared.model, levels)
+    rows, body = found.trials.tolist(), prepared.model.body
     if rows[-1][END] == Termination.NO_STRENGTH:  # raises, with what the model gives
         prepared.strength_factor_at(rows[-1][ANGLE])
     check_end(rows[-1][END], numerics.termination_time)
@@ -359,7 +362,7 @@ def _find_changes(
             outcome := OUTCOMES[end],
             fine > 0.0,
             exit_of(outcome, state, body),
-            abs(state[2] - angle - impact.angle_of_attack),
+            0.0 if prepared.is_centred else abs(state[2] - angle - impact.angle_of_attack),
         )
         for angle, position, end, _, fine, *state in rows
     )
@@ -376,7 +379,9 @@ def _first_onset(brackets: list[tuple[Trial, Trial]], trials: tuple[Trial, ...])
     starts = _turned_away(brackets[0][0] if brackets else trials[-1])
     deciding = tuple(trial for bracket in brackets for trial in bracket)
     onsets = [index for index, (_, right) in enumerate(brackets) if _turned_away(right)]
-    if not onsets:
+    # Where the range begins with ricochet, the smallest angle lies below it, and the end of an embedded band above is
+    # only one of the other changes.
+    if starts or not onsets:
         others = tuple(right.oblique_angle for _, right in brackets)
         status = SearchStatus.ALWAYS_RICOCHET if starts else SearchStatus.NO_RICOCHET
         return Change(status, other_crossings=others, starts_turned_away=starts, deciding=deciding)

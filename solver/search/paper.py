@@ -12,11 +12,11 @@ Try: TypeAlias = Callable[[float], Trial]
 
 
 def _ends_of_paper_search(attempt: Try, search: Search) -> tuple[Trial, Trial, Change | None]:
-    """Both ends of the range, and the answer if the final position has the same sign at both."""
+    """Both ends of the range, and the answer if the lower one is turned away, or neither is."""
     first, second = (attempt(angle) for angle in search.bounds)
     if first.final_position > 0.0 and second.final_position > 0.0:
         return first, second, Change(SearchStatus.NO_RICOCHET)
-    if first.final_position <= 0.0 and second.final_position <= 0.0:
+    if first.final_position <= 0.0:
         return first, second, Change(SearchStatus.ALWAYS_RICOCHET, starts_turned_away=True)
     return first, second, None
 

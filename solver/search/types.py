@@ -99,7 +99,7 @@ class Trial:
     exit: Exit | None = None
     """How the projectile left, if it did."""
     turned: float = 0.0
-    """How far the axis had turned by the end of the trial. [rad]"""
+    """How far the axis had turned by the end of the trial; 0 for a sphere, which looks alike from all sides. [rad]"""
 
 
 @dataclass(frozen=True, slots=True)

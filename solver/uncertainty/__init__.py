@@ -26,6 +26,15 @@ from solver.uncertainty.strikes import critical_angle_uncertainty, scaled, traje
 from solver.uncertainty.trajectories import Ending, TrajectoryBatch, TrajectoryStudy
 from solver.uncertainty.usual import usual_scatter
 from solver.uncertainty.verdict import Verdict, verdict
+from solver.uncertainty.walls import (
+    DesignValue,
+    PerforationSpread,
+    RearFaceVariants,
+    WallVerdict,
+    judge_wall,
+    limit_speed_spread,
+    thickness_spread,
+)
 
 __all__ = [
     "RESIDUAL",
@@ -35,12 +44,15 @@ __all__ = [
     "Batch",
     "Change",
     "Crossings",
+    "DesignValue",
     "Discrete",
     "Distribution",
     "Ending",
     "Estimate",
     "Lognormal",
     "Normal",
+    "PerforationSpread",
+    "RearFaceVariants",
     "Round",
     "Sampling",
     "Sensitivity",
@@ -52,8 +64,12 @@ __all__ = [
     "Uncertain",
     "Uniform",
     "Verdict",
+    "WallVerdict",
     "critical_angle_uncertainty",
+    "judge_wall",
+    "limit_speed_spread",
     "scaled",
+    "thickness_spread",
     "trajectory_uncertainty",
     "usual_scatter",
     "verdict",

@@ -49,14 +49,12 @@ class Crossings(NamedTuple):
             return cls(problem="failed")
         if found.angle is None:
             return cls(tuple(sorted(found.other_crossings)), found.status is SearchStatus.ALWAYS_RICOCHET)
-        angles = sorted((found.angle, *found.other_crossings))
-        return cls(tuple(angles), angles.index(found.angle) % 2 == 1)
+        return cls(tuple(sorted((found.angle, *found.other_crossings))))
 
     @property
     def angle(self) -> float:
-        """Critical angle; NaN without one. [rad]"""
-        first = 1 if self.starts_turned_away else 0
-        return self.angles[first] if len(self.angles) > first else float("nan")
+        """Critical angle; NaN without one in the range. [rad]"""
+        return self.angles[0] if self.angles and not self.starts_turned_away else float("nan")
 
     @property
     def simple(self) -> bool:
@@ -272,7 +270,7 @@ class TrajectoryUncertainty:
     """Probability of ``ricochet``, ``embedded``, ``in_motion``;
     ``perforated`` where a wall was."""
     maximum_depth: tuple[tuple[float, Estimate], ...]
-    """Quantiles over all runs. [1, m]"""
+    """Quantiles over the runs that do not perforate. [1, m]"""
     ricochet_exit: ExitQuantiles
     perforation_exit: ExitQuantiles
     """Quantiles of the exit of those turned away, and of those that perforated: by the names of `solver.Exit`, empty

@@ -1,7 +1,6 @@
 """A strike with uncertain inputs, by the names of the solver, and its uncertainty, computed here on some threads."""
 
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 from functools import partial
 from typing import Any, Protocol, TypeVar
@@ -9,6 +8,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.cancellation import ComputingThreads
 from solver.checks import ParameterError, RicochetError, require, require_positive
 from solver.prepared import check_case
 from solver.projectile import Projectile
@@ -20,6 +20,7 @@ from solver.resistance import (
     PublishedTests,
     Resistance,
     StrengthFactor,
+    held_from,
 )
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, Search
@@ -46,7 +47,8 @@ def scaled(model: StrengthFactor, factor: float) -> StrengthFactor:
     if isinstance(model, ConstantStrengthFactor):
         return replace(model, value=factor * model.value)
     if isinstance(model, ObliquityPolynomial):
-        return ObliquityPolynomial(coefficients=tuple(factor * each for each in model.coefficients))
+        coefficients = tuple(factor * each for each in model.coefficients)
+        return ObliquityPolynomial(coefficients=coefficients, held_from=held_from(model))
     if isinstance(model, OwnTests):
         return replace(model, residual=factor * model.residual)
     if isinstance(model, PublishedTests):
@@ -304,7 +306,7 @@ def _run(
     steps: Generator[_Batch, Sequence[Result], Answer], evaluate: Callable[[Point], Result], threads: int
 ) -> Answer:
     """Evaluate every point of the batches of a study, some at a time; return its answer."""
-    with ThreadPoolExecutor(threads) as pool:
+    with ComputingThreads(threads) as pool:
         batch = next(steps)
         while True:
             try:

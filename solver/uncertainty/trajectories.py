@@ -39,7 +39,7 @@ class Ending(NamedTuple):
 
     outcome: str = ""
     maximum_depth: float = math.nan
-    """[m]"""
+    """NaN if it perforates. [m]"""
     exit: Exit | None = None
     """None if it stays."""
     problem: Problem = ""
@@ -49,7 +49,8 @@ class Ending(NamedTuple):
         """Return what to keep of an answer of `simulate`."""
         if isinstance(found, RicochetError):
             return cls(problem="outside" if isinstance(found, ParameterError) else "failed")
-        return cls(found.outcome.value, found.maximum_depth, found.exit)
+        depth = math.nan if found.maximum_depth is None else found.maximum_depth
+        return cls(found.outcome.value, depth, found.exit)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,20 @@
 """The usual scatter of a strike: that of its inputs, of the strength factor, and of the theory of the decay."""
 
 import math
+from dataclasses import replace
 
 from solver.free_surface import ElasticPlastic, MohrCoulomb
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, Resistance
+from solver.resistance import (
+    EQUATION_9,
+    EQUATION_9_COEFFICIENTS,
+    HELD_FROM,
+    ConstantStrengthFactor,
+    ObliquityPolynomial,
+    Resistance,
+    StrengthPowerLaw,
+    held_from,
+)
 from solver.strength_scatter import strength_scatter
 from solver.target import Target
 from solver.uncertainty.distributions import Discrete, Lognormal, Normal
@@ -23,6 +33,26 @@ THEORIES = (0.8, 0.2)
 elements more closely. No decay at all is not a theory and is not among them."""
 
 
+def has_own_law(resistance: Resistance | None) -> bool:
+    """Return whether a law is chosen that is not among those of the theories, so that the verdict is on that law.
+
+    Notes
+    -----
+    It is so with another decay than the elastic-plastic one, and with a value or coefficients of S of one's own.
+    Published tests, shots of one's own, eq. 9 and the published power law leave the theory of the decay open.
+    """
+    if resistance is None:
+        return False
+    model = resistance.strength_factor
+    if not isinstance(resistance.free_surface, ElasticPlastic) or isinstance(model, ConstantStrengthFactor):
+        return True
+    if isinstance(model, ObliquityPolynomial):
+        return tuple(model.coefficients) != EQUATION_9_COEFFICIENTS or held_from(model) != HELD_FROM
+    return isinstance(model, StrengthPowerLaw) and (
+        replace(model, obliquity_shape=StrengthPowerLaw().obliquity_shape) != StrengthPowerLaw()
+    )
+
+
 def usual_scatter(
     *,
     projectile: Projectile,
@@ -30,6 +60,7 @@ def usual_scatter(
     velocity: float,
     angle_of_attack: float = 0.0,
     resistance: Resistance | None = None,
+    theories: bool | None = None,
 ) -> tuple[Uncertain, ...]:
     """Return what usually scatters of a strike, as `critical_angle_uncertainty` takes it.
 
@@ -37,11 +68,13 @@ def usual_scatter(
     ----------
     projectile, target, velocity, angle_of_attack, resistance
         As for `critical_angle`. [SI, rad]
+    theories
+        Whether the theory of the decay scatters too; unless given, it does where no law of one's own is chosen.
 
     Returns
     -------
     tuple of Uncertain
-        Speed, strength, density, mass, angle of attack, a factor on S and the theory of the decay.
+        Speed, strength, density, mass, angle of attack, a factor on S and, last, the theory of the decay.
 
     Raises
     ------
@@ -55,9 +88,7 @@ def usual_scatter(
     """
     resistance = resistance or EQUATION_9
     scatter = strength_scatter(projectile=projectile, target=target, resistance=resistance)
-    inertia = getattr(resistance.free_surface, "inertia", False)
-    theories = tuple(law(inertia=inertia) for law in THEORY_LAWS)
-    return (
+    inputs = (
         Uncertain("impact.velocity", Normal(mean=velocity, coefficient_of_variation=VELOCITY)),
         Uncertain(
             "target.compressive_strength",
@@ -67,5 +98,9 @@ def usual_scatter(
         Uncertain("projectile.mass", Normal(mean=projectile.mass, coefficient_of_variation=MASS)),
         Uncertain("impact.angle_of_attack", Normal(mean=angle_of_attack, standard_deviation=ATTACK)),
         Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=round(scatter.residual, DIGITS))),
-        Uncertain("resistance.free_surface", Discrete(values=theories, weights=THEORIES)),
     )
+    if has_own_law(resistance) if theories is None else not theories:
+        return inputs
+    inertia = getattr(resistance.free_surface, "inertia", False)
+    laws = tuple(law(inertia=inertia) for law in THEORY_LAWS)
+    return (*inputs, Uncertain("resistance.free_surface", Discrete(values=laws, weights=THEORIES)))

@@ -2,25 +2,33 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from solver.checks import RicochetError
-from solver.prepared import Outcome
+from solver.prepared import Outcome, Protrusion
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
 from solver.search.critical_angle import critical_angle
-from solver.search.types import USUAL_SEARCH, Search, SearchStatus
+from solver.search.types import USUAL_SEARCH, CriticalAngle, Search, SearchStatus
 from solver.strike import USUAL, Impact, Numerics
 from solver.target import Target
 from solver.trajectory import simulate
-from solver.uncertainty.results import RANGE, AfterShots
-from solver.uncertainty.sampling import Sampling
+from solver.uncertainty.results import RANGE, AfterShots, AngleUncertainty
+from solver.uncertainty.sampling import Estimate, Sampling
 from solver.uncertainty.strikes import critical_angle_uncertainty
-from solver.uncertainty.usual import THEORIES, usual_scatter
-from solver.uncertainty.weighed_warnings import probes, weighed, with_probe
+from solver.uncertainty.usual import THEORIES, has_own_law, usual_scatter
+from solver.uncertainty.walls import WallVerdict, embedded_words, judge_wall
+from solver.uncertainty.weighed_warnings import (
+    HELD,
+    HELD_EARLIER,
+    probes,
+    range_held_earlier,
+    weighed,
+    with_probe,
+)
 from solver.warnings import ModelWarning
 
 SAMPLES, HALF_WIDTH = 1024, 0.05
@@ -41,6 +49,10 @@ ENDINGS: Mapping[str, str] = {
 COUNTED: Mapping[int, str] = {1: "one", 3: "three"}
 HARDLY = 0.9
 """Width of an expected range over that of the present one, from which shots are not worth their advice. [1]"""
+LIKELY, UNLIKELY = 0.9, 0.1
+"""Probabilities of ricochet above which a body is turned away, and below which it is not. [1]"""
+ROUNDED_AWAY = 0.005
+"""Probability that would be written as 0 %. [1]"""
 THEORY_NAMES = ("elastic-plastic", "Mohr-Coulomb")
 
 
@@ -55,11 +67,18 @@ class Verdict:
     searched: tuple[float, float]
     """Ends of the search. [rad]"""
     spread: tuple[float, float] | None
-    """90 % range of the critical angle with the usual scatter; None if no sample has an angle. [rad]"""
+    """90 % range of the critical angle with the usual scatter; None if no sample has an angle. The angle with the
+    inputs as given belongs to it. [rad]"""
     share_without: float
     """Share of the samples without a critical angle. [1]"""
     theories: tuple[float | None, ...]
     """Critical angle by elastic-plastic and by Mohr-Coulomb decay, other inputs at their medians. [rad]"""
+    own_law: bool = False
+    """Whether the verdict is on a law of one's own, and that over the theories is beside it."""
+    theory_spread: tuple[float, float] | None = None
+    """90 % range over the theories where the verdict is on a law of one's own. [rad]"""
+    held_angle: float | None = None
+    """Critical angle with S held from 55° on, where it is held from 60° on and the angle is above 55°. [rad]"""
     standard_error: float | None = None
     """Of the critical angle, from the covariance of the strength factor; None without one. [rad]"""
     other_crossings: tuple[float, ...] = ()
@@ -68,10 +87,17 @@ class Verdict:
     """Angle to judge, if any. [rad]"""
     outcome: Outcome | None = None
     """Of the strike at that angle, with the inputs as given; None without an angle or an outcome."""
-    probability: float | None = None
-    """Of ricochet at that angle, with the usual scatter; None without one. [1]"""
+    protrusion: Protrusion | None = None
+    """How far the body then comes out of the rear face of a wall, without going through; None if it does not."""
+    probability: Estimate | None = None
+    """Of ricochet at that angle, with the usual scatter and the interval of its sampling; None without one. [1]"""
+    wall: WallVerdict | None = None
+    """The verdict on the wall, if the target has a thickness; by normal impact without an angle to judge."""
+    wall_failed: bool = False
+    """Whether the target has a thickness and its wall could not be judged."""
     warnings: tuple[ModelWarning, ...] = ()
-    """Of the search; with a range, standing where they move the angle by less than a quarter of it."""
+    """Of the strike at the angle to judge and of the search; with a range, standing where they move the angle by less
+    than a quarter of it."""
 
     @property
     def range_text(self) -> str:
@@ -81,7 +107,8 @@ class Verdict:
     @property
     def sentence(self) -> str:
         """The verdict in words."""
-        return " ".join(filter(None, (self._judged(), "; ".join([self._angle(), *self._more()]) + ".")))
+        angle = "; ".join([self._angle(), *self._more()]) + "."
+        return " ".join(filter(None, (self._judged(), angle, self._over_theories(), self._wall())))
 
     def __str__(self) -> str:
         return self.sentence
@@ -93,11 +120,16 @@ class Verdict:
     def _judged(self) -> str:
         if self.oblique_angle is None or self.outcome is None:
             return ""
-        text = f"At {math.degrees(self.oblique_angle):.6g}° from the normal: {ENDINGS[self.outcome]}"
+        text = f"At {math.degrees(self.oblique_angle):.6g}° from the normal"
+        ending = embedded_words(self.protrusion) if self.outcome is Outcome.EMBEDDED else ENDINGS[self.outcome]
         if self.probability is None:
-            return f"{text}."
-        of = "" if self.outcome is Outcome.RICOCHET else " of ricochet"
-        return f"{text} (probability{of} {_share(self.probability)})."
+            return f"{text}, with the inputs as given: {ending}."
+        share = probability_text(self.probability)
+        if self.probability.value > LIKELY:
+            return f"{text}: is turned away (probability {share})."
+        if self.probability.value < UNLIKELY:
+            return f"{text}: is not turned away (probability of ricochet {share}); with the inputs as given {ending}."
+        return f"{text}: may be turned away (probability {share}); with the inputs as given {ending}."
 
     def _angle(self) -> str:
         lower, upper = (f"{math.degrees(each):.6g}°" for each in self.searched)
@@ -110,6 +142,8 @@ class Verdict:
             text = f"Critical angle below {lower}: everything from there to {upper} is turned away"
         else:
             text = "Critical angle not known: the search did not converge"
+        if self.own_law:
+            text += " by the law chosen"
         if self.spread is not None:
             text += f", 90 % range {self.range_text}"
         if self.share_without >= 0.005:
@@ -117,19 +151,48 @@ class Verdict:
         return text
 
     def _more(self) -> list[str]:
-        weighed = zip(THEORY_NAMES, THEORIES, self.theories, strict=True) if self.theories else ()
-        theories = [
+        found = [self._by_theory()] if self.theories and not self.own_law else []
+        if self.held_angle is not None:
+            found.append(f"{self._fine(self.held_angle)} with S held from {math.degrees(HELD_EARLIER):g}°")
+        if self.other_crossings:
+            found.append(f"the outcome also changes at {', '.join(map(self._fine, self.other_crossings))}")
+        return list(filter(None, found))
+
+    def _by_theory(self) -> str:
+        weighed = zip(THEORY_NAMES, THEORIES, self.theories, strict=True)
+        return ", ".join(
             f"{name} decay (weight {weight:g}) {self._fine(angle)}"
             for name, weight, angle in weighed
             if angle is not None
-        ]
-        found = [", ".join(theories)] if theories else []
-        if self.other_crossings:
-            found.append(f"the outcome also changes at {', '.join(map(self._fine, self.other_crossings))}")
-        return found
+        )
+
+    def _over_theories(self) -> str:
+        """Return the range over the theories beside that of a law of one's own."""
+        if not self.own_law or self.theory_spread is None:
+            return ""
+        return (
+            "; ".join(
+                filter(None, (f"Over the theories: 90 % range {_range_text(self.theory_spread)}", self._by_theory()))
+            )
+            + "."
+        )
+
+    def _wall(self) -> str:
+        if self.wall is not None:
+            return self.wall.sentence
+        return "The wall is not judged: the strikes on it could not be computed." if self.wall_failed else ""
 
     def _fine(self, angle: float) -> str:
         return _degrees(angle, min(self._decimals + 1, 2))
+
+
+def probability_text(probability: Estimate) -> str:
+    """Return a probability in percent; near 0 and 1 the bound that its sampling interval has, as none is certain."""
+    if probability.value > 1.0 - ROUNDED_AWAY:
+        return f"above {min(math.floor(100.0 * probability.lower + 1e-9), 99)} %"
+    if probability.value < ROUNDED_AWAY:
+        return f"below {max(math.ceil(100.0 * probability.upper - 1e-9), 1)} %"
+    return f"{100.0 * probability.value:.0f} %"
 
 
 def next_shot_advice(now: tuple[float, float], after: Sequence[AfterShots]) -> str:
@@ -166,12 +229,6 @@ def _range_text(spread: tuple[float, float]) -> str:
 
 def _degrees(angle: float, decimals: int) -> str:
     return f"{math.degrees(angle):.{decimals}f}°"
-
-
-def _share(value: float) -> str:
-    if value < 0.005:
-        return "below 0.01"
-    return "above 0.99" if value > 0.995 else f"{value:.2f}"
 
 
 def probability_angles(oblique_angle: float | None, lower: float, upper: float) -> tuple[float, float, int]:
@@ -247,55 +304,112 @@ def verdict(
     lower, upper = search.bounds
     ends = math.degrees(lower), math.degrees(upper)
     start, stop, count = probability_angles(None if oblique_angle is None else math.degrees(oblique_angle), *ends)
-    study = critical_angle_uncertainty(
-        **case,
-        **motion,
-        search=search,
-        uncertain=usual_scatter(
-            projectile=projectile,
-            target=target,
-            velocity=velocity,
-            angle_of_attack=angle_of_attack,
-            resistance=resistance,
-        ),
-        oblique_angles=np.radians(np.linspace(start, stop, count)),
-        sampling=Sampling(max_samples=SAMPLES, half_width=HALF_WIDTH),
-        threads=threads,
-    )
+
+    def study(*, theories: bool) -> AngleUncertainty:
+        return critical_angle_uncertainty(
+            **case,
+            **motion,
+            search=search,
+            uncertain=usual_scatter(
+                projectile=projectile,
+                target=target,
+                velocity=velocity,
+                angle_of_attack=angle_of_attack,
+                resistance=resistance,
+                theories=theories,
+            ),
+            oblique_angles=np.radians(np.linspace(start, stop, count)),
+            sampling=Sampling(max_samples=SAMPLES, half_width=HALF_WIDTH),
+            threads=threads,
+        )
+
+    own_law = has_own_law(resistance)
+    judging = study(theories=not own_law)
+    over_theories = study(theories=True) if own_law else judging
     found = critical_angle(**case, **motion, search=search)
-    levels = {level: estimate.value for level, estimate in study.quantiles}
-    spread = (levels[RANGE[0]], levels[RANGE[1]]) if levels else None
+    moved = _moved(found, case, motion, search)
+    held = next(iter(moved.get(HELD, ())), None)
+    spread = range_held_earlier(range_with(_range_of(judging), found.angle), found.angle, held)
     judged: dict[str, Any] = {}
+    of_strike: tuple[ModelWarning, ...] = ()
     if oblique_angle is not None:
         impact = Impact(oblique_angle=oblique_angle, **motion)
-        judged["outcome"] = simulate(**case, impact=impact, sample_interval=None).outcome
-        place = int(np.abs(study.oblique_angles - oblique_angle).argmin())
-        if abs(study.oblique_angles[place] - oblique_angle) < SAME_ANGLE:
-            judged["probability"] = float(study.probability[place])
+        run = simulate(**case, impact=impact, sample_interval=None)
+        judged |= {"outcome": run.outcome, "protrusion": run.protrusion}
+        of_strike = run.warnings
+        place = int(np.abs(judging.oblique_angles - oblique_angle).argmin())
+        if abs(judging.oblique_angles[place] - oblique_angle) < SAME_ANGLE:
+            judged["probability"] = Estimate(
+                *(float(each[place]) for each in (judging.probability, judging.lower, judging.upper))
+            )
+    if target.thickness is not None:
+        impact = Impact(oblique_angle=oblique_angle or 0.0, **motion)
+        try:
+            judged["wall"] = judge_wall(**case, impact=impact)
+        except RicochetError:  # must not cost the rest of the verdict
+            judged["wall_failed"] = True
     return Verdict(
         status=found.status,
         angle=found.angle,
         searched=search.bounds,
         spread=spread,
-        share_without=study.share_without.value,
-        theories=tuple(change.angle for change in study.sensitivity[-1].swing),
+        share_without=judging.share_without.value,
+        theories=tuple(change.angle for change in over_theories.sensitivity[-1].swing),
+        own_law=own_law,
+        held_angle=held,
+        theory_spread=_range_of(over_theories) if own_law else None,
         standard_error=found.standard_error,
         other_crossings=found.other_crossings,
         oblique_angle=oblique_angle,
-        warnings=weighed(
-            found.warnings,
-            angle=found.angle,
-            spread=spread,
-            moved=_moved(found.warnings, case, motion, search),
+        warnings=with_those_of_strike(
+            of_strike,
+            weighed(
+                found.warnings,
+                angle=found.angle,
+                spread=spread,
+                moved=moved,
+            ),
         ),
         **judged,
     )
 
 
+def _range_of(study: AngleUncertainty) -> tuple[float, float] | None:
+    levels = {level: estimate.value for level, estimate in study.quantiles}
+    return (levels[RANGE[0]], levels[RANGE[1]]) if levels else None
+
+
+def range_with(spread: tuple[float, float] | None, angle: float | None) -> tuple[float, float] | None:
+    """Return a range that the angle with the inputs as given belongs to.
+
+    The inputs as given are as likely as any sample. Where the angle is at its least or most with them, as it can be
+    over the angle of attack, all samples lie to one side of it.
+    """
+    if spread is None or angle is None:
+        return spread
+    return min(spread[0], angle), max(spread[1], angle)
+
+
+def with_those_of_strike(strike: Sequence[ModelWarning], search: Sequence[ModelWarning]) -> tuple[ModelWarning, ...]:
+    """Return the warnings of a strike, then those of the search.
+
+    A warning of the search does not take the place of one of the strike that has its code: the strike is at the angle
+    to judge, the search speaks of others. What the search says in the same words and more is not repeated, and what it
+    found to move the angle by little stands in both.
+    """
+    by_code = {each.code: each for each in search}
+    kept = [
+        replace(each, standing=by_code[each.code].standing) if each.code in by_code else each
+        for each in strike
+        if not any(other.detail.startswith(each.detail) for other in search)
+    ]
+    return (*kept, *search)
+
+
 def _moved(
-    warnings: Sequence[ModelWarning], case: Mapping[str, Any], motion: Mapping[str, Any], search: Search
+    searched: CriticalAngle, case: Mapping[str, Any], motion: Mapping[str, Any], search: Search
 ) -> dict[str, list[float | None]]:
-    """Return the critical angles by the probes of the warnings, None where there is none."""
+    """Return the critical angles by the probes of a search, None where there is none."""
     laws: dict[str, Any] = {"resistance": case["resistance"] or EQUATION_9, "numerics": case["numerics"] or USUAL}
     bodies = {name: case[name] for name in ("projectile", "target")}
 
@@ -306,5 +420,5 @@ def _moved(
         except RicochetError:  # must not cost the verdict itself
             return None
 
-    found = probes([each.code for each in warnings], **bodies, **laws)
+    found = probes([each.code for each in searched.warnings], angle=searched.angle, **bodies, **laws)
     return {code: [angle(code, value) for value in values] for code, values in found.items()}

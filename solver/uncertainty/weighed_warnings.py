@@ -7,12 +7,16 @@ from typing import Any
 
 from solver.checks import ParameterError
 from solver.projectile import Projectile
-from solver.resistance import ConstantStrengthFactor, ObliquityPolynomial, Resistance, strength_factor
+from solver.resistance import HELD_FROM, ConstantStrengthFactor, ObliquityPolynomial, Resistance, strength_factor
 from solver.strike import RETENTION_BOUNDS, Numerics
 from solver.target import Target
 from solver.warnings import RETENTION_DECIDES, RETENTION_RANGE, ModelWarning
 
 EXTRAPOLATED = "strength_fit_extrapolated"
+HELD = "strength_held"
+"""Key of the search with S held from `HELD_EARLIER` on: no warning has this code."""
+HELD_EARLIER = math.radians(55.0)
+"""Angle from which S by eq. 9 may be held as well as from 60°: no run is beyond. A verdict has room for both. [rad]"""
 LITTLE = 0.25
 """Move of the angle, over the width of its 90 % range, up to which a warning is a standing note. [1]"""
 MOVES = {
@@ -22,30 +26,63 @@ MOVES = {
 
 
 def probes(
-    codes: Collection[str], *, projectile: Projectile, target: Target, resistance: Resistance, numerics: Numerics
+    codes: Collection[str],
+    *,
+    angle: float | None,
+    projectile: Projectile,
+    target: Target,
+    resistance: Resistance,
+    numerics: Numerics,
 ) -> dict[str, tuple[float, ...]]:
-    """Return the values to search again with, by the code of the warning whose effect they show.
+    """Return the values to search again with, by the code of the warning whose effect they show, or `HELD`.
 
-    They are retention energies, and the strength factor at the last angle that its fit covers: where the angle lies
-    beyond, a search with that constant finds the angle of a fit that is held from there on. [1]
+    They are retention energies, and the strength factor at the last angle that its fit covers and at `HELD_EARLIER`:
+    where the critical angle, as given, lies beyond, a search with that constant finds the angle of a fit that is held
+    from there on. [1]
     """
+
+    def held_at(oblique_angle: float) -> tuple[float, ...]:
+        try:
+            return (
+                strength_factor(
+                    resistance=resistance, oblique_angle=oblique_angle, target=target, projectile=projectile
+                ),
+            )
+        except ParameterError:  # a polynomial that is above zero at larger angles only
+            return ()
+
     found: dict[str, tuple[float, ...]] = {}
     if RETENTION_DECIDES in codes:
         lowest, highest = RETENTION_BOUNDS
         retention = numerics.retention_energy_fraction
         found[RETENTION_DECIDES] = tuple(min(max(factor * retention, lowest), highest) for factor in RETENTION_RANGE)
     if EXTRAPOLATED in codes:
-        try:
-            held = strength_factor(
-                resistance=resistance,
-                oblique_angle=ObliquityPolynomial.fitted_to,
-                target=target,
-                projectile=projectile,
-            )
-        except ParameterError:  # a polynomial that is above zero at larger angles only
-            return found
-        found[EXTRAPOLATED] = (held,)
-    return found
+        found[EXTRAPOLATED] = held_at(ObliquityPolynomial.fitted_to)
+    if resistance.held_from == HELD_FROM and angle is not None and angle > HELD_EARLIER:
+        found[HELD] = held_at(HELD_EARLIER)
+    return {code: values for code, values in found.items() if values}
+
+
+def range_held_earlier(
+    spread: tuple[float, float] | None, angle: float | None, held: float | None
+) -> tuple[float, float] | None:
+    """Return a range of the critical angle that also holds the angles with S held from `HELD_EARLIER` on.
+
+    Angles beyond fall by about as much as that with the inputs as given, down to `HELD_EARLIER`; others do not move.
+
+    Parameters
+    ----------
+    spread
+        Range with S as given. [rad]
+    angle, held
+        Critical angle with the inputs as given, and with S held earlier; None without. [rad]
+    """
+    if spread is None or angle is None or held is None:
+        return spread
+    lower = spread[0]
+    if lower > HELD_EARLIER:
+        lower = max(lower + min(held - angle, 0.0), HELD_EARLIER)
+    return min(lower, held), max(spread[1], held)
 
 
 def with_probe(code: str, value: float, *, resistance: Resistance, numerics: Numerics) -> dict[str, Any]:

@@ -356,6 +356,30 @@ def test_audit_log_records_who_had_what_done(guarded: Guarded) -> None:
     assert stat.S_IMODE(log.stat().st_mode) == 0o600
 
 
+def test_audit_log_names_whose_key_lacks_a_scope(guarded: Guarded) -> None:
+    log = guarded.folder.parent / "audit.log"
+    requests = [("POST", "/cra"), ("POST", "/cra/batch"), ("DELETE", "/jobs/1"), ("POST", "/mcp"), ("POST", "/nothing")]
+    with guarded.with_key("carl", "read") as reads:
+        token = reads.headers["Authorization"].removeprefix("Bearer ")
+        for number, (method, path) in enumerate(requests):
+            told = reads.request(method, path, json=PAPER, headers={"X-Request-ID": f"audited-scope-{number}"})
+            assert told.status_code == 403
+        text = audited(log, f"audited-scope-{len(requests) - 1}")
+    found = {line.get("request_id"): line for line in map(json.loads, text.splitlines())}
+    for number in range(len(requests)):
+        entry = found[f"audited-scope-{number}"]
+        assert (entry["owner"], entry["key"], entry["status"]) == ("carl", token.split("_")[1], 403)
+    assert token not in text
+
+
+def test_key_in_the_wrong_header_is_in_no_log(guarded: Guarded) -> None:
+    log = guarded.folder.parent / "audit.log"
+    token = guarded.anna.headers["Authorization"].removeprefix("Bearer ")
+    assert guarded.anna.post("/cra", json=PAPER, headers={"X-Request-ID": token}).status_code == 200
+    assert guarded.anna.post("/cra", json=PAPER, headers={"X-Request-ID": "behind-the-token"}).status_code == 200
+    assert token not in audited(log, "behind-the-token")
+
+
 def test_audit_log_goes_on_in_a_new_file_once_it_is_moved_away(guarded: Guarded) -> None:
     log = guarded.folder.parent / "audit.log"
     moved = log.with_suffix(".old")

@@ -111,11 +111,6 @@ def test_cra_problem_names_the_field(client: httpx.Client, pointer: str, value: 
     refused_at(client.post("/cra", json=changed(PAPER, pointer, value)), named)
 
 
-def test_every_error_is_reported_up_to_a_hundred(client: httpx.Client) -> None:
-    body = PAPER | {f"field_{number}": number for number in range(1000)}
-    assert len(problem_of(client.post("/cra", json=body), 422).errors) == 100
-
-
 PAPER_TEXT = json.dumps(PAPER).encode()
 
 

@@ -1,6 +1,8 @@
 """The tools of the Model Context Protocol, by the client of its SDK: over HTTP, and from the command over its pipes."""
 
 import json
+import signal
+import socket
 import subprocess
 import sys
 from collections.abc import AsyncIterator, Iterator
@@ -20,13 +22,16 @@ from mcp.types import CallToolResult, Tool
 
 from service.schemas.strike import PAPER, PAPER_AT_45
 from tests.cli.commands import environment
-from tests.conftest import NO_TLS, RunService, until
+from tests.conftest import NO_TLS, RunService, Service, until
 
 from .many import SPEED
 from .owners import bearer, key_in
+from .refused import TEXT
 
-NAMES = ["critical_angle", "trajectory", "uncertainty", "thickness"]
+MODELS = ("CriticalAngleRequest", "TrajectoryRequest", None, "ThicknessRequest", "WallRequest")
+NAMES = ["critical_angle", "trajectory", "uncertainty", "thickness", "judge_wall"]
 UNCERTAIN = [SPEED]
+OPENING = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}}
 
 
 class Conversation(NamedTuple):
@@ -79,19 +84,19 @@ def test_tools_are_listed_with_the_fields_of_the_routes(live_url: str, client: h
     tools = converse(over_http(live_url), mode=mode).tools
     assert [tool.name for tool in tools] == NAMES
     contract = client.get("/openapi.json").json()["components"]["schemas"]
-    for tool, model in zip(tools, ("CriticalAngleRequest", "TrajectoryRequest", None, "ThicknessRequest"), strict=True):
+    for tool, model in zip(tools, MODELS, strict=True):
         assert tool.input_schema["type"] == "object"
         if model is not None:
             properties = tool.input_schema["properties"]
             assert tool.input_schema["required"] == contract[model]["required"]
             assert properties.keys() == contract[model]["properties"].keys()
             assert properties["projectile"]["required"] == contract["Projectile"]["required"]
-    [projectile, *again] = (tool.input_schema["properties"]["projectile"] for tool in (*tools[:2], tools[3]))
+    [projectile, *again] = (tool.input_schema["properties"]["projectile"] for tool in (*tools[:2], *tools[3:]))
     assert projectile["properties"].keys() == contract["Projectile"]["properties"].keys()
     assert projectile["properties"]["diameter_m"]["description"] == "Diameter of the shank. [m]"
     shapes = [each["shape"] for each in projectile["properties"]["nose"]["examples"]]
     assert set(shapes) == contract["Nose"]["discriminator"]["mapping"].keys()
-    assert [each["examples"] for each in again] == [contract["Projectile"]["examples"][:1]] * 2
+    assert [each["examples"] for each in again] == [contract["Projectile"]["examples"][:1]] * 3
 
 
 def test_examples_of_the_schemas_are_answered(live_url: str) -> None:
@@ -113,7 +118,7 @@ def test_list_of_tools_is_small_enough_for_the_context_of_a_model(client: httpx.
     message = {"jsonrpc": "2.0", "id": 1, "method": "tools/list"}
     response = client.post("/mcp", json=message, headers={"Accept": "application/json, text/event-stream"})
     assert [tool["name"] for tool in response.json()["result"]["tools"]] == NAMES
-    assert len(response.content) < 14_400
+    assert len(response.content) < 15_600
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
@@ -195,10 +200,9 @@ def test_study_ends_with_its_client(keyed: Keyed, mode: str) -> None:
 def test_study_over_pipes_ends_with_their_input(keyed: Keyed, tmp_path: Path) -> None:
     before = measured(keyed.url, "ricochet_cases_total")
     command = [sys.executable, "-W", "error", "-m", "service.cli", "mcp", "--url", keyed.url]
-    opening = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}}
     study = {"name": "uncertainty", "arguments": {"critical_angle": long_study("pipes")}}
     messages: list[dict[str, Any]] = [
-        {"id": 0, "method": "initialize", "params": opening},
+        {"id": 0, "method": "initialize", "params": OPENING},
         {"method": "notifications/initialized"},
         {"id": 1, "method": "tools/call", "params": study},
     ]
@@ -339,6 +343,65 @@ def test_message_too_long_is_refused(client: httpx.Client) -> None:
     message = {"jsonrpc": "2.0", "id": 1, "method": "ping", "params": {"_meta": {"x": "y" * 200_000}}}
     headers = {"Accept": "application/json, text/event-stream"}
     assert client.post("/mcp", json=message, headers=headers).status_code == 413
+
+
+def test_client_that_leaves_within_its_message_is_no_failure(dedicated_service: Service) -> None:
+    """Of any route that takes a body; the log of the service has no traceback."""
+    port = int(dedicated_service.url.rpartition(":")[2])
+    paths = ["/mcp", "/umbridge/Evaluate", "/cra", "/cra/batch", "/cra/sweep", "/calibration/depth", "/verdict"]
+    for path in paths:
+        with socket.create_connection(("127.0.0.1", port)) as connection:
+            head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+            connection.sendall(
+                f"{head}Accept: application/json, text/event-stream\r\nContent-Length: 999\r\n\r\n{{".encode()
+            )
+    for path in paths:
+        route = path.replace("Evaluate", "{endpoint}")
+        count = f'ricochet_request_seconds_count{{method="POST",route="{route}",status="400"}}'
+        until(lambda: measured(dedicated_service.url, count) == 1)  # noqa: B023 (called at once)
+
+
+def test_messages_are_limited_like_other_bodies(client: httpx.Client) -> None:
+    message = {"jsonrpc": "2.0", "id": 1, "method": "ping", "params": {"_meta": {str(n): n for n in range(1000)}}}
+    headers = {"Accept": "application/json, text/event-stream"}
+    assert client.post("/mcp", json=message, headers=headers).status_code == 422
+    assert client.post("/mcp", content=b'{"jsonrpc":"2.0","id":1,"id":2}', headers=TEXT | headers).status_code == 400
+
+
+@pytest.mark.parametrize("signum", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("where", ["service", "here"])
+def test_command_ends_on_signals_while_its_input_is_open(
+    live_url: str, tmp_path: Path, where: str, signum: signal.Signals
+) -> None:
+    arguments = ["--url", live_url] if where == "service" else []
+    command = [sys.executable, "-W", "error", "-m", "service.cli", "mcp", *arguments]
+    own = environment(RICOCHET_EXECUTOR="in-process")
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, cwd=tmp_path, env=own, **pipes) as process:
+        assert process.stdin
+        assert process.stdout
+        assert process.stderr
+        process.stdin.write(json.dumps({"jsonrpc": "2.0", "id": 0, "method": "initialize", "params": OPENING}).encode())
+        process.stdin.write(b"\n")
+        process.stdin.flush()
+        assert json.loads(process.stdout.readline())["id"] == 0
+        process.send_signal(signum)
+        status = process.wait(60.0)
+        told = process.stderr.read().decode()
+    assert status in ({130} if signum == signal.SIGINT else {143, -signal.SIGTERM}), told
+    assert "Traceback" not in told
+
+
+@pytest.mark.parametrize("ending", [b"\n", b""])
+def test_command_reads_messages_from_a_file(live_url: str, tmp_path: Path, ending: bytes) -> None:
+    """Regular files are read, too, which no event loop can wait for; a last line need not end."""
+    message = json.dumps({"jsonrpc": "2.0", "id": 0, "method": "initialize", "params": OPENING}).encode()
+    (tmp_path / "messages").write_bytes(message + ending)
+    command = [sys.executable, "-W", "error", "-m", "service.cli", "mcp", "--url", live_url]
+    with (tmp_path / "messages").open("rb") as file:
+        done = subprocess.run(command, stdin=file, capture_output=True, cwd=tmp_path, env=environment(), check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["id"] == 0
 
 
 @pytest.mark.parametrize("where", ["service", "here"])

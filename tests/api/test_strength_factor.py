@@ -1,5 +1,6 @@
 """The models of the strength factor over HTTP, and the strength factor in the answers."""
 
+import json
 from typing import Any
 
 import httpx
@@ -10,7 +11,7 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 
 from .calibrations import answered
 from .many import file_at, rows_at
-from .refused import refused_at
+from .refused import TEXT, changed, refused_at
 
 CONSTANT = {"model": "constant", "value": 82.6 * 39.0**-0.544}
 
@@ -88,3 +89,38 @@ def test_wrong_field_of_the_law_is_named(client: httpx.Client, change: dict[str,
         client.post("/cra", json=with_model(PAPER, STRENGTH_AND_DIAMETER | change)),
         f"/resistance/strength_factor/{field}",
     )
+
+
+EQUATION_9 = {"model": "obliquity_polynomial"}
+GRAZING = changed(PAPER_AT_45, "/impact/oblique_angle_deg", 75.0)
+
+
+def test_equation_9_is_held_from_60_degrees_whether_written_or_not(client: httpx.Client) -> None:
+    laws = (EQUATION_9, EQUATION_9 | {"coefficients": [8.469, 0.0149, -0.0013]}, EQUATION_9 | {"held_from_deg": 60.0})
+    runs = [answered(client, "/trajectory", with_model(GRAZING, law)) for law in laws]
+    assert [run["strength_factor"] for run in runs] == [pytest.approx(4.683, rel=1e-12)] * 3
+    assert runs[0]["final"] == runs[1]["final"] == runs[2]["final"]
+    published = answered(client, "/trajectory", with_model(GRAZING, PUBLISHED))
+    assert published["strength_factor"] == pytest.approx(8.84 * (80.0 / 76.2) ** -0.24 * 4.683 / 8.469, rel=1e-9)
+
+
+@pytest.mark.parametrize(("held", "value"), [(0.0, 8.469), (55.0, 5.356), (90.0, 2.274)])
+def test_any_angle_may_hold_a_polynomial(client: httpx.Client, held: float, value: float) -> None:
+    run = answered(client, "/trajectory", with_model(GRAZING, EQUATION_9 | {"held_from_deg": held}))
+    assert run["strength_factor"] == pytest.approx(value, rel=1e-9)
+    assert ("strength_factor_not_held" in {each["code"] for each in run["warnings"]}) is (held == 90.0)
+
+
+def test_other_polynomials_are_not_held_and_say_so(client: httpx.Client) -> None:
+    law = EQUATION_9 | {"coefficients": [9.0, 0.0, -0.001]}
+    run = answered(client, "/trajectory", with_model(GRAZING, law))
+    assert run["strength_factor"] == pytest.approx(9.0 - 5.625)
+    assert "strength_factor_not_held" in {each["code"] for each in run["warnings"]}
+
+
+@pytest.mark.parametrize("held", ["-1", "90.1", "NaN", "Infinity", '"60"'])
+def test_other_angles_are_refused(client: httpx.Client, held: str) -> None:
+    law = EQUATION_9 | {"held_from_deg": "HELD"}
+    body = json.dumps(with_model(GRAZING, law)).replace('"HELD"', held)
+    response = client.post("/trajectory", content=body, headers=TEXT)
+    refused_at(response, "/resistance/strength_factor/obliquity_polynomial/held_from_deg")

@@ -9,10 +9,11 @@ from typing import Any
 import httpx
 import pytest
 
-from service.schemas import LimitSpeedAnswer, ThicknessAnswer
+from service.schemas import LimitSpeedAnswer, ThicknessAnswer, WallAnswer
 from service.schemas.strike import PAPER
 from solver import cea_edf_limit_speed, least_thickness, limit_velocity
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.uncertainty import judge_wall
 
 from .calibrations import answered
 from .many import ASYNC, LINES, check_results, file_at, finished, items_of, lines
@@ -22,6 +23,7 @@ STRIKE = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 30.0}}
 WALL = PAPER | {"target": PAPER["target"] | {"thickness_m": 0.2}, "impact": {"oblique_angle_deg": 0.0}}
 THIN = {"field": "target.thickness_m", "values": [0.2, 0.3]}
 FAST = {"field": "impact.velocity_m_s", "values": [200.0]}
+HEAD_ON = PAPER["impact"] | {"oblique_angle_deg": 0.0}
 COARSE = {"relative_tolerance": 1e-3}
 ANGLES = {"field": "impact.oblique_angle_deg", "values": [0.0, 20.0, 40.0]}
 BASES = {"thickness": STRIKE | {"numerics": COARSE}, "limit-speed": WALL | {"numerics": COARSE}}
@@ -39,6 +41,9 @@ def test_thickness_is_that_of_the_solver_beside_the_formulas(client: httpx.Clien
     assert len(answer["iterations"]) == len(found.iterations)
     thicknesses = {row["formula"]: row["perforation_thickness_m"] for row in answer["formulas"]}
     assert thicknesses["modified_ndrc"] > answer["least_thickness_m"]
+    assert answer["sentence"].startswith("Not perforated from ")
+    assert answer["range"]["lower"] < answer["least_thickness_m"] < answer["range"]["upper"]
+    assert answer["variants"]["plain"] == answer["least_thickness_m"] < answer["variants"]["rear_plug_and_crater"]
     details = {warning["code"]: warning["detail"] for warning in answer["warnings"]}
     within = [1e3 * row["perforation_thickness_m"] for row in answer["formulas"] if row["in_range"]]
     assert f"{min(within):.0f} to {max(within):.0f} mm" in details["rear_face_unconservative"]
@@ -52,9 +57,16 @@ def test_limit_speed_is_that_of_the_solver(client: httpx.Client) -> None:
     found = limit_velocity(projectile=PAPER_PROJECTILE, target=wall, oblique_angle=math.radians(0.0))
     assert answer["limit_speed_m_s"] == pytest.approx(found.value, rel=1e-6)
     by_formula = cea_edf_limit_speed(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, thickness=0.2)
-    (row,) = answer["formulas"]
-    assert (row["formula"], row["limit_speed_m_s"]) == ("cea_edf", by_formula.limit_speed)
-    assert [each["pointer"] for each in row["out_of_range"]] == ["/projectile/nose"]
+    rows = {row["formula"]: row for row in answer["formulas"]}
+    assert {"modified_ndrc", "degen", "cea_edf", "hughes"} <= rows.keys()
+    assert rows["cea_edf"]["limit_speed_m_s"] == by_formula.limit_speed
+    assert [each["pointer"] for each in rows["cea_edf"]["out_of_range"]] == ["/projectile/nose"]
+    lowest = min(row["limit_speed_m_s"] for row in rows.values() if row["in_range"])
+    assert answer["sentence"].startswith(f"Perforated from {math.floor(lowest)} m/s on by ")
+    assert "This model, which is unconservative: " in answer["sentence"]
+    assert answer["range"]["lower"] < answer["limit_speed_m_s"] < answer["range"]["upper"]
+    assert answer["range"]["probability"] == 0.9
+    assert answer["variants"]["plain"] == answer["limit_speed_m_s"] > answer["variants"]["rear_plug_and_crater"]
     perforated = [trial for trial in answer["iterations"] if trial["outcome"] == "perforated"]
     assert perforated
     assert all(trial["exit"]["speed_m_s"] < trial["velocity_m_s"] for trial in perforated)
@@ -117,7 +129,7 @@ def test_lines_of_a_batch_are_answered_as_alone_beside_one_that_cannot_be(client
     assert items[1]["custom_id"] == "short"
     assert items[1]["problem"]["errors"][0]["pointer"] == "/projectile/length_m"
     for item, case in ((items[0], cases[0]), (items[2], cases[1])):
-        alone = client.post(f"/{operation}", json=case)
+        alone = client.post(f"/{operation}", json=case | {"output": {"range": False}})
         assert alone.headers["Cache-Status"] == "ricochet; hit"
         assert alone.json() == item["result"]
 
@@ -230,3 +242,76 @@ def test_plug_stays_under_other_laws(client: httpx.Client) -> None:
     assert len(outcomes[0]) == len(outcomes[1]) == 9
     other = ("elastic_plastic", "obliquity_polynomial")
     assert [outcomes[0][other], outcomes[1][other]] == ["embedded", "perforated"]
+
+
+def test_nose_out_of_the_rear_face_is_in_answer_and_table_and_perforation_has_no_depth(client: httpx.Client) -> None:
+    def strike(thickness: float) -> dict[str, Any]:
+        return WALL | {"target": PAPER["target"] | {"thickness_m": thickness}, "impact": HEAD_ON}
+
+    through, out, held = (answered(client, "/trajectory", strike(thickness)) for thickness in (0.2, 0.25, 0.4))
+    assert through["outcome"] == "perforated"
+    assert not {"maximum_depth_m", "protrusion"} & through.keys()
+    protrusion = out["protrusion"]
+    assert protrusion["greatest_m"] == pytest.approx(out["maximum_depth_m"] - 0.25)
+    assert protrusion["final_m"] == protrusion["greatest_m"]
+    assert "protrusion" not in held
+    cases = [strike(thickness) | {"output": {"history": False}} for thickness in (0.2, 0.25, 0.4)]
+    answer = client.post("/trajectory/batch", content=lines(cases), headers=LINES | {"Accept": "text/csv"})
+    rows = list(csv.DictReader(io.StringIO(answer.text)))
+    assert [row["maximum_depth_m"] for row in rows] == ["", str(out["maximum_depth_m"]), str(held["maximum_depth_m"])]
+    assert [row["protrusion_greatest_m"] for row in rows] == ["", str(protrusion["greatest_m"]), ""]
+
+
+@pytest.mark.parametrize(("operation", "unit"), [("thickness", "m"), ("limit-speed", "m_s")])
+def test_value_without_protrusion_is_that_of_the_solver_and_a_column(
+    client: httpx.Client, operation: str, unit: str
+) -> None:
+    body = {"thickness": STRIKE, "limit-speed": WALL}[operation]
+    answer = answered(client, f"/{operation}", body)
+    strike: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
+    if operation == "thickness":
+        found = least_thickness(**strike, impact=paper_impact(oblique_angle_degrees=30.0))
+    else:
+        found = limit_velocity(**strike | {"target": replace(PAPER_TARGET, thickness=0.2)}, oblique_angle=0.0)
+    assert answer["without_protrusion"] == pytest.approx(found.without_protrusion, rel=1e-9)
+    stands_out = [each for each in answer["iterations"] if each["outcome"] == "embedded" and "protrusion" in each]
+    assert all(each["protrusion"]["greatest_m"] > 0.0 for each in stands_out)
+    assert stands_out
+    table = client.post(f"/{operation}/batch", content=lines([body]), headers=LINES | {"Accept": "text/csv"}).text
+    (row,) = csv.DictReader(io.StringIO(table))
+    assert float(row[f"without_protrusion_{unit}"]) == answer["without_protrusion"]
+
+
+@pytest.mark.parametrize("operation", ["thickness", "limit-speed"])
+def test_a_batch_has_ranges_only_on_request(client: httpx.Client, operation: str) -> None:
+    base = BASES[operation]
+    cases = [base, base | {"output": {"range": True}}]
+    plain, ranged = (item["result"] for item in items_of(client.post(f"/{operation}/batch", json={"cases": cases})))
+    added = {"range", "variants", "sentence"}
+    assert not added & plain.keys()
+    assert added <= ranged.keys()
+    alone = answered(client, f"/{operation}", base)
+    assert {name: alone[name] for name in added} == {name: ranged[name] for name in added}
+    swept = client.post(f"/{operation}/sweep", json={"base": base, "axes": [ANGLES]}).json()["results"]
+    assert not added & swept[0]["result"].keys()
+
+
+def test_wall_answers_two_questions_and_the_verdict_has_the_same(client: httpx.Client) -> None:
+    body = STRIKE | {"target": PAPER["target"] | {"thickness_m": 0.45}}
+    judged = answered(client, "/wall", body)
+    WallAnswer.model_validate(judged)
+    found = judge_wall(
+        projectile=PAPER_PROJECTILE,
+        target=replace(PAPER_TARGET, thickness=0.45),
+        impact=paper_impact(oblique_angle_degrees=30.0),
+    )
+    assert judged["sentence"] == str(found)
+    assert judged["perforation"]["design_m"] == pytest.approx(found.perforation.design)
+    assert judged["scabbing"]["enough"] is judged["enough"] is False
+    verdict = answered(client, "/verdict", body | {"search": {"lower_deg": 40.0, "tolerance_deg": 0.1}})
+    assert verdict["wall"] == {name: judged[name] for name in ("enough", "perforation", "scabbing", "normal_impact")}
+    assert verdict["sentence"].endswith(judged["sentence"])
+    assert verdict["keys"]["wall"] == judged["key"]
+    free = answered(client, "/wall", STRIKE)
+    assert "enough" not in free
+    assert free["scabbing"]["design_m"] == judged["scabbing"]["design_m"]

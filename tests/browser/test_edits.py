@@ -236,7 +236,7 @@ def test_view_that_is_opened_while_the_service_is_away_shows_itself_once_it_is_b
     page.get_by_role("link", name="Walls").click()
     expect(page.locator("#status")).to_contain_text("The service does not answer. Trying again.")
     page.unroute("**/*")
-    expect(page.locator(".outcome")).to_contain_text("Design value at least")
+    expect(page.locator(".outcome")).to_contain_text("Design value against")
     expect(page.locator("#status")).to_have_text("Up to date.")
     expected(faults, "ERR_FAILED")
 

@@ -32,7 +32,7 @@ def test_answer_in_words_comes_before_the_plots_on_a_slow_line(page: Page) -> No
     throttle(session, SLOW_BYTES_PER_S)
     page.goto("/", wait_until="commit")
     expect(page.locator(".angle")).to_have_text("48.6°")
-    expect(page.locator("[data-outcome]")).to_contain_text("At 45° from the normal: embedded")
+    expect(page.locator("[data-outcome]")).to_contain_text("At 45° from the normal")
     expect(page.locator(READY)).to_be_visible()
     for part in (".angle", "[data-outcome]", READY):
         expect(page.locator("[aria-busy=true]").filter(has=page.locator(part))).to_have_count(0)

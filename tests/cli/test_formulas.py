@@ -1,13 +1,15 @@
 """`ricochet formulas`: a table, JSON and CSV, the same from a service."""
 
 import json
-import math
 import re
+import tomllib
 from pathlib import Path
 
+import httpx
 import pytest
 
 from service import cli
+from tests.api.calibrations import answered
 from tests.cli.commands import run
 
 
@@ -24,37 +26,34 @@ def test_table_distinguishes_what_is_in_range(folder: Path) -> None:
     assert "1.2 on perforation" in done.out
 
 
-@pytest.mark.parametrize(("thickness", "judged"), [(0.3, "300 mm: not enough. "), (0.5, "500 mm: enough. ")])
-def test_thickness_begins_with_the_design_value(
-    folder: Path, capsys: pytest.CaptureFixture[str], thickness: float, judged: str
+@pytest.mark.parametrize("thickness", [0.3, 3.0])
+def test_thickness_begins_with_the_verdict_on_the_wall(
+    folder: Path, capsys: pytest.CaptureFixture[str], client: httpx.Client, thickness: float
 ) -> None:
     path = folder / "wall.toml"
     path.write_text((folder / "strike.toml").read_text().replace("[target]", f"[target]\nthickness_m = {thickness}"))
-    assert cli.main(["formulas", str(path), "--angle", "45", "--json"]) == 0
-    highest = json.loads(capsys.readouterr().out)["perforation_thickness_spread"]["highest"]
     assert cli.main(["thickness", str(path), "--angle", "45"]) == 0
-    design = f"Design value at least {math.ceil(1200.0 * highest)} mm (largest formula within its range × 1.2)."
-    assert capsys.readouterr().out.splitlines()[0] == judged + design
+    first, second, *_ = capsys.readouterr().out.splitlines()
+    body = tomllib.loads(path.read_text())
+    body["impact"]["oblique_angle_deg"] = 45.0
+    judged = answered(client, "/wall", body)
+    assert first == judged["sentence"]
+    assert judged["enough"] is (thickness == 3.0)
+    del body["target"]["thickness_m"]
+    assert second == answered(client, "/thickness", body)["sentence"]
 
 
-@pytest.mark.parametrize(
-    ("flags", "judged"),
-    [
-        (
-            ("--thickness", "0.2"),
-            "238 m/s: perforated. Limit speed {0:.0f} m/s of a wall of 200 mm at 20° from the normal",
-        ),
-        (("--thickness", "50"), "No limit speed of a wall of 50000 mm at 20° from the normal: never perforated."),
-    ],
-)
-def test_limit_speed_begins_with_a_sentence(
-    folder: Path, capsys: pytest.CaptureFixture[str], flags: tuple[str, ...], judged: str
+@pytest.mark.parametrize(("thickness", "value"), [("0.2", "m/s (90 % range over S, "), ("50", "never perforated")])
+def test_limit_speed_begins_with_the_sentence_of_the_service(
+    folder: Path, capsys: pytest.CaptureFixture[str], thickness: str, value: str
 ) -> None:
-    args = ["limit-speed", str(folder / "strike.toml"), "--angle", "20", *flags]
+    args = ["limit-speed", str(folder / "strike.toml"), "--angle", "20", "--thickness", thickness]
     assert cli.main([*args, "--json"]) == 0
-    limit = json.loads(capsys.readouterr().out).get("limit_speed_m_s")
+    sentence = json.loads(capsys.readouterr().out)["sentence"]
     assert cli.main(args) == 0
-    assert capsys.readouterr().out.splitlines()[0].startswith(judged.format(limit))
+    assert capsys.readouterr().out.splitlines()[0] == sentence
+    assert "This model, which is unconservative: " in sentence
+    assert value in sentence
 
 
 def test_service_gives_the_same_answer(folder: Path, live_url: str) -> None:

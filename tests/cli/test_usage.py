@@ -142,24 +142,20 @@ def test_negative_numbers_of_a_list_are_values(here: Path, capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("words", "answer"),
     [
-        ("thickness --angle 20", "Design value at least 564 mm (largest formula within its range × 1.2)."),
-        (
-            "limit-speed --angle 20 --thickness 0.2",
-            (
-                "238 m/s: perforated. Limit speed 219 m/s of a wall of 200 mm at 20° from the normal, "
-                "by this model without a margin."
-            ),
-        ),
+        ("thickness --angle 20", ["Design value against scabbing 636 mm", "Not perforated from 470 mm on by Hughes"]),
+        ("limit-speed --angle 20 --thickness 0.2", ["Perforated from "]),
     ],
 )
 def test_the_answer_comes_first_and_the_trials_on_demand(
-    here: Path, capsys: pytest.CaptureFixture[str], words: str, answer: str
+    here: Path, capsys: pytest.CaptureFixture[str], words: str, answer: list[str]
 ) -> None:
     command, *flags = words.split()
     args = [command, "strike.toml", *flags, "--set", "numerics.relative_tolerance=1e-3"]
     assert cli.main(args) == 0
     short = capsys.readouterr().out
-    assert [line.split("  ")[0] for line in short.splitlines()[:2]] == [answer, ""]
+    *said, blank = short.splitlines()[: len(answer) + 1]
+    assert [line.startswith(begin) for line, begin in zip(said, answer, strict=True)] == [True] * len(answer)
+    assert blank == ""
     assert "outcome" not in short
     assert cli.main([*args, "-v"]) == 0
     long = capsys.readouterr().out

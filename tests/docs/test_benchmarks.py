@@ -12,6 +12,7 @@ QUICK = {
     "call_path": [],
     "cluster": ["--quick"],
     "growth": ["--quick"],
+    "hostile": ["--requests", "100"],
     "http_load": ["--quick"],
     "routes": ["--quick"],
     "scaling": ["--quick"],

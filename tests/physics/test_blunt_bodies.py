@@ -83,7 +83,7 @@ def figures(nose: NoseShape) -> tuple[float, float, float]:
     left = simulate(projectile=projectile, target=WALL, impact=HEAD_ON, sample_interval=None).exit
     wall = least_thickness(projectile=projectile, target=PAPER_TARGET, impact=HEAD_ON).value
     run = simulate(projectile=projectile, target=PAPER_TARGET, impact=HEAD_ON, sample_interval=None)
-    return run.maximum_depth, known(left).speed, known(wall)
+    return known(run.maximum_depth), known(left).speed, known(wall)
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,8 @@ def test_walls_of_a_flat_body_are_finite_and_monotone() -> None:
         assert found.status is PerforationStatus.CONVERGED
         assert found.value is not None
         walls.append(found.value)
-        depth = simulate(projectile=FLAT, target=PAPER_TARGET, impact=impact, sample_interval=None).maximum_depth
+        run = simulate(projectile=FLAT, target=PAPER_TARGET, impact=impact, sample_interval=None)
+        depth = known(run.maximum_depth)
         beyond.append((found.value - depth) / FLAT.diameter)
     assert np.all(np.diff(walls) > 0.0)
     assert 0.5 < min(beyond) < max(beyond) < 1.7
@@ -156,7 +157,7 @@ def test_no_wall_has_to_be_much_thicker_than_a_body_goes_deep() -> None:
     for projectile, target, impact in steel_strikes(300, 11):
         strike: dict[str, Any] = {"projectile": projectile, "target": target, "impact": impact}
         wall = least_thickness(**strike, tolerance=1e-2)
-        depth = simulate(**strike, sample_interval=None).maximum_depth
+        depth = known(simulate(**strike, sample_interval=None).maximum_depth)
         assert wall.status is not PerforationStatus.ALWAYS_PERFORATED
         assert (wall.value or 0.0) < 1.01 * (depth + 2.5 * projectile.diameter), strike
         assert "implausible" not in {warning.code for warning in wall.warnings}

@@ -1,13 +1,37 @@
 """Rules that every true answer keeps: broken ones are named, and no answer of this model breaks them."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from solver import Exit, Impact, ModelWarning, Outcome, Projectile, Resistance, ShearPlug, Target, simulate
+from solver import (
+    Conical,
+    ConstantStrengthFactor,
+    Exit,
+    Flat,
+    Impact,
+    ModelWarning,
+    Numerics,
+    Ogive,
+    Outcome,
+    ParameterError,
+    Projectile,
+    Resistance,
+    RicochetError,
+    ShearPlug,
+    Spherical,
+    Target,
+    least_thickness,
+    simulate,
+)
+from solver.checks import BOUNDS
+from solver.free_surface import decay_laws
 from solver.plausibility import check_depth, check_energy, check_walls, deepest_by_energy
 from solver.prepared import PreparedCase, prepare
+from solver.projectile import NoseShape
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, USUAL, paper_impact
 from validation.routes import random_strikes
 
@@ -60,18 +84,23 @@ def test_depth_beyond_the_energy_is_named() -> None:
     assert says(check_depth(case, paper_impact(oblique_angle_degrees=10.0), 1.01 * most)) == ""
 
 
+TURNED = replace(HEAD_ON, oblique_angle=0.1)
+
+
 @pytest.mark.parametrize(
-    ("thickness", "speeds", "words"),
+    ("impact", "first", "speeds", "words"),
     [
-        (11.0, [], "more than the"),
-        (None, [], "however thick"),
-        (0.24, [150.0, 120.0, 60.0], ""),
-        (0.24, [150.0, 60.0, 120.0], "faster than a thinner one"),
+        (HEAD_ON, 11.0, [150.0], "use up its energy"),
+        (TURNED, 11.0, [150.0], "use up its energy"),
+        (HEAD_ON, 0.1, [], ""),
+        (HEAD_ON, 0.1, [150.0, 120.0, 60.0], ""),
+        (HEAD_ON, 0.1, [150.0, 60.0, 120.0], "faster than a thinner one"),
+        (TURNED, 0.1, [150.0, 60.0, 120.0], ""),
     ],
 )
-def test_walls_that_no_energy_explains_are_named(thickness: float | None, speeds: list[float], words: str) -> None:
-    passed = [(0.1 + 0.02 * place, leaving(0.5 * ENERGY, speed)) for place, speed in enumerate(speeds)]
-    found = says(check_walls(prepared(rear_plug=ShearPlug()), HEAD_ON, thickness, reversed(passed)))
+def test_walls_that_no_energy_explains_are_named(impact: Impact, first: float, speeds: list[float], words: str) -> None:
+    passed = [(first + 0.02 * place, leaving(0.5 * ENERGY, speed)) for place, speed in enumerate(speeds)]
+    found = says(check_walls(prepared(rear_plug=ShearPlug()), impact, reversed(passed)))
     assert words in found
     assert bool(words) == bool(found)
 
@@ -95,3 +124,88 @@ def test_lifeless_wall_is_named_in_the_answer(monkeypatch: pytest.MonkeyPatch) -
     run = simulate(projectile=PAPER_PROJECTILE, target=WALL, impact=HEAD_ON, sample_interval=None)
     assert run.outcome is Outcome.PERFORATED
     assert "implausible" in {warning.code for warning in run.warnings}
+
+
+NOSES: tuple[NoseShape, ...] = (
+    Ogive(caliber_radius_head=0.5),
+    Ogive(caliber_radius_head=100.0),
+    Conical(length_to_diameter=0.01),
+    Conical(length_to_diameter=20.0),
+    Spherical(caliber_radius_head=0.5),
+    Spherical(caliber_radius_head=100.0),
+    Flat(),
+)
+SLENDERNESS = 100.0
+"""Longest body over its diameter: the stations of the quadrature lie farther apart than a wall is thick on longer ones,
+and what passes between them is a fault that the warning is for."""
+
+
+def odd_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, Impact, Resistance]]:
+    """Yield legal strikes of all sizes, masses, strengths and speeds within `BOUNDS`, evenly in their logarithms."""
+    random = np.random.default_rng(seed)
+
+    def drawn(name: str) -> float:
+        low, high = max(BOUNDS[name].lower, 1e-6), BOUNDS[name].upper
+        return math.exp(random.uniform(math.log(low), math.log(high)))
+
+    while count:
+        diameter = drawn("projectile.diameter")
+        try:
+            nose = NOSES[random.integers(len(NOSES))]
+            slenderness = math.exp(random.uniform(0.0, math.log(SLENDERNESS)))
+            body = Projectile(
+                nose=nose, diameter=diameter, length=slenderness * diameter, mass=drawn("projectile.mass")
+            )
+            target = Target(
+                compressive_strength=drawn("target.compressive_strength"),
+                density=drawn("target.density"),
+                youngs_modulus=(None, drawn("target.youngs_modulus"))[random.integers(2)],
+                thickness=(None, diameter * math.exp(random.uniform(-2.0, 4.0)))[random.integers(2)],
+            )
+            impact = Impact(
+                velocity=drawn("impact.velocity"),
+                oblique_angle=(0.0, math.radians(random.uniform(0.0, 89.0)))[random.integers(2)],
+                angle_of_attack=(0.0, math.radians(random.uniform(-5.0, 5.0)))[random.integers(2)],
+            )
+            resistance = Resistance(
+                strength_factor=ConstantStrengthFactor(value=math.exp(random.uniform(-7.0, 5.0))),
+                inertia_factor=(0.0, 1.0)[random.integers(2)],
+                free_surface=decay_laws()[random.integers(3)],
+            )
+            prepare(projectile=body, target=target, resistance=resistance, numerics=USUAL.resolved())
+        except ParameterError:
+            continue
+        count -= 1
+        yield body, target, impact, resistance
+
+
+def test_no_legal_input_is_implausible() -> None:
+    """However odd it is; also at the coarsest tolerance and with steps of a fixed length."""
+    numerics = (None, Numerics(relative_tolerance=1e-2), Numerics(method="panels", panels=1000))
+    finished = 0
+    for number, (body, target, impact, resistance) in enumerate(odd_strikes(450, 46)):
+        given = {"projectile": body, "target": target, "impact": impact, "resistance": resistance}
+        try:
+            run = simulate(**given, numerics=numerics[number % 3], sample_interval=None)  # type: ignore[arg-type]
+        except RicochetError:
+            continue
+        finished += 1
+        assert "implausible" not in {warning.code for warning in run.warnings}, (given, run.warnings)
+    assert finished > 300
+
+
+def test_no_legal_wall_is_implausible() -> None:
+    """A body of 1 mm and 13 kg goes through any wall, as do many odd ones."""
+    rod = replace(PAPER_PROJECTILE, diameter=1e-3)
+    odd = [(rod, PAPER_TARGET, HEAD_ON, Resistance()), *odd_strikes(25, 7)]
+    finished = 0
+    for body, target, impact, resistance in odd:
+        try:
+            found = least_thickness(
+                projectile=body, target=replace(target, thickness=None), impact=impact, resistance=resistance
+            )
+        except RicochetError:
+            continue
+        finished += 1
+        assert "implausible" not in {warning.code for warning in found.warnings}, (body, target, impact, resistance)
+    assert finished > 15

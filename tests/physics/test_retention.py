@@ -1,6 +1,7 @@
 """Critical angles by the retention energy: against sums over elements, and over a map without cliffs."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,19 @@ from solver import (
     MohrCoulomb,
     Numerics,
     Outcome,
+    Projectile,
     Resistance,
+    Sphere,
     Target,
+    Trajectory,
     critical_angle,
     critical_angle_many,
+    limit_velocity,
     simulate,
 )
-from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, Method
 
-from .strikes import known
+from .strikes import codes, known
 
 PAPER: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": PAPER_VELOCITY}
 MOHR_COULOMB = Resistance(free_surface=MohrCoulomb())
@@ -85,3 +90,45 @@ def test_angle_changes_gradually_with_speed_and_strength() -> None:
 def _degrees(answer: object) -> float:
     assert isinstance(answer, CriticalAngle)
     return math.nan if answer.angle is None else math.degrees(answer.angle)
+
+
+SPHERE = Projectile(nose=Sphere(), diameter=0.02, length=0.02, mass=0.0329)
+
+
+@pytest.mark.parametrize("method", ["adaptive", "panels"])
+@pytest.mark.parametrize("spin", [3e3, -2e4, 9e4])
+def test_spin_that_nothing_can_remove_is_no_energy_retained(method: Method, spin: float) -> None:
+    """No load turns a sphere: at 0° one of 20 mm came to rest, and "ricocheted" with the energy of its spin."""
+    numerics = Numerics(method=method, time_step=2e-7, termination_time=1e-3)
+
+    def run(spin: float) -> Trajectory:
+        impact = Impact(velocity=300.0, oblique_angle=0.0, angular_velocity=spin)
+        return simulate(projectile=SPHERE, target=PAPER_TARGET, impact=impact, numerics=numerics)
+
+    still, spun = run(0.0), run(spin)
+    assert (still.outcome, spun.outcome) == (Outcome.EMBEDDED, Outcome.EMBEDDED)
+    assert spun.maximum_depth == pytest.approx(known(still.maximum_depth), rel=1e-3)
+    assert spun.final.angular_velocity == pytest.approx(spin)
+    assert spun.final.time == pytest.approx(still.final.time, rel=0.02)
+    assert "tumbling" not in codes(spun)
+
+
+def test_spinning_sphere_has_the_critical_angle_and_the_limits_of_one_that_does_not_spin() -> None:
+    wall = replace(PAPER_TARGET, thickness=0.02)
+    angles, speeds = [], []
+    for spin in (0.0, 2e4):
+        found = critical_angle(projectile=SPHERE, target=PAPER_TARGET, velocity=300.0, angular_velocity=spin)
+        angles.append(found)
+        speeds.append(limit_velocity(projectile=SPHERE, target=wall, oblique_angle=0.3, angular_velocity=spin))
+    assert known(angles[1].angle) == pytest.approx(known(angles[0].angle), abs=math.radians(0.02))
+    assert angles[1].energy_fraction_above == pytest.approx(known(angles[0].energy_fraction_above), rel=0.02)
+    assert known(speeds[1].value) == pytest.approx(known(speeds[0].value), rel=3e-4)
+    assert "tumbling" not in codes(angles[1])
+
+
+def test_spin_of_a_body_that_loads_can_turn_counts() -> None:
+    """The same sphere with its centre of gravity aside, and the paper's body, spin less and less."""
+    for body in (replace(SPHERE, center_of_gravity=0.009), PAPER_PROJECTILE):
+        impact = Impact(velocity=200.0, oblique_angle=0.1, angular_velocity=300.0)
+        run = simulate(projectile=body, target=PAPER_TARGET, impact=impact)
+        assert abs(run.final.angular_velocity) < 290.0

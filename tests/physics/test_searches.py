@@ -33,6 +33,7 @@ from solver import (
     simulate,
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, SEARCH_STATIONS, SEARCH_TOLERANCE
+from solver.uncertainty.results import Crossings
 
 from .strikes import CASE, codes, known
 
@@ -176,18 +177,33 @@ def test_ricochet_that_sets_in_ceases_and_returns_is_reported_in_full() -> None:
         assert (seen[nearest_below], seen[crossing]) == (not turned_away, turned_away)
 
 
-def test_range_that_starts_in_a_ricochet_reports_the_angle_at_which_it_next_sets_in() -> None:
+def test_range_that_starts_in_a_ricochet_has_its_angle_below_whatever_lies_above() -> None:
+    """The ends of a band that embeds, from 50-55° to 60-65°, are changes of outcome and not the smallest angle."""
     found = find(lower=47.0, upper=70.0, strength_factor=COMES_AND_GOES)
-    assert found.status is SearchStatus.CONVERGED
-    assert 55.0 < math.degrees(known(found.angle)) < 65.0
-    assert [50.0 < math.degrees(crossing) < 55.0 for crossing in found.other_crossings] == [True]
+    assert (found.status, found.angle, found.bracket) == (SearchStatus.ALWAYS_RICOCHET, None, None)
+    ceases, returns = found.other_crossings
+    assert 50.0 < math.degrees(ceases) < 55.0
+    assert 60.0 < math.degrees(returns) < 65.0
     assert "ricochet_at_lower_bound" in codes(found)
+    kept = Crossings.of(found)
+    assert (kept.angles, kept.starts_turned_away) == (found.other_crossings, True)
+    assert math.isnan(kept.angle)
+
+
+@pytest.mark.parametrize("method", ["bisection", "secant"])
+def test_searches_of_the_paper_do_not_take_the_end_of_a_ricochet_for_its_onset(method: str) -> None:
+    found = find(method=method, lower=47.0, upper=58.0, strength_factor=COMES_AND_GOES)
+    assert (found.status, found.angle) == (SearchStatus.ALWAYS_RICOCHET, None)
+    assert "ricochet_at_lower_bound" in codes(found)
+
+
+UNHELD = ObliquityPolynomial(held_from=math.pi / 2.0)
 
 
 @pytest.mark.parametrize("method", ["outcome", "bisection", "secant"])
 def test_search_ends_where_equation_9_falls_to_zero(method: str) -> None:
     """At 86.6°."""
-    found = find(method=method, lower=40.0, upper=88.0)
+    found = find(method=method, lower=40.0, upper=88.0, strength_factor=UNHELD)
     assert max(trial.oblique_angle for trial in found.iterations) == pytest.approx(math.radians(86.6), abs=2e-3)
     (warning,) = (warning for warning in found.warnings if warning.code == "range_clipped")
     assert "not at 88°" in warning.detail
@@ -204,7 +220,7 @@ def test_band_below_a_vanishing_strength_factor_is_found() -> None:
 
 def test_strength_factor_that_is_zero_over_the_whole_range_is_named() -> None:
     with pytest.raises(ParameterError, match=r"greater than 0 at the initial oblique angle of 87") as caught:
-        find(lower=87.0, upper=88.0)
+        find(lower=87.0, upper=88.0, strength_factor=UNHELD)
     assert caught.value.field == "resistance.strength_factor"
 
 

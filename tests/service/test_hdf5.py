@@ -107,14 +107,17 @@ def test_tables_have_the_columns_of_the_contract() -> None:
     assert list(MotionState.model_fields) == COLUMNS
     for operation, model in (("cra", Trial), ("thickness", ThicknessTrial), ("limit-speed", SpeedTrial)):
         trials = trial_table_columns(OPERATIONS[operation].answer)
-        assert {column.name for column in trials} == model.model_fields.keys() - {"exit"}
+        assert {column.name for column in trials} == model.model_fields.keys() - {"exit", "protrusion"}
         assert all(column.description for column in trials)
     assert {column.name for column in OPERATIONS["trajectory"].columns} == {
         "outcome",
         "maximum_depth_m",
+        "protrusion_final_m",
+        "protrusion_greatest_m",
         "strength_factor",
         *(f"final_{name}" for name in MotionState.model_fields),
-        *(f"exit_{name}" for name in Exit.model_fields),
+        *(f"exit_{name}" for name in Exit.model_fields if name != "flight"),
+        *(f"exit_flight_{name}" for name in ("range_m", "impact_speed_m_s", "farthest_range_m")),
     }
 
 

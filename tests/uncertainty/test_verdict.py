@@ -1,12 +1,14 @@
 """The usual scatter of a strike and the words of a verdict."""
 
 import math
+import re
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import pytest
 
+from service.schemas import ReportRequest
 from solver import (
     ConstantStrengthFactor,
     ElasticPlastic,
@@ -16,6 +18,7 @@ from solver import (
     ObliquityPolynomial,
     Outcome,
     OwnTests,
+    Protrusion,
     PublishedTests,
     Resistance,
     SearchStatus,
@@ -26,7 +29,9 @@ from solver import (
 from solver.resistance import strength_factor
 from solver.strength_scatter import TABLE_1, strength_scatter
 from solver.strike import PAPER_PROJECTILE, PAPER_VELOCITY
-from solver.uncertainty import Discrete, Lognormal, Verdict, usual_scatter, verdict
+from solver.uncertainty import Discrete, Estimate, Verdict, usual_scatter, verdict
+from solver.uncertainty.weighed_warnings import range_held_earlier
+from tests.odd_strikes import KINDS, odd_strikes
 from tests.physics.strikes import CASE, known
 
 OTHER: dict[str, Any] = CASE | {"target": Target(compressive_strength=40e6, density=2250.0)}
@@ -60,12 +65,83 @@ def test_strength_factor_scatters_as_its_tests_do_and_strength_is_not_counted_tw
     assert math.hypot(by_strength, found.residual) == pytest.approx(dispersion, rel=1e-3)
 
 
-def test_no_decay_is_in_no_range() -> None:
-    resistance = Resistance(free_surface=NoFreeSurface())
-    *_, strength_factor, theory = usual_scatter(**CASE, velocity=PAPER_VELOCITY, resistance=resistance)
-    assert isinstance(strength_factor.distribution, Lognormal)
-    assert isinstance(theory.distribution, Discrete)
-    assert list(theory.distribution.values) == [ElasticPlastic(), MohrCoulomb()]
+@pytest.mark.parametrize(
+    ("resistance", "own"),
+    [
+        (Resistance(), False),
+        (Resistance(free_surface=ElasticPlastic(inertia=True)), False),
+        (Resistance(strength_factor=PublishedTests()), False),
+        (Resistance(strength_factor=TABLE_1), False),
+        (Resistance(strength_factor=StrengthPowerLaw()), False),
+        (Resistance(free_surface=NoFreeSurface()), True),
+        (Resistance(free_surface=MohrCoulomb()), True),
+        (Resistance(strength_factor=ObliquityPolynomial(coefficients=(8.5,))), True),
+        (Resistance(strength_factor=ConstantStrengthFactor(value=8.5)), True),
+        (Resistance(strength_factor=StrengthPowerLaw(coefficient=72.0, exponent=-0.5)), True),
+    ],
+)
+def test_a_law_of_ones_own_is_judged_by_itself_and_no_decay_is_no_theory(resistance: Resistance, own: bool) -> None:
+    def laws(**given: bool) -> list[Any]:
+        *_, last = usual_scatter(**CASE, velocity=PAPER_VELOCITY, resistance=resistance, **given)
+        return list(last.distribution.values) if isinstance(last.distribution, Discrete) else []
+
+    inertia = getattr(resistance.free_surface, "inertia", False)
+    theories = [ElasticPlastic(inertia=inertia), MohrCoulomb(inertia=inertia)]
+    assert laws() == ([] if own else theories)
+    assert laws(theories=True) == theories
+    assert laws(theories=False) == []
+
+
+def test_verdict_on_no_decay_is_that_of_no_decay() -> None:
+    """`none` at 52° was "embedded (probability of ricochet above 0.99)", with a range that its angle was not in."""
+    found = verdict_of(
+        PAPER_VELOCITY, oblique_angle=math.radians(52.0), resistance=Resistance(free_surface=NoFreeSurface())
+    )
+    assert found.outcome is Outcome.EMBEDDED
+    assert found.probability is not None
+    assert found.probability.value < 0.1
+    assert found.spread is not None
+    assert found.spread[0] < known(found.angle) < found.spread[1]
+    assert found.theory_spread is not None
+    assert found.theory_spread[1] < known(found.angle)
+    assert "is not turned away" in str(found)
+    assert "by the law chosen, 90 % range" in str(found)
+    assert "Over the theories: 90 % range" in str(found)
+
+
+def contradictions(found: Verdict) -> list[str]:
+    """Return what one verdict says and takes back."""
+    wrong = []
+    if found.angle is not None and found.spread is not None and not found.spread[0] <= found.angle <= found.spread[1]:
+        wrong.append("the angle is not in its range")
+    if found.outcome is not None and found.probability is not None:
+        ricochet = found.probability.value
+        if (ricochet if found.outcome is Outcome.RICOCHET else 1.0 - ricochet) < 0.1:
+            wrong.append(f"{found.outcome} has a probability of ricochet of {ricochet}")
+    shown = set(re.findall(r"Critical angle ([\d.]+°)", str(found)))
+    if len(shown) > 1:
+        wrong.append(f"critical angles {shown}")
+    return wrong
+
+
+def verdict_on(body: dict[str, Any]) -> Verdict:
+    request = ReportRequest.model_validate(body)
+    angle = body["impact"].get("oblique_angle_deg")
+    arguments, _ = request.arguments()
+    return verdict(**arguments, oblique_angle=None if angle is None else math.radians(angle), threads=2)
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("body", odd_strikes(len(KINDS), seed=1), ids=KINDS)
+def test_a_verdict_does_not_contradict_itself(body: dict[str, Any]) -> None:
+    assert contradictions(verdict_on(body)) == []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+def test_no_verdict_on_odd_strikes_contradicts_itself() -> None:
+    found = [(contradictions(verdict_on(body)), body) for body in odd_strikes(300, seed=2)]
+    assert [each for each in found if each[0]] == []
 
 
 @cache
@@ -99,6 +175,39 @@ def test_warning_stands_alone_if_it_moves_the_angle_by_more_than_a_quarter_of_th
         assert shifts["strength_fit_extrapolated"] == known(angle) - found.angle
 
 
+@pytest.mark.parametrize(("velocity", "angle", "held"), [(400.0, 61.82, 60.38), (700.0, 71.44, 70.55)])
+def test_above_55_degrees_a_verdict_has_room_for_s_held_from_there(velocity: float, angle: float, held: float) -> None:
+    found = verdict_of(velocity)
+    assert math.degrees(known(found.angle)) == pytest.approx(angle, abs=0.02)
+    assert math.degrees(known(found.held_angle)) == pytest.approx(held, abs=0.02)
+    assert found.spread is not None
+    assert found.spread[0] <= known(found.held_angle)
+    assert f"{math.degrees(known(found.held_angle)):.1f}° with S held from 55°" in str(found)
+    assert verdict_of(238.0).held_angle is None
+
+
+@pytest.mark.parametrize(
+    ("spread", "angle", "held", "expected"),
+    [
+        ((50.0, 60.0), 56.0, 55.7, (50.0, 60.0)),
+        ((58.0, 70.0), 64.0, 62.0, (56.0, 70.0)),
+        ((55.5, 70.0), 64.0, 62.0, (55.0, 70.0)),
+        ((63.0, 70.0), 64.0, 62.0, (61.0, 70.0)),
+        ((58.0, 70.0), 64.0, None, (58.0, 70.0)),
+    ],
+)
+def test_range_reaches_down_to_where_s_held_earlier_puts_it(
+    spread: tuple[float, float], angle: float, held: float | None, expected: tuple[float, float]
+) -> None:
+    found = range_held_earlier(
+        (math.radians(spread[0]), math.radians(spread[1])),
+        math.radians(angle),
+        None if held is None else math.radians(held),
+    )
+    assert found is not None
+    assert [math.degrees(each) for each in found] == pytest.approx(expected)
+
+
 def test_range_is_wide_by_the_law_and_narrow_with_shots_into_the_concrete() -> None:
     def width(**changes: Any) -> float:
         found = verdict_of(PAPER_VELOCITY, **changes)
@@ -126,6 +235,11 @@ SEEN = Verdict(
 FIRST = "Critical angle 48.6° from the normal, 90 % range 42° to 60°"
 THEORY = "elastic-plastic decay (weight 0.8)"
 LAST = "the outcome also changes at 70.0°"
+SAID = "At 50° from the normal"
+STANDS_OUT = "with the inputs as given embedded, its nose 139 mm out of the rear face"
+BY_LAW = "Critical angle 48.6° from the normal by the law chosen, 90 % range 42° to 60°"
+OVER_THEORIES = "Over the theories: 90 % range 43° to 51°"
+AT_50: dict[str, Any] = {"oblique_angle": math.radians(50.0), "outcome": Outcome.EMBEDDED}
 
 
 @pytest.mark.parametrize(
@@ -138,8 +252,33 @@ LAST = "the outcome also changes at 70.0°"
         ),
         ({"spread": None}, "Critical angle 48.63° from the normal."),
         (
-            {"oblique_angle": math.radians(50.0), "outcome": Outcome.EMBEDDED, "probability": 0.2},
-            f"At 50° from the normal: embedded (probability of ricochet 0.20). {FIRST}.",
+            AT_50 | {"probability": Estimate(0.2, 0.17, 0.23)},
+            f"{SAID}: may be turned away (probability 20 %); with the inputs as given embedded. {FIRST}.",
+        ),
+        (
+            AT_50 | {"probability": Estimate(0.098, 0.07, 0.12)},
+            f"{SAID}: is not turned away (probability of ricochet 10 %); with the inputs as given embedded. {FIRST}.",
+        ),
+        (
+            AT_50 | {"probability": Estimate(0.0, 0.0, 0.03), "protrusion": Protrusion(final=0.139, greatest=0.139)},
+            f"{SAID}: is not turned away (probability of ricochet below 3 %); {STANDS_OUT}. {FIRST}.",
+        ),
+        (
+            AT_50 | {"outcome": Outcome.RICOCHET, "probability": Estimate(1.0, 0.97, 1.0)},
+            f"At 50° from the normal: is turned away (probability above 97 %). {FIRST}.",
+        ),
+        (
+            AT_50 | {"outcome": Outcome.RICOCHET, "probability": Estimate(0.999, 0.9999, 1.0)},
+            f"At 50° from the normal: is turned away (probability above 99 %). {FIRST}.",
+        ),
+        (AT_50, f"At 50° from the normal, with the inputs as given: embedded. {FIRST}."),
+        (
+            {
+                "own_law": True,
+                "theories": (math.radians(48.634), math.radians(43.6)),
+                "theory_spread": (math.radians(42.9), math.radians(51.0)),
+            },
+            f"{BY_LAW}. {OVER_THEORIES}; {THEORY} 48.6°, Mohr-Coulomb decay (weight 0.2) 43.6°.",
         ),
         (
             {"share_without": 0.25, "theories": (math.radians(48.634), None), "other_crossings": (math.radians(70.0),)},

@@ -1,4 +1,4 @@
-// Walls: the least thickness that stops a strike, by the formulas of the field and by both models of the rear face.
+// Walls: whether a wall is thick enough against perforation and scabbing, and what the formulas and the model say of it.
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { withValue } from "../case.js";
@@ -12,12 +12,12 @@ import { request } from "../service.js";
 import { markFresh, markStale } from "../stale.js";
 import { inShownUnits, unitOf } from "../units.js";
 import { showCard } from "../verdict.js";
-import { capital, lengthShown, quantityShown, statusShown, unbroken, warningList } from "../words.js";
+import { endingShown, lengthShown, unbroken, warningList } from "../words.js";
 
 const THICKNESS = "target.thickness_m";
 const SPEED = "impact.velocity_m_s";
-const PLUG = "resistance.rear_plug";
-const CRATER = "resistance.crater";
+/** The model with different rear and front faces. */
+const MODELS = { plain: "This model", rear_plug: "With a plug at the rear", rear_plug_and_crater: "With a plug and a crater" };
 const COLUMNS = ["By", "Perforation limit", "Scabbing limit", "Penetration", "Range of the tests behind it"];
 
 /** Show the view. */
@@ -27,17 +27,19 @@ export async function show(root, query) {
   const updateResults = latest(async (values, signal) => {
     const post = async (path, body) => (await request(path, { body, signal })).data;
     const { projectile, target, impact, resistance, numerics } = values;
-    const models = modelsOf({ projectile, target, impact, resistance, numerics });
-    const thick = await Promise.all(models.map(({ body }) => post("thickness", withValue(body, THICKNESS))));
-    const table = await post("formulas", withValue({ projectile, target, impact }, THICKNESS));
+    const body = { projectile, target, impact, resistance, numerics };
     const isWall = target.thickness_m !== undefined;
-    const speeds = await Promise.all(isWall ? models.map(({ body }) => post("limit-speed", withValue(body, SPEED))) : []);
+    const [judged, thickness, table, speed] = await Promise.all([
+      post("wall", body),
+      post("thickness", withValue(body, THICKNESS)),
+      post("formulas", withValue({ projectile, target, impact }, THICKNESS)),
+      isWall ? post("limit-speed", withValue(body, SPEED)) : undefined,
+    ]);
     if (signal.aborted || updateResults.isBehind()) return;
-    const lines = models.map((model, i) => ({ ...model, thickness: thick[i], speed: speeds[i] }));
-    showCard(parts.card, verdictOf(table, target.thickness_m));
-    parts.model.replaceChildren(...modelWords(lines, target.thickness_m));
-    parts.warnings.replaceChildren(...warningList(...thick.map(({ warnings }) => warnings)));
-    parts.table.replaceChildren(tableOf(lines, table));
+    showCard(parts.card, verdictOf(judged, target.thickness_m));
+    parts.model.replaceChildren(...[thickness, speed].filter(Boolean).map(({ sentence }) => element("p", {}, unbroken(inShownUnits(sentence)))));
+    parts.warnings.replaceChildren(...warningList(judged.warnings, thickness.warnings));
+    parts.table.replaceChildren(tableOf(thickness, table));
     markFresh(...shown);
   }, (error) => form.fail(error), { supersede: true });
   const refresh = (values) => {
@@ -60,44 +62,41 @@ export async function show(root, query) {
   return () => updateResults.stop();
 }
 
-/** The case as it is, and where it has neither, with a plug and with a crater too. */
-function modelsOf(body) {
-  if (body.resistance?.rear_plug || body.resistance?.crater) return [{ name: "This model", body }];
-  const plugged = withValue(body, PLUG, {});
-  return [
-    { name: "This model", body },
-    { name: "with a plug at the rear", body: plugged },
-    { name: "with a plug and a crater", body: withValue(plugged, CRATER, {}) },
-  ];
-}
-
 /**
- * Return the verdict on a wall in words: the formulas of the field decide, with the margin of DOE-STD-3014.
+ * Return the verdict on a wall: the sentence of the service, and its figures.
  *
- * @param {object} table the answer to `/formulas`
+ * @param {object} judged the answer to `/wall`
  * @param {number|undefined} thickness of the wall [m]
  */
-function verdictOf({ perforation_thickness_spread: spread, perforation_margin: margin }, thickness) {
-  const wall = thickness === undefined ? "" : `${lengthShown(thickness, 6)}: `;
-  if (!spread) {
-    const sentence = `${wall}${wall ? "not known" : "No design value"}. No formula is within the range of its tests.`;
-    return { sentence, figures: [] };
-  }
-  const design = margin * spread.highest;
-  const [isEnough, isBetween] = [thickness >= design, thickness > spread.highest];
-  const word = wall && (isEnough ? "enough. " : "not enough. ");
+function verdictOf(judged, thickness) {
+  const { enough: isEnough, perforation, scabbing, normal_impact: normal } = judged;
+  const question = (name, { enough, design_m: design, formula }, along) => ({
+    name,
+    value: design === undefined ? "No design value" : upwards(design),
+    note: [
+      enough === undefined ? "" : enough ? "this wall is enough" : "this wall is not enough",
+      formula === "this_model" ? "this model decides" : formula && `${names.formulas[formula]} decides`,
+      along === undefined ? "" : `${upwards(along)} for normal impact`,
+    ].filter(Boolean).join(", "),
+  });
+  const wall = {
+    name: thickness === undefined ? "Wall" : `Wall of ${lengthShown(thickness, 6)}`,
+    value: thickness === undefined ? "No thickness given" : isEnough === undefined ? "Not known" : isEnough ? "Enough" : "Not enough",
+    note: thickness === undefined ? "fill in the thickness of the target" : endOf(judged),
+  };
   return {
-    sentence: `${wall}${word}Design value at least ${upwards(design)} (largest formula within its range × ${margin}).`,
+    sentence: inShownUnits(judged.sentence),
     figures: [
-      {
-        name: wall ? `Wall of ${lengthShown(thickness, 6)}` : "Wall",
-        value: wall ? (isEnough ? "Enough" : "Not enough") : "No thickness given",
-        note: wall ? (isEnough ? "" : isBetween ? "above the formulas, below the margin" : "below the largest formula") : "fill in the thickness of the target",
-      },
-      { name: "Formulas within their range", value: `${bare(spread.lowest)} to ${thicknessShown({ least_thickness_m: spread.highest })}`, note: "not perforated, without a margin" },
-      { name: `Largest × ${margin}`, value: upwards(design), note: "DOE-STD-3014" },
+      wall,
+      question("Against scabbing", scabbing, normal.scabbing_design_m),
+      question("Against perforation", perforation, normal.perforation_design_m),
     ],
   };
+}
+
+/** Return how the strike on the wall ends by the model. */
+function endOf(judged) {
+  return `${endingShown(judged)} by this model`;
 }
 
 /** Return a length rounded up to whole millimetres, or tenths of an inch: a design value is not rounded down. */
@@ -107,21 +106,9 @@ function upwards(value) {
   return `${Number((Math.ceil(value / factor / step - 1e-9) * step).toFixed(1)).toLocaleString("en")} ${unit}`;
 }
 
-/** Return what the model gives, which is not to be designed by. */
-function modelWords(lines, thickness) {
-  const thick = lines.map(({ name, thickness: found }) => `${name.toLowerCase()} ${thicknessShown(found)}`).join(", ");
-  const words = [`Least thickness that is not perforated by the model, which is not a design value: ${thick}.`];
-  words.push("From that thickness on, Explore shows the strike as embedded or as a ricochet; a wall is enough only if it has the design value.");
-  if (thickness !== undefined) {
-    const speeds = lines.map(({ name, speed }) => `${speedShown(speed)} (${name.toLowerCase()})`).join(", ");
-    words.push(`Least speed that perforates a wall of ${lengthShown(thickness, 6)}: ${speeds}.`);
-  }
-  return words.map((text) => element("p", {}, unbroken(text)));
-}
-
-function tableOf(lines, { formulas, scabbing_margin: scabbing, perforation_margin: perforation }) {
+function tableOf({ variants }, { formulas, scabbing_margin: scabbing, perforation_margin: perforation }) {
   const isNumber = (column) => column > 0 && column < COLUMNS.length - 1;
-  const models = lines.map(({ name, thickness: found }) => [capital(name), thicknessShown(found, false), "", "", ""]);
+  const models = Object.entries(MODELS).map(([variant, name]) => [name, bare(variants[variant]), "", "", ""]);
   const others = formulas.map((each) => [
     `${names.formulas[each.formula]}${each.verified ? "" : "\u00a0*"}`,
     bare(each.perforation_thickness_m),
@@ -143,15 +130,6 @@ function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: ou
   const reasons = outside.map(({ detail }) => detail).join("; ");
   const range = isWithin ? "within" : isKnown ? `outside: ${reasons}` : `not known${reasons && `; ${reasons}`}`;
   return inShownUnits(note ? `${range}; ${note}` : range);
-}
-
-function thicknessShown({ status, least_thickness_m: found }, hasUnit = true) {
-  if (found === undefined) return statusShown(status);
-  return hasUnit ? `${bare(found)} ${unitOf("mm").unit}` : bare(found);
-}
-
-function speedShown({ status, limit_speed_m_s: found }) {
-  return found === undefined ? statusShown(status) : quantityShown(found, "m/s");
 }
 
 function bare(value) {

@@ -1,0 +1,409 @@
+"""How long does the event loop stand still at worst under hostile headers and bodies?
+
+    python benchmarks/hostile.py [--requests 2000] [--seed 1]
+
+Three quarters of the requests have a hostile body, made from the example of a route in the contract (so that a new
+route is covered) by a change of some kind at a random place of it, as long as the route takes. The others have a
+hostile header of some kind: one that a route declares, or one that the code around the routes reads. Each is sent on a
+connection of its own, and the service is asked after each how long its event loop stood still meanwhile: by the clock,
+and by the processor time of its thread, which other processes on the machine do not lengthen.
+
+Prints a row a kind, the longest first, and the longest of all, which is meant to be below 50 ms. Ends in 1 if an answer
+was a 500. Some two minutes.
+"""
+
+import argparse
+import asyncio
+import json
+import multiprocessing
+import random
+import socket
+import sys
+import tempfile
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from benchmarks.machine import print_machine, print_table
+from benchmarks.servers import free_port
+from service.api.app import create_app
+from service.cli.server import Server
+from service.schemas.strike import PAPER
+from service.settings import Settings
+from service.telemetry import configure_log
+
+TARGET_SECONDS = 0.05
+TICK_SECONDS = 0.001
+PATIENCE_SECONDS = 30.0
+"""A service that does not answer its monitor for so long is killed, and started again."""
+SHORT, LONG = 100 * 1024, 1_900_000
+"""Just below the longest bodies of one request and of many."""
+HEADERS = {
+    *("accept", "accept-encoding", "access-control-request-headers", "access-control-request-method", "authorization"),
+    *("connection", "content-encoding", "content-length", "content-type", "cookie", "expect", "forwarded", "host"),
+    *("if-modified-since", "if-none-match", "if-range", "origin", "range", "sec-fetch-site", "traceparent", "baggage"),
+    *("transfer-encoding", "upgrade", "x-forwarded-for", "x-forwarded-proto", "x-request-id", "mcp-session-id"),
+}
+"""Headers that the service, its libraries or its proxy protocol read, beside those that routes declare."""
+VALUES: dict[str, Callable[[int], bytes]] = {
+    "blanks between commas": lambda size: b"," + b" " * size + b",",
+    "many blanks between commas": lambda size: b", a" + b" " * (20 * size) + b", ",
+    "blanks with a NUL": lambda size: b"a" + b" " * size + b"\0",
+    "commas": lambda size: b"," * size,
+    "items": lambda size: b"a;q=0.5," * (size // 8),
+    "parameters": lambda size: b"a" + b";x=1" * (size // 4),
+    "quotes": lambda size: b'a="' * (size // 3),
+    "quoted commas": lambda size: b', "' * (size // 3),
+    "backslashes": lambda size: b'"' + b"\\" * size,
+    "equals signs": lambda size: b"a=" * (size // 2),
+    "digits": lambda size: b"1" * size,
+    "5 MB": lambda _: b"text/html," * 500_000,
+    "brackets": lambda size: b"http://[" + b"[" * (size // 2),
+    "an open bracket": lambda _: b"http://[",
+    "bytes above 127": lambda size: b"\xff\xfe" * (size // 2),
+    "colons": lambda size: b":" * size,
+    "percent signs": lambda size: b"%" * size,
+    "ranges": lambda size: b"bytes=" + b"0-1," * (size // 4),
+    "addresses": lambda size: b"10.0.0.1, " * (size // 10),
+    "a request in the value": lambda _: b"x\r\nTransfer-Encoding: chunked\r\n",
+    "nothing": lambda _: b"",
+}
+"""Kinds of values of headers, of about this size."""
+
+Steps = tuple[str | int, ...]
+NAMES = ("velocity_m_s", "strength_facto", "caliber_radius_heda", "nose_shape", "mas_kg", "lengthh_m")
+
+
+def unknown_fields(size: int) -> dict[str, int]:
+    """Short names: some 11,000 in 100 kB."""
+    return {f"f{number}": 0 for number in range(size // 9)}
+
+
+def misspelt_fields(size: int) -> dict[str, int]:
+    """Names that resemble those of fields: suggestions are looked for."""
+    return {f"{NAMES[number % len(NAMES)]}{number}": 0 for number in range(size // 24)}
+
+
+def long_names(size: int) -> dict[str, int]:
+    """Names of 1 kB."""
+    return {f"{number:06}" + "velocity_" * 110: 0 for number in range(size // 1000)}
+
+
+def nulls(size: int) -> dict[str, None]:
+    """Fields that are null."""
+    return {f"n{number}": None for number in range(size // 12)}
+
+
+OBJECTS: dict[str, Callable[[int], dict[str, Any]]] = {
+    "unknown fields": unknown_fields,
+    "misspelt fields": misspelt_fields,
+    "long names": long_names,
+    "null fields": nulls,
+    "unknown objects": lambda size: {f"o{number}": {"a": {}} for number in range(size // 18)},
+}
+"""Kinds of fields added to an object of a body."""
+LISTS: dict[str, Callable[[int], Any]] = {
+    "strings in a list": lambda size: ["a"] * (size // 4),
+    "numbers in a list": lambda size: [1] * (size // 2),
+    "lists in a list": lambda size: [[]] * (size // 3),
+    "objects in a list": lambda size: [{}] * (size // 3),
+    "objects with a field in a list": lambda size: [{"field": "a"}] * (size // 15),
+    "nulls in a list": lambda size: [None] * (size // 5),
+    "an object for a list": lambda size: {str(number): number for number in range(size // 14)},
+    "repeated items": lambda size: [1e300, "x", None, {}, []] * (size // 20),
+}
+"""Kinds of what stands in place of a list or of another value."""
+SCALARS: dict[str, Callable[[int], Any]] = {
+    "a long text": lambda size: "x" * size,
+    "a text of escapes": lambda size: "\0" * (size // 6),
+    "a long number": lambda size: int("1" * min(size, 4000)),
+    "a text of dots": lambda size: "a." * (size // 2),
+    "a text of blanks": lambda size: " " * size + "x",
+}
+RAW: dict[str, Callable[[int, bytes], bytes]] = {
+    "deeply nested lists": lambda size, _: b"[" * (size // 2) + b"]" * (size // 2),
+    "deeply nested objects": lambda size, _: b'{"a":' * (size // 6) + b"1" + b"}" * (size // 6),
+    "blanks": lambda size, body: b" " * (size - len(body)) + body,
+    "one field again and again": lambda size, body: body[:-1] + b',"target":1' * (size // 11) + b"}",
+    "an open list": lambda size, _: b"[1," * (size // 3),
+    "a number of many digits": lambda size, _: b'{"projectile":' + b"1" * size + b"}",
+    "NUL bytes": lambda size, _: bytes(size),
+    "colons": lambda size, _: b":" * size,
+    "an open text": lambda size, body: body[:-1] + b',"a":"' + b'\\"' * (size // 2),
+    "lines": lambda size, body: (body + b"\n") * (size // (len(body) + 1)),
+    "empty lines": lambda size, _: b"\n" * size,
+    "wrong lines": lambda size, _: b"{}\n" * (size // 3),
+}
+"""Kinds of whole bodies, of about this size and from a right one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Attack:
+    """A request as it is sent, and its kind."""
+
+    kind: str
+    request: bytes
+
+
+@dataclass(slots=True)
+class Seen:
+    """What the requests of a kind came to: the statuses, and the longest that the loop stood still. [s]"""
+
+    statuses: Counter[int] = field(default_factory=Counter)
+    wall: float = 0.0
+    cpu: float = 0.0
+    place: str = ""
+
+
+class WatchedServer(Server):
+    """The service, with a task that notes how long the event loop stands still."""
+
+    pipe: Connection
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start, then watch."""
+        await super().startup(sockets)
+        self._wall = self._cpu = 0.0
+        asyncio.get_running_loop().add_reader(self.pipe.fileno(), self._report)
+        self._watching = asyncio.create_task(self._watch())
+        self.pipe.send("ready")
+
+    async def _watch(self) -> None:
+        while True:
+            wall, cpu = time.perf_counter(), time.thread_time()
+            await asyncio.sleep(TICK_SECONDS)
+            self._wall = max(self._wall, time.perf_counter() - wall - TICK_SECONDS)
+            self._cpu = max(self._cpu, time.thread_time() - cpu)
+
+    def _report(self) -> None:
+        if self.pipe.recv() == "stop":
+            self._watching.cancel()
+            self.should_exit = True
+            return
+        self.pipe.send((self._wall, self._cpu))
+        self._wall = self._cpu = 0.0
+
+
+def serve(pipe: Connection, port: int, folder: str) -> None:
+    """Run the service in a process of its own."""
+    settings = Settings(data_dir=Path(folder), port=port, workers=1, log_level="error")
+    configure_log("error")
+    server = WatchedServer(create_app(settings), settings)
+    server.pipe = pipe
+    server.run()
+
+
+class Service:
+    """The process of the service; started again if it no longer answers."""
+
+    def __init__(self, folder: str) -> None:
+        self._folder = folder
+        self._count = 0
+        self.start()
+
+    def start(self) -> None:
+        """Start it and wait until it is ready."""
+        self._count += 1
+        self.port = free_port()
+        self._pipe, there = multiprocessing.Pipe()
+        context = multiprocessing.get_context("spawn")
+        self._process = context.Process(target=serve, args=(there, self.port, f"{self._folder}/{self._count}"))
+        self._process.start()
+        self._pipe.recv()
+
+    @property
+    def resident_mb(self) -> float:
+        """Memory of the process. [MB]"""
+        status = Path(f"/proc/{self._process.pid}/status").read_text(encoding="ascii")
+        return int(status.split("VmRSS:")[1].split()[0]) / 1024
+
+    def stood_still(self) -> tuple[float, float]:
+        """Longest that the loop stood still since the last call: by the clock, and by its thread's time. [s]"""
+        with suppress(BrokenPipeError):
+            self._pipe.send("report")
+            if self._pipe.poll(PATIENCE_SECONDS):
+                found: tuple[float, float] = self._pipe.recv()
+                return found
+        self._process.kill()
+        self._process.join()
+        self.start()
+        return PATIENCE_SECONDS, PATIENCE_SECONDS
+
+    def stop(self) -> None:
+        """End it."""
+        self._pipe.send("stop")
+        self._process.join()
+
+
+@contextmanager
+def running() -> Iterator[Service]:
+    """Run the service during the block."""
+    with tempfile.TemporaryDirectory() as folder:
+        service = Service(folder)
+        try:
+            yield service
+        finally:
+            service.stop()
+
+
+def bodies_of(contract: dict[str, Any]) -> list[tuple[str, str, str, Any]]:
+    """Return method, path, media type and a right body of every route that takes one."""
+    found: list[tuple[str, str, str, Any]] = []
+    for path, methods in contract["paths"].items():
+        for method, operation in methods.items():
+            for media_type, content in operation.get("requestBody", {}).get("content", {}).items():
+                name = content["schema"].get("$ref", "").rpartition("/")[2]
+                body = contract["components"]["schemas"][name]["examples"][0] if name else PAPER
+                found.append((method.upper(), path, media_type, body))
+    call = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": "critical_angle", "arguments": PAPER}}
+    model = {"name": "cra", "input": [[238.0, 39.0]], "config": {"inputs": [{"field": "impact.velocity_m_s"}]}}
+    found.append(("POST", "/mcp", "application/json", call))  # Not in the contract: they have one of their own.
+    return found + [("POST", f"/umbridge/{name}", "application/json", model) for name in ("Evaluate", "InputSizes")]
+
+
+def places_in(part: Any, steps: Steps = ()) -> Iterator[tuple[Steps, Any]]:
+    """Yield every value of a body with its place."""
+    yield steps, part
+    if isinstance(part, dict | list):
+        for step, each in part.items() if isinstance(part, dict) else enumerate(part):
+            yield from places_in(each, (*steps, step))
+
+
+def put(part: Any, steps: Steps, value: Any) -> Any:
+    """Return a copy of a body with this value there."""
+    if not steps:
+        return value
+    changed = put(part[steps[0]], steps[1:], value)
+    if isinstance(part, dict):
+        return {**part, steps[0]: changed}
+    return [changed if number == steps[0] else each for number, each in enumerate(part)]
+
+
+def body_attack(rng: random.Random, routes: list[tuple[str, str, str, Any]]) -> Attack:
+    """Return a request with a hostile body."""
+    method, path, media_type, body = rng.choice(routes)
+    long = path.endswith(("/batch", "/sweep")) or path.startswith("/calibration")
+    size = LONG if long and rng.random() < 0.5 else SHORT
+    if media_type.endswith("jsonl") or rng.random() < 0.2:
+        kind = rng.choice(list(RAW))
+        content = RAW[kind](size, json.dumps(body).encode())
+    else:
+        steps, value = rng.choice(list(places_in(body)))
+        if isinstance(value, dict) and rng.random() < 0.7:
+            kind = rng.choice(list(OBJECTS))
+            value = {**value, **OBJECTS[kind](size)}
+        else:
+            kinds = SCALARS if not isinstance(value, list) and rng.random() < 0.4 else LISTS
+            kind = rng.choice(list(kinds))
+            value = kinds[kind](size)
+        content = json.dumps(put(body, steps, value), separators=(",", ":")).encode()
+    head = (
+        f"{method} {path.replace('{job_id}', '0' * 32)} HTTP/1.1\r\nHost: localhost\r\nContent-Type: {media_type}\r\n"
+    )
+    head += (
+        f"Accept: application/json, text/event-stream\r\nConnection: close\r\nContent-Length: {len(content)}\r\n\r\n"
+    )
+    return Attack(f"body: {kind}", head.encode() + content)
+
+
+def header_attack(rng: random.Random, names: list[str], routes: list[tuple[str, str]]) -> Attack:
+    """Return a request with a hostile header; one in ten has many of it, or a long target."""
+    method, path = rng.choice(routes)
+    name, kind = rng.choice(names), rng.choice(list(VALUES))
+    size = rng.choice([1_000, 8_000, 16_000, 60_000])
+    line, target = name.encode() + b": " + VALUES[kind](size) + b"\r\n", path.encode()
+    if rng.random() < 0.05:
+        kind, line = "many headers", name.encode() + b": a\r\n"
+        line = line * (size // len(line))
+    elif rng.random() < 0.05:
+        kind, target = "long target", target + b"?" + b"a=1&" * (size // 4)
+    given = b"" if name == "host" else b"Host: localhost\r\n"
+    given += b"" if name == "content-type" else b"Content-Type: application/json\r\n"
+    body = json.dumps(PAPER).encode() if method in {"POST", "PATCH"} else b""
+    ends = {"content-length", "transfer-encoding"}
+    given += b"" if name in ends or not body else b"Content-Length: %d\r\n" % len(body)
+    given += b"" if name == "connection" else b"Connection: close\r\n"
+    head = b"%b %b HTTP/1.1\r\n%b%b\r\n" % (method.encode(), target, given, line)
+    return Attack(f"header: {kind}", head + body)
+
+
+def send(port: int, request: bytes) -> int:
+    """Send a request; return the status of its answer, 0 if there is none."""
+    answer = b""
+    with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_SECONDS) as connection:
+        connection.settimeout(2.0)  # A body that never ends is not waited for.
+        with suppress(OSError):
+            connection.sendall(request)
+        while part := connection.recv(65536):
+            answer = (answer + part)[:100]
+    words = answer.split(b" ", 2)
+    return int(words[1]) if len(words) > 1 and words[1].isdigit() else 0
+
+
+def attacks(contract: dict[str, Any], count: int, seed: int) -> Iterator[Attack]:
+    """Yield so many attacks, the same for the same seed and contract."""
+    rng = random.Random(seed)  # noqa: S311 (no secret)
+    bodies = bodies_of(contract)
+    declared = {
+        each["name"].lower()
+        for methods in contract["paths"].values()
+        for operation in methods.values()
+        for each in operation.get("parameters", ())
+        if each["in"] == "header"
+    }
+    routes = [(method.upper(), path) for path, methods in contract["paths"].items() for method in methods]
+    routes += [("GET", "/"), ("GET", "/page/main.js"), ("OPTIONS", "/cra"), ("HEAD", "/docs/assets/swagger-ui.css")]
+    names = sorted(HEADERS | declared)
+    for _ in range(count):
+        yield body_attack(rng, bodies) if rng.random() < 0.75 else header_attack(rng, names, routes)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Measure how long the event loop stands still under hostile requests.")
+    parser.add_argument("--requests", type=int, default=2000, help="how many requests")
+    parser.add_argument("--seed", type=int, default=1, help="of their choice")
+    options = parser.parse_args()
+    print_machine()
+    seen: dict[str, Seen] = defaultdict(Seen)
+    with tempfile.TemporaryDirectory() as folder, running() as service:
+        contract = create_app(Settings(data_dir=Path(folder))).openapi()  # That of the service is not made yet.
+        send(service.port, b"GET /livez HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+        service.stood_still()
+        before = service.resident_mb
+        for attack in attacks(contract, options.requests, options.seed):
+            status = send(service.port, attack.request)
+            wall, cpu = service.stood_still()
+            found = seen[attack.kind]
+            found.statuses[status] += 1
+            if cpu > found.cpu:
+                found.place = attack.request.split(b" ", 2)[1][:60].decode("latin-1")
+            found.wall, found.cpu = max(found.wall, wall), max(found.cpu, cpu)
+        after = service.resident_mb
+    rows = [
+        [
+            kind,
+            found.statuses.total(),
+            " ".join(f"{status}:{number}" for status, number in sorted(found.statuses.items())),
+            f"{1e3 * found.cpu:.1f} ms",
+            f"{1e3 * found.wall:.1f} ms",
+            found.place,
+        ]
+        for kind, found in sorted(seen.items(), key=lambda item: -item[1].cpu)
+    ]
+    print_table(["kind", "requests", "statuses", "loop's own time", "by the clock", "longest at"], rows)
+    largest = max(found.cpu for found in seen.values())
+    failed = sum(found.statuses[500] for found in seen.values())
+    longest = max(found.wall for found in seen.values())
+    print(f"{options.requests:,} requests: the loop stood still for {1e3 * largest:.1f} ms of its own time at most,")
+    print(f"{1e3 * longest:.1f} ms by the clock (target: {1e3 * TARGET_SECONDS:.0f} ms); {failed} answers were a 500.")
+    print(f"Resident memory {before:.0f} MB before, {after:.0f} MB after.")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,93 @@
+"""HTTP/1.1 as uvicorn and httptools speak it, but for two things: upgrades are ignored, and heads are bounded.
+
+Uvicorn's other parser, h11, ignores upgrades too, but one head of 64 kB (a field of blanks with a NUL at its end) keeps
+its regular expression for a field busy for 13 s, and the event loop with it; one of 4 kB for 65 ms.
+"""
+
+from typing import Any
+
+from httptools import HttpParserUpgrade, HttpRequestParser
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
+
+MAX_HEAD_BYTES = 64 * 1024
+"""Longest head of a request whose end has not come [bytes]: twice what the application takes, so that it refuses in its
+own words what came in one piece. Without it a client could fill the memory with a single header."""
+TOO_LONG = b"HTTP/1.1 431 Request Header Fields Too Large\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
+
+
+class RequestParser(HttpRequestParser):
+    """Parser that hands an offered upgrade to its protocol instead of raising an error."""
+
+    def __init__(self, protocol: "HttpProtocol") -> None:
+        super().__init__(protocol)
+        self._protocol = protocol
+        # As uvicorn has it: what follows a request that closes the connection is no reason not to answer that request.
+        self.set_dangerous_leniencies(lenient_data_after_close=True)
+
+    def feed_data(self, data: Any) -> None:
+        """Parse some bytes; those behind an offered upgrade are left to the protocol."""
+        try:
+            super().feed_data(data)
+        except HttpParserUpgrade as offer:
+            self._protocol.decline_upgrade(data[offer.args[0] :])
+
+
+class HttpProtocol(HttpToolsProtocol):
+    """A connection.
+
+    A server may ignore an offer to change the protocol (RFC 9110, section 7.8), which Java's client and `curl --http2`
+    make with every request. llhttp, the parser in httptools, gives no body to such a request and expects another
+    protocol behind its head. The head is therefore parsed again without the header `Upgrade`, by a new parser, which
+    goes on with the connection.
+    """
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.parser = RequestParser(self)
+        self._in_head, self._head_bytes = False, 0
+        self._declined = b""
+        """What is to be parsed anew."""
+
+    def data_received(self, data: bytes) -> None:
+        """Parse some bytes; refuse a head that is too long."""
+        begun = self.headers if self._in_head else None
+        super().data_received(data)
+        while again := self._declined:  # A loop, as thousands of pipelined requests may offer an upgrade.
+            self._declined = b""
+            super().data_received(again)
+        if not self._in_head or self.headers is not begun:  # A list of its own for each request.
+            return
+        self._head_bytes += len(data)
+        if self._head_bytes > MAX_HEAD_BYTES and not self.transport.is_closing():
+            answered: RequestResponseCycle | None = self.cycle
+            if answered is None or answered.response_complete:
+                self.transport.write(TOO_LONG)
+            self.transport.close()
+
+    def decline_upgrade(self, rest: bytes) -> None:
+        """Have the request parsed again as one that offers no upgrade, and then the bytes behind its head."""
+        kept = [(name, value) for name, value in self.headers if name != b"upgrade"]
+        if len(kept) == len(self.headers):  # `CONNECT` takes no header to change the protocol.
+            self.send_400_response("Invalid HTTP request received.")
+            return
+        version = self.parser.get_http_version().encode()
+        line = b"%b %b HTTP/%b\r\n" % (self.parser.get_method(), self.url, version)
+        fields = b"".join(b"%b: %b\r\n" % field for field in kept)
+        self.parser = RequestParser(self)
+        self._declined = line + fields + b"\r\n" + rest
+
+    def on_message_begin(self) -> None:
+        """Begin a request."""
+        self._in_head, self._head_bytes = True, 0
+        super().on_message_begin()
+
+    def on_headers_complete(self) -> None:
+        """Start the answer, unless the request is parsed again."""
+        self._in_head = False
+        if not self.parser.should_upgrade():
+            super().on_headers_complete()
+
+    def on_message_complete(self) -> None:
+        """Note the end of the body, unless the request is parsed again."""
+        if not self.parser.should_upgrade():
+            super().on_message_complete()

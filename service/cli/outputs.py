@@ -1,0 +1,297 @@
+"""Files that commands write: checked before the computation, and replaced as a whole once all of it is there."""
+
+import argparse
+import errno
+import io
+import os
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, redirect_stdout, suppress
+from dataclasses import dataclass
+from functools import partial
+from itertools import count
+from pathlib import Path
+from typing import TextIO
+
+from service.cli.arguments import FAILED, CommandError, InputFile
+
+ONE_ANSWER = {".json": "json", ".csv": "csv"}
+MANY_ANSWERS = {".jsonl": "json", ".ndjson": "json", ".csv": "csv", ".parquet": "parquet"}
+"""Flag of a format by the end of the name of a file."""
+PLOT = (".png", ".svg", ".pdf")
+STANDARD = "-"
+"""Name that stands for standard input or standard output."""
+DESCRIPTORS = ("/dev/fd/", "/dev/std", "/proc/")
+"""Begins of paths that name an open file: renaming another one over it would not reach whoever holds it open."""
+
+
+@dataclass(frozen=True)
+class OutputFile:
+    """A file that a flag or an argument names to be written.
+
+    Parameters
+    ----------
+    flag
+        The flag, for messages.
+    endings
+        Known ends of its name; with formats, a flag of another format makes any name good.
+    text
+        The path as typed.
+    """
+
+    flag: str
+    endings: Collection[str]
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+    @property
+    def path(self) -> Path:
+        """The path."""
+        return Path(self.text)
+
+    def ending(self) -> str:
+        """Return the end of the name.
+
+        Raises
+        ------
+        CommandError
+            If it is not one of those known.
+        """
+        found = self.path.suffix.lower()
+        if found not in self.endings:
+            *others, last = self.endings
+            raise CommandError(f"{self.flag} {self}: must end in {', '.join(others)}{' or ' if others else ''}{last}")
+        return found
+
+    def check(self, others: "Collection[InputFile | OutputFile]") -> None:
+        """Check, before the computation, that the file can be written and is none of the others.
+
+        Raises
+        ------
+        CommandError
+            If its folder does not exist, or the same file is read or written too, under whatever name.
+        """
+        with self._errors():
+            if self.path.is_dir():
+                raise CommandError(f"{self.flag} {self}: is a folder")
+            if not _target(self.path).parent.is_dir():
+                raise CommandError(f"{self.flag} {self}: the folder does not exist", FAILED)
+        for other in others:
+            if _identity(self) == _identity(other) is not None:
+                use = "read" if isinstance(other, InputFile) else f"written by {other.flag}"
+                raise CommandError(f"{self.flag} {self}: is the file {other}, which is {use} too; name another file")
+
+    def write(self, content: bytes) -> None:
+        """Replace the file.
+
+        Raises
+        ------
+        CommandError
+            If it cannot be written; the file is then as it was.
+        """
+        with self._errors(), self.open() as stream:
+            stream.buffer.write(content)
+
+    @contextmanager
+    def open(self, *, keep: bool = False) -> Iterator[TextIO]:
+        """Open a file beside this one, which takes its place at the end.
+
+        Links are followed, and the mode stays. What is not a regular file, such as a pipe, is written as it is.
+
+        Parameters
+        ----------
+        keep
+            Whether what has been written is kept, under the name of the stream, if the block fails.
+
+        Raises
+        ------
+        CommandError
+            If the file cannot be written.
+        """
+        path = _target(self.path)
+        with self._errors():
+            before = path.stat() if path.exists() else None
+            if self._is_special(before):
+                stream: TextIO = self.path.open("w", encoding="utf-8", newline="")
+            else:
+                stream = _open_beside(path)
+        if self._is_special(before):
+            with stream:
+                yield stream
+            return
+        try:
+            with stream:
+                yield stream
+            with self._errors():
+                _replace(path, stream.name, before)
+        except BaseException:
+            with suppress(OSError):
+                if not (keep and Path(stream.name).stat().st_size):
+                    Path(stream.name).unlink()
+            raise
+
+    def _is_special(self, before: os.stat_result | None) -> bool:
+        return self.text.startswith(DESCRIPTORS) or (before is not None and not stat.S_ISREG(before.st_mode))
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise CommandError(f"{self.flag} {self}: {error.strerror or error}", FAILED) from None
+
+
+def _target(path: Path) -> Path:
+    """Return the file behind links, which may not exist yet; a pipe behind a link of /proc has no path of its own."""
+    resolved = Path(os.path.realpath(path)) if path.is_symlink() else path
+    return path if path.exists() and not resolved.exists() else resolved
+
+
+def _identity(file: InputFile | OutputFile) -> tuple[int | str, ...] | None:
+    """Return what two names of one regular file have in common; None for anything else."""
+    try:
+        if isinstance(file, InputFile):
+            found = os.fstat(0) if file == STANDARD else Path(file).stat()
+        else:
+            found = file.path.stat()
+    except OSError:  # Whoever reads the file names the error; a file to write may be new.
+        return None if isinstance(file, InputFile) else (os.path.realpath(file.text),)
+    return (found.st_dev, found.st_ino) if stat.S_ISREG(found.st_mode) else None
+
+
+def _open_beside(path: Path) -> TextIO:
+    """Open a new file beside one, or in the temporary folder if only the file itself can be written."""
+    folder = path.parent
+    if path.exists() and not os.access(folder, os.W_OK):
+        if not os.access(path, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        folder = Path(tempfile.gettempdir())
+    for number in count(1):
+        # An earlier one is somebody's rows of a batch that was interrupted.
+        name = f"{path.stem}.partial{'' if number == 1 else f'-{number}'}{path.suffix}"
+        with suppress(FileExistsError):
+            return (folder / name).open("x", encoding="utf-8", newline="")
+    raise AssertionError("numbers do not end")
+
+
+def _replace(path: Path, partial_name: str, before: os.stat_result | None) -> None:
+    """Put a new file in the place of one, with its owner and mode."""
+    if before is not None:
+        with suppress(OSError):  # Only root can give files away.
+            os.chown(partial_name, before.st_uid, before.st_gid)
+        Path(partial_name).chmod(stat.S_IMODE(before.st_mode))
+    try:
+        Path(partial_name).replace(path)
+    except OSError:
+        if before is None:
+            raise
+        shutil.copyfile(partial_name, path)  # The file is a mount point, or the new one is on another file system.
+        Path(partial_name).unlink()
+
+
+def add_output_file(
+    parser: argparse.ArgumentParser, *names: str, endings: Collection[str], flag: str = "", **options: str
+) -> None:
+    """Add a flag or an argument for a file to write; a command finds an `OutputFile` there."""
+    options = {"metavar": "FILE"} | options
+    parser.add_argument(*names, type=partial(OutputFile, flag or names[-1], endings), **options)  # type: ignore[arg-type]
+
+
+def add_formats(
+    parser: argparse.ArgumentParser, *, json: str, csv: str, endings: Mapping[str, str] = ONE_ANSWER
+) -> "argparse._MutuallyExclusiveGroup":
+    """Add `--output`, and `--json` and `--csv`, which exclude each other; return the group of these."""
+    described = f"write to a file, in the format of its name: {', '.join(endings)}; else a flag says the format"
+    add_output_file(parser, "-o", "--output", endings=endings, help=described)
+    formats = parser.add_mutually_exclusive_group()
+    formats.add_argument("--json", action="store_true", help=json)
+    formats.add_argument("--csv", action="store_true", help=csv)
+    return formats
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """Add `--output` and the formats of the results of many cases."""
+    formats = add_formats(parser, json="print JSON lines", csv="print the summaries as CSV", endings=MANY_ANSWERS)
+    formats.add_argument(
+        "--parquet", action="store_true", help="write the summaries as Parquet; needs the extra parquet at the service"
+    )
+
+
+def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add `--plot`."""
+    add_output_file(parser, "--plot", endings=PLOT, help=f"plot {what}, as .svg, .png or .pdf")
+
+
+def check_outputs(args: argparse.Namespace) -> None:
+    """Check the files that a command writes, and set the flag of the format of `--output` by its name.
+
+    Raises
+    ------
+    CommandError
+        If a name says no format, or a file cannot be written or is read too; before the computation.
+    """
+    given = vars(args).values()
+    checked: list[InputFile | OutputFile] = [value for value in given if isinstance(value, InputFile)]
+    for output in [value for value in given if isinstance(value, OutputFile)]:
+        if isinstance(output.endings, Mapping):
+            standard = _is_standard(output)
+            chosen = any(getattr(args, name) for name in output.endings.values())
+            if not chosen and (output.path.suffix or not standard):
+                setattr(args, output.endings[output.ending()], True)
+            if standard:
+                args.output = None
+                continue
+        else:
+            output.ending()
+        output.check(checked)
+        checked.append(output)
+
+
+def _is_standard(output: OutputFile) -> bool:
+    """Return whether a path names standard output, which then takes its turn after what else is printed there."""
+    if output.text == STANDARD:
+        return True
+    with suppress(OSError):
+        return os.path.samestat(output.path.stat(), os.fstat(1)) and not output.path.is_char_device()
+    return False
+
+
+@contextmanager
+def one_answer(args: argparse.Namespace) -> Iterator[None]:
+    """Put what a command with one answer prints into the file of `--output`, once all of it is there.
+
+    Commands with many answers write their file as these become ready.
+    """
+    output: OutputFile | None = getattr(args, "output", None)
+    if output is None or output.endings is not ONE_ANSWER:
+        yield
+        return
+    content = io.BytesIO()
+    with io.TextIOWrapper(content, "utf-8", newline="") as printed, redirect_stdout(printed):
+        yield
+        printed.flush()
+        output.write(content.getvalue())
+
+
+@contextmanager
+def open_output(args: argparse.Namespace) -> Iterator[TextIO]:
+    """Open the file of `--output` for many results, or standard output.
+
+    Raises
+    ------
+    CommandError
+        If the file cannot be written, or Parquet would go to a terminal.
+    """
+    output: OutputFile | None = args.output
+    if output is not None:
+        with output.open(keep=True) as stream:
+            yield stream
+        return
+    if args.parquet and sys.stdout.isatty():
+        raise CommandError("Parquet is not for a terminal: name a file with -o")
+    yield sys.stdout

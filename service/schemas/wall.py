@@ -1,0 +1,190 @@
+"""The verdict on a wall: request and answer as the contract has them."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Self
+
+from pydantic import MISSING
+
+import solver
+from service.schemas.answers import VERSIONED, WARNING, EngineVersion, Key, ModelWarning, Protrusion
+from service.schemas.fields import NOT_TABLED, walk
+from service.schemas.quantities import Flag, Num, Part, with_examples
+from service.schemas.requests import Case
+from service.schemas.strike import PAPER, PAPER_AT_45, Impact
+from solver import Outcome
+from solver.uncertainty import DesignValue, RearFaceVariants, WallVerdict
+
+PERFORATION = {"enough": True, "limit_m": 0.3663, "design_m": 0.4396, "formula": "hughes"}
+SCABBING = {"enough": False, "limit_m": 0.4641, "design_m": 0.5105, "formula": "hughes"}
+NORMAL = {"perforation_design_m": 0.5988, "scabbing_design_m": 0.6712}
+WALL = {"enough": False, "perforation": PERFORATION, "scabbing": SCABBING, "normal_impact": NORMAL}
+VARIANTS = {"plain": 0.1864, "rear_plug": 0.2180, "rear_plug_and_crater": 0.3006}
+QUESTIONS = ("perforation", "scabbing")
+
+
+class WallRequest(Case):
+    """A strike on a wall; without `target.thickness_m`, the design values are wanted alone."""
+
+    model_config = with_examples(PAPER_AT_45, PAPER_AT_45 | {"target": PAPER["target"] | {"thickness_m": 0.45}})
+
+    impact: Impact
+
+    def resolved(self) -> Self:
+        """Return the same with what was left open filled in, but for the tolerances of its searches and of its run."""
+        return self.adaptive(termination_time_s=self.usual_termination_time(self.impact.velocity_m_s))
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the arguments of `solver.uncertainty.judge_wall`.
+
+        Raises
+        ------
+        ParameterError
+            If values do not go together.
+        """
+        case = self.resolved()
+        return case.shared_arguments() | {"impact": case.impact.to_solver()}
+
+
+class WallQuestion(Part):
+    """Answer to one question about a wall; empty where no formula is within its range."""
+
+    model_config = with_examples(PERFORATION)
+
+    enough: Flag | MISSING = MISSING
+    """Whether the wall has the design value."""
+    limit_m: Num | MISSING = MISSING
+    """Largest limit thickness of the formulas within their range, without a margin. [m]"""
+    design_m: Num | MISSING = MISSING
+    """Thickness to design with: the limit times 1.2 for perforation and times 1.1 for scabbing (DOE-STD-3014-2006); for
+    perforation at least what the model needs with a plug and a crater, and with nothing out of the rear face. [m]"""
+    formula: str | MISSING = MISSING
+    """The formula that decides; `this_model` where the model needs more than the formulas ask for."""
+
+
+class NormalImpactDesign(Part):
+    """Design values for the same speed along the normal, by which design practice goes."""
+
+    model_config = with_examples(NORMAL)
+
+    perforation_design_m: Num | MISSING = MISSING
+    """[m]"""
+    scabbing_design_m: Num | MISSING = MISSING
+    """[m]"""
+
+
+class WallDesign(Part):
+    """Whether a wall is thick enough against perforation and against scabbing.
+
+    An oblique strike counts with the component of its speed along the normal.
+    """
+
+    model_config = with_examples(WALL)
+
+    enough: Flag | MISSING = MISSING
+    """Whether it is in both respects; absent where neither is missed and no formula is within its range for one."""
+    perforation: WallQuestion
+    """Whether the body comes through."""
+    scabbing: WallQuestion
+    """Whether the rear face throws concrete."""
+    normal_impact: NormalImpactDesign
+
+
+class Variants(Part):
+    """The same limit by the model with a plug that shears out of the rear, and with a front crater too."""
+
+    model_config = with_examples(VARIANTS)
+
+    plain: Num | MISSING = MISSING
+    """Without either. In the unit of the answer."""
+    rear_plug: Num | MISSING = MISSING
+    """With the plug of the request, or the usual one."""
+    rear_plug_and_crater: Num | MISSING = MISSING
+    """With the crater of the request, or the usual one, too."""
+
+
+class WallAnswer(WallDesign):
+    """The verdict on a wall, in words and in numbers."""
+
+    model_config = with_examples(
+        {
+            "sentence": "Wall of 450 mm at 45° from the normal: not enough against scabbing. Design value against "
+            "scabbing 511 mm (Hughes × 1.1), against perforation 440 mm (Hughes × 1.2).",
+            **WALL,
+            "variants": VARIANTS,
+            "outcome": "embedded",
+            "warnings": [WARNING],
+        }
+        | VERSIONED
+    )
+
+    sentence: Annotated[str, NOT_TABLED]
+    """The verdict in words, as page, report and command line show it."""
+    variants: Variants
+    """Least thickness that the model does not perforate, which is not a design value. [m]"""
+    outcome: Outcome | MISSING = MISSING
+    """Of the strike on the wall by the model, if it has a thickness."""
+    protrusion: Protrusion | MISSING = MISSING
+    """If anything of the projectile then comes out of the rear face, without going through."""
+    warnings: list[ModelWarning]
+    key: Key
+    engine_version: EngineVersion
+
+
+def wall_answer(found: WallVerdict) -> dict[str, Any]:
+    """Return the answer without its key and version."""
+    answer: dict[str, Any] = {"sentence": found.sentence, **_given(enough=found.enough)}
+    for name in QUESTIONS:
+        value: DesignValue = getattr(found, name)
+        answer[name] = _given(enough=value.enough, limit_m=value.limit, design_m=value.design, formula=value.formula)
+    names = [f"{name}_design_m" for name in QUESTIONS]
+    answer["normal_impact"] = _given(**dict(zip(names, found.normal_impact, strict=True)))
+    answer["variants"] = walk(Variants, found.variants)
+    answer |= _given(outcome=found.outcome and found.outcome.value)
+    if found.protrusion is not None:
+        answer["protrusion"] = walk(Protrusion, found.protrusion)
+    return answer | {"warnings": [walk(ModelWarning, each) for each in found.warnings]}
+
+
+def design_in(answer: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the part of an answer that a verdict on a strike has."""
+    return {name: answer[name] for name in WallDesign.model_fields if name in answer}
+
+
+def wall_in(request: Case, answer: Mapping[str, Any], oblique_angle: float) -> WallVerdict:
+    """Return the verdict on a wall that an answer gives.
+
+    Parameters
+    ----------
+    request
+        Of the strike.
+    oblique_angle
+        That was judged. [rad]
+    """
+    variants = answer["variants"]
+    questions = {
+        name: DesignValue(**{key.removesuffix("_m"): value for key, value in answer[name].items()})
+        for name in QUESTIONS
+    }
+    normal = answer["normal_impact"]
+    return WallVerdict(
+        thickness=request.target.to_solver().thickness,
+        oblique_angle=oblique_angle,
+        perforation=questions["perforation"],
+        scabbing=questions["scabbing"],
+        normal_impact=(normal.get("perforation_design_m"), normal.get("scabbing_design_m")),
+        variants=RearFaceVariants(**{name: variants.get(name) for name in Variants.model_fields}),
+        outcome=Outcome(answer["outcome"]) if "outcome" in answer else None,
+        protrusion=protrusion_in(answer),
+        sentence=answer["sentence"],
+    )
+
+
+def protrusion_in(answer: Mapping[str, Any]) -> solver.Protrusion | None:
+    """Return the protrusion in an answer of a run, if it has one."""
+    found = answer.get("protrusion")
+    return None if found is None else solver.Protrusion(final=found.get("final_m"), greatest=found["greatest_m"])
+
+
+def _given(**values: Any) -> dict[str, Any]:
+    """Return the values that are there."""
+    return {name: value for name, value in values.items() if value is not None}

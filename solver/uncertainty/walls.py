@@ -1,0 +1,520 @@
+"""The verdict on a wall, and the words for a least thickness and a limit speed beside the formulas of the field.
+
+A wall has two questions: whether the body comes through (perforation), and whether the rear face throws concrete
+(scabbing). The formulas answer both, with the margins of DOE-STD-3014-2006; the model bounds the answer from below.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+from solver.checks import require
+from solver.formulas import (
+    NAMES,
+    PERFORATION_MARGIN,
+    SCABBING_MARGIN,
+    FormulaResult,
+    formulas,
+)
+from solver.perforation import MOST_DIAMETERS, PerforationLimit, PerforationStatus, least_thickness, limit_velocity
+from solver.prepared import Outcome, Protrusion
+from solver.projectile import Projectile
+from solver.resistance import EQUATION_9, Resistance
+from solver.strength_scatter import strength_scatter
+from solver.strike import Impact, Numerics
+from solver.target import Crater, ShearPlug, Target
+from solver.trajectory import simulate
+from solver.uncertainty.strikes import scaled
+from solver.warnings import ModelWarning
+
+Question: TypeAlias = Literal["perforation", "scabbing"]
+MARGINS: dict[Question, float] = {"perforation": PERFORATION_MARGIN, "scabbing": SCABBING_MARGIN}
+"""Factors on the limits in a design, DOE-STD-3014-2006. [1]"""
+THIS_MODEL = "this_model"
+"""Stands for the name of a formula where the model with a plug and a crater needs more than the formulas ask for."""
+PROBABILITY = 0.9
+"""Of the range of a least thickness or a limit speed over the scatter of S. [1]"""
+STANDARD = 1.6448536269514722
+"""Standard normal quantile of 95 %, the upper end of a 90 % range."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DesignValue:
+    """Answer to one question about a wall; None where no formula is within its range."""
+
+    limit: float | None = None
+    """Largest limit thickness of the formulas within their range. [m]"""
+    design: float | None = None
+    """Thickness to design with: the limit with its margin, or what the model needs if that is more. [m]"""
+    formula: str | None = None
+    """The formula that decides; `this_model` where the model does."""
+    by_formula: str | None = None
+    """The formula behind the limit, also where the model decides."""
+    enough: bool | None = None
+    """Whether the wall of the case has the design value; None without a wall or a design value."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RearFaceVariants:
+    """The same limit by the model with different rear and front faces; None where there is none. [m or m/s]"""
+
+    plain: float | None
+    rear_plug: float | None
+    rear_plug_and_crater: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PerforationSpread:
+    """How far a least thickness or a limit speed moves with S and with the faces of the wall."""
+
+    range: tuple[float, float] | None
+    """90 % range over the scatter of S; None if there is no limit at one of its ends. [m or m/s]"""
+    variants: RearFaceVariants
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WallVerdict:
+    """What is said of a wall: whether it is thick enough against perforation and against scabbing."""
+
+    thickness: float | None
+    """Of the wall of the case; None where only design values are wanted. [m]"""
+    oblique_angle: float
+    """From the inward normal. [rad]"""
+    perforation: DesignValue
+    scabbing: DesignValue
+    normal_impact: tuple[float | None, float | None]
+    """Design values against perforation and scabbing for the same speed along the normal. [m]"""
+    variants: RearFaceVariants
+    """Least thickness that the model does not perforate. [m]"""
+    outcome: Outcome | None = None
+    """Of the strike on the wall of the case by the model, as given."""
+    protrusion: Protrusion | None = None
+    """How far the body comes out of the rear face by the model, without going through; None if it does not."""
+    characteristic_strength: float | None = None
+    """Compressive strength that the formulas take, if it is not the mean. [Pa]"""
+    warnings: tuple[ModelWarning, ...] = ()
+    """Of the model's searches and run."""
+
+    sentence: str = ""
+    """The verdict in words."""
+
+    @property
+    def enough(self) -> bool | None:
+        """Whether the wall is thick enough in both respects; None where neither is missed and one has no answer."""
+        answers = [self.perforation.enough, self.scabbing.enough]
+        return False if False in answers else None if None in answers else True
+
+    def __str__(self) -> str:
+        return self.sentence
+
+
+def wall_sentence(wall: WallVerdict) -> str:
+    """Return the verdict on a wall in words."""
+    return " ".join(filter(None, (_judged(wall), _required(wall), _normal(wall), _by_model(wall))))
+
+
+def _questions(wall: WallVerdict) -> list[tuple[Question, DesignValue]]:
+    """Return the questions that have a design value, the one that asks for more first."""
+    both: list[tuple[Question, DesignValue]] = [("scabbing", wall.scabbing), ("perforation", wall.perforation)]
+    known = [each for each in both if each[1].design is not None]
+    return sorted(known, key=lambda each: -(each[1].design or 0.0))
+
+
+def _judged(wall: WallVerdict) -> str:
+    if wall.thickness is None:
+        return ""
+    text = f"Wall of {_length(wall.thickness)} at {math.degrees(wall.oblique_angle):.6g}° from the normal"
+    missed = [name for name, value in _questions(wall) if value.enough is False]
+    if missed:
+        return f"{text}: not enough against {' and '.join(missed)}."
+    return f"{text}: enough." if wall.enough else f"{text}: not known to be enough."
+
+
+def _required(wall: WallVerdict) -> str:
+    questions = _questions(wall)
+    if not questions:
+        return "No design value: no formula is within the range of its tests."
+    asked = [f"against {name} {_thickness(value.design or 0.0)} ({_reason(name, value)})" for name, value in questions]
+    text = f"Design value {', '.join(asked)}"
+    if wall.characteristic_strength is not None:
+        text += f", with the characteristic strength of {wall.characteristic_strength / 1e6:.4g} MPa"
+    if len(questions) == 1:
+        other = "perforation" if questions[0][0] == "scabbing" else "scabbing"
+        text += f"; none against {other}: no formula is within the range of its tests"
+    return f"{text}."
+
+
+def _normal(wall: WallVerdict) -> str:
+    """Return the design values of normal impact, by which design practice goes."""
+    by_name: dict[Question, float | None] = dict(zip(MARGINS, wall.normal_impact, strict=True))
+    known = [(name, value) for name, value in by_name.items() if value is not None]
+    if not known or wall.oblique_angle == 0.0:
+        return ""
+    known.sort(key=lambda each: -each[1])
+    values = ", ".join(f"{_thickness(value)} against {name}" for name, value in known)
+    text = f"For normal impact, which design practice takes: {values}"
+    if wall.thickness is not None and wall.enough and wall.thickness < known[0][1]:
+        text += "; this wall is thinner"
+    return f"{text}."
+
+
+def _by_model(wall: WallVerdict) -> str:
+    """Return what the model says, which is not to be designed by."""
+    found = []
+    if wall.outcome is Outcome.PERFORATED:
+        found.append("perforated")
+    elif wall.protrusion is not None and wall.outcome is Outcome.EMBEDDED:
+        found.append(embedded_words(wall.protrusion))
+    elif wall.protrusion is not None:
+        found.append(f"{_length(wall.protrusion.greatest)} out of the rear face on its way")
+    needs = [
+        f"{_thickness(value)}{words}"
+        for value, words in (
+            (wall.variants.plain, ""),
+            (wall.variants.rear_plug, " with a plug"),
+            (wall.variants.rear_plug_and_crater, " with a plug and a crater"),
+        )
+        if value is not None
+    ]
+    if needs:
+        found.append(f"not perforated from {', '.join(needs)} on")
+    return f"By this model, which is unconservative: {'; '.join(found)}." if found else ""
+
+
+def embedded_words(protrusion: Protrusion | None) -> str:
+    """Return how a body at rest is embedded, with how far it stands out of the rear face of a wall if it does."""
+    if protrusion is None or not protrusion.final:
+        return "embedded"
+    return f"embedded, its nose {_length(protrusion.final)} out of the rear face"
+
+
+def judge_wall(
+    *,
+    projectile: Projectile,
+    target: Target,
+    impact: Impact,
+    resistance: Resistance | None = None,
+    numerics: Numerics | None = None,
+) -> WallVerdict:
+    """Judge a wall: whether it is thick enough against perforation and against scabbing.
+
+    Parameters
+    ----------
+    projectile, impact
+        What strikes, and how. [SI, rad]
+    target
+        The wall. Without a thickness, the answer has its design values alone. The formulas take its characteristic
+        strength where it is given, the model the mean one.
+    resistance, numerics
+        As for `simulate`.
+
+    Returns
+    -------
+    WallVerdict
+        ``str`` of it is the sentence that page, report, service and command line show.
+
+    Raises
+    ------
+    ParameterError
+        If an input is outside what the model accepts, or the strike has no velocity along the normal.
+    IntegrationError
+        If a run could not be integrated.
+
+    Notes
+    -----
+    The limits are the largest of the formulas within their range, the design values 1.2 times that of perforation and
+    1.1 times that of scabbing (DOE-STD-3014-2006), and against perforation at least the thickness that the model needs
+    with a plug, a crater, and nothing that stands out of the rear face. The formulas take the component of the speed
+    along the normal; design practice takes all of the speed, as `normal_impact` does.
+
+    Examples
+    --------
+    >>> print(judge_wall(projectile=projectile, target=wall, impact=Impact(velocity=136.0, oblique_angle=0.0)))
+    """
+    own, infinite = resistance or EQUATION_9, replace(target, thickness=None)
+    if numerics is not None and numerics.method == "panels":
+        numerics = None  # The paper's route takes seconds a run, and the searches below take a hundred runs.
+    characteristic = target.characteristic_strength
+    if characteristic is not None:
+        require(
+            characteristic <= target.compressive_strength,
+            "target.characteristic_strength",
+            f"must be at most the compressive strength, which is the mean, {target.compressive_strength / 1e6:g} MPa",
+        )
+
+    def searched(motion: Impact, law: Resistance) -> PerforationLimit:
+        return least_thickness(projectile=projectile, target=infinite, impact=motion, resistance=law, numerics=numerics)
+
+    plain, plugged, weakest = rear_face_variants(own)
+    found = [searched(impact, law) for law in (plain, plugged, weakest)]
+    as_given = next(
+        (each for each, law in zip(found, (plain, plugged, weakest), strict=True) if law == own), None
+    ) or searched(impact, own)
+    along = replace(impact, oblique_angle=0.0)
+    at_normal = found[2] if impact.oblique_angle == 0.0 else searched(along, weakest)
+    design_target = infinite
+    if characteristic is not None:
+        design_target = replace(infinite, compressive_strength=characteristic)
+    answers = _design_values(
+        projectile, design_target, impact, needed=max(map(_needed(projectile), (as_given, found[2])))
+    )
+    at_0 = _design_values(projectile, design_target, along, needed=_needed(projectile)(at_normal))
+    outcome, protrusion, warnings = None, None, as_given.warnings
+    if target.thickness is not None:
+        run = simulate(
+            projectile=projectile, target=target, impact=impact, resistance=own, numerics=numerics, sample_interval=None
+        )
+        outcome = run.outcome
+        protrusion = run.protrusion
+        warnings = tuple({each.code: each for each in (*as_given.warnings, *run.warnings)}.values())
+        comes_out = outcome is Outcome.PERFORATED or protrusion is not None
+        answers = {
+            name: replace(
+                value,
+                enough=None
+                if value.design is None
+                else target.thickness >= value.design and not (name == "perforation" and comes_out),
+            )
+            for name, value in answers.items()
+        }
+    wall = WallVerdict(
+        thickness=target.thickness,
+        oblique_angle=impact.oblique_angle,
+        perforation=answers["perforation"],
+        scabbing=answers["scabbing"],
+        normal_impact=(at_0["perforation"].design, at_0["scabbing"].design),
+        variants=RearFaceVariants(plain=found[0].value, rear_plug=found[1].value, rear_plug_and_crater=found[2].value),
+        outcome=outcome,
+        protrusion=protrusion,
+        characteristic_strength=characteristic,
+        warnings=warnings,
+    )
+    return replace(wall, sentence=wall_sentence(wall))
+
+
+def _design_values(
+    projectile: Projectile, target: Target, impact: Impact, *, needed: float
+) -> dict[Question, DesignValue]:
+    """Return the design values of a strike; `needed` is the thickness that the model needs. [m]"""
+    rows = formulas(projectile=projectile, target=target, impact=impact)
+    found: dict[Question, DesignValue] = {}
+    for name, margin in MARGINS.items():
+        limits = [
+            (limit, row.formula)
+            for row in rows
+            if row.in_range and (limit := getattr(row, f"{name}_thickness")) is not None
+        ]
+        if not limits:
+            found[name] = DesignValue()
+            continue
+        limit = max(each for each, _ in limits)
+        formula = next(
+            formula for each, formula in limits if each == limit
+        )  # of equal ones, as Kar's and NDRC's, the first
+        design, decides = margin * limit, formula
+        if name == "perforation" and needed > design:
+            design, decides = needed, THIS_MODEL
+        found[name] = DesignValue(limit=limit, design=design, formula=decides, by_formula=formula)
+    return found
+
+
+def _needed(projectile: Projectile) -> Callable[[PerforationLimit], float]:
+    """Return a function of a search that gives the thickness from which nothing comes out of the rear face. [m]"""
+
+    def of(found: PerforationLimit) -> float:
+        if found.status is PerforationStatus.ALWAYS_PERFORATED:
+            return MOST_DIAMETERS * projectile.diameter  # not even the thickest wall that is tried holds
+        return max(found.value or 0.0, found.without_protrusion or 0.0)
+
+    return of
+
+
+def rear_face_variants(resistance: Resistance) -> tuple[Resistance, Resistance, Resistance]:
+    """Return a resistance without a plug and a crater, with a plug, and with both: its own ones where it has them."""
+    plain = replace(resistance, rear_plug=None, crater=None)
+    plugged = replace(plain, rear_plug=resistance.rear_plug or ShearPlug())
+    return plain, plugged, replace(plugged, crater=resistance.crater or Crater())
+
+
+def thickness_spread(
+    *,
+    projectile: Projectile,
+    target: Target,
+    impact: Impact,
+    resistance: Resistance | None = None,
+    numerics: Numerics | None = None,
+) -> PerforationSpread:
+    """Return how far a least thickness moves with S and with a plug and a crater; arguments as of `least_thickness`.
+
+    Raises
+    ------
+    ParameterError
+        As `least_thickness`.
+    IntegrationError
+        As `least_thickness`.
+    """
+
+    def find(law: Resistance) -> float | None:
+        return least_thickness(
+            projectile=projectile, target=target, impact=impact, resistance=law, numerics=numerics
+        ).value
+
+    return _spread(find, projectile, target, resistance or EQUATION_9)
+
+
+def limit_speed_spread(
+    *,
+    projectile: Projectile,
+    target: Target,
+    oblique_angle: float,
+    angle_of_attack: float = 0.0,
+    angular_velocity: float = 0.0,
+    resistance: Resistance | None = None,
+    numerics: Numerics | None = None,
+) -> PerforationSpread:
+    """Return how far a limit speed moves with S and with a plug and a crater; arguments as of `limit_velocity`.
+
+    Raises
+    ------
+    ParameterError
+        As `limit_velocity`.
+    IntegrationError
+        As `limit_velocity`.
+    """
+
+    def find(law: Resistance) -> float | None:
+        return limit_velocity(
+            projectile=projectile,
+            target=target,
+            oblique_angle=oblique_angle,
+            angle_of_attack=angle_of_attack,
+            angular_velocity=angular_velocity,
+            resistance=law,
+            numerics=numerics,
+        ).value
+
+    return _spread(find, projectile, target, resistance or EQUATION_9)
+
+
+def _spread(
+    find: Callable[[Resistance], float | None], projectile: Projectile, target: Target, resistance: Resistance
+) -> PerforationSpread:
+    dispersion = strength_scatter(projectile=projectile, target=target, resistance=resistance).dispersion
+    model = resistance.strength_factor
+    factors = [math.exp(sign * STANDARD * dispersion) for sign in (-1.0, 1.0)]
+    ends = [
+        find(resistance),
+        *(find(replace(resistance, strength_factor=scaled(model, factor))) for factor in factors),
+    ]
+    known = [each for each in ends if each is not None]
+    variants = [find(law) for law in rear_face_variants(resistance)]
+    return PerforationSpread(
+        # What is found with S as given belongs to the range, also where it does not rise or fall with S throughout.
+        range=(min(known), max(known)) if len(known) == len(ends) else None,
+        variants=RearFaceVariants(plain=variants[0], rear_plug=variants[1], rear_plug_and_crater=variants[2]),
+    )
+
+
+def thickness_sentence(
+    found: PerforationLimit, spread: PerforationSpread, rows: Sequence[FormulaResult], resistance: Resistance
+) -> str:
+    """Return what the formulas and the model say of the least thickness that is not perforated.
+
+    Parameters
+    ----------
+    rows
+        Answers of `formulas` for the same strike.
+    resistance
+        In use, which says what the model's wall has.
+    """
+    limits = [
+        (each.perforation_thickness, each.formula) for each in rows if each.in_range and each.perforation_thickness
+    ]
+    if limits:
+        limit, formula = max(limits)
+        first = f"Not perforated from {_thickness(limit or 0.0)} on by {NAMES[formula]}, the largest of the formulas "
+        first += "within their range, without a margin."
+    else:
+        first = "No formula for perforation is within the range of its tests."
+    return f"{first} {_model_sentence(found, spread, resistance, _thickness, 'from {} on')}"
+
+
+def limit_speed_sentence(
+    found: PerforationLimit, spread: PerforationSpread, rows: Sequence[FormulaResult], resistance: Resistance
+) -> str:
+    """Return what the formulas and the model say of the least speed that perforates a wall; see `thickness_sentence`.
+
+    Parameters
+    ----------
+    rows
+        Answers of `limit_speeds` for the same wall.
+    """
+    limits = [(each.limit_speed, each.formula) for each in rows if each.in_range and each.limit_speed]
+    if limits:
+        limit, formula = min(limits)
+        first = (
+            f"Perforated from {_speed(limit or 0.0)} on by {NAMES[formula]}, the lowest of the formulas within their "
+        )
+        first += "range."
+    else:
+        first = "No formula for perforation is within the range of its tests."
+    return f"{first} {_model_sentence(found, spread, resistance, _speed, 'up to {}')}"
+
+
+def _model_sentence(
+    found: PerforationLimit,
+    spread: PerforationSpread,
+    resistance: Resistance,
+    written: Callable[[float], str],
+    where: str,
+) -> str:
+    """Return the answer of the model with its range and its variants, as unconservative."""
+    own = "".join(
+        words
+        for words, has in ((" with a plug", resistance.rear_plug), (" with a crater", resistance.crater))
+        if has is not None
+    ).replace("plug with a", "plug and a")
+    if found.value is None:
+        value = found.status.value.replace("_", " ")
+    elif spread.range is None:
+        value = f"{written(found.value)}{own}, no 90 % range"
+    else:
+        lower, upper = map(written, spread.range)
+        value = f"{lower} to {upper}{own} (90 % range over S, {written(found.value)} with S as given)"
+    variants = [
+        f"{written(each)}{words}"
+        for each, words in (
+            (spread.variants.plain, " without a plug and a crater" if own else ""),
+            (spread.variants.rear_plug, " with a plug"),
+            (spread.variants.rear_plug_and_crater, " with a plug and a crater"),
+        )
+        if each is not None and words not in ("", own)
+    ]
+    text = f"This model, which is unconservative: {'; '.join([value, *variants])}"
+    if found.without_protrusion is not None:
+        text += f"; nothing stands out of the rear face {where.format(written(found.without_protrusion))}"
+    return f"{text}."
+
+
+def _reason(name: Question, value: DesignValue) -> str:
+    """Return the formula that decides with its margin; where the model does, both."""
+    by_formula = f"{NAMES[value.by_formula or '']} × {MARGINS[name]:g}"
+    if value.formula != THIS_MODEL:
+        return by_formula
+    return f"this model with a plug and a crater; {by_formula} is {_thickness(MARGINS[name] * (value.limit or 0.0))}"
+
+
+def _thickness(value: float) -> str:
+    """Return a thickness that must not be rounded down. [m]"""
+    return f"{math.ceil(1e3 * value - 1e-6):d} mm"
+
+
+def _length(value: float) -> str:
+    """Return a length as it is given, to a tenth of a millimetre. [m]"""
+    return f"{round(1e3 * value, 1):g} mm" if value < 10.0 else f"{value:.6g} m"
+
+
+def _speed(value: float) -> str:
+    """Return a speed that must not be rounded up. [m/s]"""
+    return f"{math.floor(value + 1e-9):d} m/s" if value >= 10.0 else f"{value:.2g} m/s"

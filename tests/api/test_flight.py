@@ -1,0 +1,84 @@
+"""Flights over HTTP: alone, and of a body that leaves the target."""
+
+from typing import Any
+
+import httpx
+import pytest
+
+from service.schemas.flight import LAUNCH
+from service.schemas.strike import PAPER_AT_45
+
+STEEP = PAPER_AT_45 | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": 55.0}, "output": {"history": False}}
+
+
+def run(client: httpx.Client, body: dict[str, Any]) -> dict[str, Any]:
+    response = client.post("/trajectory", json=body)
+    assert response.status_code == 200, response.text
+    answer: dict[str, Any] = response.json()
+    return answer
+
+
+def test_flight_of_a_body_that_left_is_that_of_its_speed_and_elevation(client: httpx.Client) -> None:
+    left = run(client, STEEP | {"flight": {}})["exit"]
+    alone = client.post(
+        "/flight",
+        json={
+            "speed_m_s": left["speed_m_s"],
+            "elevation_deg": left["elevation_deg"],
+            "mass_kg": STEEP["projectile"]["mass_kg"],
+            "projected_area_m2": left["flight"]["projected_area_m2"],
+        },
+    ).json()
+    for name, value in left["flight"].items():
+        assert alone[name] == pytest.approx(value, rel=1e-6)
+
+
+def test_face_decides_where_the_body_flies(client: httpx.Client) -> None:
+    def distance(**face: Any) -> float:
+        found: float = run(client, STEEP | {"flight": face})["exit"]["flight"]["range_m"]
+        return found
+
+    level = distance()
+    assert distance(face_tilt_deg=90.0, incidence_plane="down", height_m=5.0) < 10.0
+    assert distance(height_m=50.0) > level
+    assert distance(drag_coefficient=0.0) > level
+    assert distance(incidence_plane="down") == level  # without a tilt there is no up and down
+
+
+def test_body_that_stays_has_no_flight(client: httpx.Client) -> None:
+    answer = run(client, PAPER_AT_45 | {"flight": {}, "output": {"history": False}})
+    assert "exit" not in answer
+
+
+def test_flight_is_given_on_request_alone(client: httpx.Client) -> None:
+    assert "flight" not in run(client, STEEP)["exit"]
+
+
+def test_body_through_a_slab_falls_to_the_floor_below(client: httpx.Client) -> None:
+    body = STEEP | {
+        "target": STEEP["target"] | {"thickness_m": 0.15},
+        "impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 0.0},
+        "flight": {"height_m": 3.0},
+    }
+    answer = run(client, body)
+    assert answer["outcome"] == "perforated"
+    assert answer["exit"]["flight"]["range_m"] == pytest.approx(0.0, abs=1e-6)
+    assert answer["exit"]["flight"]["apex_m"] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "pointer"),
+    [
+        ("/trajectory", STEEP | {"flight": {"face_tilt_deg": 91.0}}, "/flight/face_tilt_deg"),
+        ("/trajectory", STEEP | {"flight": {"height_m": -1.0}}, "/flight/height_m"),
+        ("/trajectory", STEEP | {"flight": {"incidence_plane": "sideways"}}, "/flight/incidence_plane"),
+        ("/flight", LAUNCH | {"height_m": -0.1}, "/height_m"),
+        ("/flight", LAUNCH | {"speed_m_s": 0.0}, "/speed_m_s"),
+        ("/flight", LAUNCH | {"elevation_deg": 90.5}, "/elevation_deg"),
+        ("/flight", {"speed_m_s": 100.0}, "/elevation_deg"),
+    ],
+)
+def test_bad_flights_are_refused_by_field(client: httpx.Client, path: str, body: dict[str, Any], pointer: str) -> None:
+    response = client.post(path, json=body)
+    assert response.status_code == 422
+    assert pointer in [each["pointer"] for each in response.json()["errors"]]

@@ -1,0 +1,231 @@
+"""The verdict on a wall: perforation and scabbing, each by the formulas with margins, and never below the model."""
+
+import math
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver import (
+    Crater,
+    Flat,
+    Impact,
+    Ogive,
+    Outcome,
+    ParameterError,
+    Projectile,
+    Resistance,
+    ShearPlug,
+    Sphere,
+    Target,
+    cea_edf_limit_speed,
+    formulas,
+    least_thickness,
+    limit_velocity,
+)
+from solver.formulas import FORMULAS, limit_speeds
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
+from solver.uncertainty import (
+    WallVerdict,
+    judge_wall,
+    limit_speed_spread,
+    thickness_spread,
+)
+from solver.uncertainty.walls import limit_speed_sentence, rear_face_variants, thickness_sentence
+from tests.physics.strikes import known
+
+FLAT = Projectile(nose=Flat(), diameter=0.1683, length=0.6, mass=47.5)
+SHELL = Projectile(nose=Ogive(caliber_radius_head=2.5), diameter=0.155, length=0.7, mass=43.0)
+LONG_OGIVE = Projectile(nose=Ogive(caliber_radius_head=3.1), diameter=0.091, length=0.577, mass=22.78)
+WEAKEST = Resistance(rear_plug=ShearPlug(), crater=Crater())
+FIVE_DIGITS = re.compile(r"\d{5}|\d\.\d{4}|\d{2}\.\d{3}|\d{3}\.\d{2}")
+
+
+def judge(projectile: Projectile, target: Target, velocity: float, angle: float = 0.0, **laws: Any) -> WallVerdict:
+    impact = Impact(velocity=velocity, oblique_angle=math.radians(angle))
+    return judge_wall(projectile=projectile, target=target, impact=impact, **laws)
+
+
+def test_flat_strike_on_450_mm_is_not_enough_as_scabbing_asks_for_600() -> None:
+    wall = Target(compressive_strength=60.5e6, density=2300.0, thickness=0.45)
+    found = judge(FLAT, wall, 136.0)
+    assert found.enough is False
+    assert found.perforation.enough is True
+    assert (found.scabbing.enough, found.scabbing.formula) == (False, "modified_ndrc")
+    assert known(found.scabbing.design) == pytest.approx(0.600, abs=2e-3)
+    assert known(found.perforation.design) == pytest.approx(0.433, abs=1e-3)
+    assert str(found).startswith(
+        "Wall of 450 mm at 0° from the normal: not enough against scabbing. Design value against scabbing 601 mm "
+        "(Modified NDRC × 1.1), against perforation 433 mm (Modified NDRC × 1.2)."
+    )
+
+
+@pytest.mark.parametrize(("strength", "angle"), [(39e6, 45.0), (30e6, 45.0), (39e6, 0.0)])
+def test_850_mm_are_not_enough_for_the_155_mm_body(strength: float, angle: float) -> None:
+    wall = Target(compressive_strength=strength, density=2250.0, thickness=0.85)
+    found = judge(SHELL, wall, 300.0, angle)
+    assert found.enough is False
+    assert known(found.scabbing.design) > 0.85
+    assert "not enough against scabbing" in str(found)
+    assert (f"{math.ceil(1e3 * known(found.normal_impact[1]))} mm against scabbing" in str(found)) is (angle > 0.0)
+
+
+def test_design_value_is_not_below_what_the_model_needs_with_plug_and_crater() -> None:
+    wall = Target(compressive_strength=27e6, density=2300.0, thickness=0.4)
+    found = judge(LONG_OGIVE, wall, 242.0, 67.1)
+    assert found.enough is False
+    assert found.perforation.enough is False
+    assert found.perforation.formula == "this_model"
+    assert 1.2 * known(found.perforation.limit) == pytest.approx(0.383, abs=1e-3)
+    assert known(found.perforation.design) >= known(found.variants.rear_plug_and_crater) > 0.4
+    assert "not enough against scabbing and perforation" in str(found)
+    assert "this model with a plug and a crater; Hughes × 1.2 is 383 mm" in str(found)
+
+
+@pytest.mark.parametrize("target", [PAPER_TARGET, replace(PAPER_TARGET, thickness=0.3)])
+def test_where_no_formula_is_within_its_range_the_sentence_says_so(target: Target) -> None:
+    bullet = Projectile(nose=Flat(), diameter=0.02, length=0.4, mass=0.98)
+    found = judge(bullet, target, 1500.0)
+    assert not [
+        each
+        for each in formulas(projectile=bullet, target=target, impact=Impact(velocity=1500.0, oblique_angle=0.0))
+        if each.in_range and each.perforation_thickness
+    ]
+    assert found.perforation.design is None
+    assert found.enough is None
+    assert "o design value" in str(found)
+    assert ("not known to be enough" in str(found)) is (target.thickness is not None)
+
+
+def test_a_nose_out_of_the_rear_face_is_said_and_is_not_enough() -> None:
+    found = judge(PAPER_PROJECTILE, replace(PAPER_TARGET, thickness=0.25), 238.0, 20.0)
+    assert found.outcome is Outcome.EMBEDDED
+    assert found.protrusion is not None
+    assert found.perforation.enough is False
+    out = f"{round(1e3 * known(found.protrusion.final), 1):g} mm"
+    assert f"By this model, which is unconservative: embedded, its nose {out} out of the rear face" in str(found)
+
+
+def test_design_values_rest_on_the_characteristic_strength_and_the_model_on_the_mean() -> None:
+    by_mean = judge(FLAT, Target(compressive_strength=48e6, density=2300.0), 136.0)
+    concrete = Target(compressive_strength=48e6, density=2300.0, characteristic_strength=40e6)
+    found = judge(FLAT, concrete, 136.0)
+    weaker = judge(FLAT, Target(compressive_strength=40e6, density=2300.0), 136.0)
+    assert (found.perforation.limit, found.scabbing.limit) == (weaker.perforation.limit, weaker.scabbing.limit)
+    assert known(found.scabbing.design) > known(by_mean.scabbing.design)
+    assert found.variants == by_mean.variants
+    assert "with the characteristic strength of 40 MPa" in str(found)
+    with pytest.raises(
+        ParameterError, match=r"target\.characteristic_strength: must be at most the compressive strength"
+    ):
+        judge(FLAT, replace(concrete, characteristic_strength=50e6), 136.0)
+
+
+def test_values_along_the_normal_stand_beside_those_at_an_angle() -> None:
+    oblique, normal = (judge(FLAT, PAPER_TARGET, 136.0, angle) for angle in (30.0, 0.0))
+    assert oblique.normal_impact == (normal.perforation.design, normal.scabbing.design) == normal.normal_impact
+    assert known(oblique.scabbing.limit) / known(normal.scabbing.limit) == pytest.approx(0.885, abs=0.015)
+    assert "For normal impact, which design practice takes: " in str(oblique)
+    assert "For normal impact" not in str(normal)
+
+
+def random_walls(count: int, seed: int) -> list[tuple[Projectile, Target, float]]:
+    random = np.random.default_rng(seed)
+    found = []
+    for _ in range(count):
+        diameter = float(np.exp(random.uniform(np.log(0.02), np.log(0.3))))
+        noses = (Flat(), Sphere(), Ogive(caliber_radius_head=random.uniform(1.0, 5.0)))
+        nose = noses[random.integers(3)]
+        length = diameter * (1.0 if isinstance(nose, Sphere) else random.uniform(3.0, 8.0))
+        mass = random.uniform(4000.0, 8500.0) * 0.7 * diameter**2 * length
+        target = Target(compressive_strength=random.uniform(20e6, 80e6), density=random.uniform(2000.0, 2600.0))
+        found.append(
+            (Projectile(nose=nose, diameter=diameter, length=length, mass=mass), target, random.uniform(30.0, 500.0))
+        )
+    return found
+
+
+def check_enough_is_monotone(walls: list[tuple[Projectile, Target, float]]) -> None:
+    wrong = []
+    for projectile, target, velocity in walls:
+        free = judge(projectile, target, velocity)
+        middle = max(free.perforation.design or 0.0, free.scabbing.design or 0.0) or 4.0 * projectile.diameter
+        judged = [
+            judge(projectile, replace(target, thickness=share * middle), velocity)
+            for share in (0.5, 0.9, 0.99, 1.01, 1.5, 4.0)
+        ]
+        for name in ("perforation", "scabbing"):
+            designs = {getattr(each, name).design for each in (free, *judged)}
+            if len(designs) > 1:
+                wrong.append((name, designs, projectile, target, velocity))
+        answers = [each.enough for each in judged]
+        if answers != sorted(answers, key=lambda each: (each is not None, each)) or (free.enough is not None):
+            wrong.append((answers, projectile, target, velocity))
+    assert wrong == []
+
+
+def test_enough_at_one_thickness_is_enough_at_every_larger_one() -> None:
+    check_enough_is_monotone(random_walls(8, seed=3))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_enough_is_monotone_over_many_walls() -> None:
+    check_enough_is_monotone(random_walls(500, seed=4))
+
+
+@pytest.mark.parametrize("angle", [0.0, 40.0])
+def test_every_formula_for_the_thickness_is_solved_for_the_speed(angle: float) -> None:
+    oblique = math.radians(angle)
+    for thickness in (0.2, 0.5, 1.0):
+        rows = limit_speeds(projectile=FLAT, target=PAPER_TARGET, thickness=thickness, oblique_angle=oblique)
+        assert len(rows) >= 7
+        for row in rows:
+            impact = Impact(velocity=known(row.limit_speed), oblique_angle=oblique)
+            (there,) = (
+                each
+                for each in formulas(projectile=FLAT, target=PAPER_TARGET, impact=impact)
+                if each.formula == row.formula
+            )
+            assert known(there.perforation_thickness) == pytest.approx(thickness, rel=3e-3)
+            fields = {each.field for each in there.out_of_range} - {"scabbing_thickness"}
+            assert bool(row.out_of_range) is bool(fields)
+        of_cea = next(row for row in rows if row.formula == "cea_edf")
+        assert of_cea == cea_edf_limit_speed(
+            projectile=FLAT, target=PAPER_TARGET, thickness=thickness, oblique_angle=oblique
+        )
+    assert {row.formula for row in rows} == {
+        formula.__name__ for formula in FORMULAS if formula.__name__ not in ("ukaea", "li_chen", "whiffen")
+    }
+
+
+@pytest.mark.parametrize("resistance", [Resistance(), WEAKEST], ids=["plain", "plug and crater"])
+def test_sentences_begin_with_the_formulas_and_call_the_model_unconservative(resistance: Resistance) -> None:
+    wall = replace(PAPER_TARGET, thickness=0.25)
+    impact = Impact(velocity=238.0, oblique_angle=math.radians(20.0))
+    strike: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "resistance": resistance}
+    thick = least_thickness(target=PAPER_TARGET, impact=impact, **strike)
+    fast = limit_velocity(target=wall, oblique_angle=impact.oblique_angle, **strike)
+    by_thickness = thickness_spread(target=PAPER_TARGET, impact=impact, **strike)
+    by_speed = limit_speed_spread(target=wall, oblique_angle=impact.oblique_angle, **strike)
+    for found, spread in ((thick, by_thickness), (fast, by_speed)):
+        assert spread.range is not None
+        assert spread.range[0] < known(found.value) < spread.range[1]
+        own = rear_face_variants(resistance).index(resistance)
+        assert known(found.value) == (spread.variants.plain, 0.0, spread.variants.rear_plug_and_crater)[own]
+    assert known(by_thickness.variants.plain) < known(by_thickness.variants.rear_plug_and_crater)
+    assert known(by_speed.variants.plain) > known(by_speed.variants.rear_plug_and_crater)
+    thickness_rows = formulas(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
+    speed_rows = limit_speeds(
+        projectile=PAPER_PROJECTILE, target=wall, thickness=0.25, oblique_angle=impact.oblique_angle
+    )
+    said = thickness_sentence(thick, by_thickness, thickness_rows, resistance)
+    assert said.startswith("Not perforated from 470 mm on by Hughes, the largest of the formulas within their range")
+    also = limit_speed_sentence(fast, by_speed, speed_rows, resistance)
+    assert also.startswith("Perforated from 95 m/s on by Hughes, the lowest of the formulas within their range.")
+    for text in (said, also):
+        assert "This model, which is unconservative: " in text
+        assert "90 % range over S" in text
+        assert not FIVE_DIGITS.search(text)
