@@ -3,7 +3,8 @@
 import argparse
 import json
 
-from service.cli.arguments import Flag, add_formats, add_numbers, add_url, examples
+from service.cli.arguments import Flag, add_numbers, add_url, examples
+from service.cli.outputs import add_formats
 from service.cli.request_body import RequestBody
 from service.cli.single import answer_of, print_json
 from service.cli.writers import heading, print_values

@@ -53,6 +53,7 @@ WRITTEN = (
     Written("out.csv", "formulas strike.toml --angle 0 -o"),
     Written("out.json", "thickness strike.toml --angle 0 -o"),
     Written("out.csv", "limit-speed strike.toml --angle 0 --thickness 0.2 -o"),
+    Written("out.csv", "flight --speed 101.1 --elevation 19.18 --mass 13 --area 0.0321 -o", ()),
     Written("out.html", "report strike.toml -o"),
     Written("out.jsonl", "batch cases.csv --case strike.toml -o", ("cases.csv", "strike.toml")),
     Written("out.csv", f"{SWEEP} -o"),
