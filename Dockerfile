@@ -17,7 +17,7 @@ COPY requirements/build.txt requirements/run.txt requirements/cluster.txt requir
 RUN python -m pip install --require-hashes --only-binary :all: --requirement requirements/build.txt \
     && /opt/ricochet/bin/python -m pip install --require-hashes --only-binary :all: \
         --requirement "requirements/${REQUIREMENTS:-run}.txt"
-COPY pyproject.toml README.md LICENSE ./
+COPY pyproject.toml README.md LICENSE ricochet_command.py ./
 COPY service/ service/
 COPY solver/ solver/
 RUN python -m pip wheel --no-index --no-deps --no-build-isolation --wheel-dir wheel . \

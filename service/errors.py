@@ -87,6 +87,10 @@ class PoolUnavailableError(ExecutorError):
     title = "No worker process can take the query"
 
 
+class QueueTimeoutError(ExecutorError):
+    """No worker has taken the call in the time that it may wait."""
+
+
 class ComputationCancelled(ServiceError):  # noqa: N818 (as asyncio.CancelledError: not a failure)
     """A shared computation was given up by its owner; the case has to be computed again."""
 

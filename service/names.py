@@ -63,6 +63,7 @@ QUANTITIES: Final[Mapping[str, str]] = {
     "resistance.strength_factor.value": "Value of S",
     "resistance.strength_factor.coefficients": "Coefficients, θ in\N{NO-BREAK SPACE}°",
     "resistance.strength_factor.covariance": "Covariance",
+    "resistance.strength_factor.held_from_deg": "S held from",
     "resistance.strength_factor.coefficient": "Coefficient",
     "resistance.strength_factor.exponent": "Strength exponent",
     "resistance.strength_factor.reference_strength_pa": "Reference strength",

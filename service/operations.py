@@ -3,8 +3,6 @@
 import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple, Protocol, TypeAlias
@@ -69,6 +67,7 @@ from service.schemas.uncertainty import MOST_SAMPLES_OF_A_REQUEST, UncertainCase
 from solver import ENGINE_VERSION
 from solver.arrays import FloatArray
 from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetration_depths, predict_motion
+from solver.cancellation import ComputingThreads
 from solver.search.trials import LAST_POINTS, LAST_STATIONS, LAST_TOLERANCE
 from solver.strike import SEARCH_STATIONS
 from solver.uncertainty import Crossings, Ending, judge_wall
@@ -426,8 +425,7 @@ def answer_study(
 
     steps: Any = request.study().steps()
     batch, done = next(steps), 0
-    with ThreadPoolExecutor(threads) as pool, ExitStack() as on_leaving:
-        on_leaving.callback(pool.shutdown, wait=False, cancel_futures=True)  # Ctrl-C does not wait for the rest.
+    with ComputingThreads(threads) as pool:
         while True:
             half_width = None if batch.so_far is None else batch.so_far.convergence[-1].half_width
             report(done, half_width)

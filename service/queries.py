@@ -8,7 +8,8 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any, Literal, NamedTuple, TypeAlias
+from functools import partial
+from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar, TypeVarTuple
 
 from anyio import CancelScope, current_time
 from anyio.to_thread import run_sync
@@ -16,12 +17,12 @@ from anyio.to_thread import run_sync
 from service.cache.cache import ResultCache
 from service.cache.hdf5 import Segment
 from service.cache.record import Record
-from service.errors import ComputationCancelled, QueriesWaitingError
-from service.fairness import FairSemaphore, Permit
+from service.errors import ComputationCancelled, QueriesWaitingError, QueueTimeoutError
 from service.operations import KeyedRequest, Operation
 from service.schemas.calibration_motion import Calibration
 from service.schemas.requests import Case
-from service.workers import Call, CallResult, Executor
+from service.workers import Call, CallResult
+from service.workers.executor import Executor
 from service.workers.worker import close_chunk, compute_case, compute_single
 from solver import ParameterError
 from solver.warnings import IMPLAUSIBLE
@@ -99,6 +100,8 @@ class Rate:
             self._count -= self._entries.popleft()[1]
 
 
+Arguments = TypeVarTuple("Arguments")
+Result = TypeVar("Result")
 CacheStatus: TypeAlias = Literal["hit", "miss"]
 Answered: TypeAlias = tuple[Record, CacheStatus]
 
@@ -151,27 +154,22 @@ class QueryService:
         self._count = count
         self._queue_seconds = queue_seconds
         self._rate = Rate(lambda: executor.single_capacity)
-        self._turns = FairSemaphore(lambda: executor.single_capacity)
-        """One permit for each query that can run, so that chunks get their turn between queries, as owners do."""
         self._work = 0
         """Work of the single queries that wait or run, in ordinary cases."""
         self._in_flight: dict[str, asyncio.Future[Answered]] = {}
         self._running: set[asyncio.Future[Answered]] = set()
         """Single queries that a worker has."""
+        self._queued: set[asyncio.Future[Answered]] = set()
+        """Answers in flight whose chunk waits for a worker."""
         self._clients: Counter[asyncio.Future[Answered]] = Counter()
         """Number of clients that wait for each."""
         self.implausible = 0
         """Number of computed answers that break a rule which every correct answer keeps."""
 
     @property
-    def chunk_limit(self) -> int:
-        """Number of chunks to begin at the same time: some of them wait, so that no worker has to."""
-        return self.executor.capacity + self.executor.prefetch
-
-    @property
     def queued(self) -> int:
         """Single queries that wait for a worker."""
-        return self._turns.waiting + self.executor.queued
+        return self.executor.queue.singles
 
     def seconds_until_done(self) -> int:
         """Whole seconds until the single queries that wait or run now are likely to be done."""
@@ -193,7 +191,7 @@ class QueryService:
             self._count(operation, record.outcome, "hit", 1)
             return record, "hit"
         while True:
-            found = self._in_flight.get(request.key)
+            found = self.in_flight([request.key], queued=False).get(request.key)
             shared = found is not None
             if found is None:
                 found = asyncio.create_task(self._find(operation, request, owner))
@@ -209,52 +207,73 @@ class QueryService:
         """Return the record of this key, if there is one."""
         return self.cache.recall(key) or await run_sync(self.cache.get, key)
 
-    def in_flight(self, keys: Iterable[str]) -> dict[str, "asyncio.Future[Answered]"]:
+    def in_flight(self, keys: Iterable[str], *, queued: bool = True) -> dict[str, "asyncio.Future[Answered]"]:
         """Return the answers with these keys that are being computed; to be waited for, never to be cancelled.
 
         One that is given up raises `ComputationCancelled`.
+
+        Parameters
+        ----------
+        queued
+            Whether to include those whose chunk waits for its turn: it may be the turn of an owner with much to do.
         """
-        return {key: self._in_flight[key] for key in keys if key in self._in_flight}
+        found = {key: self._in_flight[key] for key in keys if key in self._in_flight}
+        return {key: future for key, future in found.items() if queued or future not in self._queued}
 
     async def compute(
         self,
         operation: str,
         cases: Sequence[KeyedRequest],
-        computed: Callable[[], None],
+        *,
+        owner: str = "",
+        remaining: float = 0.0,
+        begun: Callable[[], None] = lambda: None,
         longest: float | None = None,
     ) -> "Chunk":
         """Compute and keep a chunk of cases, no two alike and none in flight; from the call on, others share them.
 
         Parameters
         ----------
-        computed
-            Called when the executor is done with the chunk, however it ended.
+        owner
+            In whose turn it is computed.
+        remaining
+            Cost of all that is left of the job. [ordinary cases]
+        begun
+            Called when a worker takes it.
         longest
-            Time after which it is given up. [s]
+            Time after which it is given up, from then on. [s]
         """
         loop = asyncio.get_running_loop()
         futures: dict[str, asyncio.Future[Answered]] = {case.key: loop.create_future() for case in cases}
         outcomes: Sequence[Record | Exception] = [ComputationCancelled()] * len(cases)
         results: Sequence[CallResult] | None = None
-        limit = CancelScope(deadline=math.inf if longest is None else current_time() + longest)
+        limit = CancelScope()
         compute, chunk = self.operations[operation].compute, secrets.token_hex(8)
         calls: list[Call] = [(compute_case, (compute, operation, case.key, case.json, chunk)) for case in cases]
         calls.append((close_chunk, (chunk,)))
+        cost = len(cases) * self.operations[operation].weight
+
+        def taken() -> None:
+            if longest is not None:
+                limit.deadline = current_time() + longest
+            self._queued.difference_update(futures.values())
+            begun()
+
         self._in_flight |= futures
+        self._queued.update(futures.values())
         try:
-            try:
-                with limit:
-                    results = await self.executor.run(calls)
-            finally:
-                computed()
+            with limit:
+                results = await self.executor.run(calls, owner=owner, cost=cost, remaining=remaining, begun=taken)
             if results is not None:
                 with CancelScope(shield=True):  # What has been computed is kept before anything that waits goes on.
                     outcomes = await run_sync(self._put, operation, cases, results)
         except Exception as error:  # noqa: BLE001 (raised where the cases are waited for)
             outcomes = [error] * len(cases)
         finally:
-            for key in futures:  # This comes first, as a key that stays here is never answered again.
-                del self._in_flight[key]
+            self._queued.difference_update(futures.values())
+            for key, future in futures.items():  # This comes first, as a key that stays here is never answered again.
+                if self._in_flight.get(key) is future:
+                    del self._in_flight[key]
             for future, outcome in zip(futures.values(), outcomes, strict=True):
                 if isinstance(outcome, Record):
                     future.set_result((outcome, "miss"))
@@ -297,28 +316,44 @@ class QueryService:
 
     async def _compute(self, operation: str, request: KeyedRequest, owner: str) -> tuple[bytes, str]:
         """Compute one request when it is its owner's turn."""
-        self._work += request.work
-        try:
-            permit = await self._permit(owner)
-            self._running.add(self._in_flight[request.key])
-            compute = self.operations[operation].compute
-            try:
-                return await self.executor.submit(compute_single, compute, operation, request.key, request.json)
-            finally:
-                permit.release()
-        finally:
-            self._work -= request.work
+        return await self.submit(
+            compute_single,
+            self.operations[operation].compute,
+            operation,
+            request.key,
+            request.json,
+            owner=owner,
+            cost=request.work,
+            begun=partial(self._running.add, self._in_flight[request.key]),
+        )
 
-    async def _permit(self, owner: str) -> Permit:
-        if self._turns.waiting >= self._max_waiting:
-            busy = QueriesWaitingError(self.seconds_until_done())
-            if not self._turns.make_room(owner, busy):
-                raise busy
+    async def submit(
+        self,
+        function: Callable[[*Arguments], Result],
+        *arguments: *Arguments,
+        owner: str,
+        cost: int,
+        begun: Callable[[], None] = lambda: None,
+    ) -> Result:
+        """Run a function in a worker when it is its owner's turn, as `Executor.submit` does.
+
+        Raises
+        ------
+        QueriesWaitingError
+            If too many wait for a worker, or this one has waited too long.
+        """
+        queue, busy = self.executor.queue, QueriesWaitingError(self.seconds_until_done())
+        if queue.singles >= self._max_waiting and not queue.make_room(owner, busy):
+            raise busy
+        self._work += cost
         try:
-            async with asyncio.timeout(self._queue_seconds):
-                return await self._turns.acquire(owner)
-        except TimeoutError:
+            return await self.executor.submit(
+                function, *arguments, owner=owner, cost=cost, begun=begun, longest_wait=self._queue_seconds
+            )
+        except QueueTimeoutError:
             raise QueriesWaitingError(self.seconds_until_done()) from None
+        finally:
+            self._work -= cost
 
     def _put(
         self, operation: str, cases: Sequence[KeyedRequest], results: Sequence[CallResult]

@@ -150,7 +150,7 @@ class CacheSettings(SettingsGroup):
     """How much is kept of results."""
 
     memory_cache_bytes: Annotated[int, Field(ge=0)] = 128 * 1024 * 1024
-    """Memory for the latest results: some 500 with a history, tens of thousands without."""
+    """Memory for the latest results: some 1,300 with a history, tens of thousands without."""
     cache_bytes: Annotated[int, Field(ge=0)] = 10 * 1024**3
     """Disk for results, a tenth of it for downloads of whole jobs; those used longest ago go first. Ten million
     critical angles or a hundred thousand histories."""
@@ -190,6 +190,10 @@ class ExecutorSettings(SettingsGroup):
     task_seconds: Annotated[float, Field(gt=0.0)] = 60.0
     """Longest a single query may run: the paper's case takes well under a second, the largest that the other limits let
     through takes minutes."""
+    study_seconds: Annotated[float, Field(gt=0.0)] = 300.0
+    """Longest that a study of uncertainty may take that is answered at once; a verdict and a report, which have one in
+    them, twice as long. Five times what the largest takes on two cores. A job has no such limit, its cases have
+    `task_seconds`."""
     probe_seconds: Annotated[float, Field(gt=0.0)] = 2.0
     """How long the readiness probe waits for a worker. It overtakes waiting queries, not running ones."""
 

@@ -1,5 +1,6 @@
 """Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians."""
 
+from solver.cancellation import Cancellation, CancelledError
 from solver.checks import IntegrationError, ParameterError, RicochetError, StepLimitError, name_keywords
 from solver.flight import Flight, flight, launch_elevation, mean_projected_area
 from solver.formulas import FormulaResult, OutOfRange, cea_edf_limit_speed, formulas
@@ -63,6 +64,8 @@ __all__ = [
     "ENGINE_VERSION",
     "Alternative",
     "BoatTail",
+    "Cancellation",
+    "CancelledError",
     "Conical",
     "ConstantStrengthFactor",
     "Crater",

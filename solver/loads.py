@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray, arc_cosine, gauss_rule
-from solver.compilation import VECTOR_WIDTH, compiled, inlined, lean, vectorised
+from solver.compilation import VECTOR_WIDTH, inlined, lean, vectorised
 from solver.free_surface import TINY, build_decay, decay_at
 from solver.projectile import Projectile
 from solver.resistance import Resistance, plug_height
@@ -147,7 +147,6 @@ def _rule(count: int) -> Rule:
     return Rule(count, table)
 
 
-@compiled
 def make_scratch() -> Scratch:
     """Return arrays to work in."""
     attitudes, ends = np.zeros((MOST_STATES, 3)), np.zeros((MOST_STATES, 2), np.int64)

@@ -7,8 +7,7 @@ names of the solver.
 import math
 from collections import deque
 from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
+from concurrent.futures import Future
 from dataclasses import fields
 from functools import partial
 from itertools import islice, repeat
@@ -18,6 +17,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from solver.cancellation import ComputingThreads
 from solver.checks import ParameterError, RicochetError, plain
 from solver.display import Columns, DataFrame, dataframe
 from solver.perforation import TOLERANCE, PerforationLimit, least_thickness, limit_velocity
@@ -277,8 +277,7 @@ def _run(
         yield from (attempt(function, case) for case in cases)
         return
     waiting: deque[Future[Answer | RicochetError]] = deque()
-    with ThreadPoolExecutor(threads) as pool, ExitStack() as on_leaving:
-        on_leaving.callback(lambda: [future.cancel() for future in waiting])
+    with ComputingThreads(threads) as pool:
         for case in cases:
             waiting.append(pool.submit(attempt, function, case))
             if len(waiting) > AHEAD * threads:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.compilation import address_of, call_address, compiled, lean
+from solver.compilation import compiled, lean, once
 from solver.loads import (
     MOST_STATES,
     Quadrature,
@@ -52,8 +52,6 @@ class Model(NamedTuple):
     law: Law
     quadrature: Quadrature
     panels: Panels
-    right_hand_side: int
-    """Address of the function, see `with_right_hand_side`."""
 
 
 class Workspace(NamedTuple):
@@ -75,17 +73,22 @@ class Workspace(NamedTuple):
     """(3 `MOST_STATES`,) and the accelerations there."""
     stages: FloatArray
     """(`MOST_STAGES`, 6) increments or rates of the stages."""
+    scale: FloatArray
+    """(6,) size of the six numbers of a state, over which errors count."""
+    event: FloatArray
+    """(7,) time and state of an event, see `end_of_step`."""
     scratch: Scratch
 
 
 @compiled
 def start_state(
-    body: Body, velocity: float, oblique_angle: float, angle_of_attack: float, angular_velocity: float
-) -> FloatArray:
-    """State at first contact, when the deepest point of the surface touches the face."""
+    body: Body, velocity: float, oblique_angle: float, angle_of_attack: float, angular_velocity: float, out: FloatArray
+) -> None:
+    """Write the state at first contact, when the deepest point of the surface touches the face."""
     axis_angle = oblique_angle + angle_of_attack
-    forward, lateral = velocity * math.cos(oblique_angle), velocity * math.sin(oblique_angle)
-    return np.array([-deepest_offset(body, axis_angle), 0.0, axis_angle, forward, lateral, angular_velocity])
+    out[0], out[1], out[2] = -deepest_offset(body, axis_angle), 0.0, axis_angle
+    out[3], out[4] = velocity * math.cos(oblique_angle), velocity * math.sin(oblique_angle)
+    out[5] = angular_velocity
 
 
 @lean
@@ -95,28 +98,21 @@ def assign(values: FloatArray, out: FloatArray) -> None:
         out[n] = values[n]
 
 
-@compiled
 def make_workspace() -> Workspace:
     """Return arrays to work in."""
     start, end, stage = np.zeros(3), np.zeros(3), np.zeros(3)
+    trial, point = np.zeros(6), np.zeros(6)
     points, slopes = np.zeros(6 * MOST_STATES), np.zeros(3 * MOST_STATES)
-    return Workspace(
-        start, end, stage, np.zeros(6), np.zeros(6), points, slopes, np.zeros((MOST_STAGES, 6)), make_scratch()
-    )
+    stages, scale, event = np.zeros((MOST_STAGES, 6)), np.zeros(6), np.zeros(7)
+    return Workspace(start, end, stage, trial, point, points, slopes, stages, scale, event, make_scratch())
 
 
 @lean
 def accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> bool:
     """Write the three accelerations of eq. 6 for each of the states; return whether anything is loaded in the last.
 
-    Both are flat, one state after the other. With panels there is only one. The call goes by the address of the
-    function: otherwise it would be compiled again into each of its callers.
+    Both are flat, one state after the other. With panels there is only one.
     """
-    return bool(call_address(model.right_hand_side, (states, model, scratch, out), True))
-
-
-@lean
-def _accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> bool:
     body, last = model.body, out.size - 3
     if model.panels.area.size > 0:
         f, g, h = panel_loads(states, model.panels, model.law)
@@ -131,19 +127,7 @@ def _accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatAr
     return bool(size > NEGLIGIBLE_LOAD * model.law.static_stress * body.tip**2)
 
 
-_addresses: list[int] = []
-"""Address of `_accelerate`, from the first model on."""
-
-
-def with_right_hand_side(model: Model) -> Model:
-    """Return the model with the address of the right-hand side in this process, compiled or loaded if need be."""
-    if not _addresses:
-        workspace = make_workspace()
-        _addresses.append(address_of(_accelerate, workspace.points, model, workspace.scratch, workspace.slopes))
-    return model._replace(right_hand_side=_addresses[0])
-
-
-@lean
+@once
 def load(state: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> None:
     """Write force and moment in one state."""
     accelerate(state, model, scratch, out)
@@ -190,17 +174,21 @@ def interpolate(step: FloatArray, fraction: float, out: FloatArray) -> None:
         out[n] = rest * step[2 + n] + fraction * (step[8 + n] + rest * inner)
 
 
-@compiled
 def sample(steps: FloatArray, times: FloatArray) -> FloatArray:
     """States at sorted `times` from a table of steps."""
     states = np.empty((times.size, 6))
+    _fill_states(steps, times, states)
+    return states
+
+
+@compiled
+def _fill_states(steps: FloatArray, times: FloatArray, states: FloatArray) -> None:
     row = 0
     for i in range(times.size):
         while row < steps.shape[0] - 1 and times[i] > steps[row, 0] + steps[row, 1]:
             row += 1
         fraction = min(1.0, (times[i] - steps[row, 0]) / steps[row, 1])
         interpolate(steps[row], fraction, states[i])
-    return states
 
 
 def sample_accelerations(steps: FloatArray, times: FloatArray) -> FloatArray:
@@ -219,13 +207,17 @@ def sample_accelerations(steps: FloatArray, times: FloatArray) -> FloatArray:
     return rates
 
 
-@compiled
 def sample_loads(states: FloatArray, model: Model) -> FloatArray:
     """(n, 3) forces and moments at the given states."""
-    values, scratch = np.empty((states.shape[0], 3)), make_scratch()
+    values = np.empty((states.shape[0], 3))
+    _fill_loads(states, model, make_scratch(), values)
+    return values
+
+
+@compiled
+def _fill_loads(states: FloatArray, model: Model, scratch: Scratch, values: FloatArray) -> None:
     for i in range(states.shape[0]):
         load(states[i], model, scratch, values[i])
-    return values
 
 
 class Termination(IntEnum):
@@ -247,6 +239,8 @@ class Termination(IntEnum):
     """Beyond the rear face, moving on."""
     TUMBLED = 9
     """Loaded after the axis has turned by more than `MOST_TURN` since first contact."""
+    CANCELLED = 10
+    """Given up on the way, see `solver.cancellation`."""
 
 
 class Thresholds(NamedTuple):
@@ -261,7 +255,8 @@ class Thresholds(NamedTuple):
 class Run(NamedTuple):
     """Result of an integration."""
 
-    end: Termination
+    end: int
+    """A value of `Termination`."""
     time: float
     """Time of the event that ended the run. [s]"""
     state: FloatArray
@@ -274,6 +269,14 @@ class Run(NamedTuple):
     """Evaluations of force and moment."""
     energy_gain: float
     """Largest gain of kinetic energy over one step, relative to the initial energy; a true motion has none."""
+
+
+RunValues = tuple[int, float, float, int, int, float]
+"""The values of a `Run` but the state, which an integrator writes to an array.
+
+What compiled code returns to Python is a number or a plain tuple of numbers. For arrays, named tuples and members of an
+enumeration numba runs Python code, and goes on as if that could not fail: should a signal handler raise in there, the
+process would crash."""
 
 
 @lean
@@ -310,7 +313,7 @@ def greatest_depth(step: FloatArray, until: float, body: Body, state: FloatArray
     return greatest
 
 
-@lean
+@once
 def _rest_fraction(step: FloatArray, body: Body, threshold: float, state: FloatArray) -> float:
     """Fraction of the step at which the kinetic energy falls to `threshold`."""
     low, high = 0.0, 1.0
@@ -324,7 +327,7 @@ def _rest_fraction(step: FloatArray, body: Body, threshold: float, state: FloatA
     return high
 
 
-@lean
+@once
 def _release_fraction(step: FloatArray, model: Model, work: Workspace, state: FloatArray) -> float:
     """Fraction of the step at which the last element is unloaded."""
     low, high = 0.0, 1.0
@@ -367,7 +370,7 @@ def _is_through(state: FloatArray, body: Body, thickness: float) -> bool:
     return bool(state[3] > 0.0 and state[0] - thickness > reach)
 
 
-@lean
+@once
 def end_of_step(
     step: FloatArray,
     model: Model,

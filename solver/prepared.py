@@ -7,7 +7,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
+from solver.cancellation import compute
 from solver.checks import IntegrationError, StepLimitError, require, require_one
 from solver.loads import build_law, build_quadrature
 from solver.motion import (
@@ -21,7 +22,6 @@ from solver.motion import (
     make_workspace,
     sample,
     start_state,
-    with_right_hand_side,
 )
 from solver.projectile import Projectile, mass_properties
 from solver.resistance import Resistance, strength_factor
@@ -127,18 +127,13 @@ class PreparedCase:
     target: Target
     resistance: Resistance
     numerics: ResolvedNumerics
-    model_without_address: Model
-    """Its right-hand side is not compiled yet."""
-
-    @property
-    def model(self) -> Model:
-        """What the compiled code takes."""
-        return with_right_hand_side(self.model_without_address)
+    model: Model
+    """What the compiled code takes, with a strength factor of 1."""
 
     @property
     def is_centred(self) -> bool:
         """Whether no load turns the projectile, as all its normals pass through its centre of gravity."""
-        return bool(self.model_without_address.body.bounds & CENTRED)
+        return bool(self.model.body.bounds & CENTRED)
 
     def strength_factor_at(self, oblique_angle: float) -> float:
         """Strength factor of a strike at this angle. [1]
@@ -155,9 +150,9 @@ class PreparedCase:
     def law_at(self, impact: Impact) -> Law:
         """Resistance with the strength factor of this strike."""
         factor = self.strength_factor_at(impact.oblique_angle)
-        return self.model_without_address.law._replace(
-            static_stress=factor * self.target.compressive_strength,
-            ramp_velocity=RAMP_FRACTION * impact.velocity,
+        return self.model.law._replace(
+            static_stress=float(factor * self.target.compressive_strength),
+            ramp_velocity=float(RAMP_FRACTION * impact.velocity),
         )
 
 
@@ -201,7 +196,6 @@ def prepare(
         ),
         quadrature=build_quadrature(stations=numerics.stations, points=numerics.points),
         panels=panels,
-        right_hand_side=0,
     )
     return PreparedCase(projectile, target, resistance, numerics, model)
 
@@ -227,16 +221,25 @@ def integrate(
     """
     numerics, start = prepared.numerics, initial_state(impact, model.body)
     end_time = float(numerics.termination_time)
-    if thresholds is None:
-        thresholds = Thresholds(float(numerics.retention_energy_fraction), REST_FRACTION)
-    if numerics.method == "panels":
-        steps = np.empty((numerics.fixed_steps + 1 if keep_steps else 1, STEP_WIDTH))
-        run = integrate_fixed(start, model, end_time, thresholds, float(numerics.time_step), steps)
-    else:
-        steps = np.empty((STEP_LIMIT if keep_steps else 1, STEP_WIDTH))
-        work, linear = make_workspace(), make_linearisation()
-        accuracy = Accuracy(float(numerics.relative_tolerance), LARGEST_STEP)
-        run = integrate_adaptive(start, model, end_time, thresholds, accuracy, steps, work, linear)
+    retention, rest = thresholds or (numerics.retention_energy_fraction, REST_FRACTION)
+    thresholds = Thresholds(float(retention), float(rest))  # Compiled code takes no integers for them.
+
+    def run_to_end(control: IntArray) -> tuple[Run, FloatArray]:
+        state, work = np.empty(6), make_workspace()
+        if numerics.method == "panels":
+            steps = np.empty((numerics.fixed_steps + 1 if keep_steps else 1, STEP_WIDTH))
+            time_step = float(numerics.time_step)
+            values = integrate_fixed(start, model, end_time, thresholds, time_step, steps, state, control, work)
+        else:
+            steps = np.empty((STEP_LIMIT if keep_steps else 1, STEP_WIDTH))
+            accuracy, linear = Accuracy(float(numerics.relative_tolerance), LARGEST_STEP), make_linearisation()
+            values = integrate_adaptive(
+                start, model, end_time, thresholds, accuracy, steps, state, control, work, linear
+            )
+        end, time, maximum_depth, count, evaluations, energy_gain = values
+        return Run(end, time, state, maximum_depth, count, evaluations, energy_gain), steps
+
+    run, steps = compute(run_to_end, model.panels.area.size)
     finite = all(abs(value) < LARGEST_STATE for value in run.state.tolist())
     check_end(run.end if finite else Termination.NOT_FINITE, run.time)
     return run, steps[: run.steps]
@@ -244,8 +247,16 @@ def integrate(
 
 def initial_state(impact: Impact, body: Body) -> FloatArray:
     """State at first contact, when the deepest point of the surface touches the face."""
-    speeds = (impact.velocity, impact.oblique_angle, impact.angle_of_attack, impact.angular_velocity)
-    return start_state(body, *map(float, speeds))
+    state = np.empty(6)
+    start_state(
+        body,
+        float(impact.velocity),
+        float(impact.oblique_angle),
+        float(impact.angle_of_attack),
+        float(impact.angular_velocity),
+        state,
+    )
+    return state
 
 
 OUTCOMES: dict[float, Outcome] = {

@@ -12,12 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.arrays import FloatArray
-from solver.compilation import compiled, lean
+from solver.arrays import FloatArray, IntArray
+from solver.cancellation import may_step
+from solver.compilation import compiled, lean, once
 from solver.loads import MOST_STATES
 from solver.motion import (
     Model,
-    Run,
+    RunValues,
     Termination,
     Thresholds,
     Workspace,
@@ -27,7 +28,6 @@ from solver.motion import (
     greatest_depth,
     kinetic_energy,
     lasting_energy,
-    make_workspace,
     store_step,
 )
 from solver.surface import Body
@@ -41,7 +41,7 @@ few stations a body between the faces of a wall can gain without bound, in ever 
 steps that are too long."""
 
 
-@lean
+@once
 def _attempt_fixed_step(state: FloatArray, step: float, model: Model, work: Workspace) -> None:
     """One step; the new state is in ``work.trial``."""
     rate, point = work.stages, work.point
@@ -69,8 +69,16 @@ def _impulse_energy(acceleration: FloatArray, step: float, body: Body) -> float:
 
 @compiled
 def integrate_fixed(
-    start: FloatArray, model: Model, end_time: float, thresholds: Thresholds, time_step: float, steps: FloatArray
-) -> Run:
+    start: FloatArray,
+    model: Model,
+    end_time: float,
+    thresholds: Thresholds,
+    time_step: float,
+    steps: FloatArray,
+    state: FloatArray,
+    control: IntArray,
+    work: Workspace,
+) -> RunValues:
     """Integrate with the fixed step of the paper until an event or `end_time`.
 
     A fixed step cannot follow the end of the motion: it overshoots rest and then gains energy, which no true motion
@@ -83,26 +91,36 @@ def integrate_fixed(
         (6,) state at first contact.
     steps
         (n, `STEP_WIDTH`) table to fill: a row for each step, or one row to keep none.
+    state
+        (6,) to fill, at the end of the run.
+    control
+        See `solver.cancellation`.
+    work
+        Arrays to work in.
     """
     body, lasting = model.body, lasting_energy(start, model.body)
     initial_energy = kinetic_energy(start, body) - lasting
     energies = Thresholds(lasting + thresholds.retention * initial_energy, lasting + thresholds.rest * initial_energy)
-    work, event, state = make_workspace(), np.full(7, -1.0), start.copy()
+    event = work.event
+    event[0] = -1.0
+    assign(start, state)
     deepest, gain, energy = 0.0, 0.0, initial_energy  # a run begins with the deepest point at the face
     loaded = accelerate(state, model, work.scratch, work.start)
     count = math.ceil(end_time / time_step * (1.0 - 1e-12))
     for index in range(count):
         time = index * time_step
+        if not may_step(control):
+            return Termination.CANCELLED.value, time, deepest, index, 4 * index, gain
         step = min(time_step, end_time - time)
         _attempt_fixed_step(state, step, model, work)
         was_loaded, loaded = loaded, accelerate(work.trial, model, work.scratch, work.end)
         before, energy = energy, kinetic_energy(work.trial, body) - lasting
         enough = min(_impulse_energy(work.end, step, body), UNRESOLVED_ENERGY * initial_energy)
         if before < energy < enough:
-            return Run(Termination.REST, time, state, deepest, index, 4 * index, gain)
+            return Termination.REST.value, time, deepest, index, 4 * index, gain
         gain = max(gain, (energy - before) / initial_energy)
         if energy > MOST_ENERGY * initial_energy:
-            return Run(Termination.NOT_FINITE, time, state, deepest, index, 4 * index, gain)
+            return Termination.NOT_FINITE.value, time, deepest, index, 4 * index, gain
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], index == count - 1, event)
@@ -110,10 +128,11 @@ def integrate_fixed(
         if until > time:
             deepest = max(deepest, greatest_depth(row, until, body, work.point))
         if end != Termination.NONE:
-            return Run(end, event[0], event[1:], deepest, index + 1, 4 * index + 4, gain)
+            assign(event[1:], state)
+            return end.value, event[0], deepest, index + 1, 4 * index + 4, gain
         assign(work.trial, state)
         assign(work.end, work.start)
-    return Run(Termination.TIME, end_time, state, deepest, count, 4 * count, gain)
+    return Termination.TIME.value, end_time, deepest, count, 4 * count, gain
 
 
 STAGES = 4
@@ -159,13 +178,12 @@ class Linearisation(NamedTuple):
     inverse: FloatArray
 
 
-@compiled
 def make_linearisation() -> Linearisation:
     """Return arrays to fill."""
     return Linearisation(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
-@lean
+@once
 def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearisation) -> None:
     """Difference quotients of the accelerations, each away from zero. Nothing depends on the lateral position.
 
@@ -240,7 +258,7 @@ def _solve_stage(
         drift[i] = g * (drift[i] + push[i])
 
 
-@lean
+@once
 def attempt_step(
     state: FloatArray, step: float, model: Model, work: Workspace, linear: Linearisation, scale: FloatArray
 ) -> float:
@@ -308,9 +326,11 @@ def integrate_adaptive(
     thresholds: Thresholds,
     accuracy: Accuracy,
     steps: FloatArray,
+    state: FloatArray,
+    control: IntArray,
     work: Workspace,
     linear: Linearisation,
-) -> Run:
+) -> RunValues:
     """Integrate with error control until an event or `end_time`.
 
     Parameters
@@ -319,6 +339,10 @@ def integrate_adaptive(
         (6,) state at first contact.
     steps
         (n, `STEP_WIDTH`) table to fill: `STEP_LIMIT` rows to keep every step, one row to keep none.
+    state
+        (6,) to fill, at the end of the run.
+    control
+        See `solver.cancellation`.
     work, linear
         Arrays to work in.
     """
@@ -327,13 +351,19 @@ def integrate_adaptive(
     energies = Thresholds(lasting + thresholds.retention * initial_energy, lasting + thresholds.rest * initial_energy)
     impact = math.hypot(start[3], start[4])
     # Errors count over the size of the body and the velocity of impact, so that one tolerance serves all six numbers.
-    scale = np.array([body.tip, body.tip, 1.0, impact, impact, impact / body.tip])
-    event, state, time, step = np.full(7, -1.0), start.copy(), 0.0, FIRST_STEP * body.tip / impact
+    scale = work.scale
+    scale[0] = scale[1] = body.tip
+    scale[2], scale[3], scale[4], scale[5] = 1.0, impact, impact, impact / body.tip
+    event, time, step = work.event, 0.0, FIRST_STEP * body.tip / impact
+    event[0] = -1.0
+    assign(start, state)
     deepest = 0.0  # a run begins with the deepest point at the face
     loaded, fresh = accelerate(state, model, work.scratch, work.start), False
     end_loaded = loaded
     evaluations, count = 1, 0
     for _ in range(accuracy.most_steps):
+        if not may_step(control):
+            return Termination.CANCELLED.value, time, deepest, count, evaluations, 0.0
         # The nose enters by a row of kinks, which a longer step would pass over however smooth its own estimate is.
         pace = math.hypot(state[3], state[4]) + abs(state[5]) * body.tip
         step = min(step, accuracy.largest_step * body.tip / pace, end_time - time)
@@ -354,14 +384,14 @@ def integrate_adaptive(
             # The error falls with the fourth power of the step.
             step *= max(0.2, 0.9 / math.sqrt(math.sqrt(error))) if math.isfinite(error) else 0.2
             if step < SMALLEST_STEP * body.tip / impact:
-                return Run(Termination.NOT_FINITE, time, state, deepest, count, evaluations, 0.0)
+                return Termination.NOT_FINITE.value, time, deepest, count, evaluations, 0.0
             continue
         was_loaded, loaded = loaded, end_loaded
         row = steps[count if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         count += 1
         if kinetic_energy(work.trial, body) - lasting > MOST_ENERGY * initial_energy:
-            return Run(Termination.NOT_FINITE, time, state, deepest, count, evaluations, 0.0)
+            return Termination.NOT_FINITE.value, time, deepest, count, evaluations, 0.0
         last = time + step >= end_time * (1.0 - 1e-12)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], last, event)
         # An event lies on the cubic through both ends of the step, so that no step has to be cut short to meet it.
@@ -369,11 +399,12 @@ def integrate_adaptive(
         if until > time:
             deepest = max(deepest, greatest_depth(row, until, body, work.point))
         if end != Termination.NONE:
-            return Run(end, event[0], event[1:], deepest, count, evaluations, 0.0)
+            assign(event[1:], state)
+            return end.value, event[0], deepest, count, evaluations, 0.0
         time += step
         assign(work.trial, state)
         assign(work.end, work.start)
         fresh = False
         # In free flight the error is zero and says nothing of the load ahead, so a step grows fivefold at most.
         step *= min(5.0, 0.9 / math.sqrt(math.sqrt(max(error, 1e-10))))
-    return Run(Termination.STEP_LIMIT, time, state, deepest, count, evaluations, 0.0)
+    return Termination.STEP_LIMIT.value, time, deepest, count, evaluations, 0.0

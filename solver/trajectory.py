@@ -326,7 +326,7 @@ def run_warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outc
         found.append(model_warnings.undecided(termination_time=run.time))
     turned = 0.0 if prepared.is_centred else abs(float(run.state[2]) - impact.axis_angle)
     found += model_warnings.tumbling(turned=turned, oblique_angle=impact.oblique_angle)
-    left = exit_of(outcome, run.state.tolist(), prepared.model_without_address.body)
+    left = exit_of(outcome, run.state.tolist(), prepared.model.body)
     found += check_energy(prepared, impact, outcome, left)
     found += check_depth(prepared, impact, run.maximum_depth)
     if outcome is Outcome.EMBEDDED:

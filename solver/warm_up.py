@@ -19,8 +19,8 @@ Report = Callable[[str], object]
 def warm_up(report: Report | None = None) -> None:
     """Run both routes and a search once: half a minute on a new machine, a fraction of a second after.
 
-    What is not on disk is compiled in two other processes, each of which begins with another half; the memory that the
-    compiler takes ends with them. If one of them fails, a `RuntimeWarning` says so and this process compiles the rest.
+    What is not on disk is compiled in another process; the memory that the compiler takes ends with it. If it fails, a
+    `RuntimeWarning` says so and this process compiles the rest.
 
     Parameters
     ----------
@@ -37,23 +37,21 @@ def warm_up(report: Report | None = None) -> None:
 def _compile_elsewhere(report: Report, progress: Progress) -> None:
     report(str(progress))
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    begun = []
-    for name in ("run_trajectories", "run_search"):
-        command = [sys.executable, "-c", f"from solver.warm_up import {name}; {name}()"]
-        begun.append(subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True))  # noqa: S603 (our own)
-    for process in begun:
-        errors = None
-        while errors is None:
-            try:
-                _, errors = process.communicate(timeout=POLL_SECONDS)
-            except subprocess.TimeoutExpired:
-                if (now := compilation_progress()) != progress:
-                    progress = now
-                    report(str(progress))
-        if process.returncode:
-            cause = (errors.strip().splitlines() or ["no message"])[-1]
-            text = f"a process that compiles the solver ended with code {process.returncode}: {cause}"
-            warn(text, RuntimeWarning, stacklevel=3)
+    script = f"from {__name__} import run_search, run_trajectories; run_trajectories(); run_search()"
+    command = [sys.executable, "-c", script]
+    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)  # noqa: S603 (our own)
+    errors = None
+    while errors is None:
+        try:
+            _, errors = process.communicate(timeout=POLL_SECONDS)
+        except subprocess.TimeoutExpired:
+            if (now := compilation_progress()) != progress:
+                progress = now
+                report(str(progress))
+    if process.returncode:
+        cause = (errors.strip().splitlines() or ["no message"])[-1]
+        text = f"a process that compiles the solver ended with code {process.returncode}: {cause}"
+        warn(text, RuntimeWarning, stacklevel=3)
 
 
 def run_trajectories() -> None:

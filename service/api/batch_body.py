@@ -17,6 +17,7 @@ from pydantic_core import to_json
 from service.api.body import BodyLimits, parse_json, read_body, require_type, stream_up_to
 from service.api.negotiation import JSON, JSONL
 from service.api.services import Services, services_of, unless_left
+from service.auth.dependencies import context_in
 from service.errors import (
     MAX_ERRORS,
     InvalidBodyError,
@@ -41,6 +42,8 @@ CASES_AT_ONCE = 200
 """Cases validated in one go, some 5 ms."""
 CHECKED_AT_ONCE = 50
 """Cases that a worker checks in one call, some milliseconds: single queries wait no longer for it."""
+CHECK_COST = 0.01
+"""Cost of checking a case. [ordinary cases]"""
 BYTES_AT_ONCE = 256 * 1024
 """Lines validated in one go: few long ones take as much time as many short ones."""
 
@@ -175,7 +178,13 @@ class BatchReader:
         for first in range(0, len(numbers), CHECKED_AT_ONCE):
             some = numbers[first : first + CHECKED_AT_ONCE]
             requests = [cases[number].request.json for number in some]
-            checking = self._services.executor.submit(check_requests, canonical, requests)
+            checking = self._services.executor.submit(
+                check_requests,
+                canonical,
+                requests,
+                owner=context_in(self._request.scope).queue_owner,
+                cost=CHECK_COST * len(requests),
+            )
             wrong = await unless_left(self._request, checking)
             errors |= {some[place]: behind(f"/cases/{some[place]}", found) for place, found in wrong.items()}
         return errors

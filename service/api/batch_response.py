@@ -218,7 +218,7 @@ class BatchResponse(JobResponse):
             yield cases
 
     async def _answer_now(self, cases: Sequence[JobCase], sweep: StoredSweep | None) -> Response:
-        results = self._jobs.run_now(self.operation, cases, self._context.queue_owner)
+        results = self._jobs.run_now(self.operation, cases, owner=self._context.queue_owner)
         if self.form == JSONL:
             beginning = begin(results)  # Waits, so that a refusal is answered before the answer has begun.
             begun = await unless_left(self._request, beginning)

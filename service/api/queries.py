@@ -18,7 +18,7 @@ from service.api.body import BodyLimits, next_turn, parse_json, read_body, requi
 from service.api.contract import Responses, problems
 from service.api.job_models import Result
 from service.api.negotiation import CSV, HDF5, JSON, choose, matches
-from service.api.services import Services, services_of, unless_left
+from service.api.services import Services, in_time, services_of, unless_left
 from service.auth.dependencies import READ, RequestContext, context_in
 from service.cache.hdf5 import to_hdf5
 from service.cache.record import Record
@@ -179,9 +179,11 @@ async def _answer_study(request: Request, operation: Operation, case: Any, query
     if record is None:
         check_work(await run_sync(study_of(operation.name).base, case), services.settings.max_panel_steps)
         with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
-            record, status = await services.jobs.answer_study(
+            study = services.jobs.answer_study(
                 operation.name, query, case, owner=context.queue_owner, take=context.take, limiter=services.reading
             )
+            found: Answered = await in_time(study, services.settings.study_seconds)
+            record, status = found
     if status == "hit":
         context.take(1)
     services.metrics.count(operation.name, record.outcome, status, 1)

@@ -21,13 +21,13 @@ from service.auth.dependencies import ConcurrencyLimit
 from service.auth.quotas import QuotaStore
 from service.cache.cache import ResultCache
 from service.clock import Clock
-from service.errors import PoolUnavailableError
+from service.errors import PoolUnavailableError, TaskTimeoutError
 from service.jobs.manager import JobManager
 from service.jobs.models import Status
 from service.operations import SCHEMA_VERSION
 from service.queries import QueryService
 from service.settings import Settings
-from service.workers import Executor
+from service.workers.executor import Executor
 from service.workers.in_thread import InThreadExecutor
 from service.workers.process_pool import ProcessPool
 from solver import ENGINE_VERSION
@@ -77,6 +77,10 @@ class Metrics:
             "ricochet_worker_restarts", "Worker processes replaced since the start", registry=registry
         )
         self._restarts_counted = 0
+        self._start_failures = Counter(
+            "ricochet_worker_start_failures", "Worker processes that could not be started", registry=registry
+        )
+        self._start_failures_counted = 0
         self._implausible = Counter(
             "ricochet_implausible",
             "Computed answers with the warning `implausible` since the start: faults of the program",
@@ -113,6 +117,8 @@ class Metrics:
             self._width.labels(place).set(executor.capacity if used else 0)
         self._restarts.inc(executor.restarts - self._restarts_counted)
         self._restarts_counted = executor.restarts
+        self._start_failures.inc(executor.start_failures - self._start_failures_counted)
+        self._start_failures_counted = executor.start_failures
         self._implausible.inc(queries.implausible - self._implausible_counted)
         self._implausible_counted = queries.implausible
         for status in get_args(Status):
@@ -182,6 +188,21 @@ async def unless_left(request: Request, work: Coroutine[Any, Any, Result]) -> Re
     if left.done() and not left.cancelled():
         raise HTTPException(HTTPStatus.BAD_REQUEST, "the client has left")
     raise PoolUnavailableError("the service is stopping")
+
+
+async def in_time(work: Coroutine[Any, Any, Result], seconds: float) -> Result:
+    """Return the result of work.
+
+    Raises
+    ------
+    TaskTimeoutError
+        If it is not there in this time. [s]
+    """
+    try:
+        async with asyncio.timeout(seconds):
+            return await work
+    except TimeoutError:
+        raise TaskTimeoutError(f"not finished after {seconds:g} s") from None
 
 
 async def disconnected(request: Request) -> None:

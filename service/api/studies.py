@@ -22,7 +22,7 @@ from service.api.contract import one_body, problems
 from service.api.negotiation import JSON
 from service.api.page import REPORT_POLICY
 from service.api.queries import form_of, read_content, read_request, recalled, reply, resolve, validated
-from service.api.services import services_of, unless_left
+from service.api.services import in_time, services_of, unless_left
 from service.assessment import (
     Query,
     first_queries,
@@ -106,6 +106,8 @@ async def one_block(case: JobCase) -> AsyncIterator[list[JobCase]]:
     yield [case]
 
 
+PAGE_COST = 50
+"""Cost of drawing the page of a report, some 0.5 s. [ordinary cases]"""
 NEEDED = "cra"
 """The query without whose answer there is no report."""
 
@@ -125,7 +127,8 @@ async def judge_strike(request: Request) -> Response:
     the usual scatter; each is kept and counted like any other.
     """
     strike, _ = await read_report(request)
-    answers = await unless_left(request, verdict_answers(request, strike))
+    limit = 2.0 * services_of(request).settings.study_seconds
+    answers = await unless_left(request, in_time(verdict_answers(request, strike), limit))
     return Response(orjson.dumps(verdict_answer(strike, answers)), media_type=JSON)
 
 
@@ -166,10 +169,24 @@ async def make_report(request: Request) -> HTMLResponse:
     services = services_of(request)
     strike, given = await read_report(request)
     strike.check()
-    answers = await unless_left(request, answers_to(request, strike))
-    made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
-    page = await services.executor.submit(write_page, given, answers, made, str(request.base_url))
+    page = await unless_left(
+        request, in_time(write_report(request, strike, given), 2.0 * services.settings.study_seconds)
+    )
     return HTMLResponse(page, headers={"Cache-Control": "no-store", "Content-Security-Policy": REPORT_POLICY})
+
+
+async def write_report(request: Request, strike: ReportRequest, given: Any) -> str:
+    """Return the page of a report."""
+    answers = await answers_to(request, strike)
+    return await services_of(request).queries.submit(
+        write_page,
+        given,
+        answers,
+        datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        str(request.base_url),
+        owner=context_in(request.scope).queue_owner,
+        cost=PAGE_COST,
+    )
 
 
 async def answers_to(request: Request, strike: ReportRequest) -> dict[str, Any]:

@@ -172,9 +172,10 @@ class ResultCache:
         self.close()
 
     def recall(self, key: str) -> Record | None:
-        """Record of this key if it is in memory."""
+        """Record of this key if it is in memory: a copy, as what is parsed of one stays in it."""
         with self._remembering:
-            return self._recent.get(key)
+            record = self._recent.get(key)
+        return None if record is None else record.compact()
 
     def get(self, key: str) -> Record | None:
         """Record of this key, from memory or from disk; in memory from then on."""
@@ -323,7 +324,7 @@ class ResultCache:
         """Keep the record in memory, if it fits at all."""
         if record.nbytes <= self._recent.maxsize:
             with self._remembering:
-                self._recent[record.key] = record
+                self._recent[record.key] = record.compact()
 
     def _open_index(self) -> Index:
         with self._noting():

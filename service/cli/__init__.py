@@ -15,6 +15,8 @@ import signal
 import sys
 import threading
 import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -32,6 +34,10 @@ from service.cli.outputs import check_outputs, one_answer
 
 PLAIN = {"°": "deg", "θ": "theta", "±": "+/-", "×": "x", "–": "-", "…": "..."}
 """What stands for a character that the encoding of a terminal lacks, where Unicode does not know it."""
+
+
+EVENT_LOOPS = frozenset({"serve", "mcp"})
+"""Commands that run an event loop in the main thread."""
 
 
 class Command(NamedTuple):
@@ -104,9 +110,11 @@ def main(arguments: list[str] | None = None) -> int:
     atexit.register(gc.freeze)  # The last collection would take a quarter of a second, to free what ends anyway.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # Small systems of equations are slower on several threads.
     os.environ.pop("MPLBACKEND", None)  # Plots go to files; a backend that a notebook has set may not be here.
+    os.environ["MATPLOTLIBRC"] = os.devnull  # The figures have a style of their own.
     name = next((argument for argument in arguments if not argument.startswith("-")), "")
     try:
-        return run(name, arguments)
+        with interruptible(name):
+            return run(name, arguments)
     except CommandError as error:
         print(f"ricochet {name}: {error}", file=sys.stderr)
         return error.status
@@ -120,8 +128,36 @@ def main(arguments: list[str] | None = None) -> int:
         return FAILED
 
 
+@contextmanager
+def interruptible(name: str) -> Iterator[None]:
+    """Raise `KeyboardInterrupt` for whatever error Ctrl-C has ended in.
+
+    Libraries that import each other in C turn it into another one, such as numpy into an `ImportError`. The commands
+    with an event loop leave Ctrl-C to that, which takes it only from the handler of Python.
+    """
+    if name in EVENT_LOOPS or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pressed = False
+
+    def press(*_: object) -> None:
+        nonlocal pressed
+        pressed = True
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, press)
+    try:
+        yield
+    except BaseException as error:
+        if pressed:
+            raise KeyboardInterrupt from error
+        raise
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def interrupted() -> int:
-    """Say that Ctrl-C was pressed; return the exit status. Pressed again while this process ends, it ends it now."""
+    """Say that Ctrl-C was pressed, which from now on ends this process at once; return the exit status."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     # Python ends by the signal, whatever the status, if the interruption passed through a text that it was executing,

@@ -3,7 +3,6 @@
 import argparse
 import json
 import os
-import signal
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -202,15 +201,9 @@ def service_for(args: argparse.Namespace) -> AbstractContextManager["Client"]:
         from service.cli.client import connect
 
         return connect(args.url)
-    from service.workers.fork_server import start_fork_server
+    from service.workers.template import template
 
-    before = signal.pthread_sigmask(
-        signal.SIG_BLOCK, {signal.SIGINT}
-    )  # Its processes end with this one, not by Ctrl-C.
-    try:
-        start_fork_server()  # It loads the solver while this process imports the server.
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    template.start()  # It loads the solver while this process imports the server.
     from service.cli.server import local_server
 
     data_dir: Path | None = args.data_dir

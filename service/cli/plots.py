@@ -35,10 +35,12 @@ def check_plot() -> None:
     Raises
     ------
     CommandError
-        If matplotlib is not installed.
+        If matplotlib is not installed, or cannot read its settings in the working folder.
     """
     try:
         import_module("matplotlib")
+    except UnicodeDecodeError:
+        raise CommandError("matplotlibrc: the file of matplotlib in this folder is not UTF-8", FAILED) from None
     except ModuleNotFoundError as error:
         from service.settings import missing_package
 

@@ -20,6 +20,7 @@ from service.cli.arguments import (
 )
 from service.cli.local import answers_to, refusals
 from service.cli.outputs import add_output_file
+from service.cli.plots import check_plot
 from service.cli.request_body import read_body
 from service.cli.writers import progress
 
@@ -97,6 +98,7 @@ def _make_report(body: dict[str, Any]) -> bytes:
     from service.schemas import ReportRequest
 
     try:
+        check_plot()
         require_extra()
     except ReportsMissingError as error:
         raise CommandError(str(error), FAILED) from None

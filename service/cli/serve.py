@@ -64,9 +64,9 @@ def run_serve(args: argparse.Namespace) -> int:
     settings = read_settings(**{name: value for name, value in flags.items() if value is not None})
     asyncio.run(check_address(settings.host, settings.port))
     if settings.executor != "in-process":
-        from service.workers.fork_server import start_fork_server
+        from service.workers.template import template
 
-        start_fork_server()  # It loads the solver while this process imports the application.
+        template.start()  # It loads the solver while this process imports the application.
     from service.api.app import create_app
     from service.auth.api_keys import KeysUnreadableError
     from service.cli.server import Server

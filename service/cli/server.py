@@ -3,6 +3,7 @@
 import asyncio
 import gc
 import logging
+import os
 import signal
 import socket
 import sys
@@ -24,9 +25,10 @@ from service.cli.http_protocol import HttpProtocol
 from service.cli.writers import progress
 from service.errors import ExecutorError, UnusableFolderError
 from service.settings import Settings
-from service.workers.fork_server import socket_folder
 from solver.compilation import compilation_progress
 
+SOCKET_FOLDER_BYTES = 70
+"""Longest path of the folder of a socket: the names below it take 24, and macOS allows 103 in all, Linux 107."""
 TICK_SECONDS = 0.1
 """Between two looks at a start that takes long."""
 MAX_CONNECTIONS = 800
@@ -127,6 +129,12 @@ class Server(uvicorn.Server):
             await self._lifespan.aclose()
 
 
+def socket_folder() -> str:
+    """Return the folder for temporary files, or /tmp if the path of a socket in it would be too long."""
+    folder = tempfile.gettempdir()
+    return folder if len(os.fsencode(folder)) <= SOCKET_FOLDER_BYTES else "/tmp"  # noqa: S108 (folders in it are private)
+
+
 @contextmanager
 def local_server(data_dir: Path | None) -> Iterator[Client]:
     """Run a private service in this process, with its workers, cache and jobs, and open a client for it.
@@ -170,12 +178,7 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
 
 
 def _serve(server: Server, started: Future[None]) -> None:
-    """Run the server in a thread; pass a failure to start to the future.
-
-    Ctrl-C is for the main thread. A terminal sends it to every process of the command, so that those which this thread
-    starts, which keep its mask, would print tracebacks; they end with the service.
-    """
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    """Run the server in a thread; pass a failure to start to the future."""
     try:
         server.run()
     except BaseException as error:  # noqa: BLE001 (raised in the thread that waits)

@@ -140,8 +140,15 @@ class JobManager:
         await self._scheduler.stop()
         await run_sync(self._jobs.close)
 
-    def run_now(self, operation: str, cases: Sequence[JobCase], owner: str = OWNER) -> AsyncGenerator[CaseResult, None]:
+    def run_now(
+        self, operation: str, cases: Sequence[JobCase], more: int = 0, *, owner: str = OWNER
+    ) -> AsyncGenerator[CaseResult, None]:
         """Yield the result of every case as it finishes; closing it (`aclose`) stops the work.
+
+        Parameters
+        ----------
+        more
+            Number of cases that the same request will have after these.
 
         Raises
         ------
@@ -151,7 +158,7 @@ class JobManager:
             While it runs, if no worker can take the cases.
         """
         self._admit(owner, len(cases))
-        return self._counted(operation, self._runner.results(operation, cases, owner=owner))
+        return self._counted(operation, self._runner.results(operation, cases, more, owner=owner))
 
     async def answer_study(
         self,
@@ -352,9 +359,11 @@ class JobManager:
             await changed.wait()
             await asyncio.sleep(CHANGE_SECONDS)
 
-    def _run_samples(self, operation: str, cases: Sequence[JobCase], *, owner: str) -> AsyncGenerator[CaseResult, None]:
+    def _run_samples(
+        self, operation: str, cases: Sequence[JobCase], more: int, *, owner: str
+    ) -> AsyncGenerator[CaseResult, None]:
         """Yield the results of samples of a study that is a job."""
-        return self._counted(operation, self._runner.results(operation, cases, owner=owner, urgent=False))
+        return self._counted(operation, self._runner.results(operation, cases, more, owner=owner, urgent=False))
 
     @property
     def _queued(self) -> Counter[str]:

@@ -1,10 +1,10 @@
-"""Runs cases: chunks of them take turns in the executor, those of batches answered at once and those of jobs."""
+"""Runs cases in chunks, those of batches answered at once and those of jobs."""
 
 import asyncio
 import math
 from collections import Counter, defaultdict, deque
 from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager, AbstractContextManager, aclosing, nullcontext
+from contextlib import AbstractContextManager, aclosing, nullcontext
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -14,7 +14,7 @@ from anyio.to_thread import run_sync
 
 from service.cache.record import CaseResult, Record
 from service.errors import ComputationCancelled, PoolUnavailableError, QueueFullError, case_problem
-from service.fairness import ChunkSizer, FairSemaphore, Permit
+from service.jobs.chunk_sizer import ChunkSizer
 from service.jobs.models import JobCase
 from service.queries import Answered, QueryService, Rate
 
@@ -22,8 +22,10 @@ URGENT_SECONDS = 0.1
 """Work in a chunk that a client waits for: short, so that the first results are there soon."""
 CHUNK_SECONDS = 0.25
 """Work in a chunk of a job: what a crash costs at most, and a hundred times what handing it over does."""
+AHEAD_SHARE = 8
+"""Workers to each chunk of a run that waits for one, beyond the first: to prepare a chunk takes far less time."""
 CHUNKS_KEPT = 2
-"""Chunks of jobs beside those in the executor, being prepared or kept."""
+"""Chunks of a run that may be prepared or kept, beyond two a worker: with a slow disk they would fill the memory."""
 NO_WORKER_SECONDS = 1.0
 """Pause before cases of a job that no worker could take are tried again."""
 OVERLONG_SECONDS = 10.0
@@ -50,6 +52,7 @@ class Run:
     urgent: bool
     traced: Callable[[int], AbstractContextManager[object]]
     group: TaskGroup
+    remaining: Callable[[], float]
     capacity: int
     """Number of chunks that can run at the same time."""
     sizer: ChunkSizer = field(init=False)
@@ -61,8 +64,19 @@ class Run:
     """Whether all blocks have been read."""
     share: int = 1
     """Largest chunk from then on, so that all workers have a share of the last cases."""
-    pending: bool = False
-    """Whether a chunk waits for its turn."""
+    preparing: bool = False
+    """Whether the cases of a chunk are being read."""
+    queued: set[object] = field(default_factory=set)
+    """A token for each chunk that waits for a worker."""
+    underway: int = 0
+    """Chunks that are being prepared, wait, are computed or kept."""
+
+    @property
+    def may_begin(self) -> bool:
+        """Whether to prepare another chunk now."""
+        if self.preparing or (self.read and not self.waiting):
+            return False
+        return len(self.queued) <= self.capacity // AHEAD_SHARE and self.underway < 2 * self.capacity + CHUNKS_KEPT
 
     def __post_init__(self) -> None:
         self.sizer = ChunkSizer(URGENT_SECONDS if self.urgent else CHUNK_SECONDS)
@@ -93,7 +107,7 @@ class Run:
 
 
 class CaseRunner:
-    """Runs cases in chunks, for which owners take turns.
+    """Runs cases in chunks.
 
     Parameters
     ----------
@@ -106,22 +120,20 @@ class CaseRunner:
     def __init__(self, queries: QueryService, rate: Rate) -> None:
         self.queued: Counter[str] = Counter()
         """Cases of `results` that wait or are being computed, by owner."""
+        self.job_chunks = 0
+        """Number of chunks of jobs that are being prepared, wait, are computed or kept."""
         self._queries = queries
         self._rate = rate
-        self._turns = FairSemaphore(lambda: queries.chunk_limit)
-        """For chunks in the executor: what a client waits for goes before jobs."""
-        self._job_chunks = FairSemaphore(lambda: queries.chunk_limit + CHUNKS_KEPT)
-        """For chunks of jobs that are being prepared, computed or kept: their number bounds the memory they take."""
-
-    @property
-    def job_chunks(self) -> int:
-        """Number of chunks of jobs that are being prepared, computed or kept."""
-        return self._job_chunks.taken
 
     async def results(
-        self, operation: str, cases: Sequence[JobCase], *, owner: str, urgent: bool = True
+        self, operation: str, cases: Sequence[JobCase], more: int = 0, *, owner: str, urgent: bool = True
     ) -> AsyncGenerator[CaseResult, None]:
         """Yield the result of every case as it finishes; closed, it stops the work.
+
+        Parameters
+        ----------
+        more
+            Number of cases that the same request will have after these.
 
         Raises
         ------
@@ -142,7 +154,15 @@ class CaseRunner:
                 )
                 missing = {number: case for number, case in enumerate(cases) if case.request.key not in known}
                 if missing:
-                    await self.run(operation, only(missing), finished.put, owner=owner, urgent=urgent)
+                    weight = self._queries.operations[operation].weight
+                    await self.run(
+                        operation,
+                        only(missing),
+                        finished.put,
+                        owner=owner,
+                        urgent=urgent,
+                        remaining=lambda: weight * (left + more),
+                    )
             finally:
                 finished.put_nowait(None)
 
@@ -168,6 +188,7 @@ class CaseRunner:
         take: Take,
         *,
         owner: str,
+        remaining: Callable[[], float],
         urgent: bool = True,
         traced: Callable[[int], AbstractContextManager[object]] = nullcontext,
     ) -> None:
@@ -179,8 +200,10 @@ class CaseRunner:
             Takes the results, after they have been kept.
         owner
             In whose turn they are computed.
+        remaining
+            Returns the cost of the cases that are not done: of the work of one owner the least goes first.
         urgent
-            Whether somebody waits for them: they go before others, and have no retries when no worker can take them.
+            Whether somebody waits for them: chunks are short, and have no retries when no worker can take them.
         traced
             Called with the number of cases of each chunk; its context lasts as long as the chunk.
 
@@ -191,42 +214,58 @@ class CaseRunner:
         Exception
             Out of `blocks` and `take`.
         """
+        capacity = self._queries.executor.capacity
         try:
             async with aclosing(blocks), create_task_group() as group:
-                run = Run(operation, blocks, take, owner, urgent, traced, group, self._queries.executor.capacity)
+                run = Run(operation, blocks, take, owner, urgent, traced, group, remaining, capacity)
                 self._begin_chunk(run)
         except ExceptionGroup as errors:  # The first one has cancelled the other chunks.
             raise errors.exceptions[0] from None
 
     def _begin_chunk(self, run: Run) -> None:
-        if not run.pending:
-            run.pending = True
+        if run.may_begin:
+            run.preparing = True
             run.group.start_soon(self._run_chunk, run)
 
     async def _run_chunk(self, run: Run) -> None:
-        """Compute the next cases when it is the turn of their owner, and begin the chunk after them meanwhile."""
-        room: AbstractAsyncContextManager[object] = nullcontext() if run.urgent else self._job_chunks.held(run.owner)
-        async with self._turns.held(run.owner, urgent=run.urgent) as permit, room:
+        """Prepare and compute the next cases."""
+        run.underway += 1
+        self.job_chunks += not run.urgent
+        token = object()
+        try:
             cases = await run.next_chunk()
-            run.pending = False
+            run.preparing = False
             if cases:
+                run.queued.add(token)
                 self._begin_chunk(run)
                 with run.traced(len(cases)):
-                    await self._compute(run, cases, permit)
+                    await self._compute(run, cases, token)
+        finally:
+            run.queued.discard(token)
+            run.underway -= 1
+            self.job_chunks -= not run.urgent
+        self._begin_chunk(run)
 
-    async def _compute(self, run: Run, cases: Sequence[JobCase], permit: Permit) -> None:
+    async def _compute(self, run: Run, cases: Sequence[JobCase], token: object) -> None:
         """Compute these cases, except those that have been kept since, or are in flight elsewhere."""
+
+        def begun() -> None:
+            run.queued.discard(token)
+            self._begin_chunk(run)
+
         known = await run_sync(self._queries.cache.get_many, [case.request.key for case in cases])
         found = [result for key, record in known.items() for result in run.results(key, record, None, own=False)]
         if found:
             await run.take(found)
         unknown = {case.request.key: case.request for case in cases if case.request.key not in known}
-        shared = self._queries.in_flight(unknown)
+        shared = self._queries.in_flight(unknown, queued=not run.urgent)
         if shared:
             run.group.start_soon(self._take_answers, run, shared)
         if own := [request for key, request in unknown.items() if key not in shared]:
             longest = OVERLONG_SECONDS if len(own) > 1 else None
-            chunk = await self._queries.compute(run.operation, own, permit.release, longest)
+            chunk = await self._queries.compute(
+                run.operation, own, owner=run.owner, remaining=run.remaining(), begun=begun, longest=longest
+            )
             if chunk.late:
                 run.sizer.shrink(len(own))
             run.sizer.note(chunk.seconds, chunk.nbytes)

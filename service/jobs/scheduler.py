@@ -1,4 +1,4 @@
-"""Runs the cases of jobs: those of one owner in the order in which they came, those of several owners in turn.
+"""Runs the cases of jobs: of one owner those of the job with the fewest left first.
 
 A crash may come at any instant. The results of a chunk are kept first and its cases marked after, so a chunk is either
 marked, or found in the cache when the job goes on, or computed then.
@@ -6,7 +6,8 @@ marked, or found in the cache when the job goes on, or computed then.
 
 import asyncio
 import logging
-from collections import Counter, deque
+import math
+from collections import Counter
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, aclosing, suppress
 from dataclasses import dataclass, field, replace
@@ -51,11 +52,17 @@ class ActiveJob:
     scope: CancelScope = field(default_factory=CancelScope)
     """Cancelled to give up its work."""
     work: "asyncio.Task[None] | None" = None
-    """None before it is the first of its owner with cases to hand out."""
-    handed_out: asyncio.Event = field(default_factory=asyncio.Event)
-    """Set when the next job of the owner may begin."""
+    """None before it is begun."""
     changed: asyncio.Event = field(default_factory=asyncio.Event)
     """Set at the next change, and another one put in its place."""
+
+    @property
+    def left(self) -> int:
+        """Cases that have no result yet; of a study, samples that it may still take, if that is known."""
+        if is_study(self.state.operation):
+            progress = self.state.progress or {"max_samples": 0, "samples": 0}
+            return int(progress["max_samples"] - progress["samples"])
+        return self.state.total - self.state.done
 
     def update(self, state: JobState) -> None:
         """Take over a newer state, and wake those who follow it."""
@@ -110,27 +117,20 @@ class Scheduler:
         self._run_cases = run_cases
         self._give_back = give_back
         self._tracer = tracer
-        self._lines: dict[str, deque[ActiveJob]] = {}
-        """Jobs that have not begun, by owner."""
-        self._serving: set[asyncio.Task[None]] = set()
+        self._stopping = False
+        self._handing_out: set[ActiveJob] = set()
+        """Jobs that have been begun and have cases to hand out."""
 
     def add(self, state: JobState, queue: str = "") -> None:
-        """Take on a job; `queue` is the owner in whose turn it is computed, if not its own."""
+        """Queue a job; `queue` is the owner in whose turn it is computed, if not its own."""
         if state.final:
             return
         job = self.active[state.id] = ActiveJob(state, queue or state.owner, self._settle_charge)
-        if job.queue in self._lines:
-            self._lines[job.queue].append(job)
-        else:
-            self._lines[job.queue] = deque([job])
-            serving = asyncio.create_task(self._serve(job.queue))
-            self._serving.add(serving)
-            serving.add_done_callback(self._serving.discard)
+        self._begin_jobs(job.queue)
 
     async def stop(self) -> None:
         """Give up what is underway; the next start goes on with it."""
-        for serving in self._serving:
-            serving.cancel()
+        self._stopping = True
         await asyncio.gather(*(self.halt(job) for job in self.active.values()))
         for job in self.active.values():
             job.update(job.state)
@@ -167,15 +167,24 @@ class Scheduler:
                     await run_sync(self._jobs.end, state.number, state.status, state.problem)
                 self.unwritten.pop(state.id, None)
 
-    async def _serve(self, owner: str) -> None:
-        """Run the jobs of an owner: each begins when the one before has handed out its cases."""
-        line = self._lines[owner]
-        while line:
-            job = line.popleft()
-            if not job.scope.cancel_called:
-                job.work = asyncio.create_task(self._run(job))
-                await job.handed_out.wait()
-        del self._lines[owner]
+    def _begin_jobs(self, owner: str) -> None:
+        """Begin the job of an owner with the fewest cases left, unless one with fewer has some to hand out.
+
+        All could be begun at once, since the queue before the executor keeps the same order; this bounds how many
+        blocks of cases are in memory.
+        """
+        jobs = [job for job in self.active.values() if job.queue == owner and not job.scope.cancel_called]
+        waiting = sorted((job for job in jobs if job.work is None), key=lambda job: job.left)
+        fewest = min((job.left for job in jobs if job in self._handing_out), default=math.inf)
+        if waiting and waiting[0].left < fewest and not self._stopping:
+            self._handing_out.add(waiting[0])
+            waiting[0].work = asyncio.create_task(self._run(waiting[0]))
+
+    def _note_handed_out(self, job: ActiveJob) -> None:
+        """Begin the next job of the owner: this one has no more cases to hand out."""
+        if job in self._handing_out:
+            self._handing_out.discard(job)
+            self._begin_jobs(job.queue)
 
     async def _run(self, job: ActiveJob) -> None:
         state = job.state
@@ -187,13 +196,22 @@ class Scheduler:
                 else:
                     traced = partial(self._span, "chunk", state)
                     mark, blocks = partial(self._mark, job), self._blocks(job)
-                    await self._runner.run(state.operation, blocks, mark, owner=job.queue, urgent=False, traced=traced)
+                    weight = self._queries.operations[state.operation].weight
+                    await self._runner.run(
+                        state.operation,
+                        blocks,
+                        mark,
+                        owner=job.queue,
+                        remaining=lambda: weight * job.left,
+                        urgent=False,
+                        traced=traced,
+                    )
         except Exception as error:
             if not job.scope.cancel_called:
                 log.error("job %s failed", state.id, exc_info=error)
                 await self.end(job, "failed", case_problem(error))
         finally:
-            job.handed_out.set()
+            self._note_handed_out(job)
         if job.state.final:
             self.active.pop(state.id, None)
 
@@ -215,7 +233,7 @@ class Scheduler:
         run = partial(self._run_cases, owner=job.queue)
         async with aclosing(self._blocks(job)) as blocks:
             async for cases in blocks:
-                job.handed_out.set()
+                self._note_handed_out(job)
                 for number, case in cases.items():
                     record, status = await self._studies.answer(
                         job.state.operation, case.request, run, urgent=False, report=report
@@ -237,7 +255,7 @@ class Scheduler:
                 job.update(marked)
             for begin in range(0, len(waiting), BLOCK_SIZE):
                 yield await self._load(job, waiting[begin : begin + BLOCK_SIZE])
-        job.handed_out.set()
+        self._note_handed_out(job)
 
     def _look_up(self, state: JobState, first: int) -> tuple[list[CaseRow], int, JobState | None]:
         """Mark what is in the cache of the next blocks; return the rest, and how much was marked."""

@@ -20,8 +20,8 @@ PART = 320
 PARTIAL = ("probability", "outcomes", "convergence")
 """What a partial answer has of an answer."""
 
-RunCases: TypeAlias = Callable[[str, Sequence[JobCase]], AsyncGenerator[CaseResult, None]]
-"""Yields the result of every case of an operation as it finishes."""
+RunCases: TypeAlias = Callable[[str, Sequence[JobCase], int], AsyncGenerator[CaseResult, None]]
+"""Yields the result of every case of an operation as it finishes; takes the number of cases that may come after."""
 Report: TypeAlias = Callable[[dict[str, Any], dict[str, Any] | None], Awaitable[None]]
 """Takes the progress of a study and, if it is another than before, its partial answer."""
 
@@ -153,8 +153,8 @@ async def run_study(
             requests = await run_sync(found.requests, study, points, limiter=limiter)
             cases = {number: JobCase(each) for number, each in enumerate(requests) if each is not None}
             take(sum(case.request.work for case in cases.values()))
-            results += await _findings(found, len(points), cases, run)
             done += len(points)
+            results += await _findings(found, len(points), cases, study.sampling.max_samples - done, run)
             await report(progress_of(study, done, partial), None)
         batch, answer = await run_sync(advance, steps, results)
     content = await run_sync(found.answer, answer)
@@ -162,10 +162,12 @@ async def run_study(
     return content
 
 
-async def _findings(operation: StudyOperation, count: int, cases: Mapping[int, JobCase], run: RunCases) -> list[Any]:
+async def _findings(
+    operation: StudyOperation, count: int, cases: Mapping[int, JobCase], more: int, run: RunCases
+) -> list[Any]:
     """Return what a study keeps of some samples, of which those without a case are outside the contract."""
     found, numbers = [operation.outside] * count, list(cases)
-    async with aclosing(run(operation.sample, list(cases.values()))) as results:
+    async with aclosing(run(operation.sample, list(cases.values()), more)) as results:
         async for result in results:
             found[numbers[result.number]] = _finding(operation, result)
     return found

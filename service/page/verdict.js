@@ -12,7 +12,7 @@ import { inputField, takeUsual } from "./scatter.js";
 import { request } from "./service.js";
 import { clearParts, markFresh, markStale } from "./stale.js";
 import { inShownUnits } from "./units.js";
-import { capital, degreesShown, describeAngle, digits, endingShown, lengthShown, quantityShown, warningList } from "./words.js";
+import { capital, degreesShown, describeAngle, digits, endingShown, lengthShown, outcomeShown, quantityShown, warningList } from "./words.js";
 
 const REST_MS = 300; // without a change before the spread and the theories are computed: they are hundreds of searches
 const STRIP = { height: 40, edge: 14, margin_deg: 4 };
@@ -33,7 +33,7 @@ export function verdictOf({ values, run, found, judged }) {
   return {
     sentence: isOfAngle ? inShownUnits(judged.sentence) : `At ${mine} from the normal, with the inputs as given: ${endingShown(run)}.`,
     figures: [
-      { name: `Outcome at ${mine}`, value: capital(endingShown(run)), note: endOf(run) },
+      { name: `Outcome at ${mine}`, value: capital(outcomeShown(run.outcome)), note: endOf(run) },
       {
         name: "Probability of ricochet",
         value: probability ?? (isOfAngle ? "–" : "..."),
@@ -190,10 +190,11 @@ function decimalsOf(judged) {
 }
 
 /** Return where a run has ended in a few words. */
-function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
+function endOf({ outcome, final, exit, protrusion, maximum_depth_m: depth }) {
   if (outcome === "perforated") return `goes on at ${quantityShown(exit?.speed_m_s ?? final.depth_velocity_m_s, "m/s")}`;
   if (exit) return `at ${quantityShown(exit.speed_m_s, "m/s")}, ${digits(exit.elevation_deg)}° from the face`;
-  return `${lengthShown(depth)} deep after ${digits(final.time_s * 1e3)} ms`;
+  const out = outcome === "embedded" && protrusion?.final_m ? `its nose ${lengthShown(protrusion.final_m)} out of the rear face, ` : "";
+  return `${out}${lengthShown(depth)} deep after ${digits(final.time_s * 1e3)} ms`;
 }
 
 /** Return what the range stands for in words. */

@@ -93,9 +93,10 @@ def _other_format(content: bytes) -> str | None:
     if _is_d3plot(content):
         return "LS-DYNA's d3plot, the state of a whole model; {motion}"
     head = content[:HEAD_BYTES]
-    if DYNA_TITLE.match(head) and not any(mark in content for mark in DYNA_MOTIONS):
-        return OTHER_DYNA
-    return next((name for start, name in OTHER_FORMATS if start.match(head)), None)
+    if found := next((name for start, name in OTHER_FORMATS if start.match(head)), None):
+        return found
+    is_motion = any(mark in content for mark in DYNA_MOTIONS)
+    return OTHER_DYNA if DYNA_TITLE.match(head) and not is_motion else None
 
 
 def _is_d3plot(content: bytes) -> bool:

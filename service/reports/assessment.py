@@ -8,7 +8,6 @@ from math import degrees
 from typing import Any, Final, NamedTuple
 
 import jinja2
-import matplotlib as mpl
 from markupsafe import Markup
 
 from service.names import FORMULAS, OUTCOMES, QUANTITIES, STATUSES
@@ -353,7 +352,7 @@ def _pictures(strike: Assessed, study: Mapping[str, Any] | None) -> dict[str, by
             runs.append((f"{RUN_TITLES[name]}{start:.2f}°:\n{end}", answer))
     drawn = next((each for each in (judged, angle, case["search"].get("upper_deg")) if each is not None), 45.0)
     speeds = [each for each in strike.speeds if "problem" not in each[1]]
-    with mpl.rc_context({**style.SETTINGS, **SETTINGS}):
+    with style.styled(SETTINGS):
         found = {
             "sketch": sketch(
                 strike.projectile,

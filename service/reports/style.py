@@ -1,7 +1,7 @@
 """Style of every figure of the reports, and the projectile from the side at instants of its motion."""
 
 import base64
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -49,9 +49,11 @@ TIP_PATH = "#c8102e"
 
 
 @contextmanager
-def styled() -> Iterator[None]:
-    """Draw and save in this style."""
-    with mpl.rc_context(SETTINGS):
+def styled(further: Mapping[Any, Any] | None = None) -> Iterator[None]:
+    """Draw and save in this style and further settings, whatever a user's matplotlibrc says."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update({**SETTINGS, **(further or {})})
         yield
 
 

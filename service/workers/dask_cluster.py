@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import multiprocessing
 import platform
 import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -24,9 +23,8 @@ from solver import ENGINE_VERSION
 
 PACKAGES = ("ricochet", "h5py", "llvmlite", "numba", "numpy", "orjson", "pydantic", "scipy")
 """What decides the last bit of a result, or how it is encoded."""
-MAIN_MODULES = ("distributed.cli.dask_worker",)
-"""Main module of a Dask worker: its import takes a second, and is done once for the pool."""
 STOP_SECONDS = 1.0
+"""Time for the pool of a worker to end with it. [s]"""
 
 
 class UnfitWorkerError(Exception):
@@ -63,9 +61,7 @@ class WorkerPlugin(Plugin):
 
     async def setup(self, worker: Worker) -> None:
         """Bring the pool up."""
-        # The nanny makes its worker a daemon, which may have no children lest they outlive it; these end with it.
-        multiprocessing.current_process().daemon = False
-        self._pool = ProcessPool(workers=worker.state.nthreads, task_seconds=self._task_seconds, preload=MAIN_MODULES)
+        self._pool = ProcessPool(workers=worker.state.nthreads, task_seconds=self._task_seconds)
         await self._pool.start()
 
     async def teardown(self, worker: Worker) -> None:
@@ -129,6 +125,11 @@ INTRODUCTION_SECONDS = 180.0
 """For a worker to say its versions and bring its pool up; the first ever on a machine compiles the solver."""
 LOOK_AGAIN_SECONDS = 30.0
 """Before a worker that could not say its versions, or bring its pool up, is tried again."""
+SILENT_SECONDS = 10.0
+"""Time without a heartbeat after which a worker is taken for frozen, and its chunks are given to others. [s]
+
+Workers send one every half second, in clusters of hundreds every five seconds; Dask itself waits for five minutes.
+"""
 LIBRARIES = ("distributed", "tornado", "bokeh")
 """Libraries whose loggers get handlers when Dask is imported."""
 
@@ -162,6 +163,8 @@ class Cluster:
         """When the last worker went, on the monotonic clock."""
         self._task_seconds = task_seconds
         self._seen: dict[str, asyncio.Task[None]] = {}
+        self._heartbeats: dict[str, tuple[float, float]] = {}
+        """Latest heartbeat of each worker by the clock of the scheduler, and when it was seen on the monotonic one."""
         self._watching: asyncio.Task[None] | None = None
 
     @property
@@ -186,14 +189,6 @@ class Cluster:
             await asyncio.wait([self._watching])
         await self._hang_up()
 
-    async def wait_for_capacity(self, seconds: float) -> bool:
-        """Return whether there is a worker, now or within this time."""
-        with suppress(TimeoutError):
-            async with asyncio.timeout(seconds):
-                while not self.capacity:
-                    await self.changed.wait()
-        return bool(self.capacity)
-
     async def answers(self, seconds: float) -> bool:
         """Return whether the scheduler answers within this time and has a worker for us."""
         client = self.client
@@ -214,7 +209,7 @@ class Cluster:
         if self.client is None or self.client.status != "running":
             await self._hang_up()
             await self._connect()
-        present = await in_time(self.client.nthreads, CONNECT_SECONDS) if self.client is not None else None
+        present = await in_time(self._present, CONNECT_SECONDS) if self.client is not None else None
         if present is None:
             await self._hang_up()
             return
@@ -223,6 +218,33 @@ class Cluster:
             self._note(address, 0)
         for address in present.keys() - self._seen.keys():
             self._seen[address] = asyncio.create_task(self._meet(address, present[address]))
+
+    async def _present(self) -> dict[str, int]:
+        """Return the threads of the workers that are there and not frozen, by address."""
+        assert self.client is not None  # noqa: S101 (asked only then)
+        assert self.client.scheduler is not None  # noqa: S101 (it is connected)
+        found = (await self.client.scheduler.identity(n_workers=-1))["workers"]
+        now, before = time.monotonic(), self._heartbeats
+        self._heartbeats = {}
+        for address, worker in found.items():
+            beat, seen = before.get(address, (None, now))
+            self._heartbeats[address] = (worker["last_seen"], seen if beat == worker["last_seen"] else now)
+            if address in self.threads and self._silent(address):
+                log.error("worker %s has been silent for %g s: its chunks go to others", address, SILENT_SECONDS)
+        return {address: found[address]["nthreads"] for address in found if not self._silent(address)}
+
+    def knows(self, address: str) -> bool:
+        """Return whether the scheduler has this worker, be it frozen."""
+        return address in self._heartbeats
+
+    def _silent(self, address: str) -> bool:
+        return time.monotonic() > self._heartbeats[address][1] + SILENT_SECONDS
+
+    def distrust(self, address: str) -> None:
+        """Give a worker no chunk until it has introduced itself again, later."""
+        log.error("worker %s has not returned a chunk in time: it is left out for %g s", address, LOOK_AGAIN_SECONDS)
+        self._note(address, 0)
+        asyncio.get_running_loop().call_later(LOOK_AGAIN_SECONDS, self._seen.pop, address, None)
 
     async def _connect(self) -> None:
         connecting: Client = Client(  # type: ignore[no-untyped-call]

@@ -1,37 +1,44 @@
 """Chunks on a Dask cluster, single calls on a pool of our own.
 
 A client waits for a single call: the pool answers in a millisecond and does not care how the cluster is. Chunks are
-what there are many of. Each is one task of Dask, and comes back whole or is given out again: when its worker or the
-scheduler has died, to the workers that are left and, while there are none, to the pool. So a job always goes on.
+what there are many of. Both come from one queue. Each worker of the cluster is given chunks as it finishes others; one
+that it does not return goes back to the queue, for another worker and, while there is none, for the pool. So a job
+always goes on.
 """
 
 import asyncio
 import logging
 import time
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any, TypeVar, TypeVarTuple
+from typing import Any
 
 from distributed import Future, KilledWorker
 
-from service.errors import PoolUnavailableError, WorkerCrashedError
+from service.errors import WorkerCrashedError
 from service.workers import Call, CallResult
 from service.workers.dask_cluster import Cluster, in_time, run_chunk, versions
-from service.workers.process_pool import ProcessPool
-from service.workers.worker import answer, dumps, loads
+from service.workers.executor import Executor
+from service.workers.process_pool import DEATHS, ProcessPool
+from service.workers.work_queue import Kind, Work
+from service.workers.worker import dumps, loads
 
 LOSSES = 5
-"""A chunk that was lost so many times, to the network or a worker that left, is left to the pool."""
+"""Number of times that a chunk may be lost to the network, or by a worker that left, before it is left to the pool."""
 PAUSE_SECONDS = 0.1
-"""Before a chunk that was lost is given out again; twice as long each time."""
+"""Pause before a worker that lost a chunk is given another, doubled each time. [s]"""
 PATIENCE_SECONDS = 5.0
-"""For which chunks wait for a cluster that has been lost, rather than fill the pool: most restarts take less."""
+"""Time that chunks wait for a cluster that has been lost, rather than fill the pool: most restarts take less. [s]"""
 CANCEL_SECONDS = 1.0
-"""For the scheduler to hear that a chunk is not wanted any more."""
+"""Time for the scheduler to hear that a chunk is not wanted any more. [s]"""
+CHUNKS_A_THREAD = 2
+"""Chunks that each thread of a worker has: the next is there when it has finished one."""
+DELIVERY_SECONDS = 30.0
+"""Time that a chunk may be underway beyond the time limits of its calls, and of the chunk before it. [s]"""
+TEND_SECONDS = 1.0
+"""Longest time between two looks at whether the pool should take chunks. [s]"""
 
-Arguments = TypeVarTuple("Arguments")
-Result = TypeVar("Result")
 log = logging.getLogger(__name__)
 
 
@@ -39,7 +46,7 @@ class LostError(Exception):
     """The cluster has not brought the chunk to its end."""
 
 
-class DaskExecutor:
+class DaskExecutor(Executor):
     """Runs chunks on a cluster.
 
     Parameters
@@ -49,17 +56,17 @@ class DaskExecutor:
     workers
         Processes of the pool.
     task_seconds
-        Wall time one call may take.
+        Wall time one call may take. [s]
     """
 
     def __init__(self, *, address: str, workers: int, task_seconds: float) -> None:
-        self.last_error = ""
-        self.busy = False
+        super().__init__(task_seconds=task_seconds)
         self.cluster = Cluster(address, task_seconds)
-        self._pool = ProcessPool(workers=workers, task_seconds=task_seconds)
-        self._task_seconds = task_seconds
-        self._in_flight: set[asyncio.Task[list[CallResult]]] = set()
-        self._stopping = False
+        self._pool = ProcessPool(workers=workers, task_seconds=task_seconds, queue=self.queue, accepts=self._for_pool)
+        self._servers: dict[str, list[asyncio.Task[None]]] = {}
+        """Tasks that give chunks to each worker of the cluster."""
+        self._tending: asyncio.Task[None] | None = None
+        self._busy = False
 
     @property
     def worker_pids(self) -> list[int]:
@@ -72,9 +79,14 @@ class DaskExecutor:
         return self._pool.restarts
 
     @property
-    def queued(self) -> int:
-        """Calls submitted singly, probes among them, that wait for a worker."""
-        return self._pool.queued
+    def start_failures(self) -> int:
+        """Attempts to start a worker of the pool that failed."""
+        return self._pool.start_failures
+
+    @property
+    def busy(self) -> bool:
+        """Whether the last probe failed only because all workers of the pool were at work."""
+        return self._busy
 
     @property
     def capacity(self) -> int:
@@ -82,7 +94,7 @@ class DaskExecutor:
         return self.cluster.capacity or self._pool.capacity
 
     @property
-    def on_cluster(self) -> bool:
+    def on_cluster(self) -> bool:  # type: ignore[override] # elsewhere it never changes
         """Whether the cluster has workers that can be used."""
         return bool(self.cluster.capacity)
 
@@ -91,118 +103,137 @@ class DaskExecutor:
         """Calls submitted singly that can run at the same time, in the pool."""
         return self._pool.single_capacity
 
-    @property
-    def prefetch(self) -> int:
-        """One for each worker: the next is there when it has finished, rather than on its way through the scheduler."""
-        return self.cluster.capacity or self._pool.prefetch
-
     async def start(self) -> None:
         """Bring the pool up, and those workers of the cluster that are there; without any it starts all the same."""
         await self._pool.start()
         try:
             await self.cluster.start()
         except BaseException:
-            await self.stop(0.0)
+            await self.close(0.0)
             raise
-
-    async def submit(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
-        """Run a picklable function in the pool."""
-        return await self._pool.submit(function, *arguments)
-
-    async def run(self, calls: Sequence[Call]) -> list[CallResult]:
-        """Run a chunk of calls one after the other on a worker of the cluster."""
-        if self._stopping:
-            raise PoolUnavailableError("the service is stopping")
-        if not calls:
-            return []
-        work = asyncio.create_task(self._see_through(calls))
-        self._in_flight.add(work)
-        work.add_done_callback(self._in_flight.discard)
-        try:
-            await asyncio.wait([work])
-        except asyncio.CancelledError:
-            work.cancel()
-            raise
-        if work.cancelled():
-            raise PoolUnavailableError("the service is stopping")
-        return work.result()
+        self._adapt()
+        self._tending = asyncio.create_task(self._tend())
 
     async def probe(self, seconds: float) -> bool:
         """Return whether a worker of the pool answers within this time, and the cluster."""
         pool, cluster = await asyncio.gather(self._pool.probe(seconds), self.cluster.answers(seconds))
-        self.busy = cluster and self._pool.busy
+        self._busy = cluster and self._pool.busy
         self.last_error = "cluster unreachable: no worker of it can be used" if pool else self._pool.last_error
         return pool and cluster
 
     async def stop(self, grace: float) -> None:
         """Take no more work, let what there is finish, and have ended all within the grace time. [s]"""
-        self._stopping = True
-        ending = asyncio.create_task(self._pool.stop(grace))
-        if self._in_flight:
-            await asyncio.wait(self._in_flight, timeout=max(0.0, grace - CANCEL_SECONDS))
-        left = list(self._in_flight)
-        for work in left:
-            work.cancel()
-        if left:
-            await asyncio.wait(left, timeout=CANCEL_SECONDS)
+        self._pool.stopping = True
+        await super().stop(grace)
+
+    async def close(self, seconds: float) -> None:
+        """End the pool, and hang up."""
+        tasks = [task for tasks in self._servers.values() for task in tasks]
+        if self._tending is not None:
+            tasks.append(self._tending)
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            await asyncio.wait(tasks, timeout=CANCEL_SECONDS)
         await self.cluster.stop()
-        await ending
+        await self._pool.stop(seconds)
 
-    async def _see_through(self, calls: Sequence[Call]) -> list[CallResult]:
-        messages = await asyncio.to_thread(all_dumped, calls)
-        return await asyncio.to_thread(all_loaded, await self._replies(messages))
+    def _for_pool(self, work: Work) -> bool:
+        """Return whether the pool takes this work: chunks only if the cluster cannot."""
+        if work.kind is not Kind.CHUNK or work.losses >= LOSSES:
+            return True
+        return not self.cluster.capacity and time.monotonic() > self.cluster.lost + PATIENCE_SECONDS
 
-    async def _replies(self, messages: Sequence[bytes]) -> list[CallResult]:
-        """Bring pickled calls to their end, wherever."""
-        for attempt in range(LOSSES):
-            if not await self._cluster_there():
-                break
+    def _for_cluster(self, work: Work) -> bool:
+        return not self._for_pool(work)
+
+    async def _tend(self) -> None:
+        """Follow the workers as they come and go."""
+        while True:
+            changed = self.cluster.changed
+            with suppress(TimeoutError):
+                await asyncio.wait_for(changed.wait(), TEND_SECONDS)
+            self._adapt()
+            self.queue.hand_out()  # It may be the turn of the pool by now.
+
+    def _adapt(self) -> None:
+        """Begin or end tasks, so that each worker that can be used has its own."""
+        for address in self._servers.keys() - self.cluster.threads.keys():
+            for server in self._servers.pop(address):
+                server.cancel()
+        for address in self.cluster.threads.keys() - self._servers.keys():
+            count = CHUNKS_A_THREAD * self.cluster.threads[address]
+            self._servers[address] = [asyncio.create_task(self._serve(address)) for _ in range(count)]
+
+    async def _serve(self, address: str) -> None:
+        """Give chunks to a worker until this is cancelled, as the worker has gone."""
+        while True:
+            work, client = await self.queue.get(self._for_cluster), self.cluster.client
+            work.begin()
             try:
-                return await self._attempt(messages)
+                await self._attempt(address, work)
             except KilledWorker:
-                if len(messages) == 1:
-                    return [CallResult(None, WorkerCrashedError("the task ended every worker it was given to"), 0.0)]
-                half = len(messages) // 2
-                return [*await self._replies(messages[:half]), *await self._replies(messages[half:])]
+                self._blame(work)
             except LostError as error:
-                log.debug("chunk of %d calls was lost %d times: %s", len(messages), attempt + 1, error)
-                await asyncio.sleep(PAUSE_SECONDS * 2**attempt)
-        return await self._pool.run([(answer, (message,)) for message in messages])
+                self._note_loss(work, error)
+                await asyncio.sleep(PAUSE_SECONDS * 2**work.losses)
+            except asyncio.CancelledError:
+                if self.cluster.client is client and not self.cluster.knows(address):
+                    self._blame(work)
+                else:
+                    self._note_loss(work, LostError("the worker is silent or cannot be reached"))
+                raise
+            finally:
+                if work.left:
+                    self.queue.put_back(work)
+                elif not work.future.done():
+                    work.future.set_result(work.results)
 
-    async def _cluster_there(self) -> bool:
-        """Return whether a worker can be had; soon, if the cluster has been gone for long."""
-        left = self.cluster.lost + PATIENCE_SECONDS - time.monotonic()
-        return bool(self.cluster.capacity) or await self.cluster.wait_for_capacity(max(0.0, left))
+    @staticmethod
+    def _blame(work: Work) -> None:
+        """Note that a worker has died over the work: its calls are run one by one, and what kills more is given up."""
+        if work.alone:
+            work.crashes += 1
+        if work.crashes >= DEATHS:
+            work.finish(CallResult(None, WorkerCrashedError("the task ended every worker it was given to"), 0.0))
+        work.alone = True
 
-    async def _attempt(self, messages: Sequence[bytes]) -> list[CallResult]:
-        """Have a worker run these calls.
+    @staticmethod
+    def _note_loss(work: Work, error: LostError) -> None:
+        work.losses += 1
+        log.debug("chunk of %d calls was lost %d times: %s", len(work.calls), work.losses, error)
+
+    async def _attempt(self, address: str, work: Work) -> None:
+        """Have a worker run what is left of the work.
 
         Raises
         ------
         KilledWorker
-            If as many have died over it as `distributed.scheduler.allowed-failures` says.
+            If it has died over it.
         LostError
-            If none has run them for another reason.
+            If it has not run it for another reason.
         """
-        client, workers = self.cluster.client, list(self.cluster.threads)
+        client, calls = self.cluster.client, work.left
         if client is None:
             raise LostError("there is no connection")
+        messages = await asyncio.to_thread(all_dumped, calls)
         key = f"ricochet-{uuid.uuid4().hex}"
         try:
             task: Future[Any] = client.submit(
-                run_chunk, key, self._task_seconds, versions(), messages, key=key, pure=False, workers=workers
+                run_chunk, key, self.task_seconds, versions(), messages, key=key, pure=False, workers=[address]
             )
         except Exception as error:
             raise LostError(str(error)) from error
         result = asyncio.ensure_future(task.result())  # never cancelled: gathering is shared among chunks
         try:
-            while not result.done():
-                if self.cluster.client is not client or self.cluster.threads.keys().isdisjoint(workers):
-                    raise LostError("its workers have gone")
-                changed = asyncio.ensure_future(self.cluster.changed.wait())
-                await asyncio.wait([result, changed], return_when=asyncio.FIRST_COMPLETED)
-                changed.cancel()
-            return replies_of(result, len(messages))
+            longest = CHUNKS_A_THREAD * len(calls) * self.task_seconds + DELIVERY_SECONDS
+            await asyncio.wait([result, work.future], timeout=longest, return_when=asyncio.FIRST_COMPLETED)
+            if not result.done() and not work.future.done():
+                self.cluster.distrust(address)
+                raise LostError(f"it has not come back in {longest:g} s")
+            if result.done():
+                for reply in await asyncio.to_thread(all_loaded, replies_of(result, len(calls))):
+                    work.finish(reply)
         finally:
             result.add_done_callback(lambda done: done.cancelled() or done.exception())  # seen
             if not result.done():

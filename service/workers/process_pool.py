@@ -1,387 +1,258 @@
-"""The pool of worker processes: each has a supervisor, a thread that feeds it and replaces it when it dies."""
+"""The pool of worker processes: a task for each takes work from the queue, and replaces the worker when it dies."""
 
 import asyncio
-import itertools
-import multiprocessing
-import os
-import pickle
-import queue
-import threading
-import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, wait
-from contextlib import suppress
-from dataclasses import dataclass, field
-from multiprocessing.context import ForkServerContext
-from typing import Any, TypeVar, TypeVarTuple
+import logging
+from collections.abc import Callable
 
-from service.errors import ExecutorError, PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
-from service.workers import Call, CallResult
-from service.workers.fork_server import start_fork_server
-from service.workers.worker import STOP, WorkerDiedError, WorkerProcess, dumps, loads
+from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
+from service.workers import CallResult
+from service.workers.executor import Executor
+from service.workers.work_queue import Accepts, Kind, Work, WorkQueue
+from service.workers.worker import loads
+from service.workers.worker_process import WorkerDiedError, WorkerProcess
+from solver.compilation import compilation_progress
 
-Arguments = TypeVarTuple("Arguments")
-Result = TypeVar("Result")
-
-PROBE, SINGLE, CHUNK, END = range(4)
-"""Priorities of tasks. A probe and a single call overtake chunks, also one that runs, between two of its calls."""
-OVERTAKE_SECONDS = 0.02
-"""Between asking one supervisor and the next to leave its chunk: with many cores, one call must not halt them all."""
 DEATHS = 2
-"""A call that has ended this many workers is given up."""
-START_SECONDS = 120.0
-"""For a worker to come up. The fork server compiles the solver before, however long that takes."""
-START_AGAIN_SECONDS = 0.2
-"""Before a worker that did not come up is tried once more."""
+"""Number of workers that a call may end before it is given up."""
 IDLE_CHECK_SECONDS = 1.0
-"""How often an idle worker is looked at, so that a dead one is replaced before it is needed."""
-BUSY_CHECK_SECONDS = 0.02
-"""How often the supervisor of a busy worker looks for what it should stop for, replies or not; a look costs 10 µs."""
-CANCEL_SECONDS = 0.3
-"""For the call a cancelled chunk is on to end by itself; then its worker is ended, the only way to stop it."""
+"""Time between two looks at an idle worker, so that a dead one is replaced before it is needed. [s]"""
+LARGE_BYTES = 1 << 18
+"""Size of a reply from which it is read in a thread: an answer with a history of 4 MB takes 3 ms."""
+RETRY_SECONDS, LONGEST_RETRY_SECONDS = 0.2, 5.0
+"""Delay before a failed start of a worker is tried again, doubled each time up to the second. [s]"""
+
+log = logging.getLogger(__name__)
 
 
-@dataclass(order=True, slots=True)
-class Task:
-    """Calls that one worker runs in turn; lower priorities first, then in order of arrival."""
-
-    priority: int
-    number: int
-    calls: Sequence[Call] = field(default=(), compare=False)
-    future: Future[list[CallResult]] = field(default_factory=Future, compare=False)
-    finished: list[CallResult] = field(default_factory=list, compare=False)
-    cancelled: float | None = field(default=None, compare=False)
-    """When it was given up while it ran, on the monotonic clock."""
-    crashes: int = field(default=0, compare=False)
-    """Workers that the first unfinished call has ended."""
-    _messages: list[bytes] = field(default_factory=list, compare=False)
-
-    def begin(self) -> bool:
-        """Return whether it is still wanted; it has been begun before if another overtook it."""
-        if not self._messages:
-            if not self.future.set_running_or_notify_cancel():
-                return False
-            self._messages = [dumps(call) for call in self.calls]
-        return True
-
-    @property
-    def left(self) -> list[bytes]:
-        """What a worker is to be given now: all that is not finished, but a call that has ended a worker goes alone."""
-        first = len(self.finished)
-        return self._messages[first : first + 1 if self.crashes else None]
-
-    def finish(self, finished: CallResult) -> None:
-        """Note what became of the first unfinished call."""
-        self.finished.append(finished)
-        self.crashes = 0
-
-
-class TaskQueue(queue.PriorityQueue[Task]):
-    """Tasks that wait for a supervisor."""
-
-    urgent = 0
-    """Those of them that overtake chunks."""
-    _overtaken = 0.0
-
-    def _put(self, item: Task) -> None:
-        super()._put(item)
-        self.urgent += item.priority < CHUNK
-
-    def _get(self) -> Task:
-        task = super()._get()
-        self.urgent -= task.priority < CHUNK
-        return task
-
-    def overtakes(self, task: Task) -> bool:
-        """Return whether a running task should be left for one that is more urgent."""
-        if task.priority < CHUNK or not self.urgent:
-            return False
-        now = time.monotonic()
-        if now < self._overtaken + OVERTAKE_SECONDS:
-            return False
-        self._overtaken = now
-        return True
-
-
-class WorkerSupervisor:
-    """Takes tasks from the queue of the pool and sees each to its end.
+class WorkerServer:
+    """Takes work from the queue and has its worker do it.
 
     Parameters
     ----------
-    context
-        The fork server's.
-    tasks
-        Shared by all supervisors of a pool.
-    closed
-        Set when the pool gives up what is not finished.
+    queue
+        What the servers of a pool take their work from.
+    accepts
+        Work that they take.
     task_seconds
-        Wall time of one call.
+        Wall time of one call. [s]
+    on_start
+        Called with the text of an error when a worker could not be started, with an empty one when it could.
     """
 
     def __init__(
-        self, context: ForkServerContext, tasks: TaskQueue, closed: threading.Event, task_seconds: float
+        self, queue: WorkQueue, accepts: Accepts, task_seconds: float, on_start: Callable[[str], None]
     ) -> None:
         self.worker: WorkerProcess | None = None
-        self.started: Future[None] = Future()
-        self.started.set_running_or_notify_cancel()  # a start that is cancelled leaves it to the thread, which sets it
-        self.starts = 0  # workers that have come up
-        self.thread = threading.Thread(target=self._run, name="ricochet-supervisor", daemon=True)
-        self._context = context
-        self._tasks = tasks
-        self._closed = closed
+        self.starts = 0
+        """Workers that have come up."""
+        self._queue = queue
+        self._accepts = accepts
         self._task_seconds = task_seconds
+        self._on_start = on_start
 
-    def kill_worker(self) -> None:
-        """End the worker, also in the middle of a call; may be called from any thread."""
-        worker = self.worker
-        if worker is not None:
-            worker.kill()
+    async def start_worker(self) -> None:
+        """Start a worker.
 
-    def _run(self) -> None:
-        try:
-            self._live_worker()
-        except Exception as error:  # noqa: BLE001 (raised where the pool is started)
-            self.started.set_exception(error)
-            return
-        self.started.set_result(None)
-        self._work()
-        if self.worker is not None:
-            self._discard(self.worker)
-
-    def _work(self) -> None:
-        while True:
-            try:
-                task = self._tasks.get(timeout=IDLE_CHECK_SECONDS)
-            except queue.Empty:
-                self._look_after_worker()
-                continue
-            if task.priority == END:
-                return
-            if task.begin():
-                self._see_through(task)
-            if self.worker is None:  # the next task should not wait for a new one
-                self._look_after_worker()
-
-    def _see_through(self, task: Task) -> None:
-        """Bring a task to its end, or to where another overtakes it."""
-        try:
-            while task.left and task.cancelled is None:
-                self._advance(task)
-                if task.left and task.priority == CHUNK and self._tasks.urgent:
-                    self._tasks.put(task)
-                    return
-        except Exception as error:  # noqa: BLE001 (raised where the task is awaited)
-            if self.worker is not None:  # nobody knows what it would say next
-                self._discard(self.worker)
-            task.future.set_exception(error)
-        else:
-            task.future.set_result(task.finished)
-
-    def _advance(self, task: Task) -> None:
-        """Have the worker run what is left of a task, as far as it gets."""
-        worker, begun = self._live_worker(), time.monotonic()
-        try:
-            self._converse(worker, task)
-        except WorkerDiedError:
-            self._discard(worker)
-            if self._closed.is_set():
-                raise PoolUnavailableError("the service is stopping") from None
-            task.crashes += 1
-            if task.crashes == DEATHS:
-                error = WorkerCrashedError(f"the task ended {DEATHS} worker processes")
-                task.finish(CallResult(None, error, time.monotonic() - begun))
-        except TaskTimeoutError as error:
-            self._discard(worker)
-            if task.left:
-                task.finish(CallResult(None, error, self._task_seconds))
-
-    def _converse(self, worker: WorkerProcess, task: Task) -> None:
-        """Send what is left of a task; take the replies up to the last, or to where the worker has stopped."""
-        calls, stopping = task.left, False
-        last = len(task.finished) + len(calls)
-        worker.send(pickle.dumps(calls), self._task_seconds)
-        since = time.monotonic()
-        while stopping or len(task.finished) < last:
-            if not stopping and (task.cancelled is not None or self._tasks.overtakes(task)):
-                with suppress(WorkerDiedError):  # it may have said more before
-                    worker.send(STOP, self._task_seconds)
-                stopping = True
-            reply = worker.receive(BUSY_CHECK_SECONDS)
-            now = time.monotonic()
-            if reply == STOP:
-                return
-            if reply is not None:
-                task.finish(loads(reply))
-                since = now
-            elif task.cancelled is not None and now > task.cancelled + CANCEL_SECONDS:
-                raise WorkerDiedError
-            elif now > since + self._task_seconds:
-                if worker.stopped:  # the call is not to blame
-                    raise PoolUnavailableError("the worker process was stopped from outside and is being replaced")
-                raise TaskTimeoutError(f"not finished after {self._task_seconds:g} s")
-
-    def _look_after_worker(self) -> None:
-        with suppress(ExecutorError):  # the next task tries again
-            self._live_worker()
-
-    def _live_worker(self) -> WorkerProcess:
-        """Worker of this supervisor, a new one if it has died while idle."""
-        if self.worker is not None and self.worker.alive:
-            return self.worker
-        if self.worker is not None:
-            self._discard(self.worker)
-        try:
-            return self._start_worker()
-        except PoolUnavailableError:  # it may be the fork server that is dying; the next start brings up a new one
-            self._closed.wait(START_AGAIN_SECONDS)
-            return self._start_worker()
-
-    def _start_worker(self) -> WorkerProcess:
-        if self._closed.is_set():
-            raise PoolUnavailableError("the service is stopping")
-        self.worker = worker = WorkerProcess(self._context)
-        if self._closed.is_set():  # closed since, without seeing this worker
-            worker.kill()
-        try:
-            ready = worker.receive(START_SECONDS)
-        except WorkerDiedError:
-            ready = None
-        if ready is None:
-            self._discard(worker)
-            raise PoolUnavailableError("a worker process did not come up")
+        Raises
+        ------
+        PoolUnavailableError
+            If it does not come up.
+        """
+        worker = WorkerProcess()
+        await worker.start()
+        self.worker = worker
         self.starts += 1
-        return worker
 
-    def _discard(self, worker: WorkerProcess) -> None:
-        self.worker = None
-        worker.kill()
-        worker.close()
+    async def run(self) -> None:
+        """Work off the queue until this is cancelled."""
+        while True:
+            worker = await self._live_worker()
+            try:
+                async with asyncio.timeout(IDLE_CHECK_SECONDS):
+                    work = await self._queue.get(self._accepts)
+            except TimeoutError:
+                continue
+            if worker.usable:
+                await self._serve(worker, work)
+            else:
+                self._queue.put_back(work)
+
+    def close(self) -> None:
+        """End the worker."""
+        worker, self.worker = self.worker, None
+        if worker is not None:
+            worker.close()
+
+    async def _live_worker(self) -> WorkerProcess:
+        """Return the worker, a new one if it has died or is stopped; try until there is one."""
+        delay = RETRY_SECONDS
+        while self.worker is None or not self.worker.usable:
+            self.close()
+            try:
+                await self.start_worker()
+            except PoolUnavailableError as error:
+                self._on_start(str(error))
+                await asyncio.sleep(delay)
+                delay = min(2.0 * delay, LONGEST_RETRY_SECONDS)
+            else:
+                self._on_start("")
+        return self.worker
+
+    async def _serve(self, worker: WorkerProcess, work: Work) -> None:
+        """Have the worker do this, as far as it gets."""
+        work.begin()
+        if work.kind is Kind.CHUNK:
+            self._queue.begin_chunk(work, worker.make_way)
+
+        def abandon(_: object) -> None:
+            worker.stop_call()
+
+        work.future.add_done_callback(abandon)
+        try:
+            await self._converse(worker, work)
+        except PoolUnavailableError as error:
+            self.close()
+            work.fail(error)
+        except WorkerDiedError:
+            self.close()
+            work.crashes += 1
+            if work.crashes == DEATHS:
+                work.finish(CallResult(None, WorkerCrashedError(f"the task ended {DEATHS} worker processes"), 0.0))
+        finally:
+            work.future.remove_done_callback(abandon)
+            self._queue.end_chunk(work)
+        if work.left:
+            self._queue.put_back(work)
+        elif not work.future.done():
+            work.future.set_result(work.results)
+
+    async def _converse(self, worker: WorkerProcess, work: Work) -> None:
+        """Send what is left of the work; take the results up to the last, or to where the worker leaves it."""
+        calls, overdue = len(work.left), False
+        worker.send(work.left)
+        while calls or worker.yielding:
+            try:
+                async with asyncio.timeout(None if overdue else self._task_seconds):
+                    reply = await worker.receive()
+            except TimeoutError:
+                if worker.stopped:  # The call is not to blame.
+                    raise PoolUnavailableError(
+                        "the worker process was stopped from outside and is being replaced"
+                    ) from None
+                overdue = bool(calls)
+                worker.stop_call()
+                continue
+            except WorkerDiedError:
+                if not overdue:
+                    raise
+                self._time_out(work)
+                self.close()
+                return
+            if reply is None:
+                return
+            calls -= 1
+            if overdue:
+                overdue = False
+                self._time_out(work)
+            else:
+                large = len(reply) > LARGE_BYTES
+                work.finish(await asyncio.to_thread(loads, reply) if large else loads(reply))
+
+    def _time_out(self, work: Work) -> None:
+        """Note that the first unfinished call took too long."""
+        error = TaskTimeoutError(f"not finished after {self._task_seconds:g} s")
+        work.finish(CallResult(None, error, self._task_seconds))
 
 
-KILL_SECONDS = 0.5
-"""Kept back from the grace time to end workers that are still busy."""
-
-
-class ProcessPool:
-    """Runs functions in worker processes; what `Executor` says of its methods is not repeated.
+class ProcessPool(Executor):
+    """Runs functions in worker processes.
 
     Parameters
     ----------
     workers
         Number of processes.
     task_seconds
-        Wall time one call may take; its worker is killed then, as nothing else interrupts compiled code.
-    preload
-        Modules that the main module of this process needs: each worker imports it anew.
+        Wall time one call may take. It is asked to stop then; if it does not, its worker is killed. [s]
+    queue
+        What the pool takes its work from, if another executor shares it.
+    accepts
+        Work of that queue that it takes.
     """
 
-    on_cluster = False
-    prefetch = 1
-    """Chunks beyond one a worker that should wait here: the supervisors share them, so that one is enough."""
-    last_error = "no worker answered in time"
-    """Why a probe fails."""
-    busy = False
-
-    def __init__(self, *, workers: int, task_seconds: float, preload: Sequence[str] = ()) -> None:
-        context = multiprocessing.get_context("forkserver")
-        self._preload = preload
-        self._tasks = TaskQueue()
-        self._numbers = itertools.count()
-        self._unfinished: set[Future[Any]] = set()
-        self._stopping = False
-        self._closed = threading.Event()
-        self._supervisors = [WorkerSupervisor(context, self._tasks, self._closed, task_seconds) for _ in range(workers)]
+    def __init__(
+        self,
+        *,
+        workers: int,
+        task_seconds: float,
+        queue: WorkQueue | None = None,
+        accepts: Accepts = lambda _: True,
+    ) -> None:
+        super().__init__(task_seconds=task_seconds)
+        self.queue = queue or self.queue
+        self._accepts = accepts
+        self._failures = 0
+        self._servers = [WorkerServer(self.queue, accepts, task_seconds, self._note_start) for _ in range(workers)]
+        self._tasks: list[asyncio.Task[None]] = []
 
     @property
     def worker_pids(self) -> list[int]:
         """Process ids of the workers that are up."""
-        return [supervisor.worker.pid for supervisor in self._supervisors if supervisor.worker is not None]
+        return [server.worker.pid for server in self._servers if server.worker is not None]
 
     @property
     def restarts(self) -> int:
         """Workers that had to be replaced."""
-        return sum(max(0, supervisor.starts - 1) for supervisor in self._supervisors)
+        return sum(max(0, server.starts - 1) for server in self._servers)
 
     @property
-    def queued(self) -> int:
-        """Calls submitted singly, probes among them, that wait for a worker."""
-        return self._tasks.urgent
+    def start_failures(self) -> int:
+        """Attempts to start a worker that failed."""
+        return self._failures
+
+    @property
+    def busy(self) -> bool:
+        """Whether a worker is up and moves, so that a probe that failed only came late."""
+        return not self.stopping and any(
+            server.worker is not None and not server.worker.stopped for server in self._servers
+        )
 
     @property
     def capacity(self) -> int:
         """Chunks that can run at the same time."""
-        return len(self._supervisors)
+        return len(self._servers)
 
     @property
     def single_capacity(self) -> int:
         """Calls submitted singly that can run at the same time."""
-        return len(self._supervisors)
+        return len(self._servers)
 
     async def start(self) -> None:
         """Bring every worker up, warm."""
-        start_fork_server(self._preload)
-        for supervisor in self._supervisors:
-            supervisor.thread.start()
+        # One worker compiles, if that has to be done; the others then load what it has kept.
+        first = 1 if compilation_progress().left else len(self._servers)
         try:
-            await asyncio.gather(*(asyncio.wrap_future(supervisor.started) for supervisor in self._supervisors))
+            for servers in (self._servers[:first], self._servers[first:]):
+                await asyncio.gather(*(server.start_worker() for server in servers))
         except BaseException:
-            await self.stop(0.0)
+            await self.close(0.0)
             raise
+        self._tasks = [asyncio.create_task(server.run()) for server in self._servers]
 
-    async def submit(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
-        """Run a picklable function in a worker and return what it returns, or raise what it raises."""
-        (finished,) = await self._finished(self._enqueue(SINGLE, [(function, arguments)]))
-        if finished.error is not None:
-            raise finished.error
-        result: Result = finished.value
-        return result
+    async def close(self, seconds: float) -> None:
+        """End all workers, also those at work."""
+        self.stopping = True
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for server in self._servers:
+            server.close()
 
-    async def run(self, calls: Sequence[Call]) -> list[CallResult]:
-        """Run a chunk of calls one after the other in one worker, ended within 0.5 s if this is cancelled."""
-        if not calls:
-            return []
-        return await self._finished(self._enqueue(CHUNK, calls))
-
-    async def probe(self, seconds: float) -> bool:
-        """Return whether a worker answers within this time; overtakes all that waits, and chunks between two calls."""
-        with suppress(ExecutorError, TimeoutError):
-            task = self._enqueue(PROBE, [(os.getpid, ())])
-            (finished,) = await asyncio.wait_for(asyncio.wrap_future(task.future), seconds)
-            return finished.error is None
-        workers = [supervisor.worker for supervisor in self._supervisors]
-        self.busy = any(worker is not None and not worker.stopped for worker in workers)
-        return False
-
-    async def stop(self, grace: float) -> None:
-        """Take no more work, let what there is finish, and have ended all workers within the grace time. [s]"""
-        self._stopping = True
-        await asyncio.to_thread(self._wind_down, time.monotonic() + grace)
-
-    async def _finished(self, task: Task) -> list[CallResult]:
-        """Wait for a task; have its supervisor give it up if nothing waits for it any more."""
-        try:
-            return await asyncio.wrap_future(task.future)
-        except asyncio.CancelledError:
-            task.cancelled = time.monotonic()
-            raise
-
-    def _enqueue(self, priority: int, calls: Sequence[Call]) -> Task:
-        if self._stopping:
-            raise PoolUnavailableError("the service is stopping")
-        task = Task(priority, next(self._numbers), calls)
-        self._unfinished.add(task.future)
-        task.future.add_done_callback(self._unfinished.discard)
-        self._tasks.put(task)
-        return task
-
-    def _wind_down(self, deadline: float) -> None:
-        wait(list(self._unfinished), timeout=max(0.0, deadline - KILL_SECONDS - time.monotonic()))
-        self._closed.set()
-        for supervisor in self._supervisors:
-            supervisor.kill_worker()
-            self._tasks.put(
-                Task(END, next(self._numbers))
-            )  # after the tasks left over, which the supervisors now refuse
-        for supervisor in self._supervisors:
-            if supervisor.thread.is_alive():
-                supervisor.thread.join(max(0.0, deadline - time.monotonic()))
+    def _note_start(self, error: str) -> None:
+        """Log that a worker could not be started; refuse work while there is none at all."""
+        if error:
+            self._failures += 1
+            log.error("%s", error)
+        self.queue.unavailable = "" if any(server.worker is not None for server in self._servers) else error
+        if self.queue.unavailable:
+            self.last_error = self.queue.unavailable
+            self.queue.fail_all(PoolUnavailableError(self.queue.unavailable), self._accepts)

@@ -350,8 +350,8 @@ def _find_changes(
         points=numerics.points,
         tolerance=search.tolerance,
     )
-    found = search_outcome(_scan(search), inputs, prepared.model_without_address, levels)
-    rows, body = found.trials.tolist(), prepared.model_without_address.body
+    found = search_outcome(_scan(search), inputs, prepared.model, levels)
+    rows, body = found.trials.tolist(), prepared.model.body
     if rows[-1][END] == Termination.NO_STRENGTH:  # raises, with what the model gives
         prepared.strength_factor_at(rows[-1][ANGLE])
     check_end(rows[-1][END], numerics.termination_time)

@@ -7,14 +7,14 @@ from where the one before has placed it; where they do not agree, the last one d
 """
 
 import math
-import threading
 from typing import NamedTuple
 
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.compilation import address_of, compiled, expect_address, keep_types, lean
-from solver.motion import Model, with_right_hand_side
+from solver.cancellation import compute
+from solver.compilation import compiled, lean, once
+from solver.motion import Model
 from solver.search.trials import (
     ANGLE,
     FINE,
@@ -28,6 +28,7 @@ from solver.search.trials import (
     SearchState,
     Strength,
     TrialInputs,
+    TrialTable,
     attempt,
     failed,
     has_failed,
@@ -36,7 +37,6 @@ from solver.search.trials import (
     make_trial_table,
     margin_growth,
     margin_root,
-    run_trial,
     strength_at,
     turned_away,
     undecided,
@@ -64,7 +64,7 @@ DOUBT = math.radians(0.008)
 that were off by more than 0.018° had an estimate above 0.0083°, and so had 45 % of them all. [rad]"""
 
 
-@lean
+@once
 def _bracket(left: int, right: int, tried: int, level: Level, search: SearchState) -> tuple[int, int]:
     """Find the change between two trials of a rougher level again, in strides that follow the margin.
 
@@ -102,7 +102,7 @@ def _bracket(left: int, right: int, tried: int, level: Level, search: SearchStat
     return new, new
 
 
-@lean
+@once
 def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[int, int]:
     """Narrow the change between two trials to the tolerance of the level; return as above.
 
@@ -137,7 +137,7 @@ def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[i
     return left, right
 
 
-@lean
+@once
 def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int, int]:
     """Narrow a change that the first of these levels has found, level by level; return as above.
 
@@ -232,21 +232,18 @@ def _is_smooth(left: FloatArray, right: FloatArray, strength: Strength) -> bool:
     return abs(strength_at(0.5 * (left[ANGLE] + right[ANGLE]), strength) - mean) <= SMOOTH * mean
 
 
-@lean
-def _scan(angles: FloatArray, level: Level, search: SearchState, numbers: IntArray) -> int:
+@once
+def _scan(angles: FloatArray, level: Level, search: SearchState) -> int:
     """Try every sixteenth angle, then every eighth and so on, but not where there is no need to look.
 
-    Parameters
-    ----------
-    numbers
-        (n,) as many as angles; the first of them become the numbers of the trials in the order of their angles.
+    The first of the numbers of the table become those of the trials in the order of their angles.
 
     Returns
     -------
     int
         How many there are; 0 if one could not be integrated.
     """
-    trials, last = search.table.rows, angles.size - 1
+    trials, numbers, last = search.table.rows, search.table.numbers, angles.size - 1
     for i in range(angles.size):
         numbers[i] = -1
     # From wide to narrow: a few angles far apart settle most strikes, and only gaps that leave a doubt are filled.
@@ -289,7 +286,7 @@ def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets:
     return turned_away(last) == turned_away(highest)
 
 
-@lean
+@once
 def _energy_left(angle: float, level: Level, search: SearchState) -> float:
     """Share of the energy left at an angle; 0 where less than a tenth of the retention energy is left."""
     trial = search.table.rows[attempt(angle, level, search)]
@@ -298,7 +295,7 @@ def _energy_left(angle: float, level: Level, search: SearchState) -> float:
     return 0.0 if failed(trial) or undecided(trial) or left < 0.0 else left
 
 
-@lean
+@once
 def _look_nearby(angle: float, level: Level, search: SearchState, nearby: FloatArray) -> None:
     """Write the shares of the energy left near a critical angle; see `Found`.
 
@@ -312,13 +309,11 @@ def _look_nearby(angle: float, level: Level, search: SearchState, nearby: FloatA
     if inputs.vary_inertia:
         body, inertia = model.body, MORE_INERTIA * model.body.moment_of_inertia
         heavier = Body(body.outline, body.corners, body.tip, body.mass, inertia, body.bounds)
-        varied = Model(heavier, model.law, model.quadrature, model.panels, model.right_hand_side)
-        nearby[2] = _energy_left(
-            above, level, SearchState(inputs, varied, search.levels, search.table, search.run_trial)
-        )
+        varied = Model(heavier, model.law, model.quadrature, model.panels)
+        nearby[2] = _energy_left(above, level, SearchState(inputs, varied, search.levels, search.table))
 
 
-@lean
+@once
 def _walk_up(change: int, changes: int, level: Level, search: SearchState, brackets: IntArray) -> int:
     """Look every half degree above an onset while less than twice the retention energy is left.
 
@@ -357,36 +352,35 @@ def _walk_up(change: int, changes: int, level: Level, search: SearchState, brack
     return changes
 
 
-_addresses: list[int] = []
-"""Address of `run_trial`, from the first search on."""
-_first = threading.Lock()
-
-
 def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Levels) -> Found:
     """Scan `angles`, which rise, then narrow every change of outcome level by level.
 
     If a trial could not be integrated, or the strength factor is not above zero at one of the angles, that trial is the
-    last of the table, and there are no brackets. The model may lack the address of its right-hand side: the search is
-    compiled first, so that another process may compile that one.
+    last of the table, and there are no brackets.
     """
-    with _first:
-        if not _addresses:
-            trial = 0.0, levels[ROUGH], SearchState(inputs, model, levels, make_trial_table(1), 0)
-            expect_address(*trial)
-            address_of(_search, angles, inputs, model, levels, 0)  # compiles or loads it
-            keep_types(_search)
-            with_right_hand_side(model)
-            _addresses.append(address_of(run_trial, *trial))
-    return _search(angles, inputs, with_right_hand_side(model), levels, _addresses[0])
+
+    def search(control: IntArray) -> Found:
+        table = make_trial_table(MOST_TRIALS + 8 * angles.size, control)  # with what a scan and its changes may add
+        brackets, nearby = np.empty((angles.size, 2), np.int64), np.full(3, np.nan)
+        changes = _search(angles, inputs, model, levels, table, brackets, nearby)
+        return Found(table.rows[: table.filled[0]], brackets[:changes], nearby)
+
+    return compute(search, model.panels.area.size)
 
 
 @compiled
-def _search(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Levels, address: int) -> Found:
-    table = make_trial_table(MOST_TRIALS + 8 * angles.size)  # with what a scan and its changes may add
-    search = SearchState(inputs, model, levels, table, address)
-    numbers, brackets = np.empty(angles.size, np.int64), np.empty((angles.size, 2), np.int64)
-    nearby = np.full(3, np.nan)
-    changes = _find_changes(angles, search, numbers, brackets)
+def _search(
+    angles: FloatArray,
+    inputs: TrialInputs,
+    model: Model,
+    levels: Levels,
+    table: TrialTable,
+    brackets: IntArray,
+    nearby: FloatArray,
+) -> int:
+    """Do the work of `search_outcome`: fill the arrays, and return how many brackets there are."""
+    search = SearchState(inputs, model, levels, table)
+    changes = _find_changes(angles, search, brackets)
     panels = model.panels.area.size > 0
     for i in range(changes):
         if turned_away(table.rows[brackets[i, 1]]):
@@ -394,13 +388,13 @@ def _search(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Level
             if nearby[1] < 2.0 * inputs.retention:
                 changes = _walk_up(i, changes, levels[REQUESTED], search, brackets)
             break
-    return Found(table.rows[: table.filled[0]], brackets[:changes], nearby)
+    return changes
 
 
-@lean
-def _find_changes(angles: FloatArray, search: SearchState, numbers: IntArray, brackets: IntArray) -> int:
+@once
+def _find_changes(angles: FloatArray, search: SearchState, brackets: IntArray) -> int:
     """Write the brackets of the changes of outcome, see `Found`; return how many there are, 0 if a trial has failed."""
-    inputs, levels, trials = search.inputs, search.levels, search.table.rows
+    inputs, levels, trials, numbers = search.inputs, search.levels, search.table.rows, search.table.numbers
     for i in range(angles.size):
         if not has_strength(angles[i], inputs.strength):
             attempt(angles[i], levels[ROUGH], search)
@@ -410,7 +404,7 @@ def _find_changes(angles: FloatArray, search: SearchState, numbers: IntArray, br
     # Every change is narrowed by itself. If together they do not lead from one end of the range to the other, a rough
     # trial has hidden one.
     for scan in range(2):  # without a change, or if one is missing, the scan is repeated, more finely
-        count = _scan(angles, levels[first], search, numbers)
+        count = _scan(angles, levels[first], search)
         for i in range(count - 1):
             if turned_away(trials[numbers[i]]) == turned_away(trials[numbers[i + 1]]):
                 continue

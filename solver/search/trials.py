@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.compilation import call_address, compiled, inner, lean
+from solver.compilation import lean
 from solver.loads import Quadrature, build_quadrature
 from solver.motion import (
     RAMP_FRACTION,
     STEP_WIDTH,
     Model,
-    Run,
     Termination,
     Thresholds,
     Workspace,
@@ -117,7 +116,7 @@ COLUMNS = STATE + 6
 TIME, RETAINED, EXIT = Termination.TIME.value, Termination.RETAINED.value, Termination.EXIT.value
 STEP_LIMIT, NOT_FINITE = Termination.STEP_LIMIT.value, Termination.NOT_FINITE.value
 PERFORATED, TUMBLED = Termination.PERFORATED.value, Termination.TUMBLED.value
-NO_STRENGTH = Termination.NO_STRENGTH.value
+NO_STRENGTH, CANCELLED = Termination.NO_STRENGTH.value, Termination.CANCELLED.value
 ENERGY_FLOOR = 0.1
 """Energy at which a trial ends, over the retention energy: the energy left varies smoothly with the angle that far."""
 LEAST = 1e-9
@@ -161,9 +160,15 @@ class TrialTable(NamedTuple):
     """(n, `COLUMNS`), as above; those after the last trial are empty."""
     filled: IntArray
     """(1,) number of trials."""
+    numbers: IntArray
+    """(n,) numbers of the trials of a scan."""
+    start: FloatArray
+    """(6,) state at first contact."""
     work: Workspace
     linear: Linearisation
     steps: FloatArray
+    control: IntArray
+    """See `solver.cancellation`."""
 
 
 class SearchState(NamedTuple):
@@ -173,15 +178,13 @@ class SearchState(NamedTuple):
     model: Model
     levels: Levels
     table: TrialTable
-    run_trial: int
-    """Address of the function."""
 
 
-@compiled
-def make_trial_table(size: int) -> TrialTable:
+def make_trial_table(size: int, control: IntArray) -> TrialTable:
     """Return an empty table for at most so many trials."""
-    rows, count = np.zeros((size, COLUMNS)), np.zeros(1, np.int64)
-    return TrialTable(rows, count, make_workspace(), make_linearisation(), np.empty((1, STEP_WIDTH)))
+    rows, filled, numbers = np.zeros((size, COLUMNS)), np.zeros(1, np.int64), np.empty(size, np.int64)
+    work, linear, steps = make_workspace(), make_linearisation(), np.empty((1, STEP_WIDTH))
+    return TrialTable(rows, filled, numbers, np.empty(6), work, linear, steps, control)
 
 
 @lean
@@ -200,29 +203,26 @@ def has_strength(oblique_angle: float, strength: Strength) -> bool:
 
 
 @lean
-def _margin(run: Run, model: Model, energy: float, retention: float, sought: int) -> float:
+def _margin(end: int, state: FloatArray, model: Model, energy: float, retention: float, sought: int) -> float:
     """How clearly a projectile ended as sought, above zero, or not.
 
     The energy left beyond the retention energy, which varies smoothly with the angle on both sides of zero; where a
     trial ended before the projectile left, it falls with the distance of the nose tip from the face sought.
     """
-    if run.end.value == sought:
+    if end == sought:
         margin = energy - retention
         return margin if abs(margin) > LEAST else math.copysign(LEAST, margin)
-    depth = tip_depth(run.state, model.body)
+    depth = tip_depth(state, model.body)
     depth = max(model.law.thickness - depth if sought == PERFORATED else depth, 0.0) / model.body.tip
     return -retention - depth * depth
 
 
 @lean
 def attempt(oblique_angle: float, level: Level, search: SearchState) -> int:
-    """Run one trial and append it to the table; return its number."""
-    return int(call_address(search.run_trial, (oblique_angle, level, search), 0))
+    """Run one trial and append it to the table; return its number.
 
-
-@inner
-def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
-    """Do the work of `attempt`; if rough steps let the projectile gain energy, do it again as finely as requested."""
+    If rough steps let the projectile gain energy, it is run again as finely as requested.
+    """
     inputs, model, table = search.inputs, search.model, search.table
     number = int(table.filled[0])
     row, table.filled[0] = table.rows[number], number + 1
@@ -230,7 +230,8 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
     if not has_strength(oblique_angle, inputs.strength):
         row[END] = NO_STRENGTH
         return number
-    start = start_state(model.body, inputs.velocity, oblique_angle, inputs.angle_of_attack, inputs.angular_velocity)
+    start, state = table.start, row[STATE:]
+    start_state(model.body, inputs.velocity, oblique_angle, inputs.angle_of_attack, inputs.angular_velocity, start)
     floor = ENERGY_FLOOR * inputs.retention
     thresholds = Thresholds(floor, floor)
     while True:
@@ -244,36 +245,55 @@ def run_trial(oblique_angle: float, level: Level, search: SearchState) -> int:
             model.law.loaded_thickness,
             model.law.crater_depth,
         )
-        present = Model(model.body, law, level.quadrature, model.panels, model.right_hand_side)
+        present = Model(model.body, law, level.quadrature, model.panels)
         if model.panels.area.size > 0:
-            run = integrate_fixed(start, present, inputs.end_time, thresholds, inputs.time_step, table.steps)
-        else:
-            run = integrate_adaptive(
-                start, present, inputs.end_time, thresholds, level.accuracy, table.steps, table.work, table.linear
+            values = integrate_fixed(
+                start,
+                present,
+                inputs.end_time,
+                thresholds,
+                inputs.time_step,
+                table.steps,
+                state,
+                table.control,
+                table.work,
             )
+        else:
+            values = integrate_adaptive(
+                start,
+                present,
+                inputs.end_time,
+                thresholds,
+                level.accuracy,
+                table.steps,
+                state,
+                table.control,
+                table.work,
+                table.linear,
+            )
+        end = values[0]
         lasting = lasting_energy(start, model.body)
-        energy = (kinetic_energy(run.state, model.body) - lasting) / (kinetic_energy(start, model.body) - lasting)
-        if level.fine or (energy < 1.0 and run.end not in (STEP_LIMIT, NOT_FINITE)):
+        energy = (kinetic_energy(state, model.body) - lasting) / (kinetic_energy(start, model.body) - lasting)
+        if level.fine or (energy < 1.0 and end not in (STEP_LIMIT, NOT_FINITE)):
             break
         level = search.levels[REQUESTED]
     row[FINE] = 1.0 if level.fine else 0.0
-    row[POSITION], row[END] = tip_depth(run.state, model.body), run.end.value
+    row[POSITION], row[END] = tip_depth(state, model.body), end
     finite = True
-    for n in range(run.state.size):
-        row[STATE + n] = run.state[n]
-        finite = finite and math.isfinite(run.state[n])
-    if energy < inputs.retention and run.end in (EXIT, TIME, PERFORATED, TUMBLED):
+    for n in range(state.size):
+        finite = finite and math.isfinite(state[n])
+    if energy < inputs.retention and end in (EXIT, TIME, PERFORATED, TUMBLED):
         row[END] = RETAINED
     if not finite:
         row[END] = NOT_FINITE
-    row[MARGIN] = _margin(run, model, energy, inputs.retention, inputs.sought)
+    row[MARGIN] = _margin(end, state, model, energy, inputs.retention, inputs.sought)
     return number
 
 
 @lean
 def failed(trial: FloatArray) -> bool:
-    """Whether a trial could not be integrated, or begun."""
-    return bool(trial[END] == STEP_LIMIT or trial[END] == NOT_FINITE or trial[END] == NO_STRENGTH)
+    """Whether a trial could not be integrated, or begun, or was given up."""
+    return bool(trial[END] in (STEP_LIMIT, NOT_FINITE, NO_STRENGTH, CANCELLED))
 
 
 @lean

@@ -1,7 +1,6 @@
 """A strike with uncertain inputs, by the names of the solver, and its uncertainty, computed here on some threads."""
 
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 from functools import partial
 from typing import Any, Protocol, TypeVar
@@ -9,6 +8,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.cancellation import ComputingThreads
 from solver.checks import ParameterError, RicochetError, require, require_positive
 from solver.prepared import check_case
 from solver.projectile import Projectile
@@ -306,7 +306,7 @@ def _run(
     steps: Generator[_Batch, Sequence[Result], Answer], evaluate: Callable[[Point], Result], threads: int
 ) -> Answer:
     """Evaluate every point of the batches of a study, some at a time; return its answer."""
-    with ThreadPoolExecutor(threads) as pool:
+    with ComputingThreads(threads) as pool:
         batch = next(steps)
         while True:
             try:

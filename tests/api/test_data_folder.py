@@ -2,24 +2,25 @@
 
 import os
 import shutil
-import socket
 import sqlite3
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
+from anyio.to_thread import run_sync
 from fastapi.testclient import TestClient
 
 from service.api.app import create_app
+from service.api.downloads import Downloads
 from service.cache.maintenance import stat as statistics
 from service.clock import Clock
-from service.errors import FolderLayoutError
+from service.errors import FolderLayoutError, ServiceError
 from service.schemas.strike import PAPER
 from service.settings import Settings
 
@@ -29,7 +30,6 @@ from .owners import bearer, key_in
 pytestmark = pytest.mark.timeout(180)
 
 ROOT = Path(__file__).parents[2]
-HDF5 = {"Accept": "application/x-hdf5"}
 CASES = {
     "cases": [PAPER | {"impact": {"velocity_m_s": 200.0 + number, "oblique_angle_deg": 55.0}} for number in range(5)]
 }
@@ -149,81 +149,30 @@ def test_jobs_that_are_gone_while_there_are_results_are_named(
     assert all("jobs.sqlite was missing or empty" in text for text in warnings)
 
 
-def test_downloads_that_slow_clients_hold_count_though_their_files_are_gone(tmp_path: Path) -> None:
-    """Clients that read nothing hold files of jobs: no more than the bound and what is being written."""
-    settings = {"cache_bytes": "4000000", "executor": "in-process", "access": "open"}  # a tenth is for downloads
-    histories = [case | {"output": {"history": True, "sample_interval_s": 1e-5}} for case in CASES["cases"][:2]]
-    environment = os.environ | {f"RICOCHET_{name.upper()}": value for name, value in settings.items()}
-    with closing(socket.socket()) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    environment |= {"RICOCHET_PORT": str(port), "RICOCHET_DATA_DIR": str(tmp_path / "data")}
-    command = [sys.executable, "-m", "service.cli", "serve"]
-    with subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.DEVNULL) as process:
+@pytest.mark.anyio
+@pytest.mark.parametrize("keep", [True, False], ids=["of ended jobs", "of running jobs"])
+async def test_downloads_that_slow_clients_hold_count_though_their_files_are_gone(keep: bool, tmp_path: Path) -> None:
+    """Ten clients take files of 61 kB and read none of them to its end; the bound is 100 kB."""
+    downloads = Downloads(tmp_path / "downloads", 100_000, lambda: None)
+
+    async def write(path: Path) -> None:
+        await run_sync(path.write_bytes, bytes(61_000))
+
+    held: list[BufferedReader] = []
+    refused: list[ServiceError] = []
+    for number in range(10):
         try:
-            with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0, trust_env=False) as client:
-                wait_for(client)
-                jobs = []
-                for number in range(6):
-                    body = {"cases": [case | {"custom_id": f"{number}"} for case in histories]}
-                    jobs.append(job_in(client, body))
-                held, refused = [], 0
-                for job in jobs:
-                    connection = socket.create_connection(("127.0.0.1", port))
-                    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-                    path = job["links"]["results"]
-                    connection.sendall(
-                        f"GET {path} HTTP/1.1\r\nHost: localhost\r\nAccept: application/x-hdf5\r\n\r\n".encode()
-                    )
-                    refused += b" 503 " in connection.recv(12)
-                    held.append(connection)
-                largest = 400_000 + max_file(process.pid)
-                assert open_bytes(process.pid, tmp_path / "data" / "downloads") <= largest
-                assert refused
-                for connection in held:
-                    connection.close()
-                deadline = time.monotonic() + 30.0
-                while (answer := client.get(jobs[-1]["links"]["results"], headers=HDF5)).status_code == 503:
-                    assert answer.json()["type"] == "urn:ricochet:problem:downloads-full"
-                    assert int(answer.headers["Retry-After"]) > 0
-                    assert time.monotonic() < deadline
-                    time.sleep(0.2)
-                assert answer.status_code == 200
-        finally:
-            process.terminate()
-            process.wait(30.0)
-
-
-def wait_for(client: httpx.Client) -> None:
-    deadline = time.monotonic() + 120.0
-    while True:
-        try:
-            client.get("/readyz").raise_for_status()
-        except httpx.HTTPError:
-            assert time.monotonic() < deadline
-            time.sleep(0.2)
-        else:
-            return
-
-
-def files_of(pid: int) -> dict[int, tuple[str, int]]:
-    """Files that a process has open, by their numbers: path and size."""
-    found = {}
-    for link in Path(f"/proc/{pid}/fd").iterdir():
-        try:
-            status = link.stat()
-            found[status.st_ino] = (str(link.readlink()), status.st_size)
-        except OSError:
-            continue
-    return found
-
-
-def open_bytes(pid: int, folder: Path) -> int:
-    return sum(size for path, size in files_of(pid).values() if path.startswith(str(folder)))
-
-
-def max_file(pid: int) -> int:
-    return max((size for path, size in files_of(pid).values() if "/downloads/" in path), default=0)
+            held.append(await downloads.open(f"job{number}.h5", write, keep=keep))
+        except ServiceError as error:
+            refused.append(error)
+    taken = {os.fstat(file.fileno()).st_ino: 61_000 for file in held}
+    assert sum(taken.values()) <= 100_000 + 61_000
+    assert len(held) + len(refused) == 10
+    assert {(error.status, error.type) for error in refused} == {(503, "urn:ricochet:problem:downloads-full")}
+    for file in held:
+        file.close()
+    with await downloads.open("job99.h5", write, keep=keep) as file:
+        assert len(file.read()) == 61_000
 
 
 def test_results_that_were_evicted_count_as_work_of_who_reads_them(tmp_path: Path) -> None:

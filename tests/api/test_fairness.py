@@ -1,6 +1,7 @@
 """What one client leaves behind, or asks too much of, costs the others nothing."""
 
 import json
+import select
 import signal
 import socket
 from collections.abc import Iterator, Sequence
@@ -119,3 +120,43 @@ def test_stop_refuses_what_cannot_be_finished_in_time(service_on: RunService, tm
                 assert b"retry-after" in head.lower()
                 assert json.loads(body)["type"] == "urn:ricochet:problem:unavailable"
             assert service.process.wait(PATIENCE_S) == 0
+
+
+def answered(ends: Sequence[socket.socket]) -> int:
+    """Number of connections on which an answer has begun."""
+    return len(select.select(ends, [], [], 0.0)[0])
+
+
+REPORTS = 30
+
+
+@pytest.mark.timeout(400)
+def test_reports_of_one_owner_do_not_hold_up_the_query_of_another(service_on: RunService, tmp_path: Path) -> None:
+    """What is drawn for clients who have left is given up, too."""
+    with service_on(tmp_path, workers="1") as service, client_at(service.url, "127.0.0.3") as other:
+        other.post("/report", json=PAPER, timeout=300.0).raise_for_status()  # All its cases are kept from now on.
+        with sent(service.url, "/report", [PAPER] * REPORTS, "127.0.0.2") as ends:
+            until(lambda: gauge(other, "ricochet_queued_queries") > REPORTS / 2)
+            assert other.post("/cra", json=search(1)).is_success
+            assert answered(ends) < REPORTS / 2
+        until(lambda: gauge(other, "ricochet_queued_queries") == 0)
+
+
+def test_study_takes_no_longer_than_it_may(service_on: RunService, tmp_path: Path) -> None:
+    study = PAPER | {
+        "uncertain": [
+            {
+                "field": "impact.velocity_m_s",
+                "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4},
+            }
+        ],
+        "sampling": {"max_samples": 16_384, "half_width": 1e-4, "method": "direct"},
+    }
+    with (
+        service_on(tmp_path, workers="1", study_seconds="0.5") as service,
+        client_at(service.url, "127.0.0.1") as client,
+    ):
+        refused = client.post("/cra/uncertainty", json=study)
+        assert refused.status_code == 422, refused.text
+        assert refused.json()["type"] == "urn:ricochet:problem:timeout"
+        assert "0.5 s" in refused.json()["detail"]

@@ -1,10 +1,12 @@
 """What the service says of itself when something it stands on is gone."""
 
+import asyncio
 import os
 import shutil
 import signal
+import subprocess
 import sys
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 
 import httpx
@@ -17,6 +19,8 @@ from service.schemas import CriticalAngleAnswer
 from service.schemas.problems import Problem
 from service.schemas.strike import PAPER
 from service.settings import Settings
+from tests.faults.processes import processor_seconds
+from tests.service.squares import until
 
 pytestmark = pytest.mark.anyio
 
@@ -58,10 +62,22 @@ async def test_without_workers_it_is_alive_and_not_ready(app: FastAPI, client: h
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-async def test_query_whose_worker_is_stopped_is_to_be_sent_again(app: FastAPI, client: httpx.AsyncClient) -> None:
+async def test_idle_worker_that_is_stopped_is_replaced(app: FastAPI, client: httpx.AsyncClient) -> None:
     for pid in app.state.services.executor.worker_pids:
         os.kill(pid, signal.SIGSTOP)
-    refused = assert_unavailable(await client.post("/cra", json=PAPER))
+        await until(lambda: Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T")  # noqa: B023 (called at once)
+    assert (await client.post("/cra", json=PAPER)).is_success
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+async def test_query_whose_worker_is_stopped_is_to_be_sent_again(app: FastAPI, client: httpx.AsyncClient) -> None:
+    [pid] = app.state.services.executor.worker_pids
+    long = {"method": "panels", "panels": 96_000, "time_step_s": 1e-6, "termination_time_s": 0.05}
+    query = asyncio.ensure_future(client.post("/cra", json=PAPER | {"numerics": long}))
+    used = processor_seconds(pid)
+    await until(lambda: processor_seconds(pid) > used + 0.05)
+    os.kill(pid, signal.SIGSTOP)
+    refused = assert_unavailable(await query)
     assert refused.type == "urn:ricochet:problem:unavailable"
     assert "stopped" in refused.detail
     assert (await client.post("/cra", json=PAPER)).is_success
@@ -137,3 +153,39 @@ async def test_folder_that_is_put_back_is_used_again(on_disk: httpx.AsyncClient,
     assert (await on_disk.get("/readyz")).is_success
     job = await on_disk.post("/cra/batch", json={"cases": [PAPER]}, headers={"Prefer": "respond-async"})
     assert job.status_code == 202
+
+
+PIDS = Path("/sys/fs/cgroup/pids")
+"""Control groups that limit the number of processes and threads, as containers do; of version 1."""
+
+
+@pytest.fixture
+def group() -> Iterator[Path]:
+    """A control group of our own."""
+    folder = PIDS / f"ricochet-{os.getpid()}"
+    try:
+        folder.mkdir()
+    except OSError as error:
+        pytest.skip(f"no control group can be made: {error}")
+    yield folder
+    folder.rmdir()
+
+
+@pytest.mark.timeout(240)
+@pytest.mark.parametrize("most", [2, 8])
+def test_limit_of_processes_is_named_in_a_sentence(most: int, group: Path, tmp_path: Path) -> None:
+    """Enough to begin, too few for eight workers."""
+    (group / "pids.max").write_text(str(most))
+    settings = {"RICOCHET_WORKERS": "8", "RICOCHET_PORT": "0", "RICOCHET_DATA_DIR": str(tmp_path / "data")}
+    program = f"""
+import os, sys
+open({str(group / "cgroup.procs")!r}, "w").write(str(os.getpid()))
+os.execv(sys.executable, [sys.executable, "-m", "service.cli", "serve"])
+"""
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(
+        command, env=os.environ | settings, capture_output=True, text=True, timeout=200.0, check=False
+    )
+    assert done.returncode == 3
+    assert "pids.max" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -59,6 +59,51 @@ def test_the_backend_of_a_notebook_does_not_matter(folder: Path, backend: str) -
     assert (folder / "plot.svg").stat().st_size
 
 
+STYLE = """\
+text.usetex: True
+savefig.bbox: tight
+savefig.pad_inches: -9
+savefig.dpi: 10000
+savefig.format: nonsense
+figure.figsize: 900, 900
+svg.fonttype: none
+font.family: nothing
+axes.prop_cycle: cycler('color', ['red'])
+interactive: True
+backend: tkagg
+"""
+
+
+def drawn(folder: Path, *words: str, **settings: str) -> bytes:
+    done = run_process(folder, *words, **settings)
+    assert done.status == 0, done.err
+    return (folder / words[-1]).read_bytes()
+
+
+def test_the_settings_of_matplotlib_change_no_plot(folder: Path) -> None:
+    """Neither those of the working folder nor those of the user, which may be of any encoding."""
+    words = ("trajectory", "strike.toml", "--angle", "45", "--plot", "plot.svg")
+    assert run(folder, *words, SOURCE_DATE_EPOCH="0").status == 0
+    usual = (folder / "plot.svg").read_bytes()
+    (folder / "matplotlibrc").write_text(STYLE)
+    assert drawn(folder, *words, SOURCE_DATE_EPOCH="0") == usual
+    (folder / "matplotlibrc").rename(folder / "own")
+    (folder / "own").write_bytes(f"{STYLE}# é\n".encode("latin-1"))
+    assert drawn(folder, *words, SOURCE_DATE_EPOCH="0", MATPLOTLIBRC="own") == usual
+
+
+def test_the_settings_of_matplotlib_change_no_report(folder: Path) -> None:
+    (folder / "matplotlibrc").write_text(STYLE)
+    assert b"data:image/svg+xml" in drawn(folder, "report", "strike.toml", "-o", "report.html")
+
+
+def test_settings_of_matplotlib_that_cannot_be_read_are_named(folder: Path) -> None:
+    (folder / "matplotlibrc").write_bytes("# é\n".encode("latin-1"))
+    done = run_process(folder, "cra", "strike.toml", "--plot", "plot.svg")
+    assert (done.status, "Traceback" in done.err) == (1, False)
+    assert "ricochet cra: matplotlibrc: " in done.err
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "gbk", "cp437"])
 @pytest.mark.parametrize(
     "words",
@@ -117,3 +162,11 @@ def test_streams_may_be_closed(folder: Path, live_url: str, line: str, status: i
     assert done.returncode == status, done.stderr
     for stray in ("Traceback", "Broken pipe", "[Errno", "Exception ignored"):
         assert stray not in done.stderr
+
+
+def test_settings_that_numba_cannot_work_with_are_named_in_one_sentence(folder: Path) -> None:
+    (folder / ".numba_config.yaml").write_text("opt: [")
+    ended = run_process(folder, "cra", "strike.toml")
+    assert (ended.status, ended.out) == (1, "")
+    assert ended.err.startswith("ricochet cra: numba cannot be used with the settings found (.numba_config.yaml in")
+    assert len(ended.err.splitlines()) == 1

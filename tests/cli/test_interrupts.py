@@ -3,12 +3,13 @@
 import os
 import signal
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, write_cases
+from tests.cli.commands import LIMIT_S, case_at, environment, write_cases
 from tests.conftest import until
 
 TESTS_CSV = "velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n314.0,0.45\n369.5,0.53\n"
@@ -51,7 +52,7 @@ def pressed(folder: Path) -> Iterator[Callable[..., tuple[int, list[str]]]]:
     def press(words: str, claim: Callable[[int], bool]) -> tuple[int, list[str]]:
         with (folder / "err").open("w") as err:
             process = subprocess.Popen(
-                [*COMMAND, *words.split()],
+                [sys.executable, "-m", "service.cli", *words.split()],  # Warnings are those that a user sees.
                 cwd=folder,
                 env=environment(),
                 stdout=subprocess.DEVNULL,
@@ -99,9 +100,12 @@ def test_ctrl_c_at_a_service_is_one_line_and_how_to_go_on(
     def answers(process: int) -> bool:
         return "_ssl" in Path(f"/proc/{process}/maps").read_text()
 
+    def has_rows(_: int) -> bool:
+        return any(path.stat().st_size for path in folder.glob("out.partial*"))
+
     status, lines = pressed(f"report strike.toml --url {live_url}", answers)
     assert (status, lines) == (130, ["interrupted"])
-    status, lines = pressed(f"{BATCH} --url {live_url} -o out.csv", lambda _: any(folder.glob("out.partial*")))
+    status, lines = pressed(f"{BATCH} --url {live_url} -o out.csv", has_rows)
     assert (status, lines[-1]) == (130, "interrupted")
     [said] = [line for line in lines if line.startswith("the job continues")]
     assert "to stop it: ricochet jobs cancel " in said

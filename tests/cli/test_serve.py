@@ -181,8 +181,27 @@ def test_service_that_is_still_compiling_ends_on_sigterm(tmp_path: Path) -> None
             process.send_signal(signal.SIGTERM)
             process.wait(10.0)  # a fraction of what is left to compile
         finally:
-            os.killpg(process.pid, signal.SIGKILL)  # the fork server would compile to its end
+            process.kill()
     assert process.returncode == 0
+
+
+@pytest.mark.parametrize("seconds", [0.5, 1.0, 2.0, 4.0])
+def test_interrupt_while_the_workers_start_is_no_traceback(seconds: float, tmp_path: Path) -> None:
+    """Ctrl-C reaches every process of the terminal."""
+    settings = {"RICOCHET_PORT": "0", "RICOCHET_DATA_DIR": "data", "RICOCHET_WORKERS": "4"}
+    with subprocess.Popen(
+        [*COMMAND, "serve"],
+        cwd=tmp_path,
+        env=environment(**settings),
+        start_new_session=True,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        time.sleep(seconds)
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=60.0)
+    assert process.returncode in {0, 130}
+    assert "Traceback" not in errors
 
 
 def test_terminal_gets_the_address_and_readable_log_lines(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ def processes_of(data: Path) -> list[int]:
 
 
 def workers_of(data: Path, server: int) -> list[int]:
-    """Worker processes: children of the fork server, which is a child of the server."""
+    """Worker processes: children of the template process, which is a child of the server."""
     parents = {process: _parent(process) for process in processes_of(data)}
     return [process for process, parent in parents.items() if parents.get(parent) == server]
 

@@ -25,7 +25,8 @@ from solver import (
     mass_properties,
     simulate,
 )
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
+from solver.cancellation import NO_LIMIT
 from solver.loads import MOST_STATES, Scratch, make_scratch
 from solver.motion import STEP_WIDTH, Model, Thresholds, accelerate, make_workspace, sample_loads
 from solver.prepared import initial_state, prepare
@@ -118,14 +119,22 @@ def no_table() -> FloatArray:
     return np.empty((1, STEP_WIDTH))
 
 
+def control() -> IntArray:
+    return np.array([0, NO_LIMIT])
+
+
+def by_fixed_steps(start: FloatArray, model: Model, time: float, count: int) -> FloatArray:
+    state = np.empty(6)
+    integrate_fixed(start, model, time, NO_END, time / count, no_table(), state, control(), make_workspace())
+    return state
+
+
 def test_fixed_step_is_of_fourth_order_while_the_motion_is_smooth() -> None:
     start, model = deep_inside(Numerics(method="panels", panels=1000))
     time = 1e-4
-    exact = integrate_fixed(start.copy(), model, time, NO_END, time / 512, no_table()).state
+    exact = by_fixed_steps(start, model, time, 512)
     counts = np.array([4, 8, 16, 32])
-    errors = [
-        np.abs(integrate_fixed(start.copy(), model, time, NO_END, time / n, no_table()).state - exact) for n in counts
-    ]
+    errors = [np.abs(by_fixed_steps(start, model, time, n) - exact) for n in counts]
     for component in range(6):
         order = slope(1.0 / counts, np.array([error[component] for error in errors]))
         assert order == pytest.approx(4.0, abs=0.25)
@@ -138,7 +147,9 @@ def test_adaptive_step_error_falls_with_its_tolerance() -> None:
     def final(tolerance: float) -> FloatArray:
         room = make_workspace(), make_linearisation()
         accuracy = Accuracy(tolerance, LARGEST_STEP)
-        return integrate_adaptive(start.copy(), model, 1e-4, NO_END, accuracy, no_table(), *room).state
+        state = np.empty(6)
+        integrate_adaptive(start, model, 1e-4, NO_END, accuracy, no_table(), state, control(), *room)
+        return state
 
     exact = final(1e-12)
     tolerances = np.array([1e-6, 1e-7, 1e-8, 1e-9, 1e-10])

@@ -13,7 +13,7 @@ from service.jobs.models import JobCase, JobState
 from service.jobs.store import JobStore
 from service.operations import KeyedRequest, Operation
 from service.queries import QueryService
-from service.workers import Executor
+from service.workers.executor import Executor
 from tests.service.questions import SQUARE, Question
 
 

@@ -75,7 +75,7 @@ async def workers_of(executor: DaskExecutor) -> dict[str, int]:
 
 
 async def grandparents(executor: DaskExecutor, count: int) -> set[int]:
-    """The workers of Dask, or this process, that chunks run below: parents of the fork servers."""
+    """The workers of Dask, or this process, that chunks run below: parents of the templates."""
     code = "__import__('time').sleep(0.1) or int(open('/proc/%d/stat' % __import__('os').getppid()).read().split()[3])"
     call: Call = (eval, (code,))
     finished = await asyncio.gather(*(executor.run([call]) for _ in range(count)))
@@ -93,6 +93,23 @@ async def test_worker_killed_amid_a_batch_costs_no_case(executor: DaskExecutor, 
         assert squares(await all_results(manager, job)) == [number**2 for number in range(300)]
     await until(lambda: executor.cluster.capacity == 2)
     assert victim not in (await workers_of(executor)).values()
+
+
+async def test_frozen_worker_costs_no_case(executor: DaskExecutor, tmp_path: Path) -> None:
+    """The scheduler does not miss it for minutes: it has a connection, and says nothing."""
+    async with running(tmp_path, executor) as manager:
+        job = await accepted(manager, cases(range(300), seconds=0.02))
+        await until_done(manager, job, 40)
+        victim, *_ = (await workers_of(executor)).values()
+        os.kill(victim, signal.SIGSTOP)
+        try:
+            async with asyncio.timeout(WAIT_SECONDS):
+                state = await ended(manager, job)
+        finally:
+            os.kill(victim, signal.SIGCONT)
+        assert (state.status, state.done, state.failed) == ("successful", 300, 0)
+        assert squares(await all_results(manager, job)) == [number**2 for number in range(300)]
+    await until(lambda: executor.cluster.capacity == 2)
 
 
 async def test_scheduler_killed_and_started_again_costs_no_case(

@@ -1,6 +1,7 @@
 """What every executor has to do alike, so that they cannot drift apart. Dask runs as real processes over TCP."""
 
 import asyncio
+import hashlib
 import operator
 import os
 import signal
@@ -19,8 +20,9 @@ from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashed
 from service.operations import compute_critical_angle, compute_trajectory
 from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.strike import PAPER, PAPER_AT_45
-from service.workers import Call, Executor
+from service.workers import Call
 from service.workers.dask_executor import DaskExecutor
+from service.workers.executor import Executor
 from service.workers.in_thread import InThreadExecutor
 from service.workers.process_pool import ProcessPool
 from service.workers.worker import answer, compute_case, compute_single, dumps, loads
@@ -31,7 +33,10 @@ DASK = pytest.param("dask", marks=pytest.mark.system)
 
 USUAL_SECONDS = 60.0
 DEADLY: Call = (signal.raise_signal, (signal.SIGKILL,))
-ENDLESS: Call = (pow, (7, 10**8))
+ENDLESS: Call = (hashlib.pbkdf2_hmac, ("sha256", b"", b"", 10**9))
+"""Stands for compiled code: it looks at no signal, and so does not end when it is asked to."""
+PATIENT: Call = (time.sleep, (1000.0,))
+"""Stands for Python code, which a signal ends."""
 
 Make: TypeAlias = Callable[..., Awaitable[Executor]]
 with_processes = pytest.mark.parametrize("kind", ["pool", DASK], indirect=True)
@@ -91,7 +96,7 @@ async def test_single_call_returns_or_raises(executor: Executor) -> None:
         await executor.submit(int, "x")
     with pytest.raises(TypeError, match="pickle"):
         await executor.submit(threading.Lock)
-    assert executor.queued == 0
+    assert executor.queue.singles == 0
 
 
 async def test_calls_come_back_in_order_each_with_its_own_outcome(executor: Executor) -> None:
@@ -201,6 +206,38 @@ async def test_cancelled_single_call_is_ended_long_before_its_time(executor: Exe
         assert await executor.submit(operator.add, 2, 3) == 5
     assert all(call.cancelled() for call in endless)
     assert executor.restarts > 0
+
+
+@with_processes
+async def test_cancelled_call_that_heeds_a_signal_ends_without_its_worker(executor: Executor) -> None:
+    workers = executor.worker_pids
+    patient = [
+        asyncio.ensure_future(executor.submit(*PATIENT[:1], *PATIENT[1])) for _ in range(executor.single_capacity)
+    ]
+    await asyncio.sleep(0.5)
+    for call in patient:
+        call.cancel()
+    assert await executor.submit(operator.add, 2, 3) == 5
+    assert all(call.cancelled() for call in patient)
+    assert (executor.worker_pids, executor.restarts) == (workers, 0)
+
+
+async def test_owners_share_the_workers_and_small_work_of_one_passes_large(executor: Executor) -> None:
+    """The queue of one owner is long; another who comes later does not wait for all of it."""
+    done: list[str] = []
+
+    async def submit(name: str, owner: str, cost: float) -> None:
+        await executor.submit(time.sleep, 0.1, owner=owner, cost=cost)
+        done.append(name)
+
+    busy = [submit(f"busy {number}", "anna", 10.0) for number in range(8)]
+    async with asyncio.TaskGroup() as group:
+        for call in busy:
+            group.create_task(call)
+        await asyncio.sleep(0.05)
+        group.create_task(submit("small", "anna", 1.0))
+        group.create_task(submit("other", "bert", 10.0))
+    assert max(done.index("small"), done.index("other")) < 2 * executor.single_capacity + 2
 
 
 async def test_cancelled_while_it_waits_a_chunk_never_runs(executor: Executor, tmp_path: Path) -> None:

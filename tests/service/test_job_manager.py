@@ -298,6 +298,18 @@ async def test_more_cases_than_may_wait_are_refused_with_a_time(pool: ProcessPoo
         await accepted(manager, cases(range(400)))
 
 
+async def test_small_job_of_an_owner_passes_a_large_one(pool: ProcessPool, tmp_path: Path) -> None:
+    async with running(tmp_path, pool) as manager:
+        large = await accepted(manager, cases(range(2000), seconds=0.02))
+        await until_done(manager, large, 4)
+        small = await ended(manager, await accepted(manager, cases(range(5000, 5010), seconds=0.02)))
+        state = await manager.job(large.id)
+        assert small.done == 10
+        assert state is not None
+        assert state.done < 500
+        await manager.cancel(large.id)
+
+
 async def test_no_owner_fills_the_queue(pool: ProcessPool, tmp_path: Path) -> None:
     """An owner may have half of what the others leave, so that there is room for the next."""
     async with running(tmp_path, pool, max_queued_cases=800) as manager:
@@ -306,7 +318,7 @@ async def test_no_owner_fills_the_queue(pool: ProcessPool, tmp_path: Path) -> No
             await manager.accept("square", sliced(cases(range(400, 450))), owner="anna")
         jobs.append(await accepted(manager, cases(range(1000, 1200), seconds=0.2), "bert"))
         with pytest.raises(QueueFullError):
-            manager.run_now("square", cases(range(1200, 1250)), "bert")
+            manager.run_now("square", cases(range(1200, 1250)), owner="bert")
         found = await collect(manager, cases(range(2000, 2100)))  # as they finish
         assert sorted(squares(found)) == [i**2 for i in range(2000, 2100)]
         for job in jobs:

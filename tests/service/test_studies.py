@@ -18,8 +18,8 @@ from service.jobs.models import JobCase, JobState
 from service.jobs.studies import run_study
 from service.operations import OPERATIONS, KeyedRequest
 from service.schemas.strike import PAPER
-from service.workers import Executor
 from service.workers.dask_executor import DaskExecutor
+from service.workers.executor import Executor
 from service.workers.in_thread import InThreadExecutor
 from service.workers.process_pool import ProcessPool
 from tests.service import squares
@@ -133,9 +133,9 @@ async def test_curve_of_a_round_is_reported_before_more_samples_are_computed(thr
 
     async with running(tmp_path, thread) as manager:
 
-        async def run(name: str, cases: Sequence[JobCase]) -> AsyncGenerator[CaseResult, None]:
+        async def run(name: str, cases: Sequence[JobCase], more: int) -> AsyncGenerator[CaseResult, None]:
             nonlocal computed
-            async for result in manager.run_now(name, cases):
+            async for result in manager.run_now(name, cases, more):
                 computed += 1
                 yield result
 

@@ -1,11 +1,11 @@
 """What a worker computes is what the solver computes here, to the last bit, and it is ready to do so at once."""
 
+import asyncio
 import math
 import os
 import pickle
 import socket
 import threading
-from collections import deque
 
 import orjson
 import pytest
@@ -16,7 +16,17 @@ from service.schemas import CriticalAngleRequest, TrajectoryRequest, trajectory_
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.workers import Call
 from service.workers.process_pool import ProcessPool
-from service.workers.worker import Channel, answer, check_requests, close_chunk, compute_case, compute_single, loads
+from service.workers.worker import (
+    answer,
+    check_requests,
+    close_chunk,
+    compute_case,
+    compute_single,
+    loads,
+    receive,
+    send,
+)
+from service.workers.worker_process import Messages, WorkerDiedError
 from solver import ENGINE_VERSION, ParameterError, critical_angle, simulate
 from tests.service.records import read_records
 
@@ -103,39 +113,27 @@ def test_reply_that_cannot_be_understood_is_the_error_of_its_call() -> None:
     assert isinstance(loads(b"not a pickle").error, pickle.UnpicklingError)
 
 
-def test_messages_arrive_whole_and_in_order_however_they_are_cut() -> None:
+async def test_messages_arrive_whole_and_in_order_however_they_are_cut() -> None:
     ours, theirs = socket.socketpair()
-    sent = [os.urandom(length) for length in (0, 1, 7, 8, 100_000, 3_000_000, 0, 5)]
-    channel, other = Channel(ours), Channel(theirs)
-    sender = threading.Thread(target=lambda: deque(map(other.send, sent)))
+    sent = [os.urandom(length) for length in (1, 7, 8, 100_000, 3_000_000, 5)]
+    messages = Messages()
+    transport, _ = await asyncio.get_running_loop().create_connection(lambda: messages, sock=ours)
+    sender = threading.Thread(target=lambda: [send(theirs, message) for message in sent])  # type: ignore[func-returns-value]
     sender.start()
-    assert [channel.receive() for _ in sent] == sent
+    assert [await messages.next() for _ in sent] == sent
     sender.join()
-    assert not channel.waiting()
-    assert channel.receive(0.01) is None
-    other.close()
-    channel.close()
-
-
-def test_what_was_said_before_the_other_end_went_is_still_heard() -> None:
-    ours, theirs = socket.socketpair()
-    channel, other = Channel(ours), Channel(theirs)
-    channel.send(b"never read")
-    other.send(b"one")
-    other.send(b"two")
     theirs.sendall(b"half of a length"[:5])
-    other.close()
-    assert channel.waiting()
-    assert [channel.receive(), channel.receive()] == [b"one", b"two"]
-    with pytest.raises((EOFError, ConnectionResetError)):
-        channel.receive()
-    channel.close()
-
-
-def test_message_nobody_takes_is_given_up_in_time() -> None:
-    ours, theirs = socket.socketpair()
-    channel = Channel(ours)
-    with pytest.raises(TimeoutError):
-        channel.send(bytes(10_000_000), 0.1)
-    channel.close()
     theirs.close()
+    with pytest.raises(WorkerDiedError):
+        await messages.next()
+    transport.close()
+
+
+def test_worker_receives_what_is_sent_until_the_other_end_closes() -> None:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        send(ours, b"one")
+        send(ours, b"two")
+        ours.sendall(b"half of a length"[:5])
+        ours.close()
+        assert [receive(theirs) for _ in range(3)] == [b"one", b"two", b""]

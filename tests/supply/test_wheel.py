@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SOURCES = ("pyproject.toml", "README.md", "LICENSE", "service", "solver")
+SOURCES = ("pyproject.toml", "README.md", "LICENSE", "ricochet_command.py", "service", "solver")
 """What the Dockerfile copies."""
 
 
@@ -57,7 +57,7 @@ def test_two_builds_from_copies_of_other_ages_in_other_places_are_byte_for_byte_
     assert hashlib.sha256(old.read_bytes()).hexdigest() == hashlib.sha256(new.read_bytes()).hexdigest()
 
 
-def test_wheel_holds_the_two_packages_whole_and_nothing_else(wheels: tuple[Path, Path]) -> None:
+def test_wheel_holds_the_two_packages_whole_and_the_entry_of_the_command_alone(wheels: tuple[Path, Path]) -> None:
     names = {name for name in zipfile.ZipFile(wheels[0]).namelist() if ".dist-info/" not in name}
     tracked = {
         path.relative_to(ROOT).as_posix()
@@ -65,4 +65,32 @@ def test_wheel_holds_the_two_packages_whole_and_nothing_else(wheels: tuple[Path,
         for path in (ROOT / package).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
-    assert names == tracked
+    assert names == tracked | {"ricochet_command.py"}
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("service/__init__.py", ""),
+        ("service/cli/__init__.py", "raise RuntimeError"),
+        ("service.py", "raise RuntimeError"),
+        ("solver/__init__.py", "raise RuntimeError"),
+        ("solver.py", "raise RuntimeError"),
+    ],
+)
+def test_a_package_of_somebody_else_in_place_of_ours_is_named(tmp_path: Path, name: str, content: str) -> None:
+    path = tmp_path / "theirs" / name
+    path.parent.mkdir(parents=True)
+    path.write_text(content)
+    (tmp_path / "theirs" / name.partition("/")[0].removesuffix(".py")).mkdir(exist_ok=True)
+    if path.parent.name == "cli":
+        (path.parent.parent / "__init__.py").touch()
+    command = [sys.executable, "-c", "import sys; from ricochet_command import main; sys.exit(main())", "version"]
+    theirs = os.environ | {"PYTHONPATH": os.pathsep.join((str(tmp_path / "theirs"), str(ROOT)))}
+    done = subprocess.run(command, cwd=tmp_path, env=theirs, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (1, "")
+    [line] = done.stderr.splitlines()
+    assert line.startswith(f"ricochet: {tmp_path / 'theirs'}")
+    assert "in place of that of ricochet: rename it, or take its folder out of PYTHONPATH" in line
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -131,7 +131,7 @@ def verdict_on(body: dict[str, Any]) -> Verdict:
     return verdict(**arguments, oblique_angle=None if angle is None else math.radians(angle), threads=2)
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("body", odd_strikes(len(KINDS), seed=1), ids=KINDS)
 def test_a_verdict_does_not_contradict_itself(body: dict[str, Any]) -> None:
     assert contradictions(verdict_on(body)) == []

@@ -1,0 +1,23 @@
+"""Entry of the `ricochet` command, whose packages have names that many other projects use: `service` and `solver`."""
+
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+PACKAGES = {"service": "cli/outputs.py", "solver": "plausibility.py"}
+"""A file of each package, by which it is known."""
+
+
+def main() -> int:
+    """Run the command, unless something else on the path is found in place of a package; return the exit status."""
+    for name, known in PACKAGES.items():
+        spec = find_spec(name)
+        places = list(spec.submodule_search_locations or ()) if spec else []
+        if not any((Path(place) / known).is_file() for place in places):
+            found = next(iter(places), spec.origin if spec else None) or "nothing"
+            text = f"{found} is found as the Python package {name}, in place of that of ricochet"
+            print(f"ricochet: {text}: rename it, or take its folder out of PYTHONPATH", file=sys.stderr)
+            return 1
+    from service.cli import main as run
+
+    return run()

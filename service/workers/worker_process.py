@@ -1,0 +1,206 @@
+"""The parent's side of a worker process: its start, its end, and the messages to and from it."""
+
+import asyncio
+import os
+import pickle
+import signal
+import socket
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from service.errors import PoolUnavailableError
+from service.workers import Call
+from service.workers.template import LIMIT_HINT, template
+from service.workers.worker import LENGTH, STOP, VERSIONS, Hello, dumps
+
+START_SECONDS = 600.0
+"""Time for a worker to come up: seconds, but the first ever on a machine compiles the solver. [s]"""
+CANCEL_SECONDS = 0.3
+"""Time for a call that is asked to stop to end by itself; then its worker is killed. [s]"""
+
+
+class WorkerDiedError(Exception):
+    """The worker died or was killed."""
+
+
+class Messages(asyncio.BufferedProtocol):
+    """Messages that arrive at a socket, each read to where it stays: answers with a history take megabytes."""
+
+    def __init__(self) -> None:
+        self.closed = False
+        self._arrived: deque[bytearray] = deque()
+        self._buffer, self._filled, self._in_body = bytearray(LENGTH.size), 0, False
+        self._waiting: asyncio.Future[None] | None = None
+
+    async def next(self) -> bytearray:
+        """Return the next message.
+
+        Raises
+        ------
+        WorkerDiedError
+            If the other end has closed.
+        """
+        while not self._arrived:
+            if self.closed:
+                raise WorkerDiedError
+            self._waiting = asyncio.get_running_loop().create_future()
+            await self._waiting
+        return self._arrived.popleft()
+
+    def get_buffer(self, sizehint: int) -> memoryview:
+        """Return where to read the next bytes to: what is left of a length or of a message."""
+        return memoryview(self._buffer)[self._filled :]
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """Note that bytes have been read."""
+        self._filled += nbytes
+        if self._filled < len(self._buffer):
+            return
+        if self._in_body:
+            self._arrived.append(self._buffer)
+            self._wake()
+        length = LENGTH.size if self._in_body else LENGTH.unpack(self._buffer)[0]
+        self._buffer, self._filled, self._in_body = bytearray(length), 0, not self._in_body
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Note that the other end has closed."""
+        self.closed = True
+        self._wake()
+
+    def _wake(self) -> None:
+        if self._waiting is not None and not self._waiting.done():
+            self._waiting.set_result(None)
+
+
+class WorkerProcess:
+    """A process that runs `service.workers.worker.serve`, and the socket to it.
+
+    Not an executor of `concurrent.futures`: that never returns, and keeps its interpreter from ending, if a worker dies
+    while it sends a result that a pipe cannot hold. Here the death of the worker closes the only other end of the
+    socket, whenever it comes.
+    """
+
+    def __init__(self) -> None:
+        self.yielding = False
+        """Whether it has been asked to leave its calls and has not said that it has."""
+        self.pid = 0
+        """Process id; 0 before it is up and after its end."""
+        self._lifeline = -1
+        self._killing: asyncio.TimerHandle | None = None
+        self._messages = Messages()
+        self._transport: asyncio.Transport | None = None
+
+    async def start(self) -> None:
+        """Start the process and wait until it is warm.
+
+        Raises
+        ------
+        PoolUnavailableError
+            If it does not come up.
+        """
+        ours = self._fork()
+        try:
+            self._transport, _ = await asyncio.get_running_loop().create_connection(lambda: self._messages, sock=ours)
+            async with asyncio.timeout(START_SECONDS):
+                hello: Hello = pickle.loads(await self._messages.next())  # noqa: S301 (from our own worker)
+        except (WorkerDiedError, TimeoutError):
+            self.close()
+            raise PoolUnavailableError("a worker process did not come up; standard error has what it said") from None
+        except BaseException:
+            self.close()
+            raise
+        self.pid = hello.pid
+        if hello.error or hello.versions != VERSIONS:
+            self.close()
+            changed = "ricochet was changed on the disk while it runs: restart the service"
+            raise PoolUnavailableError(hello.error or changed)
+
+    @property
+    def usable(self) -> bool:
+        """Whether an idle worker lives and moves."""
+        return not self._messages.closed and not self.stopped
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a signal or a debugger has stopped the process; unknown, so False, where there is no /proc."""
+        with suppress(OSError):
+            return Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0] in {"T", "t"}
+        return False
+
+    def send(self, calls: Sequence[Call]) -> None:
+        """Have the worker run these calls."""
+        self._write(pickle.dumps([dumps(call) for call in calls]))
+
+    async def receive(self) -> bytearray | None:
+        """Return the reply to the next call, for `loads`; None if the worker has left the others.
+
+        Raises
+        ------
+        WorkerDiedError
+            If there will be none.
+        """
+        message = await self._messages.next()
+        if message != STOP:
+            return message
+        self.yielding = False
+        if self._killing is not None:
+            self._killing.cancel()
+            self._killing = None
+        return None
+
+    def make_way(self) -> None:
+        """Ask the worker to leave the calls that it has not begun."""
+        if not self.yielding:
+            self.yielding = True
+            self._write(STOP)
+
+    def stop_call(self) -> None:
+        """Ask the worker to stop the running call too, and kill it if it does not do so soon."""
+        self.make_way()
+        if self._killing is None:
+            self._signal(signal.SIGUSR1)
+            self._killing = asyncio.get_running_loop().call_later(CANCEL_SECONDS, self.kill)
+
+    def kill(self) -> None:
+        """End the process now, whatever it is doing."""
+        self._signal(signal.SIGKILL)
+
+    def close(self) -> None:
+        """End the process, and free what it took."""
+        self.kill()
+        self.pid = 0
+        if self._killing is not None:
+            self._killing.cancel()
+        if self._transport is not None:
+            self._transport.abort()
+        with suppress(OSError):
+            os.close(self._lifeline)
+        self._lifeline = -1
+
+    def _fork(self) -> socket.socket:
+        """Have the process forked; return our end of the socket."""
+        ours, theirs = socket.socketpair()
+        watched, self._lifeline = os.pipe()
+        try:
+            template.fork([theirs.fileno(), watched])
+        except OSError as error:
+            ours.close()
+            os.close(self._lifeline)
+            hint = f"; {LIMIT_HINT}" if isinstance(error, BlockingIOError) else ""
+            raise PoolUnavailableError(f"no worker process could be started: {error}{hint}") from error
+        finally:
+            theirs.close()  # The worker's copies are then the only ones: its death is the end of the stream.
+            os.close(watched)
+        return ours
+
+    def _signal(self, number: signal.Signals) -> None:
+        # A worker that has gone has been reaped, and its id may belong to another process by now.
+        if self.pid and not self._messages.closed:
+            with suppress(ProcessLookupError):
+                os.kill(self.pid, number)
+
+    def _write(self, message: bytes) -> None:
+        if self._transport is not None and not self._transport.is_closing():
+            self._transport.write(LENGTH.pack(len(message)) + message)
