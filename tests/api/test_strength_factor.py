@@ -123,4 +123,4 @@ def test_other_angles_are_refused(client: httpx.Client, held: str) -> None:
     law = EQUATION_9 | {"held_from_deg": "HELD"}
     body = json.dumps(with_model(GRAZING, law)).replace('"HELD"', held)
     response = client.post("/trajectory", content=body, headers=TEXT)
-    refused_at(response, "/resistance/strength_factor/obliquity_polynomial/held_from_deg")
+    refused_at(response, "/resistance/strength_factor/held_from_deg")
