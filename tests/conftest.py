@@ -28,6 +28,7 @@ NO_TLS = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
+
 @pytest.fixture(scope="session")
 def anyio_backend() -> str:
     return "asyncio"
