@@ -12,6 +12,7 @@ from service.schemas import ReportRequest
 from solver import (
     ConstantStrengthFactor,
     ElasticPlastic,
+    ModelWarning,
     MohrCoulomb,
     NoFreeSurface,
     Numerics,
@@ -30,6 +31,7 @@ from solver.resistance import strength_factor
 from solver.strength_scatter import TABLE_1, strength_scatter
 from solver.strike import PAPER_PROJECTILE, PAPER_VELOCITY
 from solver.uncertainty import Discrete, Estimate, Verdict, usual_scatter, verdict
+from solver.uncertainty.verdict import with_those_of_strike
 from solver.uncertainty.weighed_warnings import range_held_earlier
 from tests.odd_strikes import KINDS, odd_strikes
 from tests.physics.strikes import CASE, known
@@ -206,6 +208,21 @@ def test_range_reaches_down_to_where_s_held_earlier_puts_it(
     )
     assert found is not None
     assert [math.degrees(each) for each in found] == pytest.approx(expected)
+
+
+def test_warnings_of_the_search_stand_beside_those_of_the_strike() -> None:
+    strike = [
+        ModelWarning("fit", "at 55° beyond"),
+        ModelWarning("mass", "not given"),
+        ModelWarning("tumbling", "turns"),
+    ]
+    search = [
+        ModelWarning("fit", "at 48° beyond", standing=True),
+        ModelWarning("mass", "not given; moves", standing=True),
+    ]
+    found = with_those_of_strike(strike, search)
+    assert [each.detail for each in found] == ["at 55° beyond", "turns", "at 48° beyond", "assumed; moves"]
+    assert [each.standing for each in found] == [True, False, True, True]
 
 
 def test_range_is_wide_by_the_law_and_narrow_with_shots_into_the_concrete() -> None:
