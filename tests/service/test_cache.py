@@ -378,7 +378,7 @@ def test_memory_for_results_is_what_is_counted_whatever_is_done_with_them(tmp_pa
                 recalled = cache.recall(record.key)
                 assert recalled is not None
                 assert recalled.answer == record.answer  # which parses it
-            del record, recalled
+                del record, recalled
             cache.flush()
             gc.collect()
             taken = tracemalloc.get_traced_memory()[0]

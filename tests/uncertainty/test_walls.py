@@ -148,7 +148,7 @@ def random_walls(count: int, seed: int) -> list[tuple[Projectile, Target, float]
 
 
 def check_enough_is_monotone(walls: list[tuple[Projectile, Target, float]]) -> None:
-    wrong = []
+    wrong: list[Any] = []
     for projectile, target, velocity in walls:
         free = judge(projectile, target, velocity)
         middle = max(free.perforation.design or 0.0, free.scabbing.design or 0.0) or 4.0 * projectile.diameter
@@ -179,6 +179,7 @@ def test_enough_is_monotone_over_many_walls() -> None:
 @pytest.mark.parametrize("angle", [0.0, 40.0])
 def test_every_formula_for_the_thickness_is_solved_for_the_speed(angle: float) -> None:
     oblique = math.radians(angle)
+    rows: tuple[Any, ...] = ()
     for thickness in (0.2, 0.5, 1.0):
         rows = limit_speeds(projectile=FLAT, target=PAPER_TARGET, thickness=thickness, oblique_angle=oblique)
         assert len(rows) >= 7
