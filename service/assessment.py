@@ -16,7 +16,7 @@ from service.schemas.requests import ReportRequest
 from service.schemas.verdict import angle_in, next_shot_advice_in, usual_inputs, verdict_in
 from solver import ENGINE_VERSION, ConstantStrengthFactor, mass_properties
 from solver.checks import BOUNDS
-from solver.strength_scatter import strength_scatter
+from solver.strength_scatter import scatter_of_strength
 from solver.strike import USUAL
 from solver.uncertainty.verdict import HALF_WIDTH, SAMPLES, probability_angles
 from solver.uncertainty.weighed_warnings import probes
@@ -179,8 +179,11 @@ def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, 
                 "target": {"youngs_modulus_pa": target.elastic_modulus},
             },
             scatter=usual_inputs(request),
-            dispersion=strength_scatter(
-                projectile=projectile, target=target, resistance=request.resistance.to_solver()
+            dispersion=scatter_of_strength(
+                projectile=projectile,
+                target=target,
+                resistance=request.resistance.to_solver(),
+                strength_scatter=request.strength_scatter.value,
             ).dispersion,
             verdict=verdict_in(request, answers),
             advice=next_shot_advice_in(answers.get("uncertainty", {})),

@@ -25,6 +25,7 @@ from solver.projectile import Projectile
 from solver.resistance import Resistance
 from solver.search.critical_angle import critical_angle
 from solver.search.types import CriticalAngle, Search
+from solver.strength_scatter import ScatterSource
 from solver.strike import Impact, Numerics, is_part, label, named_values, short_names
 from solver.target import Target
 from solver.trajectory import Motion, Trajectory, simulate
@@ -60,6 +61,7 @@ def critical_angle_many(
     resistance: OneOrMany[Resistance] | None = None,
     numerics: Numerics | None = None,
     search: Search | None = None,
+    strength_scatter: ScatterSource = "law",
     threads: int = 1,
 ) -> Iterator[CriticalAngle | RicochetError]:
     """Critical angles of many cases.
@@ -68,7 +70,7 @@ def critical_angle_many(
     ----------
     projectile, target, velocity, angle_of_attack, angular_velocity, resistance
         As for `critical_angle`: one for all cases, or a sequence, array, Series or DataArray with one for each.
-    numerics, search
+    numerics, search, strength_scatter
         The same for all.
     threads
         How many cases run at a time.
@@ -84,7 +86,7 @@ def critical_angle_many(
         If the sequences differ in length.
     """
     return Answers(
-        partial(critical_angle, numerics=numerics, search=search),
+        partial(critical_angle, numerics=numerics, search=search, strength_scatter=strength_scatter),
         threads,
         projectile=projectile,
         target=target,
@@ -103,6 +105,7 @@ def simulate_many(
     resistance: OneOrMany[Resistance] | None = None,
     numerics: Numerics | None = None,
     sample_interval: float | None = None,
+    strength_scatter: ScatterSource = "law",
     threads: int = 1,
 ) -> Iterator[Trajectory | RicochetError]:
     """Trajectories of many strikes.
@@ -111,7 +114,7 @@ def simulate_many(
     ----------
     projectile, target, impact, resistance
         As for `simulate`: one for all strikes, or a sequence with one for each.
-    numerics, sample_interval
+    numerics, sample_interval, strength_scatter
         The same for all; no histories unless an interval is given. [s]
     threads
         How many strikes run at a time.
@@ -126,7 +129,7 @@ def simulate_many(
     ParameterError
         If the sequences differ in length.
     """
-    run = partial(simulate, numerics=numerics, sample_interval=sample_interval)
+    run = partial(simulate, numerics=numerics, sample_interval=sample_interval, strength_scatter=strength_scatter)
     return Answers(run, threads, projectile=projectile, target=target, impact=impact, resistance=resistance)
 
 

@@ -2,17 +2,20 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias, get_args
 
-from solver.checks import BOUNDS
+import numpy as np
+
+from solver.checks import BOUNDS, require
 from solver.projectile import Projectile
 from solver.resistance import (
-    EQUATION_9_COEFFICIENTS,
-    ObliquityPolynomial,
     OwnTests,
-    PublishedTests,
     Resistance,
     Shot,
+    ShotPrediction,
     StrengthPosterior,
+    predict_shot,
+    tail_ratio,
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 from solver.target import Target
@@ -26,6 +29,8 @@ TABLE_1 = OwnTests(
     )
 )
 """The shots behind eq. 9: they are own tests of the concrete and the nose of the paper."""
+ScatterSource: TypeAlias = Literal["law", "paper_table_1"]
+"""Tests from which the scatter of S comes: those of the law of published tests, or the four of the paper's Table 1."""
 STRENGTH_DISPERSION = 0.12
 """Usual scatter of the compressive strength about the one stated. [ln]"""
 STRENGTH_STEP = 0.01
@@ -39,72 +44,79 @@ class StrengthScatter:
     Notes
     -----
     Depths of tests give the product S f'c, and the laws of S were fitted to stated strengths. So what is known of S by
-    tests, `dispersion`, holds for the product at the stated strength, and the scatter of the strength about the stated
-    one is part of it: of 0.326² by the law, (0.82 × 0.12)², 9 %. What is left, `residual`, is that of S beside a
-    strength that scatters too; where tests leave less than the strength alone would give, each has half the variance.
+    tests holds for the product at the stated strength, and the scatter of the strength about the stated one is part of
+    it. What is left, `residual`, is the scale of S beside a strength that scatters too, with the tails of the product.
+    Of the squared 90 % range of the product by the law the strength has 6 %: (0.82 × 0.12 × 1.645)² in ln S.
+    The two together have that range to 1 %. Where tests leave less than the strength alone would give, each has half
+    the square.
     """
 
     dispersion: float
-    """Of S at the stated strength. [ln]"""
-    between: float
-    """Part of it that shots of one's own reduce. [ln]"""
+    """Standard deviation of ln S at the stated strength. [ln]"""
     strength: float
     """Of the compressive strength. [ln]"""
     residual: float
-    """Of a factor on S, independent of the strength. [ln]"""
-
-
-def own_tests_behind(*, projectile: Projectile, target: Target, resistance: Resistance) -> OwnTests | None:
-    """Return the shots into the very concrete that S rests on: own tests, or Table 1 with eq. 9; None without."""
-    model = resistance.strength_factor
-    if isinstance(model, OwnTests):
-        return model
-    by_equation_9 = isinstance(model, ObliquityPolynomial) and tuple(model.coefficients) == EQUATION_9_COEFFICIENTS
-    same = (projectile.nose, projectile.diameter, target.compressive_strength, target.density) == (
-        PAPER_PROJECTILE.nose,
-        PAPER_PROJECTILE.diameter,
-        PAPER_TARGET.compressive_strength,
-        PAPER_TARGET.density,
-    )
-    return TABLE_1 if by_equation_9 and same else None
+    """Scale of a factor on S, independent of the strength. [ln]"""
+    degrees_of_freedom: float
+    """Of that factor. [1]"""
 
 
 def known_strength(
-    *, projectile: Projectile, target: Target, resistance: Resistance
-) -> tuple[float, StrengthPosterior | None]:
-    """Return the dispersion of S of the next shot, and what shots into the very concrete say of it, if there are any.
+    *, projectile: Projectile, target: Target, resistance: Resistance, strength_scatter: ScatterSource = "law"
+) -> tuple[ShotPrediction, StrengthPosterior | None]:
+    """Return the scatter of S of the next shot, and what shots into the very concrete say of it, if there are any.
 
     Parameters
     ----------
     projectile, target, resistance
         As for `critical_angle`.
+    strength_scatter
+        ``"law"``: S scatters as about the law of published tests, or as own tests in the resistance leave it.
+        ``"paper_table_1"``: as the four shots of the paper leave it, whatever the strike; the caller vouches for it.
 
     Raises
     ------
     ParameterError
-        If no strength factor gives the depth of a shot.
+        If no strength factor gives the depth of a shot, or the source is unknown or does not go with own tests.
     """
-    tests = own_tests_behind(projectile=projectile, target=target, resistance=resistance)
-    if tests is None:
-        return math.hypot(PublishedTests.between_series, PublishedTests.within_series), None
-    posterior = tests.posterior(
-        projectile=projectile, target=target, inertia_factor=resistance.inertia_factor, crater=resistance.crater
+    known = get_args(ScatterSource)
+    require(
+        strength_scatter in known,
+        "strength_scatter",
+        f"must be one of {', '.join(map(repr, known))}, got {strength_scatter!r}",
     )
-    return posterior.dispersion, posterior
+    model = resistance.strength_factor
+    if isinstance(model, OwnTests):
+        require(strength_scatter == "law", "strength_scatter", "must be 'law' where S is read from own tests")
+        posterior = model.posterior(
+            projectile=projectile, target=target, inertia_factor=resistance.inertia_factor, crater=resistance.crater
+        )
+    elif strength_scatter == "paper_table_1":
+        posterior = TABLE_1.posterior(projectile=PAPER_PROJECTILE, target=PAPER_TARGET)
+    else:
+        return predict_shot(np.zeros(0)), None
+    return ShotPrediction(math.log(posterior.median), posterior.scale, posterior.degrees_of_freedom), posterior
 
 
-def strength_scatter(*, projectile: Projectile, target: Target, resistance: Resistance) -> StrengthScatter:
+def scatter_of_strength(
+    *, projectile: Projectile, target: Target, resistance: Resistance, strength_scatter: ScatterSource = "law"
+) -> StrengthScatter:
     """Return how S scatters beside the strength; for the arguments see `known_strength`."""
-    dispersion, _ = known_strength(projectile=projectile, target=target, resistance=resistance)
+    known, _ = known_strength(
+        projectile=projectile, target=target, resistance=resistance, strength_scatter=strength_scatter
+    )
     slope = strength_slope(projectile, target, resistance)
     strength = STRENGTH_DISPERSION
+    # Ranges of a normal and of Student's distribution add as squares nearly, where their scales do not.
+    ratio = tail_ratio(known.degrees_of_freedom)
+    total = known.scale * ratio
     if slope != 0.0:
-        strength = min(strength, math.sqrt(0.5) * dispersion / abs(slope))
+        strength = min(strength, math.sqrt(0.5) * total / abs(slope))
     return StrengthScatter(
-        dispersion=dispersion,
-        between=math.sqrt(max(dispersion**2 - PublishedTests.within_series**2, 0.0)),
+        dispersion=known.dispersion,
         strength=strength,
-        residual=math.sqrt(dispersion**2 - (slope * strength) ** 2),
+        residual=math.sqrt(total**2 - (slope * strength) ** 2) / ratio,
+        degrees_of_freedom=known.degrees_of_freedom,
     )
 
 

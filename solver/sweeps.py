@@ -12,11 +12,21 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from solver.checks import RicochetError, plain, require
 from solver.display import described, optional
-from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_laws
+from solver.free_surface import ElasticPlastic, FreeSurface, MohrCoulomb, NoFreeSurface, decay_laws
 from solver.many import attempt, columns, critical_angle_many, simulate_many
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, ObliquityPolynomial, PublishedTests, Resistance, StrengthPowerLaw
+from solver.resistance import (
+    EQUATION_9,
+    ObliquityPolynomial,
+    ObliquityShape,
+    PublishedTests,
+    Resistance,
+    StrengthFactor,
+    StrengthPowerLaw,
+    shaped_as_finite_elements,
+)
 from solver.search.types import CriticalAngle, Search
+from solver.strength_scatter import ScatterSource
 from solver.strike import Impact, Numerics, full_name, is_part, label, put, short_names, strike_parts
 from solver.target import Target
 from solver.trajectory import Trajectory
@@ -41,6 +51,9 @@ STRENGTH_LAWS = {
     StrengthPowerLaw: "S: tests at 0° of Frew et al. (1998), over the angle constant",
 }
 """Models of the strength factor with their default constants, with what each was fitted to."""
+FINITE_ELEMENT_MOTIONS = "S: eq. 9 at 0°, over the angle finite element motions with this decay, to 55°"
+FINITE_ELEMENT_LAW = shaped_as_finite_elements(ObliquityPolynomial())
+"""S of eq. 9 in normal impact, over the angle as finite element motions with the decay law in use."""
 
 Answer = TypeVar("Answer")
 
@@ -56,13 +69,14 @@ def critical_angle_sweep(
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
     search: Search | None = None,
+    strength_scatter: ScatterSource = "law",
     threads: int = 1,
 ) -> "xarray.Dataset":
     """Critical angles over every combination of the values of some inputs.
 
     Parameters
     ----------
-    projectile, target, angle_of_attack, angular_velocity, resistance, numerics, search
+    projectile, target, angle_of_attack, angular_velocity, resistance, numerics, search, strength_scatter
         As for `critical_angle`. [SI, rad]
     axes
         Values by field: a dotted name, as in ``target.compressive_strength``, or its last part where that is clear.
@@ -113,6 +127,7 @@ def critical_angle_sweep(
         },
         numerics=numerics,
         search=search,
+        strength_scatter=strength_scatter,
         threads=threads,
     )
     return grid.dataset(answers, "critical angles", ["impact.oblique_angle"])
@@ -126,13 +141,14 @@ def simulate_sweep(
     axes: Mapping[str, Iterable[Any]],
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
+    strength_scatter: ScatterSource = "law",
     threads: int = 1,
 ) -> "xarray.Dataset":
     """Trajectories over every combination of the values of some inputs, each by its end.
 
     Parameters
     ----------
-    projectile, target, impact, resistance, numerics
+    projectile, target, impact, resistance, numerics, strength_scatter
         As for `simulate`. [SI, rad]
     axes
         Values by field, as for `critical_angle_sweep`.
@@ -154,7 +170,7 @@ def simulate_sweep(
     grid = _Grid(strike_parts(impact, projectile, target, resistance, numerics), axes)
     strikes = grid.strikes()
     columns_of: dict[str, Any] = {name: [strike[name] for strike in strikes] for name in SWEPT}
-    answers = simulate_many(**columns_of, numerics=numerics, threads=threads)
+    answers = simulate_many(**columns_of, numerics=numerics, strength_scatter=strength_scatter, threads=threads)
     return grid.dataset(answers, "trajectories")
 
 
@@ -271,6 +287,11 @@ class Alternative(Generic[Answer]):
         return self.resistance.strength_factor.name
 
     @property
+    def obliquity_shape(self) -> ObliquityShape:
+        """How S varies with the oblique angle."""
+        return obliquity_shape(self.resistance)
+
+    @property
     def fitted_to(self) -> str:
         """What the laws were fitted to."""
         return fitted_to(self.resistance)
@@ -294,7 +315,8 @@ def alternatives(
     -------
     tuple of Alternative
         Decay laws in the order elastic-plastic, Mohr-Coulomb, none; with each the strength laws of eq. 9, of the
-        published tests, and of the strength alone.
+        published tests, and of the strength alone. The theories of the decay also stand with the S(θ) that was fitted
+        to finite element motions with them, after eq. 9.
 
     Examples
     --------
@@ -311,12 +333,27 @@ def alternative_resistances(resistance: Resistance = EQUATION_9) -> tuple[Resist
     """Return each decay law with each strength law, with the inertia of the given resistance."""
     inertia = getattr(resistance.free_surface, "inertia", False)
     return tuple(
-        replace(resistance, free_surface=decay, strength_factor=strength())
+        replace(resistance, free_surface=decay, strength_factor=strength)
         for decay in decay_laws(inertia=inertia)
-        for strength in STRENGTH_LAWS
+        for strength in _strength_laws(decay)
     )
+
+
+def _strength_laws(decay: FreeSurface) -> tuple[StrengthFactor, ...]:
+    """Return the laws of S that stand beside a decay law."""
+    first, *others = (law() for law in STRENGTH_LAWS)
+    own = () if isinstance(decay, NoFreeSurface) else (FINITE_ELEMENT_LAW,)
+    return (first, *own, *others)
+
+
+def obliquity_shape(resistance: Resistance) -> ObliquityShape:
+    """Return how S of one of these resistances varies with the oblique angle."""
+    model = resistance.strength_factor
+    return model.obliquity_shape if isinstance(model, PublishedTests | StrengthPowerLaw) else "equation_9"
 
 
 def fitted_to(resistance: Resistance) -> str:
     """Return what the laws of one of these resistances were fitted to."""
-    return f"{STRENGTH_LAWS[type(resistance.strength_factor)]}; {DECAY_LAWS[type(resistance.free_surface)]}"
+    model = resistance.strength_factor
+    strength = FINITE_ELEMENT_MOTIONS if model == FINITE_ELEMENT_LAW else STRENGTH_LAWS[type(model)]
+    return f"{strength}; {DECAY_LAWS[type(resistance.free_surface)]}"

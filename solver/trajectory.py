@@ -25,7 +25,7 @@ from solver.prepared import (
 )
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance, StrengthPosterior
-from solver.strength_scatter import known_strength
+from solver.strength_scatter import ScatterSource, known_strength
 from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
 from solver.warnings import ModelWarning
@@ -183,6 +183,7 @@ def simulate(
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
     sample_interval: float | None = SAMPLE_INTERVAL,
+    strength_scatter: ScatterSource = "law",
 ) -> Trajectory:
     """Motion of a rigid projectile from first contact until it is turned away, through, at rest, or out of time.
 
@@ -196,6 +197,8 @@ def simulate(
         Route and resolution; adaptive unless given.
     sample_interval
         Interval of the history; None for no history. [s]
+    strength_scatter
+        Tests from which the dispersion of S comes, see `known_strength`; without effect on the motion.
 
     Returns
     -------
@@ -231,17 +234,25 @@ def simulate(
         resistance=resistance or EQUATION_9,
         numerics=numerics.resolved(termination_time=end_time),
     )
-    return run_prepared(prepared, impact, sample_interval)
+    return run_prepared(prepared, impact, sample_interval, strength_scatter)
 
 
-def run_prepared(prepared: PreparedCase, impact: Impact, sample_interval: float | None) -> Trajectory:
+def run_prepared(
+    prepared: PreparedCase, impact: Impact, sample_interval: float | None, strength_scatter: ScatterSource
+) -> Trajectory:
     """One strike of a prepared case."""
     model = prepared.model._replace(law=prepared.law_at(impact))
     run, steps = integrate(prepared, model, impact, keep_steps=sample_interval is not None)
     outcome = OUTCOMES[run.end]
-    dispersion, own_tests = known_strength(
-        projectile=prepared.projectile, target=prepared.target, resistance=prepared.resistance
+    scatter, own_tests = known_strength(
+        projectile=prepared.projectile,
+        target=prepared.target,
+        resistance=prepared.resistance,
+        strength_scatter=strength_scatter,
     )
+    warnings = run_warnings(prepared, impact, run, outcome)
+    if strength_scatter == "paper_table_1":
+        warnings += (model_warnings.scatter_of_table_1(prepared.projectile, prepared.target),)
     return Trajectory(
         outcome=outcome,
         final=_motion_at(run, model),
@@ -249,11 +260,11 @@ def run_prepared(prepared: PreparedCase, impact: Impact, sample_interval: float 
         maximum_depth=None if outcome is Outcome.PERFORATED else run.maximum_depth,
         protrusion=protrusion_of(outcome, run, model.body, prepared.target.thickness),
         strength_factor=model.law.static_stress / prepared.target.compressive_strength,
-        warnings=run_warnings(prepared, impact, run, outcome),
+        warnings=warnings,
         steps=run.steps,
         evaluations=run.evaluations,
         exit=exit_of(outcome, run.state.tolist(), model.body),
-        strength_factor_dispersion=dispersion,
+        strength_factor_dispersion=scatter.dispersion,
         own_tests=own_tests,
     )
 

@@ -10,16 +10,17 @@ from solver.projectile import Projectile, solid_properties
 from solver.resistance import (
     EQUATION_9_COEFFICIENTS,
     FAR_OFF,
+    FINITE_ELEMENTS_TO,
     HELD_FROM,
+    ConstantStrengthFactor,
     ObliquityPolynomial,
     OwnTests,
     PublishedTests,
     Resistance,
     StrengthPosterior,
-    StrengthPowerLaw,
     plug_height,
 )
-from solver.strike import Impact
+from solver.strike import PAPER_PROJECTILE, Impact
 from solver.target import MOST_PLUG, Target
 
 RIGID_VELOCITY = 800.0
@@ -145,10 +146,10 @@ def law_warnings(
     """Warnings about laws that were fitted to other angles, another concrete or other strikes, or leave much out."""
     model, oblique_angle = resistance.strength_factor, impact.oblique_angle
     found = []
-    by_angle = isinstance(model, ObliquityPolynomial) or (
-        isinstance(model, StrengthPowerLaw | PublishedTests | OwnTests) and model.obliquity_shape == "equation_9"
-    )
-    fitted_to, held = ObliquityPolynomial.fitted_to, resistance.held_from
+    shape = getattr(model, "obliquity_shape", "equation_9")  # polynomials are fits like eq. 9
+    by_angle = not isinstance(model, ConstantStrengthFactor) and shape != "constant"
+    fitted_to = FINITE_ELEMENTS_TO if shape == "finite_elements" else ObliquityPolynomial.fitted_to
+    held = resistance.held_from
     if by_angle and abs(oblique_angle) > fitted_to * (1.0 + 1e-12):
         found.append(
             ModelWarning(
@@ -176,6 +177,10 @@ def law_warnings(
             target=target, projectile=projectile, inertia_factor=resistance.inertia_factor, crater=resistance.crater
         )
         found += own_tests_apart(posterior)
+        found += shallow_shots(
+            depths=[shot.depth for shot in model.shots],
+            diameters=[projectile.diameter if shot.diameter is None else shot.diameter for shot in model.shots],
+        )
         found += _own_tests_deeper_than_wall(model, target)
     if resistance.crater is not None and oblique_angle != 0.0:
         found.append(CRATER_AT_OBLIQUITY)
@@ -221,10 +226,9 @@ def _plug_through_wall(projectile: Projectile, target: Target, resistance: Resis
 
 def _other_concrete(projectile: Projectile, target: Target) -> tuple[ModelWarning, ...]:
     """Warning about eq. 9 in another concrete, or with a projectile of another size, than it was fitted to."""
-    strength, diameter = target.compressive_strength, projectile.diameter
-    strength_differs = abs(strength / EQUATION_9_STRENGTH - 1.0) > SAME_STRENGTH * (1.0 + 1e-12)
-    if not strength_differs and abs(diameter / EQUATION_9_DIAMETER - 1.0) <= SAME_DIAMETER * (1.0 + 1e-12):
+    if _like_equation_9(projectile, target):
         return ()
+    strength, diameter = target.compressive_strength, projectile.diameter
     other = PublishedTests().polynomial(target=target, projectile=projectile)[0]
     return (
         ModelWarning(
@@ -235,6 +239,25 @@ def _other_concrete(projectile: Projectile, target: Target) -> tuple[ModelWarnin
             f"{PublishedTests.name} {other:.3g}",
         ),
     )
+
+
+def _like_equation_9(projectile: Projectile, target: Target) -> bool:
+    """Whether strength and diameter are about those that eq. 9 was fitted to."""
+    strength = abs(target.compressive_strength / EQUATION_9_STRENGTH - 1.0)
+    diameter = abs(projectile.diameter / EQUATION_9_DIAMETER - 1.0)
+    return strength <= SAME_STRENGTH * (1.0 + 1e-12) and diameter <= SAME_DIAMETER * (1.0 + 1e-12)
+
+
+def scatter_of_table_1(projectile: Projectile, target: Target) -> ModelWarning:
+    """Warning that S is taken to be known as well as after the paper's four tests."""
+    same = projectile.nose == PAPER_PROJECTILE.nose and _like_equation_9(projectile, target)
+    detail = (
+        "the scatter of the strength factor is the one that the four tests of the paper's Table 1 leave, into its "
+        f"concrete of {EQUATION_9_STRENGTH / 1e6:g} MPa"
+    )
+    if not same:
+        detail += ": nothing shows that it is known so well for this nose, diameter and strength"
+    return ModelWarning("scatter_of_table_1", f"{detail}; without `strength_scatter` it is that of the law", same)
 
 
 def own_tests_apart(posterior: StrengthPosterior) -> tuple[ModelWarning, ...]:
@@ -452,9 +475,13 @@ STANDARD_ERROR_UNKNOWN = ModelWarning(
 )
 
 
-def shallow_tests(*, depths: Sequence[float], diameter: float) -> tuple[ModelWarning, ...]:
-    """Warning of depth tests that ended within the front crater."""
-    shallow_ones = [index for index, depth in enumerate(depths) if depth < CRATER_CALIBERS * diameter]
+def shallow_shots(*, depths: Sequence[float], diameters: Sequence[float]) -> tuple[ModelWarning, ...]:
+    """Warning of depth tests that ended within the front crater, where the law of the published tests has none."""
+    shallow_ones = [
+        index
+        for index, (depth, diameter) in enumerate(zip(depths, diameters, strict=True))
+        if depth < CRATER_CALIBERS * diameter
+    ]
     if not shallow_ones:
         return ()
     return (

@@ -30,6 +30,7 @@ from validation.depth_tests import (
     percent,
 )
 from validation.evidence import evidence_section
+from validation.never_fitted import never_fitted_section
 from validation.report import Progress, ReportTable, Section
 from validation.strength_law import strength_law_section
 from validation.walls import walls_section
@@ -218,6 +219,7 @@ PARTS: Final[Mapping[str, Callable[[Assessment], Section]]] = {
     "predicted over measured depth": ratios_section,
     "what the model misses": limits_section,
     "strength factor over the literature": lambda _: strength_law_section(),
+    "articles that no fit has seen": lambda _: never_fitted_section(),
     "closed form and trajectory model": crater_section,
     "walls": lambda _: walls_section(),
 }

@@ -231,6 +231,16 @@ def penetration_tests() -> tuple[PenetrationTest, ...]:
 @cache
 def depth_shots() -> tuple[DepthShot, ...]:
     """Every row of the compilation of depth tests, in the order of the file."""
+    return _depth_shots("depth_tests.csv")
+
+
+@cache
+def never_fitted_shots() -> tuple[DepthShot, ...]:
+    """Every row of the articles that no fit has seen, in the order of the file: for an external check alone."""
+    return _depth_shots("depth_tests_never_fitted.csv")
+
+
+def _depth_shots(name: str) -> tuple[DepthShot, ...]:
     return tuple(
         DepthShot(
             row=int(row["row"]),
@@ -248,7 +258,7 @@ def depth_shots() -> tuple[DepthShot, ...]:
             velocity=_optional(row["striking_velocity_m_s"]) or math.nan,
             depth=_optional(row["penetration_depth_m"]) or math.nan,
         )
-        for row in _rows("depth_tests.csv")
+        for row in _rows(name)
     )
 
 

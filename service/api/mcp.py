@@ -1,6 +1,7 @@
 """The Model Context Protocol over HTTP, `/mcp`: the tools of `ricochet mcp` with the keys and limits of the routes."""
 
 import asyncio
+import gc
 from collections.abc import Mapping
 from dataclasses import replace
 from http import HTTPStatus
@@ -81,6 +82,7 @@ class McpServer:
 
         self._running = asyncio.create_task(run())
         await started.wait()
+        gc.freeze()  # Else each full garbage collection would look through all of the SDK, for tens of milliseconds.
         self._manager = manager
         return manager
 

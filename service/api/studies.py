@@ -124,7 +124,8 @@ async def judge_strike(request: Request) -> Response:
     """Judge a strike in one sentence: outcome, probability of ricochet, critical angle with its 90 % range.
 
     The page, the report and the command line print the same sentence. It takes some 530 cases, most of them samples of
-    the usual scatter; each is kept and counted like any other.
+    the usual scatter, and twice as many with a law of one's own, beside which the theories stand; each is kept and
+    counted like any other. A target with a thickness is judged as a wall too.
     """
     strike, _ = await read_report(request)
     limit = 2.0 * services_of(request).settings.study_seconds

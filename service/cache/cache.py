@@ -324,7 +324,7 @@ class ResultCache:
         """Keep the record in memory, if it fits at all."""
         if record.nbytes <= self._recent.maxsize:
             with self._remembering:
-                self._recent[record.key] = record.compact()
+                self._recent[record.key] = record.compact(exact=True)
 
     def _open_index(self) -> Index:
         with self._noting():

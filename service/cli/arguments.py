@@ -264,6 +264,14 @@ RESISTANCE = (
         metavar="MODEL",
         choices=DECAYS,
     ),
+    Flag(
+        "--strength-scatter",
+        ("strength_scatter",),
+        "tests from which the scatter of S comes (default: law)",
+        read=str,
+        metavar="TESTS",
+        choices=tuple(CHOICES["strength_scatter"]),
+    ),
 )
 VELOCITY = Flag("--velocity", ("impact", "velocity_m_s"), "speed at first contact [m/s]")
 OBLIQUE_ANGLE = Flag(

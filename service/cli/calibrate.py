@@ -100,7 +100,7 @@ def calibrate_depth(args: argparse.Namespace) -> None:
     if args.json:
         _print_json(answer)
     elif args.uncertain:
-        print(as_uncertain(answer))
+        print(shots_as_uncertain(tests, answer["posterior"]))
     else:
         _print_depth(tests, answer, args.confidence)
 
@@ -145,6 +145,27 @@ value = {factor}
 [[uncertain]]
 field = "resistance.strength_factor.value"
 distribution = {{ type = "normal", mean = {factor}, standard_deviation = {error} }}"""
+
+
+def shots_as_uncertain(tests: Sequence[Mapping[str, Any]], posterior: Mapping[str, float]) -> str:
+    """Return depth tests as tables of a case: own tests, as of `--shots`, and what they leave of S uncertain."""
+    from solver.resistance import PLAUSIBLE_FACTORS
+
+    kept = ("velocity_m_s", "depth_m", "mass_kg")
+    rows = ("".join(f"{name} = {test[name]!r}, " for name in kept if name in test).rstrip(", ") for test in tests)
+    shots = "\n".join(f"    {{ {row} }}," for row in rows)
+    lower, upper = (f"{each / posterior['median']:.4g}" for each in PLAUSIBLE_FACTORS)
+    spread = f"scale = {posterior['scale']:.4g}, degrees_of_freedom = {posterior['degrees_of_freedom']:g}"
+    return f"""
+[resistance.strength_factor]
+model = "own_tests"
+shots = [
+{shots}
+]
+
+[[uncertain]]
+field = "resistance.strength_residual"
+distribution = {{ type = "log_student_t", median = 1.0, {spread}, lower = {lower}, upper = {upper} }}"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -297,6 +318,11 @@ def _print_depth(tests: Sequence[Mapping[str, Any]], answer: Mapping[str, Any], 
         )
     print(_sentence(answer, confidence))
     print(f"root mean square {1e3 * answer['root_mean_square_m']:.1f} mm")
+    posterior = answer["posterior"]
+    print(
+        f"next shot, with the published tests as prior: strength factor {posterior['median']:.3f}, scale "
+        f"of its logarithm {posterior['scale']:.3f} ({posterior['degrees_of_freedom']:g} degrees of freedom)"
+    )
     print_warnings(answer["warnings"])
 
 
@@ -372,12 +398,16 @@ def _print_rows(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def _columns(estimate: Mapping[str, Any]) -> tuple[str, str, str]:
+    if "standard_error" not in estimate:
+        return f"{estimate['strength_factor']:.3f}", "", ""
     low, high = estimate["confidence_interval"]
     return f"{estimate['strength_factor']:.3f}", f"{estimate['standard_error']:.3f}", f"{low:.3f} to {high:.3f}"
 
 
 def _sentence(estimate: Mapping[str, Any], confidence: float) -> str:
     value, error, interval = _columns(estimate)
+    if not error:
+        return f"strength factor {value}, from one test, which shows no scatter"
     text = f"strength factor {value}, standard error {error}, {confidence:.0%} interval {interval}"
     if estimate["standard_error"] == 0.0:
         return text

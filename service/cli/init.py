@@ -11,6 +11,8 @@ STRIKE = """\
 # A strike, for `ricochet cra` and the other commands. SI units; angles in degrees from the inward normal of the face.
 # Lines that begin with "# " and hold a field are optional: remove the "# " to use one, in place of another of its name.
 
+# strength_scatter = "paper_table_1"  # S as sure as after the paper's tests; as by its law unless given
+
 [projectile]
 diameter_m = 0.08  # diameter of the shank
 length_m = 0.53  # from the nose tip to the base

@@ -305,6 +305,7 @@ def print_alternatives(answer: Mapping[str, Any]) -> None:
         if angles:
             print(f"With either decay and every law of S: {min(angles):.2f}° to {max(angles):.2f}°")
         laws = {name: CHOICES[f"resistance.{name}.model"] for name in ("free_surface", "strength_factor")}
+        laws["obliquity_shape"] = CHOICES["resistance.strength_factor.obliquity_shape"]
         columns |= {name: [named(names, law) for law in columns[name]] for name, names in laws.items()}
         columns |= {name: [named(ENDS[name], end) for end in columns[name]] for name in ENDS.keys() & columns.keys()}
         print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
@@ -314,7 +315,7 @@ def alternatives_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[Any]]:
     """Return the answers with other laws as columns, with empty cells for missing values."""
     alternatives = answer["alternatives"]
     found = ("status", "critical_angle_deg") if "status" in answer else ("outcome",)
-    names = ("free_surface", "strength_factor", *found)
+    names = ("free_surface", "strength_factor", "obliquity_shape", *found)
     columns = {name: [each.get(name, "") for each in alternatives] for name in names}
     if any("problem" in each for each in alternatives):
         columns["problem"] = [each.get("problem", {}).get("detail", "") for each in alternatives]

@@ -29,10 +29,13 @@ PARAMETERS = {
     "normal": ("mean", "standard_deviation"),
     "truncated_normal": ("mean", "standard_deviation", "lower", "upper"),
     "lognormal": ("median", "dispersion"),
+    "log_student_t": ("median", "scale", "degrees_of_freedom", "lower", "upper"),
     "uniform": ("lower", "upper"),
     "triangular": ("lower", "mode", "upper"),
 }
 """Numbers of a distribution on the command line, in order."""
+BOUNDS = ("lower", "upper")
+"""The last numbers of `log_student_t`, which may be left out."""
 UNFINISHED = frozenset({"accepted", "running"})
 POLL_SECONDS = 0.2
 """Time between two requests for the state of a job. [s]"""
@@ -58,8 +61,9 @@ def add_uncertainty(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="FIELD=TYPE:...",
         help="scatter of a field: normal:MEAN:DEVIATION, truncated_normal:MEAN:DEVIATION:LOWER:UPPER, "
-        "lognormal:MEDIAN:DISPERSION, uniform:LOWER:UPPER, triangular:LOWER:MODE:UPPER, or "
-        "discrete:VALUE@WEIGHT:VALUE@WEIGHT...; adds to [[uncertain]] tables of the file",
+        "lognormal:MEDIAN:DISPERSION, log_student_t:MEDIAN:SCALE:FREEDOM or that with :LOWER:UPPER, "
+        "uniform:LOWER:UPPER, triangular:LOWER:MODE:UPPER, or discrete:VALUE@WEIGHT:VALUE@WEIGHT...; adds to "
+        "[[uncertain]] tables of the file",
     )
     parser.add_argument(
         "--next-shot",
@@ -234,6 +238,8 @@ def uncertain_input(text: str) -> dict[str, Any]:
             found["weights"] = [_number(weight, text) for _, _, weight in pairs]
         return {"field": field, "distribution": found}
     names = PARAMETERS.get(kind, ())
+    if kind == "log_student_t" and len(numbers) == len(names) - len(BOUNDS):
+        numbers += ["" for _ in BOUNDS]
     if not equals or not names or len(names) != len(numbers):
         raise CommandError(f"--uncertain {text}: must be FIELD=TYPE:..., such as impact.velocity_m_s=normal:238:2.4")
     values = {name: _number(number, text) for name, number in zip(names, numbers, strict=True) if number}

@@ -3,7 +3,7 @@
 import { valueAt, withValue } from "./case.js";
 import { nodeAt, paperCase, tagOf } from "./contract.js";
 
-const PARTS = ["projectile", "target", "impact", "resistance", "numerics", "search"];
+const PARTS = ["projectile", "target", "impact", "resistance", "numerics", "search", "strength_scatter"];
 const LEAST_MS = 250;
 
 let pending;
@@ -36,8 +36,8 @@ export function caseQuery(values) {
   const query = new URLSearchParams();
   const usual = paperCase();
   for (const [path, value] of leaves(values)) {
-    const holder = path.slice(0, path.lastIndexOf("."));
-    const [part, usualPart] = [valueAt(values, holder), valueAt(usual, holder)];
+    const holder = path.slice(0, Math.max(path.lastIndexOf("."), 0));
+    const [part, usualPart] = holder ? [valueAt(values, holder), valueAt(usual, holder)] : [values, usual];
     const tag = tagOf(part);
     const other = tag && usualPart?.[tag] !== part[tag];
     if (other || JSON.stringify(value) !== JSON.stringify(valueAt(usual, path))) query.set(path, format(value));

@@ -19,10 +19,12 @@ export async function requestOutcomes(values, signal) {
 
 /** Return a table of the alternatives of a search and, if given, of a strike. */
 export function alternativesTable(angles, outcomes) {
-  const [decays, laws] = ["free_surface", "strength_factor"].map((part) => fieldAt(`resistance.${part}.model`).choices);
+  const [decays, laws, shapes] = ["free_surface.model", "strength_factor.model", "strength_factor.obliquity_shape"].map(
+    (field) => fieldAt(`resistance.${field}`).choices,
+  );
   const rows = angles.alternatives.map((each, i) => [
     decays[each.free_surface],
-    laws[each.strength_factor],
+    each.obliquity_shape === "finite_elements" ? shapes[each.obliquity_shape] : laws[each.strength_factor],
     unlessFailed(each, ({ critical_angle_deg: angle, status }) => (angle === undefined ? statusShown(status) : degreesShown(angle))),
     ...(outcomes ? [unlessFailed(outcomes.alternatives[i], ({ outcome }) => outcomeShown(outcome))] : []),
     each.fitted_to,

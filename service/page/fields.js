@@ -82,6 +82,7 @@ export const GROUPS = [
       number("resistance.strength_factor.diameter_exponent", "", OPTIONAL),
       number("resistance.strength_factor.reference_diameter_m", "mm", OPTIONAL),
       fieldOf("choice", "resistance.strength_factor.obliquity_shape"),
+      fieldOf("choice", "strength_scatter"),
       fieldOf("choice", "resistance.free_surface.model"),
       fieldOf("flag", "resistance.free_surface.inertia"),
       number("resistance.inertia_factor", "", OPTIONAL),

@@ -26,6 +26,15 @@ export const DISTRIBUTIONS = {
       { name: "dispersion", label: "Dispersion, of the logarithm", si: "" },
     ],
   },
+  log_student_t: {
+    label: "Log Student t",
+    parameters: [
+      { name: "median", label: "Median", centre: true },
+      { name: "scale", label: "Scale, of the logarithm", si: "" },
+      { name: "degrees_of_freedom", label: "Degrees of freedom", si: "" },
+      ...ENDS,
+    ],
+  },
   uniform: { label: "Uniform", parameters: ENDS },
   triangular: {
     label: "Triangular",
@@ -38,26 +47,30 @@ const NOTES = {
   "target.compressive_strength_pa": "Usually scatters by 10 to 15 %; by less where shots into this concrete leave less.",
   "impact.angle_of_attack_deg": "Usually scatters by about 1°.",
 };
+const BY_THEORY = { type: "discrete", given: { elastic_plastic: 0.8, mohr_coulomb: 0.2 } };
 /** What is offered of inputs that do not scatter unless they are added. */
 const ADDED = {
+  "resistance.free_surface.model": BY_THEORY,
+  "resistance.theory": BY_THEORY,
   "resistance.strength_factor.model": { type: "discrete", given: { obliquity_polynomial: 0.5, published_tests: 0.5 } },
   [RESIDUAL.path]: { type: "lognormal", given: { dispersion: 0.1 } },
 };
 const ANY = { type: "normal", given: { coefficient_of_variation: 0.05 } };
 let usual; // of the case of the latest verdict, which depends on its tests
 const MODELS = ["resistance.free_surface.model", "resistance.strength_factor.model"];
+const THEORY = fieldOf("choice", "resistance.theory");
 
 /** Return the fields of a case that may scatter. */
 export function scatterFields(values) {
   const numbers = numericFields(values).filter(
     ({ path }) => path !== "impact.oblique_angle_deg" && !path.startsWith("search."),
   );
-  return [...numbers, ...MODELS.map(fieldAt), RESIDUAL];
+  return [...numbers, ...MODELS.map(fieldAt), THEORY, RESIDUAL];
 }
 
 /** Return the field of an input. */
 export function inputField(path) {
-  return path === RESIDUAL.path ? RESIDUAL : (fieldAt(path) ?? { path, label: path, si: "", unit: "", factor: 1 });
+  return [RESIDUAL, THEORY].find((each) => each.path === path) ?? (fieldAt(path) ?? { path, label: path, si: "", unit: "", factor: 1 });
 }
 
 /** Return an input with what usually scatters of this field; 5 % where nothing is usual. */
@@ -72,9 +85,10 @@ export function usualNote(field) {
   return NOTES[field];
 }
 
-/** Return the inputs of a case that usually scatter: its decay law only if that is one of the two that do. */
+/** Return the inputs of a case that usually scatter: the theory only if the decay law of the case is one of the two. */
 export function usualInputs(values) {
-  const isOne = ({ field, type, given }) => type !== "discrete" || valueAt(values, field) in given;
+  const decay = valueAt(values, "resistance.free_surface.model");
+  const isOne = ({ type, given }) => type !== "discrete" || decay in given;
   return Object.keys(usual ?? usualScatter()).map(usualInput).filter(isOne);
 }
 
@@ -129,7 +143,7 @@ export function writeInput({ field, type, given }) {
 
 function readInput(text) {
   const [field, type, ...rest] = text.split(",");
-  const isModel = MODELS.includes(field);
+  const isModel = [...MODELS, THEORY.path].includes(field);
   const isNumber = field === RESIDUAL.path || fieldAt(field)?.kind === "number";
   if (isModel ? type !== "discrete" : !(isNumber && type in DISTRIBUTIONS)) return undefined;
   const names = parametersOf({ field, type }).map(({ name }) => name);

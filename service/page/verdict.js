@@ -247,11 +247,10 @@ function stripOf(mine, critical, theories, range, width, decimals) {
 }
 
 /** Two bars of the strength factor: by the published tests, and with the shots into this concrete; each its 90 % range. */
-function fitOf({ shots, median, dispersion, prior_median: before, prior_dispersion: wide }, width) {
-  const reach = (middle, spread) => [-1.645, 1.645].map((level) => middle * Math.exp(level * spread));
+function fitOf({ shots, median, spread, prior_median: before, prior_spread: wide }, width) {
   const rows = [
-    ["Published tests", before, reach(before, wide), "band"],
-    [`With ${shots} depth test${shots === 1 ? "" : "s"}`, median, reach(median, dispersion), "theories"],
+    ["Published tests", before, wide, "band"],
+    [`With ${shots} depth test${shots === 1 ? "" : "s"}`, median, spread, "theories"],
   ];
   const ends = rows.flatMap(([, , range]) => range);
   const [least, most, left, right] = [Math.min(...ends), Math.max(...ends), 130, Math.max(width, 280) - 14];

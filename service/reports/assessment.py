@@ -219,6 +219,9 @@ def _spread(distribution: Mapping[str, Any], unit: str) -> str:
         return " or ".join(f"{weight:g}" for weight in distribution["weights"])
     if "standard_deviation" in distribution:
         return f"{distribution['type']}, {distribution['standard_deviation']:g}{unit}"
+    if "scale" in distribution:
+        tails = f"{distribution['degrees_of_freedom']:g} degrees of freedom"
+        return f"logarithm Student's, {100.0 * distribution['scale']:g} %, {tails}"
     share = distribution.get("coefficient_of_variation", distribution.get("dispersion"))
     return f"{distribution['type']}, {100.0 * share:g} %"
 
@@ -227,12 +230,11 @@ def _laws(numbers: Numbers, search: Mapping[str, Any]) -> list[list[Any]]:
     """Return a row for each strength law: its name and the angle with each decay law."""
     alternatives = search.get("alternatives", ())
     decays = list(dict.fromkeys(each["free_surface"] for each in alternatives))
-    found: dict[str, list[Any]] = {}
+    found: dict[tuple[str, str], list[Any]] = {}
     for i, each in enumerate(alternatives):
-        row = found.setdefault(
-            each["strength_factor"],
-            [WORDS[each["strength_factor"]]] + [""] * len(decays),
-        )
+        law, shape = each["strength_factor"], each["obliquity_shape"]
+        name = WORDS[shape] if shape == "finite_elements" else WORDS[law]
+        row = found.setdefault((law, shape), [name] + [""] * len(decays))
         shown = numbers.angle(f"/cra/alternatives/{i}/critical_angle_deg")
         ending = each["problem"]["title"] if "problem" in each else STATUSES.get(each.get("status", ""), "")
         row[1 + decays.index(each["free_surface"])] = shown or ending

@@ -11,7 +11,7 @@ from service.schemas.fields import GIVEN, NOT_TABLED, Behind, Described, Of, col
 from service.schemas.flight import LANDING, FlightResult
 from service.schemas.problems import Problem
 from service.schemas.quantities import Count, Num, Part, with_examples
-from service.schemas.resistance import FreeSurfaceModel, StrengthLaw
+from service.schemas.resistance import FreeSurfaceModel, ObliquityShape, StrengthLaw
 from solver import Outcome, SearchStatus
 from solver.arrays import FloatArray
 
@@ -49,8 +49,16 @@ WARNING = {
 }
 TRIAL = {"oblique_angle_deg": 45.0, "final_position_m": 0.120327, "outcome": "embedded", "fine": False}
 INTERVAL = {"outcome": "perforated", "lower_deg": 5.0, "upper_deg": 41.02}
-OWN_TESTS = {"shots": 4, "median": 8.062, "dispersion": 0.1126, "prior_median": 8.737, "prior_dispersion": 0.326}
-STRENGTH = {"strength_factor_dispersion": 0.1126, "own_tests": OWN_TESTS}
+OWN_TESTS = {
+    "shots": 4,
+    "median": 8.055,
+    "dispersion": 0.0964,
+    "spread": [6.902, 9.4],
+    "prior_median": 8.737,
+    "prior_dispersion": 0.475,
+    "prior_spread": [4.58, 16.67],
+}
+STRENGTH = {"strength_factor_dispersion": 0.0964, "own_tests": OWN_TESTS}
 RUN = {
     "outcome": "embedded",
     "final": STATE,
@@ -76,6 +84,7 @@ NONE_FOUND = {"status": "no_ricochet", "iterations": [TRIAL], "other_crossings_d
 LAWS = {
     "free_surface": "mohr_coulomb",
     "strength_factor": "obliquity_polynomial",
+    "obliquity_shape": "equation_9",
     "fitted_to": "S: finite elements, 80 mm into 39 MPa, 0° to 45°; decay: theory, nearest to finite element motions",
 }
 OTHER_OUTCOME = LAWS | {"outcome": "ricochet"}
@@ -133,10 +142,14 @@ class OwnTestsAnswer(Part):
     """S of a next shot, with the shots. [1]"""
     dispersion: Num
     """Standard deviation of its logarithm, with the shots. [ln]"""
+    spread: Annotated[list[Num], Field(min_length=2, max_length=2)]
+    """90 % range of S of a next shot, with the shots. [1]"""
     prior_median: Num
     """S by the law of the published tests, without the shots. [1]"""
     prior_dispersion: Num
     """[ln]"""
+    prior_spread: Annotated[list[Num], Field(min_length=2, max_length=2)]
+    """90 % range of S without the shots. [1]"""
 
 
 class Motion(Part, Generic[Value]):
@@ -279,6 +292,7 @@ class Alternative(Part):
 
     free_surface: FreeSurfaceModel
     strength_factor: StrengthLaw
+    obliquity_shape: ObliquityShape
     fitted_to: str
     """What the two laws were fitted to."""
     problem: Problem | MISSING = MISSING

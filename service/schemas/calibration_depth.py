@@ -1,20 +1,24 @@
 """Calibration by depths of penetration, and a polynomial of the factors over the oblique angle."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import MISSING, Field, StringConstraints
 
+from service.columns import Column
 from service.schemas.answers import VERSIONED, EngineVersion, Key, ModelWarning
 from service.schemas.calibration_motion import (
     Calibration,
+    ConfidenceInterval,
     FittedStrength,
     Residuals,
+    StandardError,
     StrengthFactorValue,
 )
-from service.schemas.fields import GIVEN, NOT_TABLED, Of, walk
+from service.schemas.fields import GIVEN, NOT_TABLED, Described, Of, walk
 from service.schemas.numerics import Obliquity
 from service.schemas.quantities import WHOLE, Count, Num, Part, SolverPart, with_examples, within
 from service.schemas.resistance import (
@@ -44,7 +48,7 @@ TABLE_1 = [
 ]
 """Values of the paper."""
 
-POSTERIOR = {"type": "lognormal", "median": 8.062, "dispersion": 0.1126}
+POSTERIOR = {"type": "log_student_t", "median": 8.055, "scale": 0.0815, "degrees_of_freedom": 7.0}
 """That of these shots."""
 
 Group = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=128)]
@@ -82,7 +86,7 @@ class DepthCalibrationRequest(Calibration):
         },
     )
 
-    tests: Annotated[list[DepthTest], Field(min_length=2, max_length=MOST_TESTS, fail_fast=True)]
+    tests: Annotated[list[DepthTest], Field(min_length=1, max_length=MOST_TESTS, fail_fast=True)]
 
     def arguments(self) -> tuple[dict[str, Any], tuple[float, ...], FloatArray]:
         """Return the arguments of `fit_depth`, the strength factors to compare, and the velocities of their curves.
@@ -100,6 +104,17 @@ class DepthCalibrationRequest(Calibration):
         return fit, self.compared(), np.linspace(BELOW * min(velocities), ABOVE * max(velocities), CURVE_POINTS)
 
 
+def _error_in(fit: DepthFit) -> float | None:
+    """Return the standard error of a fit; None from a single test."""
+    error = fit.estimate.standard_error
+    return None if math.isnan(error) else error
+
+
+def _interval_in(fit: DepthFit) -> tuple[float, float] | None:
+    """Return the confidence interval of a fit; None from a single test."""
+    return None if math.isnan(fit.estimate.standard_error) else fit.estimate.confidence_interval
+
+
 class DepthGroup(FittedStrength):
     """The strength factor of a group of tests."""
 
@@ -107,8 +122,8 @@ class DepthGroup(FittedStrength):
         {
             "group": "80 mm",
             "strength_factor": 8.377,
-            "standard_error": 0.396,
-            "confidence_interval": [7.116, 9.638],
+            "standard_error": 0.345,
+            "confidence_interval": [7.534, 9.22],
         }
     )
 
@@ -139,21 +154,23 @@ class Posterior(Part):
 
     model_config = with_examples(POSTERIOR)
 
-    type: Annotated[Literal["lognormal"], Of("name")]
+    type: Annotated[Literal["log_student_t"], Of("name")]
     median: Num
     """[1]"""
-    dispersion: Num
-    """Standard deviation of the natural logarithm. [ln]"""
+    scale: Num
+    """Of the natural logarithm, which has Student's distribution. [ln]"""
+    degrees_of_freedom: Num
+    """Of that distribution. [1]"""
 
 
-class DepthCalibrationAnswer(FittedStrength):
+class DepthCalibrationAnswer(Part):
     """The strength factor that fits depths of penetration best."""
 
     model_config = with_examples(
         {
             "strength_factor": 8.377,
-            "standard_error": 0.396,
-            "confidence_interval": [7.116, 9.638],
+            "standard_error": 0.345,
+            "confidence_interval": [7.534, 9.22],
             "residuals": [0.0221, 0.0304, 0.017, -0.0399],
             "predicted_depth_m": [0.2779, 0.3496, 0.433, 0.5699],
             "root_mean_square_m": 0.0287,
@@ -163,6 +180,16 @@ class DepthCalibrationAnswer(FittedStrength):
         | VERSIONED
     )
 
+    strength_factor: Annotated[Num, Field(gt=0.0), Of("estimate.strength_factor"), Described("that fits best")]
+    """The one that fits best. [1]"""
+    standard_error: Annotated[StandardError | MISSING, Of(_error_in), Described("of the strength factor")] = MISSING
+    """If there are several tests; the scatter within series of published tests counts as three more. [1]"""
+    confidence_interval: Annotated[
+        ConfidenceInterval | MISSING,
+        Of(_interval_in),
+        Column("confidence_low", "lower end of the confidence interval of the strength factor"),
+        Column("confidence_high", "upper end of it"),
+    ] = MISSING
     residuals: Residuals
     """Measured minus predicted depth of each test. [m]"""
     predicted_depth_m: Annotated[list[Num], Of("predicted")]

@@ -377,7 +377,10 @@ def thickness_answer(request: ThicknessFields) -> dict[str, Any]:
     found = solver.least_thickness(**arguments)
     given: dict[str, Any] = {}
     if request.output.range:
-        spread, law = thickness_spread(**arguments), arguments["resistance"]
+        spread, law = (
+            thickness_spread(**arguments, strength_scatter=request.strength_scatter.value),
+            arguments["resistance"],
+        )
         given = _spread_answer(spread) | {"sentence": thickness_sentence(found, spread, rows, law)}
     return walk(ThicknessAnswer, found, formulas=rows, **given)
 
@@ -388,7 +391,7 @@ def limit_speed_answer(request: LimitSpeedFields) -> dict[str, Any]:
     found = solver.limit_velocity(**arguments)
     given: dict[str, Any] = {}
     if request.output.range:
-        spread = limit_speed_spread(**arguments)
+        spread = limit_speed_spread(**arguments, strength_scatter=request.strength_scatter.value)
         given = _spread_answer(spread) | {
             "sentence": limit_speed_sentence(found, spread, rows, arguments["resistance"])
         }

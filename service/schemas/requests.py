@@ -2,16 +2,18 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from enum import StrEnum
 from typing import Annotated, Any, Self, TypeVar, cast
 
 import orjson
 from pydantic import MISSING, Field
 
 import solver
+from service.schemas.fields import walk
 from service.schemas.flight import FlightInput
 from service.schemas.numerics import Method, Numerics, Search, SearchMethod, usual_range
 from service.schemas.quantities import Flag, Num, Part, with_examples
-from service.schemas.resistance import Resistance
+from service.schemas.resistance import STRENGTH_FACTORS, Resistance
 from service.schemas.strike import (
     HEMISPHERE,
     PAPER,
@@ -29,7 +31,7 @@ from solver import alternative_resistances
 from solver.checks import ParameterError
 from solver.search.critical_angle import PAPER_TERMINATION_TIME
 from solver.strike import SEARCH_TOLERANCE, TRAJECTORY_TOLERANCE, usual_termination_time
-from solver.sweeps import fitted_to
+from solver.sweeps import fitted_to, obliquity_shape
 from solver.trajectory import SAMPLE_INTERVAL
 from solver.uncertainty.usual import has_own_law
 
@@ -49,6 +51,14 @@ SampleInterval = Annotated[
 
 NO_PART_OF_THE_CASE = {"alternatives", "custom_id"}
 """Fields without effect on the result."""
+
+
+class StrengthScatter(StrEnum):
+    """Tests from which the scatter of the strength factor comes."""
+
+    LAW = "law"
+    PAPER_TABLE_1 = "paper_table_1"
+
 
 Alternatives = Annotated[
     Flag,
@@ -94,6 +104,9 @@ class Case(Part):
     target: Target
     resistance: Annotated[Resistance, Field(default_factory=Resistance)]
     numerics: Annotated[Numerics, Field(default_factory=Numerics)]
+    strength_scatter: StrengthScatter = StrengthScatter.LAW
+    """Tests from which the scatter of S comes: the published ones behind the `law`, or own tests in the resistance;
+    `paper_table_1` takes S to be known as well as after the paper's four shots, in whatever strike."""
 
     def shared_arguments(self) -> dict[str, Any]:
         """Return the arguments that all functions of the solver take."""
@@ -185,7 +198,11 @@ class TrajectoryFields(Case):
             target=arguments["target"],
             projectile=arguments["projectile"],
         )
-        return arguments | {"impact": impact, "sample_interval": case.sample_interval(case.output)}
+        return arguments | {
+            "impact": impact,
+            "sample_interval": case.sample_interval(case.output),
+            "strength_scatter": case.strength_scatter.value,
+        }
 
 
 class TrajectoryRequest(TrajectoryFields):
@@ -238,7 +255,8 @@ class CriticalAngleBase(Case):
             If values do not go together.
         """
         case = self.resolved()
-        arguments = case.shared_arguments() | case.impact.arguments() | {"search": case.search.to_solver()}
+        arguments = case.shared_arguments() | case.impact.arguments()
+        arguments |= {"search": case.search.to_solver(), "strength_scatter": case.strength_scatter.value}
         return arguments, case.sample_interval(case.output)
 
 
@@ -267,14 +285,15 @@ def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request
     for each in alternative_resistances(request.resistance.to_solver()):
         laws = {"free_surface": each.free_surface.name, "strength_factor": each.strength_factor.name}
         decay = {"model": each.free_surface.name, "inertia": getattr(each.free_surface, "inertia", False)}
-        law = Resistance.model_validate(
-            {"strength_factor": {"model": each.strength_factor.name}, "free_surface": decay}
+        strength = walk(
+            STRENGTH_FACTORS[each.strength_factor.name], each.strength_factor, model=laws["strength_factor"]
         )
+        law = Resistance.model_validate({"strength_factor": strength, "free_surface": decay})
         resistance = request.resistance.model_copy(
             update={"strength_factor": law.strength_factor, "free_surface": law.free_surface}
         )
         other = cast("Request", request.model_copy(update={"resistance": resistance, "alternatives": False}))
-        found.append((laws | {"fitted_to": fitted_to(each)}, other))
+        found.append((laws | {"obliquity_shape": obliquity_shape(each), "fitted_to": fitted_to(each)}, other))
     return found
 
 

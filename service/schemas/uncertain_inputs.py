@@ -19,6 +19,7 @@ from solver.uncertainty import (
     Discrete,
     Distribution,
     Lognormal,
+    LogStudentT,
     Normal,
     Triangular,
     TruncatedNormal,
@@ -27,16 +28,25 @@ from solver.uncertainty import (
     scaled,
 )
 from solver.uncertainty.sampling import check_values
+from solver.uncertainty.strikes import THEORY, by_theory
 
-MODELS = ("resistance.free_surface.model", "resistance.strength_factor.model")
+MODELS = ("resistance.free_surface.model", "resistance.strength_factor.model", THEORY)
 """Fields whose alternatives are names."""
 SPEEDS = {"type": "normal", "mean": 238.0, "coefficient_of_variation": 0.02}
 STRENGTHS = {"type": "lognormal", "median": 39e6, "dispersion": 0.12}
-DECAYS = {"type": "discrete", "values": ["elastic_plastic", "mohr_coulomb"], "weights": [0.8, 0.2]}
+THEORIES = {"type": "discrete", "values": ["elastic_plastic", "mohr_coulomb"], "weights": [0.8, 0.2]}
+RESIDUALS = {
+    "type": "log_student_t",
+    "median": 1.0,
+    "scale": 0.27,
+    "degrees_of_freedom": 3.0,
+    "lower": 0.24,
+    "upper": 7.0,
+}
 SCATTER = [
     {"field": "impact.velocity_m_s", "distribution": SPEEDS},
     {"field": "target.compressive_strength_pa", "distribution": STRENGTHS},
-    {"field": "resistance.free_surface.model", "distribution": DECAYS},
+    {"field": THEORY, "distribution": THEORIES},
 ]
 
 Finite = Annotated[Num, Field(ge=-1e300, le=1e300)]
@@ -88,6 +98,25 @@ class LognormalDistribution(SolverPart[Lognormal]):
     """Instead of it: over the mean. [1]"""
 
 
+class LogStudentTDistribution(SolverPart[LogStudentT]):
+    """A number whose logarithm has Student's distribution: as a lognormal one, but with heavier tails."""
+
+    model_config = with_examples(
+        {"type": "log_student_t", "median": 8.055, "scale": 0.0815, "degrees_of_freedom": 7.0},
+        RESIDUALS,
+    )
+
+    type: Literal["log_student_t"]
+    median: Finite
+    scale: Finite
+    """Of the natural logarithm. [1]"""
+    degrees_of_freedom: Finite
+    """1 or more; with many, the number is lognormal. [1]"""
+    lower: Finite | MISSING = MISSING
+    upper: Finite | MISSING = MISSING
+    """Bounds at which it is cut off, which heavy tails need where the field is not accepted at any value."""
+
+
 class UniformDistribution(SolverPart[Uniform]):
     """Every value between two bounds is as likely."""
 
@@ -124,7 +153,7 @@ DiscreteValues = TypeAliasType(
 class DiscreteDistribution(SolverPart[Discrete]):
     """Some values, each with its weight: numbers, or names of models."""
 
-    model_config = with_examples(DECAYS)
+    model_config = with_examples(THEORIES)
 
     type: Literal["discrete"]
     values: DiscreteValues
@@ -138,6 +167,7 @@ DistributionOf = TypeAliasType(
         NormalDistribution
         | TruncatedNormalDistribution
         | LognormalDistribution
+        | LogStudentTDistribution
         | UniformDistribution
         | TriangularDistribution
         | DiscreteDistribution,
@@ -157,6 +187,8 @@ class UncertainInput(Part):
         Field(
             description="Dotted path to a number of the request, such as `impact.velocity_m_s`; "
             "`resistance.free_surface.model` or `resistance.strength_factor.model` with names; "
+            f"`{THEORY}` with `elastic_plastic` and `mohr_coulomb`, a decay law with the S(θ) that belongs to it: of "
+            "eq. 9 and of finite element motions; "
             f"`{RESIDUAL}`, a factor on the strength factor whatever its law."
         ),
     ]
@@ -255,7 +287,7 @@ def _check_models(
     for number, name in enumerate(distribution.values):
         try:
             model.model_validate(with_values(base, [field], [name]))
-        except ValidationError:
+        except (ValidationError, ParameterError):
             raise ParameterError(
                 f"{place}.distribution.values.{number}", f"{name!r} is no model of this kind with default numbers"
             ) from None
@@ -264,9 +296,13 @@ def _check_models(
 def with_values(base: Mapping[str, Any], fields: Sequence[str], values: Sequence[Any]) -> dict[str, Any]:
     """Return a request with these values of the fields; models first, then their numbers, a residual last."""
     request, residual = dict(base), None
-    for field, value in sorted(zip(fields, values, strict=True), key=lambda each: each[0] not in MODELS):
+    for field, value in sorted(
+        zip(fields, values, strict=True), key=lambda each: (each[0] != THEORY, each[0] not in MODELS)
+    ):
         if field == RESIDUAL:
             residual = value
+        elif field == THEORY:
+            request = _with_theory(request, value)
         elif field in MODELS:
             part = field.split(".")[1]
             resistance = request.get("resistance", {})
@@ -276,6 +312,15 @@ def with_values(base: Mapping[str, Any], fields: Sequence[str], values: Sequence
         else:
             request = put(request, field.split("."), value)
     return request if residual is None else _with_residual(request, residual)
+
+
+def _with_theory(request: Mapping[str, Any], theory: str) -> dict[str, Any]:
+    """Return a request by a theory of the decay; what it does not change stays as it was sent, for the cache."""
+    before = Resistance.model_validate(request.get("resistance", {})).to_solver()
+    after = by_theory(before, theory)
+    if after.strength_factor != before.strength_factor:
+        request = _with_law(request, after.strength_factor)
+    return with_values(request, ["resistance.free_surface.model"], [theory])
 
 
 def _with_model(given: Mapping[str, Any], name: str) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from solver.uncertainty import (
 )
 
 ESTIMATE = {"value": 0.22, "lower": 0.21, "upper": 0.23}
-AFTER_SHOT = {"shots": 1, "strength_factor_dispersion": 0.139, "lower_deg": 44.5, "upper_deg": 50.4}
+AFTER_SHOT = {"shots": 1, "strength_factor_dispersion": 0.115, "lower_deg": 44.5, "upper_deg": 50.4}
 SAMPLED = {
     "convergence": {"samples": [266], "half_width": [0.013]},
     "converged": True,
@@ -133,7 +133,7 @@ class SensitivityAnswer(Part):
     """Share with its interactions. [1]"""
     swing: list[SwingAnswer]
     after_shots: Annotated[list[AfterShotsAnswer] | MISSING, Of(lambda found: found.after_shots or None)] = MISSING
-    """Of a lognormal `resistance.strength_residual`: what one and three shots of one's own would make of the angle."""
+    """Of a `resistance.strength_residual` whose logarithm scatters: the angle after one and three own shots."""
 
 
 class ConvergenceAnswer(Part):

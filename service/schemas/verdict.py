@@ -30,17 +30,16 @@ from solver import (
     Resistance,
     SearchStatus,
 )
-from solver.strength_scatter import strength_scatter
+from solver.strength_scatter import scatter_of_strength
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 from solver.uncertainty import AfterShots, Discrete, Estimate, Uncertain, Verdict, usual_scatter
 from solver.uncertainty.results import RANGE
+from solver.uncertainty.strikes import THEORY
 from solver.uncertainty.usual import THEORIES, THEORY_LAWS
 from solver.uncertainty.verdict import next_shot_advice, probability_text, range_with, with_those_of_strike
 from solver.uncertainty.weighed_warnings import HELD, MOVES, range_held_earlier, weighed
 
-DECAY = "resistance.free_surface.model"
-"""The only one of these inputs that is discrete."""
-CENTRES = {"normal": "mean", "lognormal": "median"}
+CENTRES = {"normal": "mean", "lognormal": "median", "log_student_t": "median"}
 """Parameter of a distribution that is the value of the case."""
 CURVE = ("oblique_angle_deg", "ricochet_probability", "lower", "upper")
 """Columns of the probability of ricochet in an answer of `/cra/uncertainty`: angle, value and its interval."""
@@ -53,8 +52,7 @@ def contract_input(uncertain: Uncertain) -> dict[str, Any]:
     found: dict[str, Any] = {"type": distribution.name}
     field = pointer_of_parameter(uncertain.field)[1:].replace("/", ".")
     if isinstance(distribution, Discrete):
-        field = DECAY
-        found |= {"values": [each.name for each in distribution.values], "weights": list(distribution.probabilities)}
+        found |= {"values": list(distribution.values), "weights": list(distribution.probabilities)}
     else:
         given = {each.name: getattr(distribution, each.name) for each in fields(distribution)}
         convert = degrees if field.endswith("_deg") else float
@@ -78,7 +76,8 @@ def usual_inputs(request: CriticalAngleBase, *, theories: bool | None = None) ->
     impact: dict[str, Any] = request.impact.arguments()
     del impact["angular_velocity"]
     case = {name: value for name, value in request.shared_arguments().items() if name != "numerics"}
-    return [contract_input(each) for each in usual_scatter(**case, **impact, theories=theories)]
+    usual = usual_scatter(**case, **impact, theories=theories, strength_scatter=request.strength_scatter.value)
+    return [contract_input(each) for each in usual]
 
 
 def _without_centre(distribution: Mapping[str, Any]) -> dict[str, Any]:
@@ -100,23 +99,23 @@ USUAL_SCATTER: dict[str, dict[str, Any]] = {
 """Distributions of the inputs that usually scatter where nobody has tested the concrete, around the value of the case;
 the page takes them from here."""
 
-THEORY = {"free_surface": "elastic_plastic", "weight": 0.8, "critical_angle_deg": 48.6}
+THEORY_ANGLE = {"free_surface": "elastic_plastic", "weight": 0.8, "critical_angle_deg": 48.6}
 VERDICT = {
     "sentence": "At 55° from the normal: is turned away (probability above 97 %). Critical angle 48.6° from the "
-    "normal, 90 % range 43° to 51°; elastic-plastic decay (weight 0.8) 48.6°.",
-    "range_text": "43° to 51°",
+    "normal, 90 % range 46° to 51°; elastic-plastic decay (weight 0.8) 48.6°.",
+    "range_text": "46° to 51°",
     "status": "converged",
     "critical_angle_deg": 48.63,
-    "range": {"lower_deg": 42.6, "upper_deg": 51.0},
+    "range": {"lower_deg": 45.9, "upper_deg": 51.2},
     "share_without_angle": 0.0,
-    "theories": [THEORY],
+    "theories": [THEORY_ANGLE],
     "oblique_angle_deg": 55.0,
     "outcome": "ricochet",
     "ricochet_probability": 0.998,
     "ricochet_probability_interval": {"lower": 0.978, "upper": 1.0},
     "probability_text": "above 97 %",
     "strength_factor": 6.1,
-    "strength_factor_dispersion": 0.113,
+    "strength_factor_dispersion": 0.0964,
     "usual_scatter": SCATTER,
     "warnings": [WARNING],
     "keys": {"cra": "0" * 64},
@@ -145,7 +144,7 @@ class ProbabilityInterval(Part):
 class TheoryAngle(Part):
     """Critical angle by one theory of the decay, the other inputs at their medians."""
 
-    model_config = with_examples(THEORY)
+    model_config = with_examples(THEORY_ANGLE)
 
     free_surface: FreeSurfaceModel
     weight: Annotated[Num, Field(ge=0.0, le=1.0)]
@@ -319,7 +318,10 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
     """Return the verdict as JSON data; for the arguments see `verdict_in`."""
     found = verdict_in(request, answers)
     arguments = request.shared_arguments()
-    scatter = strength_scatter(**{name: arguments[name] for name in ("projectile", "target", "resistance")})
+    scatter = scatter_of_strength(
+        **{name: arguments[name] for name in ("projectile", "target", "resistance")},
+        strength_scatter=request.strength_scatter.value,
+    )
     answer: dict[str, Any] = {"sentence": found.sentence, "range_text": found.range_text, "status": found.status.value}
     if found.angle is not None:
         answer["critical_angle_deg"] = answers["cra"]["critical_angle_deg"]
@@ -372,7 +374,7 @@ def _likely_angles(spread: tuple[float, float]) -> dict[str, float]:
 
 def _theories(study: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the critical angle by each theory, as a study with the usual scatter has them."""
-    return next((each["swing"] for each in study.get("sensitivity", ()) if each["field"] == DECAY), [])
+    return next((each["swing"] for each in study.get("sensitivity", ()) if each["field"] == THEORY), [])
 
 
 def angle_in(found: Mapping[str, Any]) -> float | None:

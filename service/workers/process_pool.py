@@ -65,17 +65,20 @@ class WorkerServer:
 
     async def run(self) -> None:
         """Work off the queue until this is cancelled."""
+        worker = await self._live_worker()
         while True:
-            worker = await self._live_worker()
             try:
                 async with asyncio.timeout(IDLE_CHECK_SECONDS):
                     work = await self._queue.get(self._accepts)
             except TimeoutError:
+                worker = await self._live_worker()
                 continue
-            if worker.usable:
+            if worker.alive:
                 await self._serve(worker, work)
             else:
                 self._queue.put_back(work)
+            if not worker.alive:
+                worker = await self._live_worker()
 
     def close(self) -> None:
         """End the worker."""
@@ -86,7 +89,7 @@ class WorkerServer:
     async def _live_worker(self) -> WorkerProcess:
         """Return the worker, a new one if it has died or is stopped; try until there is one."""
         delay = RETRY_SECONDS
-        while self.worker is None or not self.worker.usable:
+        while self.worker is None or not self.worker.alive or self.worker.stopped:
             self.close()
             try:
                 await self.start_worker()

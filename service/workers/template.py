@@ -69,13 +69,13 @@ class Template:
         program = f"import sys; sys.path[:] = {sys.path!r}\nfrom service.workers.worker import fork_workers\n"
         warnings = [f"-W{option}" for option in sys.warnoptions]
         with theirs:
-            # A session of its own: Ctrl-C in a terminal reaches all of its session's foreground processes, and would
-            # end this one with a traceback.
+            # A process group of its own: Ctrl-C in a terminal reaches all processes of the foreground group, and would
+            # end this one with a traceback. Not a session, which Linux may schedule apart, without regard to `nice`.
             self._process = subprocess.Popen(  # noqa: S603 (our own)
                 [sys.executable, *warnings, "-P", "-c", f"{program}fork_workers({theirs.fileno()})"],
                 stdin=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],
-                start_new_session=True,
+                process_group=0,
                 # One thread each: the workers fill the cores already.
                 env={"OPENBLAS_NUM_THREADS": "1"} | os.environ,
             )

@@ -186,8 +186,7 @@ def work_off(calls: Sequence[bytes], channel: socket.socket) -> None:
 
 def send(channel: socket.socket, message: bytes) -> None:
     """Send a message."""
-    channel.sendall(LENGTH.pack(len(message)))
-    channel.sendall(message)
+    channel.sendall(LENGTH.pack(len(message)) + message)
 
 
 def receive(channel: socket.socket) -> bytes:

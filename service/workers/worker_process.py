@@ -20,6 +20,9 @@ START_SECONDS = 600.0
 CANCEL_SECONDS = 0.3
 """Time for a call that is asked to stop to end by itself; then its worker is killed. [s]"""
 
+SCRATCH_BYTES = 1 << 16
+"""Largest message, with its length, that shares a buffer with others; a longer one is read to where it stays."""
+
 
 class WorkerDiedError(Exception):
     """The worker died or was killed."""
@@ -30,11 +33,15 @@ class Messages(asyncio.BufferedProtocol):
 
     def __init__(self) -> None:
         self.closed = False
-        self._arrived: deque[bytearray] = deque()
-        self._buffer, self._filled, self._in_body = bytearray(LENGTH.size), 0, False
+        self._arrived: deque[bytes | bytearray] = deque()
+        self._scratch, self._held = bytearray(SCRATCH_BYTES), 0
+        """Where small messages are read to, as many as have arrived, and how much of it is in use."""
+        self._body: bytearray | None = None
+        """Message that the rest of is being read, if it is longer than that."""
+        self._filled = 0
         self._waiting: asyncio.Future[None] | None = None
 
-    async def next(self) -> bytearray:
+    async def next(self) -> bytes | bytearray:
         """Return the next message.
 
         Raises
@@ -50,19 +57,40 @@ class Messages(asyncio.BufferedProtocol):
         return self._arrived.popleft()
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """Return where to read the next bytes to: what is left of a length or of a message."""
-        return memoryview(self._buffer)[self._filled :]
+        """Return where to read the next bytes to."""
+        if self._body is not None:
+            return memoryview(self._body)[self._filled :]
+        return memoryview(self._scratch)[self._held :]
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Note that bytes have been read."""
-        self._filled += nbytes
-        if self._filled < len(self._buffer):
-            return
-        if self._in_body:
-            self._arrived.append(self._buffer)
+        """Take the messages that are whole."""
+        if self._body is not None:
+            self._filled += nbytes
+            if self._filled == len(self._body):
+                self._arrived.append(self._body)
+                self._body = None
+        else:
+            self._held += nbytes
+            self._take_small()
+        if self._arrived:
             self._wake()
-        length = LENGTH.size if self._in_body else LENGTH.unpack(self._buffer)[0]
-        self._buffer, self._filled, self._in_body = bytearray(length), 0, not self._in_body
+
+    def _take_small(self) -> None:
+        begin = 0
+        while self._held - begin >= LENGTH.size:
+            (length,) = LENGTH.unpack_from(self._scratch, begin)
+            end = begin + LENGTH.size + length
+            if end > self._held:
+                if LENGTH.size + length > SCRATCH_BYTES:
+                    self._filled = self._held - begin - LENGTH.size
+                    self._body = bytearray(length)
+                    self._body[: self._filled] = self._scratch[begin + LENGTH.size : self._held]
+                    begin = self._held
+                break
+            self._arrived.append(bytes(memoryview(self._scratch)[begin + LENGTH.size : end]))
+            begin = end
+        self._scratch[: self._held - begin] = self._scratch[begin : self._held]
+        self._held -= begin
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Note that the other end has closed."""
@@ -118,9 +146,9 @@ class WorkerProcess:
             raise PoolUnavailableError(hello.error or changed)
 
     @property
-    def usable(self) -> bool:
-        """Whether an idle worker lives and moves."""
-        return not self._messages.closed and not self.stopped
+    def alive(self) -> bool:
+        """Whether the process lives, be it stopped."""
+        return not self._messages.closed
 
     @property
     def stopped(self) -> bool:
@@ -133,7 +161,7 @@ class WorkerProcess:
         """Have the worker run these calls."""
         self._write(pickle.dumps([dumps(call) for call in calls]))
 
-    async def receive(self) -> bytearray | None:
+    async def receive(self) -> bytes | bytearray | None:
         """Return the reply to the next call, for `loads`; None if the worker has left the others.
 
         Raises
@@ -170,7 +198,7 @@ class WorkerProcess:
     def close(self) -> None:
         """End the process, and free what it took."""
         self.kill()
-        self.pid = 0
+        self.pid, self._messages.closed = 0, True
         if self._killing is not None:
             self._killing.cancel()
         if self._transport is not None:

@@ -23,10 +23,18 @@ from solver.display import Axes, DataFrame, Figure, plot_depths
 from solver.motion import Run, Termination
 from solver.prepared import PreparedCase, integrate, prepare
 from solver.projectile import Projectile
-from solver.resistance import FIELD, ConstantStrengthFactor, OwnTests, Resistance, Shot, StrengthPosterior
+from solver.resistance import (
+    FIELD,
+    ConstantStrengthFactor,
+    OwnTests,
+    PublishedTests,
+    Resistance,
+    Shot,
+    StrengthPosterior,
+)
 from solver.strike import Impact, Numerics
 from solver.target import Target
-from solver.uncertainty.distributions import Lognormal
+from solver.uncertainty.distributions import LogStudentT
 from solver.warnings import ModelWarning
 
 FIRST_LOOK = 9
@@ -73,7 +81,7 @@ class DepthFit(ComparedByFields):
     """Root mean square of the residuals, weighted. [m]"""
     groups: Mapping[str, "DepthFit"]
     """One fit for each group of two tests or more; empty if the tests have no groups."""
-    posterior: Lognormal
+    posterior: LogStudentT
     """S of the next shot in the same concrete; the published tests are the prior, and weights do not count."""
     resistance: Resistance
     """That of the fit, with the fitted S."""
@@ -81,7 +89,8 @@ class DepthFit(ComparedByFields):
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
         """Return measured over predicted depths as a ``matplotlib.figure.Figure``, of pyplot unless axes are given."""
-        title = f"S = {self.estimate.strength_factor:.3g} ± {self.estimate.standard_error:.2g}"
+        error = "" if math.isnan(self.estimate.standard_error) else f" ± {self.estimate.standard_error:.2g}"
+        title = f"S = {self.estimate.strength_factor:.3g}{error}"
         return plot_depths(self.predicted, self.predicted + self.residuals, title, ax)
 
 
@@ -190,7 +199,7 @@ def fit_depth(
     projectile, target
         Shared by the tests.
     tests
-        Two or more, or a DataFrame with the fields of `DepthTest` as columns. If one names a group, all must; then each
+        One or more, or a DataFrame with the fields of `DepthTest` as columns. If one names a group, all must; then each
         group of two or more gets its own fit besides the common one.
     resistance
         Inertia factor and decay; its strength factor is not used.
@@ -210,9 +219,10 @@ def fit_depth(
 
     Notes
     -----
-    Section 3.1. The standard error follows from the slope of the depths over S and the scatter of the residuals with
-    n - 1 degrees of freedom, the interval from Student's distribution: it covers the scatter of the tests, not an
-    error that all of them share.
+    Section 3.1. The standard error follows from the slope of the depths over S and the scatter of the residuals, the
+    interval from Student's distribution: it covers the scatter of the tests, not an error that all of them share. So
+    that two tests which happen to agree do not seem exact, the scatter within the series of the published tests counts
+    as `PublishedTests.degrees_of_freedom` tests more.
     """
     require_confidence_level(confidence_level)
     tests = rows_of("tests", tests, DepthTest)
@@ -229,7 +239,7 @@ def fit_depth(
 
 
 def _check(tests: Sequence[DepthTest], target: Target) -> None:
-    require(len(tests) >= 2, "tests", f"must be at least 2, for one leaves no scatter to judge by, got {len(tests)}")
+    require(len(tests) >= 1, "tests", "must be at least one")
     grouped = [test.group is not None for test in tests]
     for index, test in enumerate(tests):
         field = f"tests.{index}"
@@ -256,26 +266,45 @@ def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> 
     few = slice(None, None, 1 + len(tests) // FIRST_TESTS)
     start = _first_look(lambda factor: roots[few] * (measured[few] - shots.depths(tests[few], factor)))
     best = minimise(residuals, start, "tests")
-    slope = log_slope(residuals, best) / best
+    slope = log_slope(residuals, best)
     runs = shots.runs(tests, best)
     predicted = np.array([run.maximum_depth for run in runs])
     misses = measured - predicted
-    variance = float(np.sum((roots * misses) ** 2)) / (len(tests) - 1)
     posterior = _posterior(tests, shots)
     return DepthFit(
-        estimate=build_estimate(
-            strength_factor=best,
-            standard_error=math.sqrt(variance / float(slope @ slope)),
-            degrees_of_freedom=len(tests) - 1,
-            confidence_level=confidence_level,
-        ),
+        estimate=_estimate(best, roots * misses, slope, confidence_level),
         predicted=predicted,
         residuals=misses,
         root_mean_square=math.sqrt(float(np.average(misses**2, weights=weights))),
         groups={},
         resistance=replace(shots.resistance, strength_factor=ConstantStrengthFactor(value=best)),
-        posterior=Lognormal(median=posterior.median, dispersion=posterior.dispersion),
+        posterior=LogStudentT(
+            median=posterior.median, scale=posterior.scale, degrees_of_freedom=posterior.degrees_of_freedom
+        ),
         warnings=_warnings(tests, runs, shots) + model_warnings.own_tests_apart(posterior),
+    )
+
+
+def _estimate(best: float, misses: FloatArray, slope: FloatArray, confidence_level: float) -> Estimate:
+    """Fitted S with its standard error, from the weighted residuals and their derivatives by ln S. [1, m, m]"""
+    count, prior = len(misses), PublishedTests.degrees_of_freedom
+    if count == 1:
+        return Estimate(
+            strength_factor=best,
+            standard_error=math.nan,
+            confidence_interval=(math.nan, math.nan),
+            confidence_level=confidence_level,
+            degrees_of_freedom=0.0,
+        )
+    squared = float(slope @ slope)
+    usual = PublishedTests.within_series**2 * squared / count
+    freedom = prior + count - 1.0
+    variance = (prior * usual + float(misses @ misses)) / freedom
+    return build_estimate(
+        strength_factor=best,
+        standard_error=best * math.sqrt(variance / squared),
+        degrees_of_freedom=freedom,
+        confidence_level=confidence_level,
     )
 
 
@@ -306,7 +335,9 @@ def _warnings(tests: Sequence[DepthTest], runs: Sequence[Run], shots: _Shots) ->
     masses = [shots.projectile.mass if test.mass is None else test.mass for test in tests]
     bodies = [replace(shots.projectile, mass=mass) for mass in (min(masses), max(masses))]
     found += dict.fromkeys(warning for body in bodies for warning in model_warnings.body_warnings(body))
-    found += model_warnings.shallow_tests(depths=[test.depth for test in tests], diameter=shots.projectile.diameter)
+    found += model_warnings.shallow_shots(
+        depths=[test.depth for test in tests], diameters=[shots.projectile.diameter] * len(tests)
+    )
     if any(run.end == Termination.TIME for run in runs):
         found.append(model_warnings.undecided(termination_time=shots.numerics.termination_time))
     return tuple(found)

@@ -44,9 +44,9 @@ class Estimate:
     strength_factor: float
     """S. [1]"""
     standard_error: float
-    """[1]"""
+    """NaN from a single test, which shows no scatter. [1]"""
     confidence_interval: tuple[float, float]
-    """By Student's distribution, and not below 0. [1]"""
+    """By Student's distribution, and not below 0; NaN from a single test. [1]"""
     confidence_level: float
     """Share of such intervals that hold the true value. [1]"""
     degrees_of_freedom: float

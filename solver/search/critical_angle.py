@@ -28,7 +28,7 @@ from solver.search.outcome import HALF_DEGREE, MORE_INERTIA, search_outcome
 from solver.search.paper import search_bisection, search_secant
 from solver.search.trials import ANGLE, END, ENERGY_FLOOR, Strength, TrialInputs, search_levels
 from solver.search.types import USUAL_SEARCH, Change, CriticalAngle, OutcomeInterval, Search, SearchStatus, Trial
-from solver.strength_scatter import known_strength
+from solver.strength_scatter import ScatterSource, known_strength
 from solver.strike import (
     SEARCH_STATIONS,
     SEARCH_TOLERANCE,
@@ -59,6 +59,7 @@ def critical_angle(
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
     search: Search | None = None,
+    strength_scatter: ScatterSource = "law",
 ) -> CriticalAngle:
     """Smallest oblique angle, from the normal, at which the projectile is turned away.
 
@@ -76,6 +77,8 @@ def critical_angle(
         Route and resolution.
     search
         Method, range and tolerance.
+    strength_scatter
+        Tests from which the dispersion of S comes, see `known_strength`; without effect on the angle.
 
     Returns
     -------
@@ -126,7 +129,11 @@ def critical_angle(
     standard_error, doubts = _standard_error(prepared, impact, search, change)
     if sought.bounds != search.bounds:
         doubts += (model_warnings.range_clipped(upper=sought.bounds[1], given=search.bounds[1]),)
-    dispersion, own_tests = known_strength(projectile=projectile, target=target, resistance=resistance)
+    scatter, own_tests = known_strength(
+        projectile=projectile, target=target, resistance=resistance, strength_scatter=strength_scatter
+    )
+    if strength_scatter == "paper_table_1":
+        doubts += (model_warnings.scatter_of_table_1(projectile, target),)
     return CriticalAngle(
         status=change.status,
         angle=change.angle,
@@ -136,7 +143,7 @@ def critical_angle(
         warnings=_warnings(prepared, impact, change, trials, by_paper=paper) + doubts,
         standard_error=standard_error,
         strength_factor=None if change.angle is None else prepared.strength_factor_at(change.angle),
-        strength_factor_dispersion=None if change.angle is None else dispersion,
+        strength_factor_dispersion=None if change.angle is None else scatter.dispersion,
         own_tests=None if change.angle is None else own_tests,
         energy_fraction_below=change.nearby[0] if change.nearby else None,
         energy_fraction_above=change.nearby[1] if change.nearby else None,

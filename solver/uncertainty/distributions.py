@@ -13,6 +13,7 @@ from numpy.polynomial.legendre import leggauss
 
 from solver.arrays import FloatArray
 from solver.checks import plain, require, require_finite, require_positive
+from solver.resistance import student_dispersion
 
 FIELD = "distribution"
 NODES = 48
@@ -23,6 +24,11 @@ WIDE = 0.2
 """Dispersion from which a polynomial of higher order is tried in this input alone. [ln]"""
 LARGEST_DISPERSION = 10.0
 """A factor of 22,000 either way at one standard deviation. [1]"""
+FREEDOM = (1.0, 1e6)
+"""Degrees of freedom from which the 90 % interval tells something of the tails, and up to which these are not yet those
+of a normal distribution to the last digit. [1]"""
+TINY = 2.0**-31
+"""Least probability of a sample: the middle of a cell of 30 bits. [1]"""
 WEIGHTS_SUM = 1e-9
 """Difference from 1 that weights may sum up to."""
 
@@ -253,6 +259,89 @@ class Lognormal:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LogStudentT:
+    """Distribution of a number whose logarithm has Student's distribution: as a lognormal one, but with heavier tails.
+
+    Parameters
+    ----------
+    median
+        In the unit of the field.
+    scale
+        Of the natural logarithm. [1]
+    degrees_of_freedom
+        1 or more; with many, the number is lognormal. [1]
+    lower, upper
+        Bounds at which the distribution is cut off, if any, with the median between them. Heavy tails need them where a
+        field is not accepted at any value.
+    """
+
+    name: ClassVar[str] = "log_student_t"
+    median: float
+    scale: float
+    degrees_of_freedom: float
+    lower: float | None = None
+    upper: float | None = None
+
+    def __post_init__(self) -> None:
+        require_positive(f"{FIELD}.median", self.median)
+        require_positive(f"{FIELD}.scale", self.scale)
+        largest = f"must be at most {LARGEST_DISPERSION:g}, got {self.scale:g}"
+        require(self.scale <= LARGEST_DISPERSION, f"{FIELD}.scale", largest)
+        low, high = FREEDOM
+        inside = low <= self.degrees_of_freedom <= high
+        require(inside, f"{FIELD}.degrees_of_freedom", f"must be between {low:g} and {high:g}")
+        if self.lower is not None:
+            require_positive(f"{FIELD}.lower", self.lower)
+            require(self.lower < self.median, f"{FIELD}.lower", f"must be below the median, {self.median:g}")
+        if self.upper is not None:
+            require_finite(f"{FIELD}.upper", self.upper)
+            require(self.upper > self.median, f"{FIELD}.upper", f"must be above the median, {self.median:g}")
+        if self.lower is None or self.upper is None:
+            reach = abs(math.log(self.median)) + self.scale * abs(self._quantile(TINY))
+            finite = reach <= math.log(sys.float_info.max)
+            without = "lower" if self.lower is None else "upper"
+            require(finite, f"{FIELD}.{without}", "must be given: tails so heavy reach beyond the numbers there are")
+
+    @property
+    def dispersion(self) -> float:
+        """Standard deviation of the logarithm before it is cut off, or what stands for it: `student_dispersion`. [1]"""
+        return student_dispersion(self.scale, self.degrees_of_freedom)
+
+    @property
+    def wide(self) -> bool:
+        """Whether it spans a factor so large that a smooth function of the number needs high orders."""
+        return self.dispersion >= WIDE
+
+    def scales(self, u: FloatArray) -> FloatArray:
+        """Return the logarithm over the median in scales at these probabilities."""
+        from scipy.special import stdtr  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+
+        lower = -math.inf if self.lower is None else math.log(self.lower / self.median) / self.scale
+        upper = math.inf if self.upper is None else math.log(self.upper / self.median) / self.scale
+        below, above = (float(stdtr(self.degrees_of_freedom, each)) for each in (lower, -upper))
+        return np.asarray(np.clip(self._quantile(below + u * (1.0 - below - above)), lower, upper), float)
+
+    def standard(self, u: FloatArray) -> FloatArray:
+        """Return x/√(1 + x²) with the logarithm x over the median at these probabilities, as `Lognormal` does."""
+        x = self.scale * self.scales(u)
+        return np.asarray(x / np.sqrt(1.0 + x * x), float)
+
+    def value(self, z: FloatArray) -> FloatArray:
+        """Return the input at these values of the standard variable."""
+        return np.asarray(self.median * np.exp(z / np.sqrt((1.0 - z) * (1.0 + z))), float)
+
+    def quadrature(self) -> tuple[FloatArray, FloatArray]:
+        """Return nodes and weights of a mean: over probabilities, as no number of scales holds the tails."""
+        x, w = leggauss(4 * NODES)
+        return self.standard(0.5 * (1.0 + x)), 0.5 * w
+
+    def _quantile(self, u: Any) -> Any:
+        from scipy.special import stdtrit  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+
+        return stdtrit(self.degrees_of_freedom, u)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Uniform:
     """Every value between two bounds is as likely."""
 
@@ -365,7 +454,7 @@ class Discrete:
         return np.searchsorted(steps, u, side="right").astype(np.int64)
 
 
-Distribution: TypeAlias = Normal | TruncatedNormal | Lognormal | Uniform | Triangular | Discrete
+Distribution: TypeAlias = Normal | TruncatedNormal | Lognormal | LogStudentT | Uniform | Triangular | Discrete
 
 
 def stated_values(distribution: Distribution) -> list[tuple[str, Any]]:

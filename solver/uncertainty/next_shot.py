@@ -9,10 +9,10 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.projectile import Projectile
-from solver.resistance import PublishedTests, Resistance
+from solver.resistance import PublishedTests, Resistance, student_dispersion, tail_ratio
 from solver.strength_scatter import strength_slope
 from solver.target import Target
-from solver.uncertainty.distributions import Continuous, Discrete, Lognormal
+from solver.uncertainty.distributions import Continuous, Discrete, Distribution, Lognormal, LogStudentT
 from solver.uncertainty.sampling import Uncertain
 
 RESIDUAL = "resistance.strength_residual"
@@ -26,42 +26,66 @@ HALF = math.sqrt(0.5)
 
 
 @dataclass(frozen=True, slots=True)
+class Narrowed:
+    """An input that scatters less after some shots."""
+
+    place: int
+    """Among the inputs of the study."""
+    part: float
+    """What is left of its dispersion or scale. [1]"""
+    distribution: Distribution
+    """Before the shots."""
+    shots: int
+    """By which Student's distribution gains degrees of freedom."""
+
+    def weights(self, unit: FloatArray) -> FloatArray:
+        """Return the density after the shots over that before at these probabilities, up to a constant factor."""
+        from scipy.special import ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+
+        if isinstance(self.distribution, LogStudentT):
+            before, t = self.distribution.degrees_of_freedom, self.distribution.scales(unit)
+            after = before + self.shots
+            logs = 0.5 * (before + 1.0) * np.log1p(t**2 / before)
+            logs -= 0.5 * (after + 1.0) * np.log1p((t / self.part) ** 2 / after)
+            return np.asarray(np.exp(logs) / self.part, float)
+        return np.asarray(np.exp(-0.5 * ndtri(unit) ** 2 * (1.0 / self.part**2 - 1.0)) / self.part, float)
+
+
+@dataclass(frozen=True, slots=True)
 class NextShot:
     """What some shots leave of the scatter of a study.
 
     Notes
     -----
-    A depth gives the product S f'c. Its variance in the study is that of the factor on S with that of the strength;
-    what exceeds the scatter within a series, t² = d² - w², is what shots reduce: after n of them it is 1/(1/t² + n/w²).
-    The strength keeps its scatter unless it would then have more than half of what is left, as in `StrengthScatter`.
+    A depth gives the product S f'c. Its squared scale in the study is that of the factor on S with that of the
+    strength; what exceeds the scatter within a series, t² = d² - w², is what shots reduce: after n of them that lie as
+    usual it is 1/(1/t² + n/w²). A factor with Student's distribution has n degrees of freedom more. The strength keeps
+    its scatter unless it would then have more than half of what is left, as in `StrengthScatter`.
     """
 
     shots: int
     dispersion: float
-    """Of S of the shot after them, at the stated strength. [ln]"""
-    parts: tuple[tuple[int, float], ...]
-    """Places of the inputs that scatter less, each with the part that is left of its dispersion. [1]"""
+    """Standard deviation of ln S of the shot after them, at the stated strength. [ln]"""
+    parts: tuple[Narrowed, ...]
 
     def weights(self, unit: FloatArray) -> FloatArray:
         """Return weights with which samples of the study, at (..., inputs) points between 0 and 1, are such of it.
 
         Notes
         -----
-        Importance sampling from the wider distribution: the ratio of the densities is bounded, by 1 over the part, so
-        that the samples of a study, or of its surrogate, are enough.
+        Importance sampling from the wider distribution: the ratio of the densities is bounded, so that the samples of a
+        study, or of its surrogate, are enough.
         """
-        from scipy.special import ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
-
         found = np.ones(unit.shape[:-1])
-        for place, part in self.parts:
-            found *= np.exp(-0.5 * ndtri(unit[..., place]) ** 2 * (1.0 / part**2 - 1.0)) / part
+        for each in self.parts:
+            found *= each.weights(unit[..., each.place])
         return found
 
 
 def next_shots(
     uncertain: Sequence[Uncertain], *, projectile: Projectile, target: Target, resistance: Resistance
 ) -> tuple[int, tuple[NextShot, ...]] | None:
-    """Return the place of the factor on S among the inputs, and what shots leave; None if it is not lognormal there.
+    """Return the place of the factor on S among the inputs, and what shots leave; None unless its logarithm scatters.
 
     Parameters
     ----------
@@ -72,34 +96,57 @@ def next_shots(
     """
     fields = {each.field.removesuffix("_pa"): place for place, each in enumerate(uncertain)}
     place = fields.get(RESIDUAL)
-    if place is None or not isinstance(uncertain[place].distribution, Lognormal):
+    if place is None:
         return None
-    own, strength_place = _dispersion(uncertain[place]), fields.get(STRENGTH)
+    factor = uncertain[place].distribution
+    if not isinstance(factor, Lognormal | LogStudentT):
+        return None
+    strength_place = fields.get(STRENGTH)
+    # 90 % ranges add as squares, in units of that of a normal distribution.
+    own = _scale(factor) * _ratio(factor, 0)
     if own == 0.0:  # The dispersion is lost in rounding.
         return None
     share = 0.0
     if strength_place is not None and not isinstance(uncertain[strength_place].distribution, Discrete):
-        share = _dispersion(uncertain[strength_place]) * abs(strength_slope(projectile, target, resistance))
-    now, within = math.hypot(own, share), PublishedTests.within_series
+        share = _scale(uncertain[strength_place].distribution) * abs(strength_slope(projectile, target, resistance))
+    now, within = math.hypot(own, share) / _ratio(factor, 0), PublishedTests.within_series
     between = now**2 - within**2
     found = []
     for count in COUNTS:
-        left = now
+        scale = now
         if between > 0.0:
-            left = math.sqrt(1.0 / (1.0 / between + count / within**2) + within**2)
+            scale = math.sqrt(1.0 / (1.0 / between + count / within**2) + within**2)
+        left = scale * _ratio(factor, count)
         if strength_place is None or share <= HALF * left:
-            parts = [(place, min(own, math.sqrt(left**2 - share**2)) / own)]
+            narrow, parts = math.sqrt(left**2 - share**2), {}
         else:
-            factor = min(own, HALF * left)
-            parts = [(place, factor / own), (strength_place, math.sqrt(left**2 - factor**2) / share)]
-        found.append(NextShot(count, left, tuple(parts)))
+            narrow = HALF * left
+            parts = {strength_place: math.sqrt(left**2 - min(own, narrow) ** 2) / share}
+        narrow = min(own, narrow)
+        parts[place] = narrow / own * _ratio(factor, 0) / _ratio(factor, count)
+        narrowed = tuple(Narrowed(at, part, uncertain[at].distribution, count) for at, part in parts.items())
+        found.append(NextShot(count, _dispersion(scale, factor, count), narrowed))
     return place, tuple(found)
 
 
-def _dispersion(uncertain: Uncertain) -> float:
-    """Return half the distance of the logarithms of the quantiles at one standard deviation to each side. [ln]"""
+def _scale(distribution: Distribution) -> float:
+    """Return the scale of the logarithm: half the distance of its quantiles at one standard deviation to each side."""
     from scipy.special import ndtr  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
 
-    distribution = cast(Continuous, uncertain.distribution)
-    lower, upper = distribution.value(distribution.standard(ndtr(np.array([-1.0, 1.0]))))
+    if isinstance(distribution, LogStudentT):
+        return distribution.scale
+    found = cast(Continuous, distribution)
+    lower, upper = found.value(found.standard(ndtr(np.array([-1.0, 1.0]))))
     return 0.5 * (math.log(upper) - math.log(lower)) if lower > 0.0 else 0.0
+
+
+def _ratio(factor: Lognormal | LogStudentT, shots: int) -> float:
+    """Return the 90 % range of the factor on S after some shots over that of a normal one of the same scale. [1]"""
+    return 1.0 if isinstance(factor, Lognormal) else tail_ratio(factor.degrees_of_freedom + shots)
+
+
+def _dispersion(scale: float, factor: Lognormal | LogStudentT, shots: int) -> float:
+    """Return the standard deviation of ln S after some shots, with the tails of the factor on S. [ln]"""
+    if isinstance(factor, Lognormal):
+        return scale
+    return student_dispersion(scale, factor.degrees_of_freedom + shots)

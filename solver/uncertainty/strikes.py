@@ -10,6 +10,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.cancellation import ComputingThreads
 from solver.checks import ParameterError, RicochetError, require, require_positive
+from solver.free_surface import ElasticPlastic, MohrCoulomb, decay_laws
 from solver.prepared import check_case
 from solver.projectile import Projectile
 from solver.resistance import (
@@ -21,6 +22,7 @@ from solver.resistance import (
     Resistance,
     StrengthFactor,
     held_from,
+    shaped_as_finite_elements,
 )
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, Search
@@ -39,6 +41,24 @@ Result = TypeVar("Result")
 Answer = TypeVar("Answer")
 
 USUAL_ANGLES = np.radians(np.linspace(5.0, 85.0, 161))
+
+
+THEORY = "resistance.theory"
+"""Field of a theory of the decay by the name of its law: the law, and the S(θ) that goes with it."""
+PAIRED: Mapping[str, Callable[[StrengthFactor], StrengthFactor]] = {
+    ElasticPlastic.name: lambda model: model,
+    MohrCoulomb.name: shaped_as_finite_elements,
+}
+"""S(θ) of each theory. S belongs to its decay law: eq. 9 gives the paper's angle with elastic-plastic decay, and with
+Mohr-Coulomb decay S was fitted to the motions of finite elements."""
+
+
+def by_theory(resistance: Resistance, theory: str) -> Resistance:
+    """Return a resistance by a theory of the decay, with the inertia of the expanding solid if it had that."""
+    require(theory in PAIRED, THEORY, f"must be one of {', '.join(map(repr, PAIRED))}, got {theory!r}")
+    inertia = getattr(resistance.free_surface, "inertia", False)
+    laws = {law.name: law for law in decay_laws(inertia=inertia)}
+    return replace(resistance, free_surface=laws[theory], strength_factor=PAIRED[theory](resistance.strength_factor))
 
 
 def scaled(model: StrengthFactor, factor: float) -> StrengthFactor:
@@ -121,9 +141,12 @@ class SampledStrike:
 
     def _with(self, values: Iterable[tuple[Sequence[str], Any]]) -> dict[str, Any]:
         parts, residual = dict(self._parts), None
-        for (name, *path), value in sorted(values, key=lambda each: len(each[0])):
-            if ".".join((name, *path)) == RESIDUAL:
+        for (name, *path), value in sorted(values, key=lambda each: (".".join(each[0]) != THEORY, len(each[0]))):
+            field = ".".join((name, *path))
+            if field == RESIDUAL:
                 residual = value
+            elif field == THEORY:
+                parts[name] = by_theory(parts[name], value)
             else:
                 parts[name] = put(parts[name], path, value)
         if residual is not None:
@@ -134,6 +157,11 @@ class SampledStrike:
     def _check(self, index: int, uncertain: Uncertain) -> None:
         field = f"uncertain.{index}.field"
         if uncertain.field == RESIDUAL:
+            return
+        if uncertain.field == THEORY:
+            values = getattr(uncertain.distribution, "values", ())
+            names = f"must be discrete, of {' and '.join(map(repr, PAIRED))}"
+            require(bool(values) and set(values) <= set(PAIRED), f"uncertain.{index}.distribution", names)
             return
         part: Any = self._parts
         for name in self._paths[index]:

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.arrays import FloatArray, IntArray
-from solver.uncertainty.distributions import Continuous, Lognormal
+from solver.uncertainty.distributions import Continuous, Lognormal, LogStudentT
 from solver.uncertainty.sampling import Estimate, Sampling
 
 
@@ -143,7 +143,7 @@ def fit_expansion(inputs: Sequence[Continuous], z: FloatArray, values: FloatArra
         (n, alternatives).
     """
     count, most = len(inputs), len(z) // POINTS_PER_TERM
-    wide = [place for place, each in enumerate(inputs) if isinstance(each, Lognormal) and each.wide]
+    wide = [place for place, each in enumerate(inputs) if isinstance(each, Lognormal | LogStudentT) and each.wide]
     shapes = [each for each in SHAPES + WIDE_SHAPES * bool(wide) if math.comb(count + each.order, count) <= most]
     terms = [each for each in (shape.terms(count, wide) for shape in shapes) if len(each) <= most]
     fits = [_fit(Basis(inputs, each), z, values) for each in terms]

@@ -9,28 +9,33 @@ from solver.resistance import (
     EQUATION_9,
     EQUATION_9_COEFFICIENTS,
     HELD_FROM,
+    PLAUSIBLE_FACTORS,
     ConstantStrengthFactor,
     ObliquityPolynomial,
     Resistance,
     StrengthPowerLaw,
     held_from,
 )
-from solver.strength_scatter import strength_scatter
+from solver.strength_scatter import ScatterSource, StrengthScatter, scatter_of_strength
 from solver.target import Target
-from solver.uncertainty.distributions import Discrete, Lognormal, Normal
+from solver.uncertainty.distributions import Discrete, Lognormal, LogStudentT, Normal
 from solver.uncertainty.next_shot import RESIDUAL
 from solver.uncertainty.sampling import Uncertain
+from solver.uncertainty.strikes import THEORY
 
 VELOCITY, DENSITY, MASS = 0.02, 0.02, 0.005
 """Coefficients of variation. [1]"""
 DIGITS = 4
-"""Of dispersions: no more are known."""
+"""Of dispersions and scales: no more are known."""
+WITHIN = 0.5, 2.0
+"""Factors on S that are never cut off, though S itself is beyond those of concretes. [1]"""
 ATTACK = math.radians(1.0)
 """Standard deviation of the angle of attack. [rad]"""
 THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, MohrCoulomb)
 THEORIES = (0.8, 0.2)
-"""Weights of these decay laws: the first with eq. 9 gives the paper's angle, the second follows the motions of finite
-elements more closely. No decay at all is not a theory and is not among them."""
+"""Weights of these decay laws, a judgement: the first with eq. 9 gives the paper's angle, the second follows the
+motions of finite elements more closely and has the S(θ) fitted to these. No decay at all is not a theory and is not
+among them."""
 
 
 def has_own_law(resistance: Resistance | None) -> bool:
@@ -61,6 +66,7 @@ def usual_scatter(
     angle_of_attack: float = 0.0,
     resistance: Resistance | None = None,
     theories: bool | None = None,
+    strength_scatter: ScatterSource = "law",
 ) -> tuple[Uncertain, ...]:
     """Return what usually scatters of a strike, as `critical_angle_uncertainty` takes it.
 
@@ -70,6 +76,8 @@ def usual_scatter(
         As for `critical_angle`. [SI, rad]
     theories
         Whether the theory of the decay scatters too; unless given, it does where no law of one's own is chosen.
+    strength_scatter
+        Tests from which the scatter of S comes, see `known_strength`.
 
     Returns
     -------
@@ -83,11 +91,15 @@ def usual_scatter(
 
     Notes
     -----
-    The factor on S has the dispersion of the law, or of the shots into the very concrete, less what the strength
-    explains of it: see `StrengthScatter`.
+    The factor on S has the scatter of the law, or of the shots into the very concrete, less what the strength explains
+    of it: see `StrengthScatter`. Its tails are heavy, so it is cut off where S would be beyond `PLAUSIBLE_FACTORS`:
+    without, a sample in a thousand would have an S of no concrete.
     """
     resistance = resistance or EQUATION_9
-    scatter = strength_scatter(projectile=projectile, target=target, resistance=resistance)
+    factor = resistance.strength_polynomial(target=target, projectile=projectile)[0]
+    scatter = scatter_of_strength(
+        projectile=projectile, target=target, resistance=resistance, strength_scatter=strength_scatter
+    )
     inputs = (
         Uncertain("impact.velocity", Normal(mean=velocity, coefficient_of_variation=VELOCITY)),
         Uncertain(
@@ -97,10 +109,21 @@ def usual_scatter(
         Uncertain("target.density", Normal(mean=target.density, coefficient_of_variation=DENSITY)),
         Uncertain("projectile.mass", Normal(mean=projectile.mass, coefficient_of_variation=MASS)),
         Uncertain("impact.angle_of_attack", Normal(mean=angle_of_attack, standard_deviation=ATTACK)),
-        Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=round(scatter.residual, DIGITS))),
+        Uncertain(RESIDUAL, _residual(scatter, factor)),
     )
     if has_own_law(resistance) if theories is None else not theories:
         return inputs
-    inertia = getattr(resistance.free_surface, "inertia", False)
-    laws = tuple(law(inertia=inertia) for law in THEORY_LAWS)
-    return (*inputs, Uncertain("resistance.free_surface", Discrete(values=laws, weights=THEORIES)))
+    names = tuple(law.name for law in THEORY_LAWS)
+    return (*inputs, Uncertain(THEORY, Discrete(values=names, weights=THEORIES)))
+
+
+def _residual(scatter: StrengthScatter, factor: float) -> LogStudentT:
+    """Return the distribution of the factor on S, where S is so much in normal impact. [1]"""
+    lower, upper = (each / factor if factor > 0.0 else 1.0 for each in PLAUSIBLE_FACTORS)
+    return LogStudentT(
+        median=1.0,
+        scale=round(scatter.residual, DIGITS),
+        degrees_of_freedom=scatter.degrees_of_freedom,
+        lower=round(min(lower, WITHIN[0]), DIGITS),
+        upper=round(max(upper, WITHIN[1]), DIGITS),
+    )

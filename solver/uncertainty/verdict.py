@@ -13,6 +13,7 @@ from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, CriticalAngle, Search, SearchStatus
+from solver.strength_scatter import ScatterSource
 from solver.strike import USUAL, Impact, Numerics
 from solver.target import Target
 from solver.trajectory import simulate
@@ -260,13 +261,14 @@ def verdict(
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
     search: Search | None = None,
+    strength_scatter: ScatterSource = "law",
     threads: int = 1,
 ) -> Verdict:
     """Judge a strike: its outcome, the probability of ricochet, and the critical angle with its range.
 
     Parameters
     ----------
-    projectile, target, velocity, angle_of_attack, angular_velocity, resistance, numerics, search
+    projectile, target, velocity, angle_of_attack, angular_velocity, resistance, numerics, search, strength_scatter
         As for `critical_angle`. [SI, rad]
     oblique_angle
         Angle to judge, if any. [rad]
@@ -317,6 +319,7 @@ def verdict(
                 angle_of_attack=angle_of_attack,
                 resistance=resistance,
                 theories=theories,
+                strength_scatter=strength_scatter,
             ),
             oblique_angles=np.radians(np.linspace(start, stop, count)),
             sampling=Sampling(max_samples=SAMPLES, half_width=HALF_WIDTH),
@@ -326,7 +329,7 @@ def verdict(
     own_law = has_own_law(resistance)
     judging = study(theories=not own_law)
     over_theories = study(theories=True) if own_law else judging
-    found = critical_angle(**case, **motion, search=search)
+    found = critical_angle(**case, **motion, search=search, strength_scatter=strength_scatter)
     moved = _moved(found, case, motion, search)
     held = next(iter(moved.get(HELD, ())), None)
     spread = range_held_earlier(range_with(_range_of(judging), found.angle), found.angle, held)

@@ -21,7 +21,7 @@ from solver.perforation import MOST_DIAMETERS, PerforationLimit, PerforationStat
 from solver.prepared import Outcome, Protrusion
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
-from solver.strength_scatter import strength_scatter
+from solver.strength_scatter import ScatterSource, known_strength
 from solver.strike import Impact, Numerics
 from solver.target import Crater, ShearPlug, Target
 from solver.trajectory import simulate
@@ -35,8 +35,6 @@ THIS_MODEL = "this_model"
 """Stands for the name of a formula where the model with a plug and a crater needs more than the formulas ask for."""
 PROBABILITY = 0.9
 """Of the range of a least thickness or a limit speed over the scatter of S. [1]"""
-STANDARD = 1.6448536269514722
-"""Standard normal quantile of 95 %, the upper end of a 90 % range."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -344,6 +342,7 @@ def thickness_spread(
     impact: Impact,
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
+    strength_scatter: ScatterSource = "law",
 ) -> PerforationSpread:
     """Return how far a least thickness moves with S and with a plug and a crater; arguments as of `least_thickness`.
 
@@ -360,7 +359,7 @@ def thickness_spread(
             projectile=projectile, target=target, impact=impact, resistance=law, numerics=numerics
         ).value
 
-    return _spread(find, projectile, target, resistance or EQUATION_9)
+    return _spread(find, projectile, target, resistance or EQUATION_9, strength_scatter)
 
 
 def limit_speed_spread(
@@ -372,6 +371,7 @@ def limit_speed_spread(
     angular_velocity: float = 0.0,
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
+    strength_scatter: ScatterSource = "law",
 ) -> PerforationSpread:
     """Return how far a limit speed moves with S and with a plug and a crater; arguments as of `limit_velocity`.
 
@@ -394,15 +394,18 @@ def limit_speed_spread(
             numerics=numerics,
         ).value
 
-    return _spread(find, projectile, target, resistance or EQUATION_9)
+    return _spread(find, projectile, target, resistance or EQUATION_9, strength_scatter)
 
 
 def _spread(
-    find: Callable[[Resistance], float | None], projectile: Projectile, target: Target, resistance: Resistance
+    find: Callable[[Resistance], float | None],
+    projectile: Projectile,
+    target: Target,
+    resistance: Resistance,
+    source: ScatterSource,
 ) -> PerforationSpread:
-    dispersion = strength_scatter(projectile=projectile, target=target, resistance=resistance).dispersion
-    model = resistance.strength_factor
-    factors = [math.exp(sign * STANDARD * dispersion) for sign in (-1.0, 1.0)]
+    scatter, _ = known_strength(projectile=projectile, target=target, resistance=resistance, strength_scatter=source)
+    model, factors = resistance.strength_factor, scatter.factors
     ends = [
         find(resistance),
         *(find(replace(resistance, strength_factor=scaled(model, factor))) for factor in factors),

@@ -11,10 +11,16 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 
 from .refused import refused_at
 
+THEORIES = [
+    ("obliquity_polynomial", "equation_9"),
+    ("strength_power_law", "finite_elements"),
+    ("published_tests", "equation_9"),
+    ("strength_power_law", "constant"),
+]
 LAWS = [
-    (decay, strength)
-    for decay in ("elastic_plastic", "mohr_coulomb", "none")
-    for strength in ("obliquity_polynomial", "published_tests", "strength_power_law")
+    *(("elastic_plastic", *law) for law in THEORIES),
+    *(("mohr_coulomb", *law) for law in THEORIES),
+    *(("none", *law) for law in THEORIES if law[1] != "finite_elements"),
 ]
 
 
@@ -25,7 +31,9 @@ def strike(velocity: float, **more: Any) -> dict[str, Any]:
 
 def under(body: dict[str, Any], alternative: dict[str, Any]) -> dict[str, Any]:
     """The same case with these laws as its own."""
-    resistance = {name: {"model": alternative[name]} for name in ("free_surface", "strength_factor")}
+    resistance: dict[str, Any] = {name: {"model": alternative[name]} for name in ("free_surface", "strength_factor")}
+    if alternative.get("obliquity_shape") == "finite_elements":
+        resistance["strength_factor"] |= {"coefficient": 8.469, "exponent": 0, "obliquity_shape": "finite_elements"}
     return body | {"resistance": resistance}
 
 
@@ -35,7 +43,7 @@ def test_each_alternative_is_the_answer_of_its_own_query_which_is_then_known(cli
     assert response.headers["Cache-Status"] == "ricochet; fwd=miss"
     answer = CriticalAngleAnswer.model_validate(response.json())
     assert isinstance(answer.alternatives, list)
-    assert [(each.free_surface, each.strength_factor) for each in answer.alternatives] == LAWS
+    assert [(each.free_surface, each.strength_factor, each.obliquity_shape) for each in answer.alternatives] == LAWS
     for each in response.json()["alternatives"]:
         own = client.post("/cra", json=under(body, each))
         assert own.headers["Cache-Status"] == "ricochet; hit"
@@ -49,7 +57,7 @@ def test_outcome_is_found_under_each_law(client: httpx.Client) -> None:
     response = client.post("/trajectory", json=body | {"alternatives": True})
     answer = TrajectoryAnswer.model_validate(response.json())
     assert isinstance(answer.alternatives, list)
-    assert [(each.free_surface, each.strength_factor) for each in answer.alternatives] == LAWS
+    assert [(each.free_surface, each.strength_factor, each.obliquity_shape) for each in answer.alternatives] == LAWS
     for each in response.json()["alternatives"]:
         own = client.post("/trajectory", json=under(body, each))
         assert own.headers["Cache-Status"] == "ricochet; hit"

@@ -33,12 +33,25 @@ def test_depths_of_the_paper_give_its_strength_factor(
     tests = [test if with_masses else {**test, "mass_kg": 13.0} for test in TABLE_1]
     answer = DepthCalibrationAnswer.model_validate(answered(client, "/calibration/depth", BODY | {"tests": tests}))
     assert answer.strength_factor == pytest.approx(strength_factor, abs=0.02)
+    assert isinstance(answer.confidence_interval, list)
+    assert isinstance(answer.standard_error, float)
     low, high = answer.confidence_interval
     assert answer.strength_factor - low == pytest.approx(high - answer.strength_factor)
-    assert high - answer.strength_factor == pytest.approx(3.182 * answer.standard_error, rel=1e-3)
+    assert high - answer.strength_factor == pytest.approx(2.447 * answer.standard_error, rel=1e-3)
     measured = [test["depth_m"] for test in TABLE_1]
     assert np.add(answer.predicted_depth_m, answer.residuals).tolist() == pytest.approx(measured)
     assert answer.root_mean_square_m == pytest.approx(math.hypot(*answer.residuals) / 2.0)
+
+
+def test_one_shot_has_a_posterior_and_no_standard_error(client: httpx.Client) -> None:
+    answer = answered(client, "/calibration/depth", BODY | {"tests": TABLE_1[:1]})
+    assert answer["strength_factor"] == pytest.approx(7.58, abs=0.02)
+    assert not {"standard_error", "confidence_interval"} & answer.keys()
+    posterior = answer["posterior"]
+    assert posterior["type"] == "log_student_t"
+    assert posterior["median"] == pytest.approx(7.65, abs=0.05)
+    assert posterior["degrees_of_freedom"] == 4.0
+    assert 0.07 < posterior["scale"] < 0.1
 
 
 def test_mass_that_is_not_given_is_that_of_the_projectile(client: httpx.Client) -> None:

@@ -10,7 +10,6 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-import httpx
 import orjson
 import pytest
 from fastapi.testclient import TestClient
@@ -38,11 +37,20 @@ def strike(speed: float) -> dict[str, Any]:
 
 
 @contextmanager
-def service_in(folder: Path) -> Iterator[httpx.Client]:
+def service_in(folder: Path) -> Iterator[TestClient]:
     """A service in this process."""
     settings = Settings(data_dir=folder, executor="in-process", access="open")
     with TestClient(create_app(settings)) as client:
         yield client
+
+
+def ended(client: TestClient, name: str) -> dict[str, Any]:
+    """The job with this id at its end."""
+    while True:
+        job: dict[str, Any] = client.get(f"/jobs/{name}").raise_for_status().json()
+        if job["status"] not in {"accepted", "running"}:
+            return job
+        time.sleep(0.05)
 
 
 @pytest.fixture(scope="module")
@@ -66,12 +74,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str
             assert answer.status_code == 202, answer.text
             ids[kind] = answer.json()["id"]
         for name in ids.values():
-            for _ in range(1200):
-                job = client.get(f"/jobs/{name}").json()
-                if job["status"] not in {"accepted", "running"}:
-                    break
-                time.sleep(0.05)
-            assert job["status"] == "successful", job
+            assert ended(client, name)["status"] == "successful"
     with opened(folder) as jobs:
         jobs.execute("UPDATE jobs SET failed = 1 WHERE id = ?", (ids[BATCH],))
         place = "WHERE slice = 0 AND job = (SELECT number FROM jobs WHERE id = ?)"
@@ -112,7 +115,7 @@ HARMLESS = {"bytes", "partial", "owner"}
 """Columns of `jobs` without which it can be read; whose it is, is not known without an owner."""
 
 
-def lines_of(client: httpx.Client, job: str) -> list[dict[str, Any]]:
+def lines_of(client: TestClient, job: str) -> list[dict[str, Any]]:
     """All results of a job; the stream has to end well."""
     answer = client.get(f"/jobs/{job}/results", headers={"Accept": "application/jsonl"})
     assert answer.status_code == 200, answer.text
@@ -120,7 +123,7 @@ def lines_of(client: httpx.Client, job: str) -> list[dict[str, Any]]:
     return [orjson.loads(line) for line in answer.text.splitlines()]
 
 
-def check_others(client: httpx.Client, ids: dict[str, str], damaged: str) -> None:
+def check_others(client: TestClient, ids: dict[str, str], damaged: str) -> None:
     """Check that the list is there, and all of the other jobs."""
     listed = Jobs.model_validate_json(client.get("/jobs").raise_for_status().content)
     assert len(listed.jobs) == 3
@@ -208,11 +211,7 @@ def test_key_damaged_before_its_case_is_computed_is_a_damaged_case(
             "UPDATE slices SET keys = CAST(zeroblob(32) || substr(keys, 33) AS BLOB) WHERE job = ?", (number,)
         )
     with service_in(folder) as client:
-        for _ in range(1200):
-            job = client.get(f"/jobs/{ids[BATCH]}").json()
-            if job["status"] != "running":
-                break
-            time.sleep(0.05)
+        job = ended(client, ids[BATCH])
         assert (job["status"], job["counts"]["failed"]) == ("successful", 2)
         lines = lines_of(client, ids[BATCH])
         assert client.get(f"/results/{'0' * 64}").status_code == 404

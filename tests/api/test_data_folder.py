@@ -5,13 +5,13 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
 from anyio.to_thread import run_sync
 from fastapi.testclient import TestClient
@@ -24,7 +24,7 @@ from service.errors import FolderLayoutError, ServiceError
 from service.schemas.strike import PAPER
 from service.settings import Settings
 
-from .many import ASYNC, finished
+from .many import ASYNC
 from .owners import bearer, key_in
 
 pytestmark = pytest.mark.timeout(180)
@@ -36,24 +36,27 @@ CASES = {
 
 
 @contextmanager
-def service_in(folder: Path, clock: Clock | None = None, **settings: Any) -> Iterator[httpx.Client]:
+def service_in(folder: Path, clock: Clock | None = None, **settings: Any) -> Iterator[TestClient]:
     """A service in this process."""
-    configured = Settings(**({"data_dir": folder, "executor": "in-process", "access": "open"} | settings))
+    values: dict[str, Any] = {"data_dir": folder, "executor": "in-process", "access": "open"} | settings
+    configured = Settings(**values)
     app = create_app(configured) if clock is None else create_app(configured, clock)
     with TestClient(app) as client:
         yield client
 
 
-def job_in(client: httpx.Client, body: dict[str, Any] = CASES, **headers: str) -> dict[str, Any]:
+def job_in(client: TestClient, body: dict[str, Any] = CASES, **headers: str) -> dict[str, Any]:
     """A job at its end."""
-    answer = client.post("/trajectory/batch", json=body, headers=ASYNC | headers)
-    return finished(client, answer.raise_for_status().json())
+    job: dict[str, Any] = client.post("/trajectory/batch", json=body, headers=ASYNC | headers).raise_for_status().json()
+    while job["status"] in {"accepted", "running"}:
+        time.sleep(0.05)
+        job = client.get(job["links"]["self"]).raise_for_status().json()
+    return job
 
 
 USE = """
 import os, sys
 os.umask(0)
-import httpx
 from fastapi.testclient import TestClient
 from pathlib import Path
 from service.api.app import create_app
@@ -180,13 +183,13 @@ def test_results_that_were_evicted_count_as_work_of_who_reads_them(tmp_path: Pat
     key_in(folder, "anna")
     token = key_in(folder, "bert", cases_per_hour=5)
     with service_in(folder, access="keys") as client:
-        client.headers = httpx.Headers(bearer(token))
+        client.headers.update(bearer(token))
         job = job_in(client)
     shutil.rmtree(folder / "results" / "segments")
     assert statistics(folder).cases
     results = job["links"]["results"]
     with service_in(folder, access="keys") as client:
-        client.headers = httpx.Headers(bearer(token))
+        client.headers.update(bearer(token))
         for form in ("application/x-hdf5", "application/vnd.apache.parquet"):
             answer = client.get(results, headers={"Accept": form})
             assert (answer.status_code, answer.json()["type"]) == (429, "urn:ricochet:problem:quota")

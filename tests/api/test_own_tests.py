@@ -35,15 +35,17 @@ def test_answer_is_that_of_python_and_says_what_the_shots_changed(client: httpx.
     assert same.angle is not None
     assert found["critical_angle_deg"] == pytest.approx(math.degrees(same.angle), abs=1e-9)
     assert found["strength_factor_dispersion"] == pytest.approx(posterior.dispersion)
-    assert found["own_tests"] == pytest.approx(
-        {
-            "shots": 2,
-            "median": posterior.median,
-            "dispersion": posterior.dispersion,
-            "prior_median": PublishedTests().polynomial(target=PAPER_TARGET, projectile=PAPER_PROJECTILE)[0],
-            "prior_dispersion": math.hypot(PublishedTests.between_series, PublishedTests.within_series),
-        }
-    )
+    prior = PublishedTests().polynomial(target=PAPER_TARGET, projectile=PAPER_PROJECTILE)[0]
+    expected = {
+        "shots": 2,
+        "median": posterior.median,
+        "dispersion": posterior.dispersion,
+        "spread": list(posterior.spread),
+        "prior_median": prior,
+        "prior_dispersion": posterior.prior_dispersion,
+        "prior_spread": list(posterior.prior_spread),
+    }
+    assert {name: pytest.approx(value) for name, value in expected.items()} == found["own_tests"]
     run = client.post("/trajectory", json=with_shots(SHOT, WIDER, case=PAPER_AT_45)).json()
     assert run["own_tests"] == found["own_tests"]
 
@@ -76,7 +78,7 @@ def test_shots_that_say_nothing_are_refused_by_name(client: httpx.Client, shots:
 
 @pytest.mark.parametrize(
     ("shot", "target", "code"),
-    [(SHOT, {"thickness_m": 0.25}, "own_tests_deeper_than_wall"), (SHOT | {"depth_m": 3.0}, {}, "own_tests_apart")],
+    [(SHOT, {"thickness_m": 0.25}, "own_tests_deeper_than_wall"), (SHOT | {"depth_m": 0.9}, {}, "own_tests_apart")],
 )
 def test_shots_that_cannot_be_meant_are_a_warning(
     client: httpx.Client, shot: dict[str, float], target: dict[str, float], code: str
@@ -93,9 +95,15 @@ def test_trial_walls_of_a_thickness_are_not_the_target_of_the_shots(client: http
 
 
 @pytest.mark.parametrize("count", [12, 1000])
-def test_many_equal_shots_leave_the_scatter_within_a_series(client: httpx.Client, count: int) -> None:
+def test_many_equal_shots_leave_less_than_the_usual_scatter_within_a_series(client: httpx.Client, count: int) -> None:
     found = client.post("/cra", json=with_shots(*[SHOT] * count)).json()
-    assert PublishedTests.within_series < found["strength_factor_dispersion"] < 1.05 * PublishedTests.within_series
+    assert found["strength_factor_dispersion"] < PublishedTests.within_series
+
+
+def test_shot_in_the_wrong_unit_is_refused_with_the_slip(client: httpx.Client) -> None:
+    response = client.post("/cra", json=with_shots(SHOT, SHOT | {"depth_m": 30.0}))
+    (error,) = refused_at(response, "/resistance/strength_factor/shots/1/depth_m").errors
+    assert "must be between 2 and 60; perhaps centimetres given as metres" in error.detail
 
 
 def test_samples_of_a_study_do_not_carry_the_shots(client: httpx.Client) -> None:
@@ -115,7 +123,9 @@ def test_calibration_by_depth_has_the_same_posterior(client: httpx.Client) -> No
     body = {name: PAPER[name] for name in ("projectile", "target")} | {"tests": tests}
     posterior = client.post("/calibration/depth", json=body).json()["posterior"]
     own = client.post("/cra", json=with_shots(*tests)).json()["own_tests"]
-    assert posterior == {"type": "lognormal"} | {name: pytest.approx(own[name]) for name in ("median", "dispersion")}
+    assert (posterior["type"], posterior["degrees_of_freedom"]) == ("log_student_t", 5.0)
+    assert posterior["median"] == pytest.approx(own["median"])
+    assert posterior["scale"] * math.sqrt(5.0 / 3.0) == pytest.approx(own["dispersion"])
 
 
 def test_command_line_reads_shots_from_a_file(

@@ -37,6 +37,16 @@ def test_published_tests_are_a_power_law_that_can_be_written_out(client: httpx.C
     assert constant["critical_angle_deg"] < ready_made["critical_angle_deg"]
 
 
+@pytest.mark.parametrize(("decay", "ratio"), [("elastic_plastic", 0.6398), ("mohr_coulomb", 0.4734), ("none", 0.8899)])
+def test_shape_of_finite_elements_is_that_of_the_decay_law(client: httpx.Client, decay: str, ratio: float) -> None:
+    """S at 45° over S at 0°, each fitted to the same motions."""
+    law = PUBLISHED | {"obliquity_shape": "finite_elements"}
+    body = PAPER_AT_45 | {"resistance": {"strength_factor": law, "free_surface": {"model": decay}}}
+    head_on = body | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": 0.0}}
+    oblique, normal = (answered(client, "/trajectory", each)["strength_factor"] for each in (body, head_on))
+    assert oblique / normal == pytest.approx(ratio, abs=1e-3)
+
+
 def test_strength_factor_is_that_of_the_angle(client: httpx.Client) -> None:
     run = answered(client, "/trajectory", PAPER_AT_45)
     assert run["strength_factor"] == pytest.approx(8.469 + 0.0149 * 45.0 - 0.0013 * 45.0**2, rel=1e-12)
@@ -123,4 +133,4 @@ def test_other_angles_are_refused(client: httpx.Client, held: str) -> None:
     law = EQUATION_9 | {"held_from_deg": "HELD"}
     body = json.dumps(with_model(GRAZING, law)).replace('"HELD"', held)
     response = client.post("/trajectory", content=body, headers=TEXT)
-    refused_at(response, "/resistance/strength_factor/obliquity_polynomial/held_from_deg")
+    refused_at(response, "/resistance/strength_factor/held_from_deg")

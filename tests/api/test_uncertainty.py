@@ -298,3 +298,46 @@ def samples_computed(client: httpx.Client) -> float:
         for line in lines
         if re.match(r'ricochet_cases_total\{cache="miss",operation="cra"', line)
     )
+
+
+def test_heavy_tails_of_the_strength_factor_leave_every_sample_with_an_answer(client: httpx.Client) -> None:
+    residual = {"type": "log_student_t", "median": 1.0, "scale": 0.25, "degrees_of_freedom": 3.0}
+    cut = residual | {"lower": 0.24, "upper": 7.0}
+    body = PAPER | {"uncertain": [{"field": "resistance.strength_residual", "distribution": cut}]}
+    answers = [
+        answered(client, "/cra/uncertainty", body | {"sampling": {"max_samples": 1024, "method": method}})
+        for method in ("auto", "direct")
+    ]
+    surrogate, direct = (
+        {each["level"]: each["value"] for each in answer["critical_angle"]["quantiles"]} for answer in answers
+    )
+    assert [answer["samples_outside"] + answer["samples_failed"] for answer in answers] == [0, 0]
+    for level, value in direct.items():
+        assert surrogate[level] == pytest.approx(value, abs=0.4)
+
+
+def test_theory_is_a_decay_law_with_its_own_strength_over_the_angle(client: httpx.Client) -> None:
+    theory = {"field": "resistance.theory", "distribution": {"type": "discrete", "values": ["mohr_coulomb"]}}
+    study = answered(
+        client, "/cra/uncertainty", PAPER | {"uncertain": [ATTACK, theory], "sampling": {"max_samples": 300}}
+    )
+    own = {"model": "strength_power_law", "coefficient": 8.469, "exponent": 0, "obliquity_shape": "finite_elements"}
+    resistance = {"strength_factor": own, "free_surface": {"model": "mohr_coulomb"}}
+    alone = answered(client, "/cra", PAPER | {"resistance": resistance})["critical_angle_deg"]
+    (swing,) = study["sensitivity"][1]["swing"]
+    assert swing == {"value": "mohr_coulomb", "critical_angle_deg": pytest.approx(alone, abs=1e-9)}
+
+
+@pytest.mark.parametrize(
+    "distribution",
+    [
+        {"type": "discrete", "values": ["elastic_plastic", "none"]},
+        {"type": "discrete", "values": [1.0, 2.0]},
+        {"type": "normal", "mean": 1.0, "standard_deviation": 0.1},
+    ],
+)
+def test_theory_that_is_none_is_refused(client: httpx.Client, distribution: dict[str, Any]) -> None:
+    body = PAPER | {"uncertain": [{"field": "resistance.theory", "distribution": distribution}]}
+    response = client.post("/cra/uncertainty", json=body)
+    assert response.status_code == 422
+    assert response.json()["errors"][0]["pointer"].startswith("/uncertain/0/distribution")

@@ -17,6 +17,7 @@ from solver.uncertainty import verdict
 from tests.odd_strikes import KINDS, odd_strikes
 
 from .calibrations import answered
+from .refused import refused_at
 
 AT_50 = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 50.0}}
 
@@ -68,3 +69,39 @@ def test_verdict_on_odd_strikes_is_the_same_everywhere(
 ) -> None:
     for body in odd_strikes(60, seed=6):
         check_is_the_same_everywhere(body, client, live_url, tmp_path, capsys)
+
+
+def test_papers_strike_is_as_sure_as_its_tests_only_where_that_is_asked_for(client: httpx.Client) -> None:
+    plain, near, preset = (
+        answered(client, "/verdict", body)
+        for body in (
+            PAPER,
+            PAPER | {"target": PAPER["target"] | {"compressive_strength_pa": 39.1e6}},
+            PAPER | {"strength_scatter": "paper_table_1"},
+        )
+    )
+    assert plain["critical_angle_deg"] == preset["critical_angle_deg"] == pytest.approx(48.63, abs=0.02)
+    width = [each["range"]["upper_deg"] - each["range"]["lower_deg"] for each in (plain, near, preset)]
+    assert width[0] == pytest.approx(width[1], abs=0.3)
+    assert width[2] < 0.6 * width[0]
+    assert "own_tests" not in plain
+    assert preset["own_tests"]["shots"] == 4
+    assert "scatter_of_table_1" in [each["code"] for each in preset["warnings"]]
+    assert plain["keys"]["cra"] != preset["keys"]["cra"]
+    assert plain["usual_scatter"][-1] == {
+        "field": "resistance.theory",
+        "distribution": {"type": "discrete", "values": ["elastic_plastic", "mohr_coulomb"], "weights": [0.8, 0.2]},
+    }
+    theories = {each["free_surface"]: each["critical_angle_deg"] for each in plain["theories"]}
+    assert 46.6 <= theories["mohr_coulomb"] <= 48.4
+
+
+@pytest.mark.parametrize("value", ["paper", 1, ["law"]])
+def test_source_of_the_scatter_that_is_none_is_refused(client: httpx.Client, value: object) -> None:
+    refused_at(client.post("/cra", json=PAPER | {"strength_scatter": value}), "/strength_scatter")
+
+
+def test_source_of_the_scatter_does_not_go_with_own_tests(client: httpx.Client) -> None:
+    own = {"model": "own_tests", "shots": [{"velocity_m_s": 238.1, "depth_m": 0.3}]}
+    body = PAPER | {"resistance": {"strength_factor": own}, "strength_scatter": "paper_table_1"}
+    refused_at(client.post("/cra", json=body), "/strength_scatter")

@@ -87,6 +87,7 @@ def answer_of(arguments: str, capsys: pytest.CaptureFixture[str]) -> dict[str, A
             },
         ),
         ("--free-surface none", "resistance.free_surface", {"model": "none"}),
+        ("--strength-scatter paper_table_1", "strength_scatter", "paper_table_1"),
         ("--free-surface mohr_coulomb", "resistance.free_surface", {"model": "mohr_coulomb"}),
         ("--strength-factor 8.5", LAW, {"model": "constant", "value": 8.5}),
         ("--strength-coefficients 8,0.01", LAW, {"model": "obliquity_polynomial", "coefficients": [8.0, 0.01]}),
@@ -98,7 +99,7 @@ def answer_of(arguments: str, capsys: pytest.CaptureFixture[str]) -> dict[str, A
     ],
 )
 def test_flags_set_every_nose_and_every_law(
-    here: Path, capsys: pytest.CaptureFixture[str], flags: str, field: str, value: dict[str, Any]
+    here: Path, capsys: pytest.CaptureFixture[str], flags: str, field: str, value: Any
 ) -> None:
     rough = "--set search.tolerance_deg=1"
     found = answer_of(f"strike.toml {rough} {flags}", capsys)

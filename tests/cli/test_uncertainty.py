@@ -1,10 +1,12 @@
 """`ricochet uncertainty`: scatter from flags and from the file, estimates as text, table, JSON and picture."""
 
 import json
+import math
 import re
 from pathlib import Path
 
 import pytest
+from scipy import stats
 
 from service import cli
 from service.cli.arguments import CommandError
@@ -108,11 +110,20 @@ def test_calibrated_strength_factor_is_an_uncertain_input(folder: Path) -> None:
     (folder / "fitted.toml").write_text(STRIKE_TOML + tables.out)
     done = run(folder, "uncertainty", "fitted.toml", "--json")
     assert done.status == 0, done.err
-    [sensitivity] = json.loads(done.out)["sensitivity"]
-    assert sensitivity["field"] == "resistance.strength_factor.value"
-    low, high = (each["value"] for each in sensitivity["swing"])
-    assert 0.5 * (low + high) == pytest.approx(fit["strength_factor"], rel=1e-4)
-    assert high - low == pytest.approx(2.0 * 1.645 * fit["standard_error"], rel=1e-2)
+    answer = json.loads(done.out)
+    [sensitivity] = answer["sensitivity"]
+    assert sensitivity["field"] == "resistance.strength_residual"
+    low, high = (math.log(each["value"]) for each in sensitivity["swing"])
+    posterior = fit["posterior"]
+    reach = posterior["scale"] * stats.t(posterior["degrees_of_freedom"]).ppf(0.95)
+    assert (-low, high) == pytest.approx((reach, reach), rel=1e-2)
+    # The same S as with the shots as a law of the strike: calibration and --shots agree.
+    shots = run(folder, "cra", "strike.toml", "--shots", "tests.csv", "--json")
+    assert shots.status == 0, shots.err
+    own = json.loads(shots.out)
+    assert own["own_tests"]["median"] == pytest.approx(posterior["median"], rel=1e-6)
+    middle = next(each["value"] for each in answer["critical_angle"]["quantiles"] if each["level"] == 0.5)
+    assert middle == pytest.approx(own["critical_angle_deg"], abs=0.05)
 
 
 def test_terminal_shows_the_half_width_reached_and_requested(strike: Path, folder: Path) -> None:
@@ -139,10 +150,16 @@ def test_short_forms_of_distributions() -> None:
         "standard_deviation": 2.0,
         "upper": 3.0,
     }
+    heavy = {"type": "log_student_t", "median": 1.0, "scale": 0.25, "degrees_of_freedom": 3.0}
+    assert uncertain_input("a=log_student_t:1:0.25:3")["distribution"] == heavy
+    cut = heavy | {"lower": 0.24, "upper": 7.0}
+    assert uncertain_input("a=log_student_t:1:0.25:3:0.24:7")["distribution"] == cut
     assert uncertain_input("a=discrete:1:2")["distribution"] == {"type": "discrete", "values": [1.0, 2.0]}
 
 
-@pytest.mark.parametrize("text", ["a", "a=", "a=normal", "a=normal:1", "a=cubic:1:2", "a=discrete", "a=discrete:"])
+@pytest.mark.parametrize(
+    "text", ["a", "a=", "a=normal", "a=normal:1", "a=cubic:1:2", "a=discrete", "a=discrete:", "a=log_student_t:1:2"]
+)
 def test_wrong_forms_are_refused(text: str) -> None:
     with pytest.raises(CommandError, match="--uncertain"):
         uncertain_input(text)

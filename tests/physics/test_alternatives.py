@@ -21,34 +21,45 @@ from solver import (
     critical_angle,
     simulate,
 )
+from solver.resistance import StrengthFactor
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
 from .strikes import known
 
 CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": PAPER_VELOCITY}
+EQUATION_9 = ("obliquity_polynomial", "equation_9")
+MOTIONS = ("strength_power_law", "finite_elements")
+OTHERS = [("published_tests", "equation_9"), ("strength_power_law", "constant")]
 LAWS = [
-    (decay, strength)
-    for decay in ("elastic_plastic", "mohr_coulomb", "none")
-    for strength in ("obliquity_polynomial", "published_tests", "strength_power_law")
+    *(("elastic_plastic", *law) for law in (EQUATION_9, MOTIONS, *OTHERS)),
+    *(("mohr_coulomb", *law) for law in (EQUATION_9, MOTIONS, *OTHERS)),
+    *(("none", *law) for law in (EQUATION_9, *OTHERS)),
 ]
+"""Decay, law of S, and its shape over the angle; a theory stands with eq. 9 and with the S fitted with it."""
 
 
 def test_critical_angle_under_each_law_is_that_of_its_resistance() -> None:
     found = alternatives(critical_angle, **CASE)
-    assert [(each.free_surface, each.strength_factor) for each in found] == LAWS
+    assert [(each.free_surface, each.strength_factor, each.obliquity_shape) for each in found] == LAWS
     decays = {model.name: model for model in (ElasticPlastic(), MohrCoulomb(), NoFreeSurface())}
-    strengths = {model.name: model for model in (ObliquityPolynomial(), PublishedTests(), StrengthPowerLaw())}
+    own = StrengthPowerLaw(coefficient=8.469, exponent=0.0, obliquity_shape="finite_elements")
+    models: tuple[StrengthFactor, ...] = (ObliquityPolynomial(), own, PublishedTests(), StrengthPowerLaw())
+    strengths = dict(zip((EQUATION_9, MOTIONS, *OTHERS), models, strict=True))
     for each in found:
         resistance = Resistance(
             free_surface=decays[each.free_surface],
-            strength_factor=strengths[each.strength_factor],
+            strength_factor=strengths[each.strength_factor, each.obliquity_shape],
         )
         assert each.resistance == resistance
         assert each.answer == critical_angle(**CASE, resistance=resistance)
 
 
 def test_stronger_decay_lowers_the_critical_angle_under_every_strength_law() -> None:
-    found = {(each.free_surface, each.strength_factor): each.answer for each in alternatives(critical_angle, **CASE)}
+    found = {
+        (each.free_surface, each.strength_factor): each.answer
+        for each in alternatives(critical_angle, **CASE)
+        if each.obliquity_shape != "finite_elements"
+    }
     for strength in ("obliquity_polynomial", "published_tests", "strength_power_law"):
         angles = [found[decay, strength].angle for decay in ("mohr_coulomb", "elastic_plastic", "none")]  # type: ignore[union-attr]
         assert angles == sorted(angles)  # type: ignore[type-var]
@@ -82,14 +93,28 @@ def test_law_without_an_answer_gives_its_error_and_the_others_their_answers() ->
     beyond = Search(lower=math.radians(87.0), upper=math.radians(88.0))
     found = alternatives(critical_angle, **CASE, search=beyond)
     for each in found:
-        follows_equation_9 = each.strength_factor != "strength_power_law"  # which is below zero beyond 86.6°
+        follows_equation_9 = each.obliquity_shape == "equation_9"  # which is below zero beyond 86.6°
         assert isinstance(each.answer, ParameterError) is follows_equation_9
 
 
+def test_both_pairings_of_a_theory_are_there() -> None:
+    """The S fitted to finite element motions with a decay law brings the theories together."""
+    found: dict[tuple[str, str], float] = {
+        (each.free_surface, each.obliquity_shape): math.degrees(each.answer.angle)  # type: ignore[union-attr,arg-type]
+        for each in alternatives(critical_angle, **CASE)
+    }
+    expected = {"equation_9": 48.39, "finite_elements": 50.18}, {"equation_9": 43.38, "finite_elements": 47.44}
+    for decay, angles in zip(("elastic_plastic", "mohr_coulomb"), expected, strict=True):
+        for shape, angle in angles.items():
+            assert found[decay, shape] == pytest.approx(angle, abs=0.05)
+
+
 @pytest.mark.parametrize("law", LAWS)
-def test_each_says_in_short_what_it_was_fitted_to(law: tuple[str, str]) -> None:
+def test_each_says_in_short_what_it_was_fitted_to(law: tuple[str, str, str]) -> None:
     (found,) = [
-        each for each in alternatives(lambda resistance: None) if (each.free_surface, each.strength_factor) == law
+        each
+        for each in alternatives(lambda resistance: None)
+        if (each.free_surface, each.strength_factor, each.obliquity_shape) == law
     ]
     assert found.fitted_to.startswith("S: ")
     assert "decay" in found.fitted_to

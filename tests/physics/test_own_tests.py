@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from solver import (
     Crater,
@@ -26,7 +27,7 @@ from solver import (
 )
 from solver.calibration import DepthTest, fit_depth, penetration_depths
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
-from solver.uncertainty import Lognormal
+from solver.uncertainty import LogStudentT
 
 from .strikes import CASE, known, paper_run
 
@@ -34,6 +35,7 @@ TABLE_1 = [(238.1, 0.30, 12.923), (275.7, 0.38, 12.900), (314.0, 0.45, 12.910), 
 """Velocity, depth and mass of the shots of the paper. [m/s, m, kg]"""
 SHOTS = tuple(Shot(velocity=velocity, depth=depth, mass=mass) for velocity, depth, mass in TABLE_1)
 BETWEEN, WITHIN = PublishedTests.between_series, PublishedTests.within_series
+FREEDOM = PublishedTests.degrees_of_freedom
 
 
 def posterior_of(shots: Sequence[Shot]) -> StrengthPosterior:
@@ -46,33 +48,42 @@ def shot_of(factor: float, *, velocity: float = 300.0) -> Shot:
     return Shot(velocity=velocity, depth=float(depth))
 
 
-def by_grid(shots: Sequence[Shot]) -> tuple[float, float]:
-    """Median and dispersion of the next S by integration over a grid of ln S of the series, from Bayes' rule."""
+def by_grid(shots: Sequence[Shot]) -> tuple[float, tuple[float, float]]:
+    """Median and 5 and 95 % of ln S of the next shot, by Bayes' rule over a grid of a series and its variance."""
     prior = math.log(PublishedTests().polynomial(**CASE)[0])
-    values = [
-        math.log(
-            strength_factor_of_depth(
-                projectile=replace(PAPER_PROJECTILE, mass=shot.mass or PAPER_PROJECTILE.mass),
-                target=PAPER_TARGET,
-                velocity=shot.velocity,
-                depth=shot.depth,
+    values = np.array(
+        [
+            math.log(
+                strength_factor_of_depth(
+                    projectile=replace(PAPER_PROJECTILE, mass=shot.mass or PAPER_PROJECTILE.mass),
+                    target=PAPER_TARGET,
+                    velocity=shot.velocity,
+                    depth=shot.depth,
+                )
             )
-        )
-        for shot in shots
-    ]
-    grid = np.linspace(prior - 8.0 * BETWEEN, prior + 8.0 * BETWEEN, 20_001)
-    density = np.exp(
-        -0.5 * ((grid - prior) / BETWEEN) ** 2 - 0.5 * sum(((value - grid) / WITHIN) ** 2 for value in values)
+            for shot in shots
+        ]
     )
+    # Scaled inverse chi-square: the scale squared times the degrees of freedom over a chi-square variable.
+    levels = (np.arange(400) + 0.5) / 400
+    deviations = WITHIN * np.sqrt(FREEDOM / stats.chi2(FREEDOM).ppf(levels))[:, None]
+    steps = stats.norm.ppf((np.arange(800) + 0.5) / 800)
+    series = prior + BETWEEN / WITHIN * deviations * steps
+    density = np.prod([stats.norm.pdf(value, series, deviations) for value in values], axis=0)
     density /= density.sum()
-    mean = float(grid @ density)
-    return math.exp(mean), math.sqrt(float((grid - mean) ** 2 @ density) + WITHIN**2)
+    grid = np.linspace(prior - 1.5, prior + 1.5, 601)
+    cumulative = np.array([float((density * stats.norm.cdf(each, series, deviations)).sum()) for each in grid])
+    low, middle, high = np.interp((0.05, 0.5, 0.95), cumulative, grid).tolist()
+    return math.exp(middle), (low, high)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 4])
+@pytest.mark.parametrize("count", [1, 2, 4])
 def test_posterior_is_that_of_an_integration_over_a_grid(count: int) -> None:
     found = posterior_of(SHOTS[:count])
-    assert (found.median, found.dispersion) == pytest.approx(by_grid(SHOTS[:count]), rel=0.01)
+    median, ends = by_grid(SHOTS[:count])
+    assert found.median == pytest.approx(median, rel=0.01)
+    reference = stats.t(found.degrees_of_freedom, math.log(found.median), found.scale)
+    assert reference.ppf((0.05, 0.95)) == pytest.approx(ends, abs=0.005)
 
 
 def test_posterior_does_not_depend_on_the_order_of_the_shots() -> None:
@@ -83,26 +94,41 @@ def test_posterior_does_not_depend_on_the_order_of_the_shots() -> None:
 def test_without_shots_the_law_of_the_published_tests_holds() -> None:
     found = posterior_of(SHOTS[:1])
     assert found.prior_median == PublishedTests().polynomial(**CASE)[0]
-    assert found.prior_dispersion == pytest.approx(math.hypot(BETWEEN, WITHIN))
-    assert found.dispersion < 0.7 * found.prior_dispersion
+    assert found.prior_dispersion == pytest.approx(math.sqrt(3.0) * math.hypot(BETWEEN, WITHIN))
+    assert found.dispersion < 0.3 * found.prior_dispersion
 
 
 def test_papers_own_shots_give_its_strength_factor_within_a_narrow_range() -> None:
     tests = [DepthTest(velocity=velocity, depth=depth, mass=mass) for velocity, depth, mass in TABLE_1]
     found = fit_depth(**CASE, tests=tests).posterior
-    assert isinstance(found, Lognormal)
-    assert found.median is not None
-    assert found.dispersion is not None
+    assert isinstance(found, LogStudentT)
     assert 8.0 <= found.median <= 8.8
     assert found.dispersion <= 0.12
     own = posterior_of(SHOTS)
-    assert (found.median, found.dispersion) == (own.median, own.dispersion)
+    assert (found.median, found.scale, found.degrees_of_freedom) == (own.median, own.scale, own.degrees_of_freedom)
 
 
-def test_identical_shots_leave_the_scatter_within_a_series() -> None:
+def test_dispersion_grows_with_the_scatter_of_the_shots() -> None:
+    """Four S with a standard deviation of ln S of 0.23; known by themselves the next has 1.12 times that."""
+    factors = (6.99, 10.49, 7.43, 10.93)
+    scattered = posterior_of([shot_of(each) for each in factors])
+    assert scattered.factors == pytest.approx(factors, rel=1e-3)
+    assert 0.2 < scattered.dispersion < 0.26
+    assert scattered.degrees_of_freedom == 7.0
+    alike = posterior_of([shot_of(8.7)] * 4)
+    assert alike.dispersion < 0.4 * scattered.dispersion
+
+
+def test_shots_far_from_the_law_leave_more_doubt_than_shots_on_it() -> None:
+    law = posterior_of(SHOTS[:1]).prior_median
+    on, off = (posterior_of([shot_of(law * by)]).dispersion for by in (1.0, 2.5))
+    assert off > 1.5 * on
+
+
+def test_many_identical_shots_leave_next_to_no_scatter_and_their_own_strength_factor() -> None:
     twelve = posterior_of([SHOTS[0]] * 12)
     thousand = posterior_of([SHOTS[0]] * 1000)
-    assert WITHIN < thousand.dispersion < twelve.dispersion < 1.06 * WITHIN
+    assert thousand.dispersion < 0.2 * twelve.dispersion < 0.2 * WITHIN
     assert thousand.median == pytest.approx(thousand.factors[0], rel=1e-3)
 
 
@@ -165,7 +191,7 @@ def codes_of(shots: Sequence[Shot]) -> dict[str, str]:
     return {each.code: each.detail for each in run.warnings}
 
 
-def test_shot_three_dispersions_off_is_warned_of_and_named() -> None:
+def test_shot_far_off_is_warned_of_and_named() -> None:
     usual = [shot_of(8.0), shot_of(8.4), shot_of(7.6)]
     assert "own_tests_apart" not in codes_of(usual)
     (detail,) = [text for code, text in codes_of([*usual, shot_of(13.0)]).items() if code == "own_tests_apart"]
@@ -173,9 +199,45 @@ def test_shot_three_dispersions_off_is_warned_of_and_named() -> None:
     assert "above" in detail
     assert detail.count("shot ") == 1
     alone = PublishedTests().polynomial(**CASE)[0]
-    just_below, just_above = (alone * math.exp(by * math.hypot(BETWEEN, WITHIN)) for by in (2.9, 3.1))
+    dispersion = posterior_of(SHOTS).prior_dispersion
+    just_below, just_above = (alone * math.exp(by * dispersion) for by in (2.45, 2.55))
     assert "own_tests_apart" not in codes_of([shot_of(just_below)])
     assert "own_tests_apart" in codes_of([shot_of(just_above)])
+
+
+def test_shots_within_the_front_crater_are_warned_of() -> None:
+    """Two diameters of the paper's projectile are 160 mm; of one half as thick, 80 mm."""
+    deep, shallow = Shot(velocity=238.0, depth=0.17), Shot(velocity=150.0, depth=0.15)
+    small = Shot(velocity=238.0, depth=0.15, mass=1.6, diameter=0.04)
+    assert "shallow_tests" not in codes_of([deep, small])
+    assert "1 of 3 tests, the first of them number 3" in codes_of([deep, small, shallow])["shallow_tests"]
+
+
+@pytest.mark.parametrize(
+    ("shot", "slip"),
+    [
+        (Shot(velocity=238.0, depth=30.0), "centimetres given as metres: with a depth of 0.3 m it is 7.63"),
+        (Shot(velocity=238.0, depth=11.81), "inches given as metres: with a depth of 0.3 m"),
+        (Shot(velocity=238.0, depth=0.0003), "metres given as millimetres: with a depth of 0.3 m"),
+        (Shot(velocity=0.238, depth=0.3), "km/s given as m/s: with a velocity of 238 m/s"),
+        (Shot(velocity=780.0, depth=0.3), "ft/s given as m/s: with a velocity of 237.7 m/s"),
+        (Shot(velocity=238.0, depth=0.3, mass=13000.0), "grams given as kilograms: with a mass of 13 kg"),
+        (Shot(velocity=238.0, depth=0.03), "compare speed, depth, mass, diameter and strength"),
+    ],
+)
+def test_shot_that_no_strength_factor_explains_is_refused_with_the_likely_slip(shot: Shot, slip: str) -> None:
+    with pytest.raises(ParameterError) as refused:
+        posterior_of([SHOTS[0], shot])
+    assert refused.value.field == "resistance.strength_factor.shots.1.depth"
+    assert "must be between 2 and 60" in refused.value.requirement
+    assert slip in refused.value.requirement
+
+
+def test_millimetres_given_as_metres_are_named() -> None:
+    """Of a body that goes a few millimetres deep, as a depth beyond 100 m is refused by its bound."""
+    body = replace(PAPER_PROJECTILE, diameter=0.005, length=0.033, mass=0.003)
+    with pytest.raises(ParameterError, match=r"millimetres given as metres: with a depth of 0\.03 m"):
+        OwnTests(shots=(Shot(velocity=300.0, depth=30.0),)).posterior(projectile=body, target=PAPER_TARGET)
 
 
 def test_fit_of_depths_warns_of_the_same_shot() -> None:

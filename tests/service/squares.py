@@ -8,6 +8,7 @@ from typing import Any
 
 from service.cache.cache import ResultCache
 from service.cache.record import CaseResult
+from service.clock import SYSTEM, Clock
 from service.jobs.manager import JobManager
 from service.jobs.models import JobCase, JobState
 from service.jobs.store import JobStore
@@ -19,12 +20,16 @@ from tests.service.questions import SQUARE, Question
 
 @asynccontextmanager
 async def running(
-    folder: Path, executor: Executor, operations: Mapping[str, Operation] | None = None, **settings: Any
+    folder: Path,
+    executor: Executor,
+    operations: Mapping[str, Operation] | None = None,
+    clock: Clock = SYSTEM,
+    **settings: Any,
 ) -> AsyncIterator[JobManager]:
     """Run a job manager of these operations, by default of squares alone."""
     with ResultCache(folder / "data", memory_bytes=50_000_000, disk_bytes=10**9) as cache:
         queries = QueryService(cache, executor, operations or {"square": SQUARE})
-        jobs = JobStore(folder / "data", job_days=7.0, operations=queries.operations)
+        jobs = JobStore(folder / "data", job_days=7.0, operations=queries.operations, clock=clock)
         manager = JobManager(queries, jobs, **{"max_queued_cases": 100_000} | settings)
         await manager.start()
         try:

@@ -1,5 +1,6 @@
 """Results on disk and in memory, with real files and real trouble."""
 
+import gc
 import os
 import random
 import shutil
@@ -8,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+import tracemalloc
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -72,7 +74,7 @@ def test_record_read_from_disk_is_the_one_written_bit_for_bit(record: Record, tm
         assert cache.recall(record.key) is None
         found = cache.get(record.key)
         assert same(found, record)
-        assert cache.recall(record.key) is found
+        assert same(cache.recall(record.key), record)
 
 
 def test_batch_is_one_segment_from_which_each_result_is_read(tmp_path: Path) -> None:
@@ -95,7 +97,7 @@ def test_batches_leave_memory_to_single_results(tmp_path: Path) -> None:
         cache.put(single)
         cache.put_many(batch)
         cache.get_many([record.key for record in batch])
-        assert cache.recall(single.key) is single
+        assert same(cache.recall(single.key), single)
 
 
 def test_very_large_histories_are_spread_over_segments(tmp_path: Path) -> None:
@@ -184,8 +186,6 @@ def test_unknown_or_malformed_key_is_a_miss(key: str, tmp_path: Path) -> None:
 def test_index_lost_or_damaged_is_made_anew(tmp_path: Path) -> None:
     records = [critical_angle(number) for number in range(40)]
     stored(tmp_path, records[:30], [records[30]], records[31:])
-    with closing(sqlite3.connect(index_of(tmp_path))) as connection:
-        connection.execute("PRAGMA user_version = 999")
     for damage in (None, Path.unlink, lambda path: path.write_bytes(os.urandom(20_000)), spoil):
         if damage:
             damage(index_of(tmp_path))
@@ -289,7 +289,7 @@ def test_folder_that_cannot_be_written_costs_the_store_but_no_answer(tmp_path: P
         answered = cache.put(trajectory())
         assert [warning["code"] for warning in answered.answer["warnings"]] == ["strength_fit_range", NOT_CACHED]
         assert str(tmp_path) not in answered.json.decode()
-        assert cache.recall(answered.key) is answered
+        assert same(cache.recall(answered.key), answered)
         (tmp_path / "results").unlink()
         assert cache.writable()
         assert cache.last_error is None
@@ -308,7 +308,7 @@ def test_write_that_the_system_cuts_short_leaves_nothing_and_what_was_there(tmp_
         assert [answer.answer["warnings"][-1]["code"] for answer in answers] == [NOT_CACHED] * 4
         assert segments_in(tmp_path) == []
         assert not list((tmp_path / "results" / ".partial").iterdir())
-        assert cache.get(new.key) is answers[1]
+        assert same(cache.get(new.key), answers[1])
         assert cache.put(new) is new
     with cache_in(tmp_path) as cache:
         assert cache.known([key_of(number) for number in range(5)]) == {old.key, new.key}
@@ -366,19 +366,33 @@ def test_memory_is_bounded_and_holds_the_latest(tmp_path: Path) -> None:
         assert len([number for number in range(50) if cache.recall(key_of(number))]) == 10
 
 
-def test_memory_said_to_be_used_is_about_what_is_used() -> None:
-    record = trajectory(rows=5000)
-    assert record.history is not None
-    arrays = sum(column.nbytes for column in record.history.values())
-    assert len(record.json) + arrays <= record.nbytes < 1.05 * (len(record.json) + arrays) + 20_000
+def test_memory_for_results_is_what_is_counted_whatever_is_done_with_them(tmp_path: Path) -> None:
+    limit = 2 * MEGABYTE
+    with cache_in(tmp_path, memory_bytes=limit) as cache:
+        cache.put(critical_angle(0))
+        cache.flush()
+        tracemalloc.start()
+        try:
+            for number in range(1, 1200):
+                record = cache.put(critical_angle(number))
+                recalled = cache.recall(record.key)
+                assert recalled is not None
+                assert recalled.answer == record.answer  # which parses it
+            del record, recalled
+            cache.flush()
+            gc.collect()
+            taken = tracemalloc.get_traced_memory()[0]
+        finally:
+            tracemalloc.stop()
+    assert 0.7 * limit < taken < 1.3 * limit
 
 
 def test_hot_result_needs_no_disk(tmp_path: Path) -> None:
     with cache_in(tmp_path) as cache:
         record = cache.put(trajectory())
         shutil.rmtree(tmp_path)
-        assert cache.recall(record.key) is record
-        assert cache.get(record.key) is record
+        assert same(cache.recall(record.key), record)
+        assert same(cache.get(record.key), record)
 
 
 def test_many_threads_may_read_write_and_evict_at_once(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from service.reports.assessment_numbers import WORDS
 from service.schemas.strike import PAPER_AT_45
 from solver.formulas import formulas
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.uncertainty.strikes import PAIRED
 from solver.uncertainty.usual import THEORIES, THEORY_LAWS
 from solver.uncertainty.verdict import ENDINGS, THEORY_NAMES
 from tests.cli.commands import run
@@ -51,6 +52,7 @@ def test_every_choice_has_a_name_and_there_are_no_others() -> None:
     for path, choices in FIELDS:
         if choices:
             found.setdefault(path, set()).update(choices)
+    found["resistance.theory"] = set(PAIRED)  # no field of a case: an uncertain input, by the names of decay laws
     assert found == {path: set(names) for path, names in CHOICES.items()}
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from service.clock import Clock
 from service.jobs import store
 from service.workers.in_thread import InThreadExecutor
 from service.workers.process_pool import ProcessPool
@@ -93,19 +94,20 @@ async def test_case_marked_done_whose_segment_the_power_cut_took_is_computed_aga
 
 @pytest.mark.parametrize("jump", [-30 * 86_400.0, 30 * 86_400.0])
 async def test_clock_set_back_or_forward_changes_when_ended_jobs_go_and_nothing_else(
-    jump: float, pool: ProcessPool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    jump: float, pool: ProcessPool, tmp_path: Path
 ) -> None:
-    real = time.time
-    async with running(tmp_path, pool) as manager:
+    jumped = 0.0
+    clock = Clock(now=lambda: time.time() + jumped)
+    async with running(tmp_path, pool, clock=clock) as manager:
         before = await accepted(manager, cases(range(100)))
         await ended(manager, before)
         under_way = await accepted(manager, cases(range(1000, 1300), seconds=0.002))
         await until_done(manager, under_way, 10)
-        monkeypatch.setattr("time.time", lambda: real() + jump)
+        jumped = jump
         state = await ended(manager, under_way)
         assert (state.status, state.done) == ("successful", 300)
         assert squares(await all_results(manager, under_way)) == [i**2 for i in range(1000, 1300)]
-    async with running(tmp_path, pool) as manager:  # which looks for jobs that have expired
+    async with running(tmp_path, pool, clock=clock) as manager:  # which looks for jobs that have expired
         assert (await manager.job(before.id) is None) == (jump > 0)
         assert await manager.job(under_way.id) is not None
         assert [result.cached for result in await collect(manager, cases(range(100)))] == [True] * 100

@@ -6,7 +6,7 @@ import pytest
 from scipy import stats
 
 from solver import ParameterError
-from solver.uncertainty import Discrete, Lognormal, Normal, Triangular, TruncatedNormal, Uniform
+from solver.uncertainty import Discrete, Lognormal, LogStudentT, Normal, Triangular, TruncatedNormal, Uniform
 
 U = np.linspace(0.001, 0.999, 41)
 
@@ -29,6 +29,35 @@ def test_quantiles_and_moments_are_those_of_scipy(distribution: Any, reference: 
     assert weights.sum() == pytest.approx(1.0, rel=1e-12)
     assert mean == pytest.approx(reference.mean(), rel=1e-9)
     assert math.sqrt(weights @ (values - mean) ** 2) == pytest.approx(reference.std(), rel=1e-7)
+
+
+def test_logarithm_of_log_student_t_has_students_distribution() -> None:
+    heavy = LogStudentT(median=8.0, scale=0.274, degrees_of_freedom=3.0)
+    reference = stats.t(3.0, math.log(8.0), 0.274)
+    np.testing.assert_allclose(np.log(heavy.value(heavy.standard(U))), reference.ppf(U), rtol=1e-9)
+    assert heavy.dispersion == pytest.approx(reference.std())
+    nodes, weights = heavy.quadrature()
+    assert weights @ np.tanh(np.log(heavy.value(nodes) / 8.0) - 0.3) == pytest.approx(
+        stats.t(3.0, 0.0, 0.274).expect(lambda x: math.tanh(x - 0.3)), abs=1e-5
+    )
+
+
+def test_log_student_t_without_a_deviation_has_the_dispersion_of_its_central_part() -> None:
+    """3.29 standard deviations are the central 90 % of a normal distribution."""
+    reference = stats.t(2.0, 0.0, 0.01)
+    central = reference.ppf(0.95) - reference.ppf(0.05)
+    found = LogStudentT(median=1.0, scale=0.01, degrees_of_freedom=2.0).dispersion
+    assert found == pytest.approx(central / 3.29, rel=1e-3)
+
+
+def test_log_student_t_is_cut_off_at_its_bounds_and_nowhere_else() -> None:
+    cut = LogStudentT(median=1.0, scale=0.5, degrees_of_freedom=2.0, lower=0.25, upper=7.0)
+    values = cut.value(cut.standard(np.linspace(0.0, 1.0, 1001)))
+    assert (values[0], values[-1]) == pytest.approx((0.25, 7.0))
+    reference = stats.t(2.0, 0.0, 0.5)
+    below, above = reference.cdf(math.log(0.25)), reference.sf(math.log(7.0))
+    shares = (reference.cdf(np.log(values[1:-1])) - below) / (1.0 - below - above)
+    np.testing.assert_allclose(shares, np.linspace(0.0, 1.0, 1001)[1:-1], atol=1e-12)
 
 
 def test_lognormal_is_given_by_its_mean_too() -> None:
@@ -57,6 +86,15 @@ BAD = [
     (Lognormal, {"mean": 1e-9, "standard_deviation": 1e300}, "standard_deviation", "at most 5.18e+21 means"),
     (Lognormal, {"mean": 1e300, "coefficient_of_variation": 1e300}, "coefficient_of_variation", "at most 5.18e+21"),
     (Lognormal, {"median": 1e300, "dispersion": 9.0}, "median", "no finite number"),
+    (LogStudentT, {"median": 0.0, "scale": 0.1, "degrees_of_freedom": 3.0}, "median", "greater than 0"),
+    (LogStudentT, {"median": 8.0, "scale": -0.1, "degrees_of_freedom": 3.0}, "scale", "greater than 0"),
+    (LogStudentT, {"median": 8.0, "scale": 11.0, "degrees_of_freedom": 3.0}, "scale", "at most 10, got 11"),
+    (LogStudentT, {"median": 8.0, "scale": 0.1, "degrees_of_freedom": 0.5}, "degrees_of_freedom", "between 1 and"),
+    (LogStudentT, {"median": 8.0, "scale": 0.1, "degrees_of_freedom": math.nan}, "degrees_of_freedom", "between 1"),
+    (LogStudentT, {"median": 8.0, "scale": 0.5, "degrees_of_freedom": 1.0}, "lower", "must be given"),
+    (LogStudentT, {"median": 8.0, "scale": 0.5, "degrees_of_freedom": 1.0, "lower": 2.0}, "upper", "must be given"),
+    (LogStudentT, {"median": 8.0, "scale": 0.1, "degrees_of_freedom": 3.0, "lower": 9.0}, "lower", "below the median"),
+    (LogStudentT, {"median": 8.0, "scale": 0.1, "degrees_of_freedom": 3.0, "upper": 7.0}, "upper", "above the median"),
     (Normal, {"mean": 1e300, "coefficient_of_variation": 1e10}, "coefficient_of_variation", "no finite number"),
     (TruncatedNormal, {"mean": 1.0, "standard_deviation": 1.0, "lower": 2.0}, "lower", "below the mean, 1"),
     (TruncatedNormal, {"mean": 1.0, "standard_deviation": 1.0, "upper": 0.5}, "upper", "above the mean, 1"),

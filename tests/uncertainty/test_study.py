@@ -214,8 +214,8 @@ def test_every_sample_counts_by_its_outcome_at_each_angle() -> None:
     retained = np.where((GRID >= 0.35) & (GRID < 0.55), 0.0, 0.25)
     assert answer.method == "direct"
     assert (np.abs(answer.probability - (0.25 + band + retained)) < 0.02).all()
-    assert answer.share_without.value == pytest.approx(0.5, abs=0.02)
-    assert {change.angle for change in answer.sensitivity[0].swing} <= {None, 0.55}
+    assert answer.share_without.value == pytest.approx(0.75, abs=0.02)
+    assert {change.angle for change in answer.sensitivity[0].swing} <= {None, 0.25}
     assert "samples_without_angle" in {warning.code for warning in answer.warnings}
     assert np.isfinite(answer.lower).all()
 

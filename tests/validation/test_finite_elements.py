@@ -7,6 +7,7 @@ import pytest
 
 from service.reports import style
 from solver import mass_properties
+from solver.resistance import FINITE_ELEMENT_SHAPES, FINITE_ELEMENTS_TO
 from solver.strike import PAPER_PROJECTILE
 from validation.finite_elements import compare
 from validation.finite_elements_fits import (
@@ -211,3 +212,38 @@ def test_figures_show_both_meshes_and_both_laws(report: Section) -> None:
     for name in ("finite-elements-fitted", "finite-elements-tip", "finite-elements-factor"):
         for part in ("coarse", "fine", "elastic-plastic", "Mohr-Coulomb"):
             assert any(part in series for series in figures[name]), (name, part)
+
+
+@pytest.mark.parametrize("law", FINITE_ELEMENT_SHAPES)
+def test_shape_of_the_solver_is_the_cubic_through_the_runs_of_both_meshes(
+    found: Mapping[Mesh, Calibration], law: str
+) -> None:
+    points = [
+        (angle, estimate.strength_factor)
+        for calibration in found.values()
+        for angle, estimate in calibration.factors(law).items()
+    ]
+    angles, strengths = np.array(points).T
+    assert angles.max() == pytest.approx(np.degrees(FINITE_ELEMENTS_TO))
+    coefficients = np.polynomial.polynomial.polyfit(angles, strengths, 3)
+    grid = np.linspace(0.0, 55.0, 12)
+    fitted = np.polynomial.polynomial.polyval(grid, coefficients / coefficients[0])
+    shape = np.polynomial.polynomial.polyval(grid, FINITE_ELEMENT_SHAPES[law])
+    assert shape == pytest.approx(fitted, abs=2e-3)
+
+
+def test_strength_fitted_with_mohr_coulomb_decay_falls_to_half_and_levels_off(
+    found: Mapping[Mesh, Calibration],
+) -> None:
+    expected = {
+        0.0: (8.4, 8.5),
+        15.0: (7.7, 7.8),
+        30.0: (5.7, 6.0),
+        45.0: (3.5, 4.1),
+        48.0: (3.5, 4.0),
+        50.0: (3.8, 4.6),
+    }
+    for calibration in found.values():
+        for angle, estimate in calibration.factors("mohr_coulomb").items():
+            low, high = expected.get(angle, (3.8, 4.6))
+            assert low <= estimate.strength_factor <= high
