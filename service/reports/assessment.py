@@ -266,7 +266,12 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
     strength_shown = numbers.short("/case/target/compressive_strength_pa", factor=1e-6, digits=4, unit=" MPa")
     diameter_shown = numbers.short("/case/projectile/diameter_m", factor=MM, digits=4, unit=" mm")
     found = [
-        Limit("Speed of a rigid body", speed_shown, f"up to {RIGID_VELOCITY:g} m/s", speed <= RIGID_VELOCITY),
+        Limit(
+            "Speed below which noses of steel do not erode",
+            speed_shown,
+            f"up to {RIGID_VELOCITY:g} m/s",
+            speed <= RIGID_VELOCITY,
+        ),
         Limit(
             "Strength in the tests behind the resistance law",
             strength_shown,
@@ -274,7 +279,7 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
             lowest <= strength <= highest,
         ),
         Limit(
-            "Angle of attack without bending",
+            "Angle of attack of most tests",
             numbers.short("/case/impact/angle_of_attack_deg", digits=3, unit="°"),
             f"up to {attack:g}°",
             abs(impact["angle_of_attack_deg"]) <= attack,

@@ -276,7 +276,7 @@ def test_warnings_of_the_search_stand_beside_those_of_the_strike() -> None:
         ModelWarning("mass", "not given; moves", standing=True),
     ]
     found = with_those_of_strike(strike, search)
-    assert [each.detail for each in found] == ["at 55° beyond", "turns", "at 48° beyond", "assumed; moves"]
+    assert [each.detail for each in found] == ["at 55° beyond", "turns", "at 48° beyond", "not given; moves"]
     assert [each.standing for each in found] == [True, False, True, True]
 
 
