@@ -12,6 +12,7 @@ from solver import (
     Crater,
     Flat,
     Impact,
+    ObliquityPolynomial,
     Ogive,
     Outcome,
     ParameterError,
@@ -73,8 +74,10 @@ def test_850_mm_are_not_enough_for_the_155_mm_body(strength: float, angle: float
 
 
 def test_design_value_is_not_below_what_the_model_needs_with_plug_and_crater() -> None:
+    """With eq. 9 not held beyond 60° the model needs 427 mm; held, it needs less than 1.2 times Hughes."""
     wall = Target(compressive_strength=27e6, density=2300.0, thickness=0.4)
-    found = judge(LONG_OGIVE, wall, 242.0, 67.1)
+    falling = Resistance(strength_factor=ObliquityPolynomial(held_from=math.radians(90.0)))
+    found = judge(LONG_OGIVE, wall, 242.0, 67.1, resistance=falling)
     assert found.enough is False
     assert found.perforation.enough is False
     assert found.perforation.formula == "this_model"
@@ -82,6 +85,10 @@ def test_design_value_is_not_below_what_the_model_needs_with_plug_and_crater() -
     assert known(found.perforation.design) >= known(found.variants.rear_plug_and_crater) > 0.4
     assert "not enough against scabbing and perforation" in str(found)
     assert "this model with a plug and a crater; Hughes × 1.2 is 383 mm" in str(found)
+    held = judge(LONG_OGIVE, wall, 242.0, 67.1)
+    assert (held.enough, held.perforation.formula) == (False, "hughes")
+    assert known(held.perforation.design) > known(held.variants.rear_plug_and_crater)
+    assert "not enough against scabbing. Design value against scabbing 462 mm" in str(held)
 
 
 @pytest.mark.parametrize("target", [PAPER_TARGET, replace(PAPER_TARGET, thickness=0.3)])
