@@ -25,8 +25,8 @@ GOLDEN = Path(__file__).with_name("golden")
 CONTRACT = json.loads((Path(__file__).parents[2] / "openapi/openapi.json").read_text())
 FORMATS = ("application/json", "application/jsonl", "text/csv", "application/x-hdf5", "application/vnd.apache.parquet")
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+(?:[eE][-+]?\d+)?|[eE][-+]?\d+)(?![\w.]\w)")
-VOLATILE = {"id", "created", "started", "finished", "expires", "progress", "libraries"}
-"""Fields that differ between two runs of the same requests."""
+VOLATILE = {"id", "created", "started", "finished", "expires", "progress", "libraries", "engine_version"}
+"""Fields that differ between two runs of the same requests, or with each engine."""
 TOLERANCE = 2e-3
 """Relative tolerance of numbers. Answers by code for other processors (`NUMBA_CPU_NAME=generic` and `haswell`) stayed
 within half of it."""
@@ -45,7 +45,8 @@ ZERO = 1e-9
 SHOWN = 3
 """Numbers of a list, trials of a search and rows of a table that are kept. How many there are is kept as well, except
 of trials, whose number may differ between processors."""
-JOB = re.compile(r"/jobs/[\w-]+")
+NAMES = re.compile(r"/jobs/[\w-]+|\b[0-9a-f]{64}\b")
+"""Names of jobs and keys of results; a key depends on the engine, and `test_keys.py` compares some."""
 
 
 def examples(path: str) -> list[Any]:
@@ -114,7 +115,7 @@ def leaves(value: Any, path: str = "") -> Iterator[str]:
     elif isinstance(value, float):
         yield f"{path}: {float(f'{value:.5e}')}"
     else:
-        yield f"{path}: {JOB.sub('/jobs/ID', json.dumps(value, ensure_ascii=False))}"
+        yield f"{path}: {NAMES.sub('NAME', json.dumps(value, ensure_ascii=False))}"
 
 
 def as_text(value: Any) -> str:
