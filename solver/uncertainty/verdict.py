@@ -125,12 +125,12 @@ class Verdict:
         ending = embedded_words(self.protrusion) if self.outcome is Outcome.EMBEDDED else ENDINGS[self.outcome]
         if self.probability is None:
             return f"{text}, with the inputs as given: {ending}."
-        share = probability_text(self.probability)
+        share, nominal = probability_text(self.probability), f"with the inputs as given: {ending}."
         if self.probability.value > LIKELY:
-            return f"{text}: is turned away (probability {share})."
+            return f"{text} the projectile is turned away (probability {share})."
         if self.probability.value < UNLIKELY:
-            return f"{text}: is not turned away (probability of ricochet {share}); with the inputs as given {ending}."
-        return f"{text}: may be turned away (probability {share}); with the inputs as given {ending}."
+            return f"{text} the projectile is not turned away (probability of ricochet {share}); {nominal}"
+        return f"{text} the projectile may be turned away (probability {share}); {nominal}"
 
     def _angle(self) -> str:
         lower, upper = (f"{math.degrees(each):.6g}°" for each in self.searched)
@@ -140,7 +140,8 @@ class Verdict:
         elif self.status is SearchStatus.NO_RICOCHET:
             text = f"No critical angle: nothing from {lower} to {upper} is turned away"
         elif self.status is SearchStatus.ALWAYS_RICOCHET:
-            text = f"Critical angle below {lower}: everything from there to {upper} is turned away"
+            rest = "" if self.other_crossings else f", and so is everything from there to {upper}"
+            text = f"Critical angle below {lower}: a strike at {lower} is turned away{rest}"
         else:
             text = "Critical angle not known: the search did not converge"
         if self.own_law:

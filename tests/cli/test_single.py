@@ -104,7 +104,7 @@ def test_angle_does_not_wait_for_what_it_does_not_need(here: Path) -> None:
         ("trajectory --angle 45", "At 45° from the normal: embedded, 128 mm deep"),
         ("trajectory --angle 55", "At 55° from the normal: ricochet, it"),
         ("cra --set search.lower_deg=5 --set search.upper_deg=20", "No critical angle: nothing from 5° to 20°"),
-        ("cra --set search.lower_deg=70 --set search.upper_deg=80", "Critical angle below 70°: everything from"),
+        ("cra --set search.lower_deg=70 --set search.upper_deg=80", "Critical angle below 70°: a strike at 70° is"),
     ],
 )
 def test_answer_begins_with_a_sentence(here: Path, capsys: pytest.CaptureFixture[str], words: str, line: str) -> None:
