@@ -309,7 +309,8 @@ SEEN = Verdict(
 FIRST = "Critical angle 48.6° from the normal, 90 % range 42° to 60°"
 THEORY = "elastic-plastic decay (weight 0.8)"
 LAST = "the outcome also changes at 70.0°"
-SAID = "At 50° from the normal"
+SAID = "At 50° from the normal the projectile"
+NOMINAL = "with the inputs as given: embedded"
 STANDS_OUT = "with the inputs as given: embedded, its nose 139 mm out of the rear face"
 BY_LAW = "Critical angle 48.6° from the normal by the law chosen, 90 % range 42° to 60°"
 OVER_THEORIES = "Over the theories: 90 % range 43° to 51°"
@@ -327,16 +328,15 @@ AT_50: dict[str, Any] = {"oblique_angle": math.radians(50.0), "outcome": Outcome
         ({"spread": None}, "Critical angle 48.63° from the normal."),
         (
             AT_50 | {"probability": Estimate(0.2, 0.17, 0.23)},
-            f"{SAID} the projectile may be turned away (probability 20 %); with the inputs as given: embedded. {FIRST}.",
+            f"{SAID} may be turned away (probability 20 %); {NOMINAL}. {FIRST}.",
         ),
         (
             AT_50 | {"probability": Estimate(0.098, 0.07, 0.12)},
-            f"{SAID} the projectile is not turned away (probability of ricochet 10 %); "
-            f"with the inputs as given: embedded. {FIRST}.",
+            f"{SAID} is not turned away (probability of ricochet 10 %); {NOMINAL}. {FIRST}.",
         ),
         (
             AT_50 | {"probability": Estimate(0.0, 0.0, 0.03), "protrusion": Protrusion(final=0.139, greatest=0.139)},
-            f"{SAID} the projectile is not turned away (probability of ricochet below 3 %); {STANDS_OUT}. {FIRST}.",
+            f"{SAID} is not turned away (probability of ricochet below 3 %); {STANDS_OUT}. {FIRST}.",
         ),
         (
             AT_50 | {"outcome": Outcome.RICOCHET, "probability": Estimate(1.0, 0.97, 1.0)},
