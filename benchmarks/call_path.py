@@ -22,7 +22,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -33,6 +32,7 @@ from benchmarks.clients import JSONL, to_request
 from benchmarks.machine import print_machine, print_table
 from benchmarks.random_cases import one_by_one, study_cases
 from benchmarks.servers import START_SECONDS, free_port
+from service.cli import main as run_command
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = (f"{ROOT}/service/", f"{ROOT}/solver/")
@@ -121,12 +121,10 @@ def measure(port: int, recorder: Recorder, found: dict[str, list[str]]) -> None:
 
 def serve(recorder: Recorder) -> None:
     """Run `ricochet serve` in this thread, profiled with every thread that it starts."""
-    [command] = entry_points(group="console_scripts", name="ricochet")
-    main = command.load()
     threading.setprofile(recorder.profile)
     sys.setprofile(recorder.profile)
     with suppress(SystemExit):
-        main(["serve"])
+        run_command(["serve"])
     sys.setprofile(None)
     threading.setprofile(None)
 
