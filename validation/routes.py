@@ -57,9 +57,10 @@ MOST_STEPS = 190_000
 """Of the panel route, a little below its own limit."""
 PANELS, RAMP = "finer panels", "shorter ramp"
 """What explains a difference."""
-SHORT_RAMP = 0.01
+SHORT_RAMPS = (0.01, 0.001)
 """Of the usual ramp, over which the static stress of the Gauss points builds up: it lets a shank that lies in its hole
-creep, which turns it by tenths of a degree on a long way. Panels have none. [1]"""
+creep, which turns it by tenths of a degree on a long way, and lets it touch the hole for the last time elsewhere.
+Panels have none. [1]"""
 NEAR_THRESHOLD = 3.0
 """Factor of the retention energy within which the energy left may decide an outcome either way. [1]"""
 SPEED_TOLERANCE, DEPTH_TOLERANCE = 0.01, 0.02
@@ -273,8 +274,10 @@ def compare(number: int, strike: Strike) -> Comparison:
             break
         panels, explained = strike.end(_panel_numerics(strike, adaptive, resolution)), PANELS
         difference = _difference(strike, adaptive, panels)
-    if difference:
-        sharp, explained = strike.end(ramp_share=SHORT_RAMP), RAMP
+    for share in SHORT_RAMPS:
+        if not difference:
+            break
+        sharp, explained = strike.end(ramp_share=share), RAMP
         difference = _difference(strike, sharp, panels)
     if difference:
         panels = strike.end(_panel_numerics(strike, adaptive, FINEST))

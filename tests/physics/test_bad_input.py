@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from service.schemas import TrajectoryRequest
+from service.schemas import FlightRequest, TrajectoryRequest
 from solver import (
     BoatTail,
     Conical,
@@ -292,8 +292,14 @@ def test_numbers_of_numpy_are_numbers() -> None:
 
 def test_bounds_are_those_of_the_contract() -> None:
     """Also at the ends: what one accepts, the other accepts."""
-    schema = TrajectoryRequest.model_json_schema()["$defs"]
-    parts = {"projectile": "Projectile", "target": "Target", "impact": "Impact", "shot": "OwnShot"}
+    schema = TrajectoryRequest.model_json_schema()["$defs"] | {"FlightRequest": FlightRequest.model_json_schema()}
+    parts = {
+        "projectile": "Projectile",
+        "target": "Target",
+        "impact": "Impact",
+        "shot": "OwnShot",
+        "flight": "FlightRequest",
+    }
     found = 0
     for path, bound in BOUNDS.items():
         part, _, name = path.partition(".")

@@ -77,7 +77,9 @@ PLACES: dict[str, tuple[Callable[[Any], Any], list[Any]]] = {
         [200.0, 250.0],
     ),
     "simulate_sweep": (
-        lambda values: solver.simulate_sweep(**CASE, impact=IMPACTS[0], axes={"oblique_angle": values}).to_dict(),
+        lambda values: (
+            solver.simulate_sweep(**CASE, impact=IMPACTS[0], axes={"oblique_angle": values}).fillna(-1.0).to_dict()
+        ),
         [0.3, 0.9],
     ),
     "coefficients": (lambda values: solver.ObliquityPolynomial(coefficients=values), [8.469, 0.0149, -0.0013]),

@@ -15,6 +15,7 @@ from solver import (
     IntegrationError,
     MohrCoulomb,
     Numerics,
+    ObliquityPolynomial,
     Ogive,
     Outcome,
     ParameterError,
@@ -213,8 +214,11 @@ TUMBLING: dict[str, Any] = {
         mass=33.98285616711883,
     ),
     "target": Target(compressive_strength=83506119.05974251, density=2488.7656325658056, thickness=0.0701537343192152),
-    "resistance": Resistance(free_surface=MohrCoulomb()),
+    "resistance": Resistance(
+        strength_factor=ObliquityPolynomial(held_from=math.radians(90.0)), free_surface=MohrCoulomb()
+    ),
 }
+"""With S nearly zero along the face, as eq. 9 has it where it is not held."""
 
 
 def test_projectile_that_turns_end_over_end_in_a_wall_is_warned_of() -> None:
