@@ -271,7 +271,7 @@ class DamagedCasesError(ServiceError):
     """
 
     type = "urn:ricochet:problem:damaged"
-    title = "What was stored of the case is damaged"
+    title = "What was stored is damaged"
 
     def __init__(self, first: int, last: int) -> None:
         super().__init__(f"what was stored of cases {first} to {last} of the job is damaged: submit them again")
@@ -285,8 +285,6 @@ class DamagedJobError(DamagedCasesError):
     fields
         Names of what cannot be read.
     """
-
-    title = "What was stored of the job is damaged"
 
     def __init__(self, fields: Sequence[str]) -> None:
         text = (

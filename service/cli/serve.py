@@ -74,6 +74,7 @@ def run_serve(args: argparse.Namespace) -> int:
     from service.private_files import warn_of_readers
     from service.settings import unknown_variables
     from service.telemetry import configure_log
+    from service.workers.template import LIMIT_HINT
 
     configure_log(settings.log_level)
     if unknown := unknown_variables():
@@ -94,6 +95,10 @@ def run_serve(args: argparse.Namespace) -> int:
             server.run()
     except (UnusableFolderError, ExecutorError, OSError) as error:
         raise CommandError(reason_of(error), NOT_STARTED) from None
+    except RuntimeError as error:
+        if "start new thread" not in str(error):  # Python has no exception of its own for it.
+            raise
+        raise CommandError(f"{error}; {LIMIT_HINT}", NOT_STARTED) from None
     except Exception:
         log.exception("the service failed")
         return FAILED

@@ -51,7 +51,6 @@ def test_covariance_that_is_none_is_named(client: httpx.Client, pointer: str, va
     ("path", "pointer", "value", "named"),
     [
         ("depth", "/tests", [], "/tests"),
-        ("depth", "/tests", TABLE_1[:1], "/tests"),
         ("depth", "/tests", TABLE_1 * 251, "/tests"),
         ("depth", "/tests", ..., "/tests"),
         ("depth", "/tests/3/velocity_m_s", 0.0, "/tests/3/velocity_m_s"),
@@ -156,8 +155,9 @@ def test_problem_of_a_run_names_its_place(client: httpx.Client, pointer: str, va
         (b"{", 400, ""),
         (b"[" * 10_000 + b"]" * 10_000, 400, ""),
         (b" " * 5_000_000, 413, ""),
-        (json.dumps(dict.fromkeys(map(str, range(100_000)), 1)).encode(), 422, ""),
-        (json.dumps({"a": [0, {"b/c": dict.fromkeys(map(str, range(21)), 1)}]}).encode(), 422, "/a/1/b~1c"),
+        (json.dumps(dict.fromkeys(map(str, range(100_000)), 1)).encode(), 400, ""),
+        (json.dumps(dict.fromkeys(map(str, range(31)), 1)).encode(), 422, ""),
+        (json.dumps({"a": [0, {"b/c": dict.fromkeys(map(str, range(31)), 1)}]}).encode(), 422, "/a/1/b~1c"),
     ],
     ids=lambda value: repr(value[:16]) if isinstance(value, bytes) else str(value),
 )

@@ -14,6 +14,8 @@ from .refused import LITERALS, TEXT, changed, problem_of, refused_at
 from .test_bad_calibrations import CALIBRATIONS
 
 USUAL = CALIBRATIONS | {"/trajectory": PAPER_AT_45, "/cra": PAPER}
+BELOW_ZERO = {"model": "obliquity_polynomial", "coefficients": [8.0, -2.0]}
+"""From 4° on, below where searches begin."""
 EXAMPLES = {each.path: each.request.model_json_schema()["examples"][0] for each in OPERATIONS.values()}
 
 
@@ -71,7 +73,7 @@ def test_value_that_is_no_finite_number_is_named(client: httpx.Client, path: str
         ("/impact/oblique_angle_deg", 90.0, "/impact/oblique_angle_deg"),
         ("/impact/oblique_angle_deg", -1.0, "/impact/oblique_angle_deg"),
         ("/impact/oblique_angle_deg", ..., "/impact/oblique_angle_deg"),
-        ("/impact/oblique_angle_deg", 88.0, "/resistance/strength_factor"),
+        ("/resistance/strength_factor", BELOW_ZERO, "/resistance/strength_factor"),
         ("/resistance/strength_factor", {"model": "constant", "value": -1.0}, "/resistance/strength_factor/value"),
         ("/resistance/strength_factor", {"model": "constant"}, "/resistance/strength_factor/value"),
         (
@@ -102,7 +104,7 @@ def test_trajectory_problem_names_the_field(client: httpx.Client, pointer: str, 
         ("/search", {"lower_deg": 50.0, "upper_deg": 50.0}, "/search/lower_deg"),
         ("/search", {"lower_deg": 86.0}, "/search/lower_deg"),
         ("/search", {"lower_deg": 60.0, "upper_deg": 50.0}, "/search/lower_deg"),
-        ("/search", {"lower_deg": 87.0, "upper_deg": 89.0}, "/resistance/strength_factor"),
+        ("/resistance/strength_factor", BELOW_ZERO, "/resistance/strength_factor"),
         ("/search/tolerance_deg", 0.0, "/search/tolerance_deg"),
         ("/projectile/length_m", 0.1, "/projectile/length_m"),
     ],

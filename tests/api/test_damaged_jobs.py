@@ -204,7 +204,8 @@ def test_key_damaged_before_its_case_is_computed_is_a_damaged_case(
     shutil.rmtree(folder / "results")
     with opened(folder) as database:
         number = database.execute("SELECT number FROM jobs WHERE id = ?", (ids[BATCH],)).fetchone()[0]
-        database.execute("UPDATE jobs SET status = 'running', done = 0, failed = 0 WHERE number = ?", (number,))
+        statement = "UPDATE jobs SET status = 'running', done = 0, cached = 0, failed = 0 WHERE number = ?"
+        database.execute(statement, (number,))
         database.execute("UPDATE states SET states = zeroblob(length(states)) WHERE job = ?", (number,))
         database.execute("DELETE FROM problems")
         database.execute(

@@ -136,4 +136,4 @@ def test_shot_whose_depth_takes_no_strength_factor_of_concrete_is_refused(path: 
     if path.startswith("/trajectory"):
         body["impact"] = STRUCK["impact"]
     found = refused_at(client.post(path, json=body), "/resistance/strength_factor/shots/1/depth_m")
-    assert "must be between 0.001 and 1000" in found.errors[0].detail
+    assert "must be between 2 and 60" in found.errors[0].detail

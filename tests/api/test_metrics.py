@@ -141,7 +141,7 @@ async def test_metrics_are_written_beside_the_event_loop_and_no_job_is_read(
     app.state.services.metrics.registry.register(Collector())
     threads.clear()
     async with app.router.lifespan_context(app):
-        monkeypatch.setattr("service.jobs.store._state", lambda _: pytest.fail("a job was read"))
+        monkeypatch.setattr("service.jobs.store.read_job", lambda *_: pytest.fail("a job was read"))
         async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://127.0.0.1") as client:
             assert (await client.get("/metrics")).is_success
     assert threads
