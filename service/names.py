@@ -34,6 +34,7 @@ CHOICES: Final[Mapping[str, Mapping[str, str]]] = {
         "none": "none",
     },
     "strength_scatter": {"law": "law, or own tests", "paper_table_1": "four tests of the paper"},
+    "flight.incidence_plane": {"up": "up the face", "level": "level along the face", "down": "down the face"},
     "search.method": {
         "outcome": "change of outcome",
         "bisection": "bisection (paper)",
@@ -84,6 +85,10 @@ QUANTITIES: Final[Mapping[str, str]] = {
     "resistance.free_surface.inertia": "Inertia of the solid",
     "resistance.crater.depth_diameters": "Crater depth over diameter",
     "resistance.rear_plug.cone_angle_deg": "Rear plug, angle of its cone",
+    "flight.face_tilt_deg": "Tilt of the impact face",
+    "flight.incidence_plane": "Plane of incidence",
+    "flight.drag_coefficient": "Drag coefficient in flight",
+    "flight.height_m": "Height of launch",
     "numerics.method": "Forces and steps",
     "numerics.termination_time_s": "Termination time",
     "numerics.relative_tolerance": "Relative tolerance",
@@ -157,6 +162,7 @@ OPERATIONS: Final[Mapping[str, str]] = {
     "limit-speed": "limit speeds",
     "cra_uncertainty": "how sure an angle is",
     "trajectory_uncertainty": "how sure an outcome is",
+    "unknown": "cases that cannot be read",
 }
 """Names of what the cases of a job are."""
 JOB_STATUSES: Final[Mapping[str, str]] = {

@@ -25,7 +25,7 @@ from starlette.types import Scope
 
 from service import names
 from service.api.negotiation import coding_of
-from service.schemas.verdict import USUAL_SCATTER
+from service.schemas.verdict import usual_scatter_of_page
 
 router = APIRouter(include_in_schema=False)
 NAMES = ("choices", "quantities", "formulas", "outcomes", "statuses", "warnings", "operations", "job_statuses")
@@ -152,7 +152,7 @@ def contract_content(app: FastAPI) -> tuple[bytes, str]:
     """Return the schemas, the usual scatter and the names as compressed JSON, and their ETag."""
     parts = {
         "schemas": app.openapi()["components"]["schemas"],
-        "usual_scatter": USUAL_SCATTER,
+        "usual_scatter": usual_scatter_of_page(),
         "names": {name: getattr(names, name.upper()) for name in NAMES},
     }
     content = json.dumps(parts, separators=(",", ":")).replace('"x-default":', '"default":').encode()

@@ -104,6 +104,7 @@ GROUPS: Final[Mapping[str, str]] = {
     "target": "Target",
     "impact": "Strike",
     "resistance": "Model",
+    "strength_scatter": "Model",
     "numerics": "Computation",
     "search": "Computation",
 }

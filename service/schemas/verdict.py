@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import fields
+from functools import cache
 from typing import Annotated, Any
 
 from pydantic import MISSING, Field
@@ -84,20 +85,20 @@ def _without_centre(distribution: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in distribution.items() if name != CENTRES.get(distribution["type"])}
 
 
-USUAL_SCATTER: dict[str, dict[str, Any]] = {
-    each["field"]: _without_centre(each["distribution"])
-    for each in map(
-        contract_input,
-        usual_scatter(
-            projectile=PAPER_PROJECTILE,
-            target=PAPER_TARGET,
-            velocity=PAPER_VELOCITY,
-            resistance=Resistance(strength_factor=PublishedTests()),
-        ),
+@cache
+def usual_scatter_of_page() -> dict[str, dict[str, Any]]:
+    """Return the distributions of the inputs that usually scatter where nobody has tested the concrete.
+
+    Each is around the value of the case. The page takes them from here.
+    """
+    inputs = usual_scatter(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        velocity=PAPER_VELOCITY,
+        resistance=Resistance(strength_factor=PublishedTests()),
     )
-}
-"""Distributions of the inputs that usually scatter where nobody has tested the concrete, around the value of the case;
-the page takes them from here."""
+    return {each["field"]: _without_centre(each["distribution"]) for each in map(contract_input, inputs)}
+
 
 THEORY_ANGLE = {"free_surface": "elastic_plastic", "weight": 0.8, "critical_angle_deg": 48.6}
 VERDICT = {

@@ -118,7 +118,8 @@ class WorkerServer:
             work.fail(error)
         except WorkerDiedError:
             self.close()
-            work.crashes += 1
+            # Idle workers that are killed at one blow are not ended by the call that was about to be sent to them.
+            work.crashes += worker.begun
             if work.crashes == DEATHS:
                 work.finish(CallResult(None, WorkerCrashedError(f"the task ended {DEATHS} worker processes"), 0.0))
         finally:

@@ -67,6 +67,8 @@ VERSIONS = ENGINE_VERSION, SCHEMA_VERSION
 """What a worker has to have in common with the service: both may be installed anew while the service runs."""
 STOP = b"stop"
 """Request that a worker leave the calls it has not begun; echoed as acknowledgement."""
+BEGUN = b"begun"
+"""Said before a message is read: a worker that dies before is not ended by a call."""
 LENGTH = struct.Struct("!Q")
 """Length of a message, which goes before it."""
 NICENESS = 5
@@ -168,7 +170,7 @@ def serve(channel: socket.socket, lifeline: int) -> NoReturn:
     os.nice(NICENESS)
     with suppress(ConnectionError):
         send(channel, pickle.dumps(Hello(os.getpid())))
-        while message := receive(channel):
+        while message := receive(channel, BEGUN):
             if message == STOP:
                 send(channel, STOP)
             else:
@@ -189,10 +191,14 @@ def send(channel: socket.socket, message: bytes) -> None:
     channel.sendall(LENGTH.pack(len(message)) + message)
 
 
-def receive(channel: socket.socket) -> bytes:
-    """Return the next message, an empty one if there will be none."""
+def receive(channel: socket.socket, said_before: bytes = b"") -> bytes:
+    """Return the next message, an empty one if there will be none; say this once it begins to arrive."""
     head = _receive_exactly(channel, LENGTH.size)
-    return _receive_exactly(channel, LENGTH.unpack(head)[0]) if head else b""
+    if not head:
+        return b""
+    if said_before:
+        send(channel, said_before)
+    return _receive_exactly(channel, LENGTH.unpack(head)[0])
 
 
 def _receive_exactly(channel: socket.socket, length: int) -> bytes:

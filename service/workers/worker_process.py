@@ -13,7 +13,7 @@ from pathlib import Path
 from service.errors import PoolUnavailableError
 from service.workers import Call
 from service.workers.template import LIMIT_HINT, template
-from service.workers.worker import LENGTH, STOP, VERSIONS, Hello, dumps
+from service.workers.worker import BEGUN, LENGTH, STOP, VERSIONS, Hello, dumps
 
 START_SECONDS = 600.0
 """Time for a worker to come up: seconds, but the first ever on a machine compiles the solver. [s]"""
@@ -113,6 +113,8 @@ class WorkerProcess:
     def __init__(self) -> None:
         self.yielding = False
         """Whether it has been asked to leave its calls and has not said that it has."""
+        self.begun = False
+        """Whether it has begun to read the calls that it was sent last."""
         self.pid = 0
         """Process id; 0 before it is up and after its end."""
         self._lifeline = -1
@@ -159,6 +161,7 @@ class WorkerProcess:
 
     def send(self, calls: Sequence[Call]) -> None:
         """Have the worker run these calls."""
+        self.begun = False
         self._write(pickle.dumps([dumps(call) for call in calls]))
 
     async def receive(self) -> bytes | bytearray | None:
@@ -169,7 +172,8 @@ class WorkerProcess:
         WorkerDiedError
             If there will be none.
         """
-        message = await self._messages.next()
+        while (message := await self._messages.next()) == BEGUN:
+            self.begun = True
         if message != STOP:
             return message
         self.yielding = False

@@ -12,7 +12,7 @@ import pytest
 
 from service import names
 from service.api.page import FOLDER, MAP_STYLE, NO_STYLE, plotly_folder
-from service.schemas.verdict import USUAL_SCATTER
+from service.schemas.verdict import usual_scatter_of_page
 
 PLOTLY = "page/plotly/plotly.min.js"
 FILES = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.rglob("*") if path.is_file())
@@ -120,7 +120,7 @@ def test_page_is_sent_as_it_is_to_others(client: httpx.Client) -> None:
 def test_page_takes_schemas_scatter_and_names_from_the_service(client: httpx.Client) -> None:
     schemas = json.loads(client.get("/openapi.json").text.replace('"x-default"', '"default"'))["components"]["schemas"]
     lists = {name: getattr(names, name.upper()) for name in LISTS}
-    parts = {"schemas": schemas, "usual_scatter": USUAL_SCATTER, "names": lists}
+    parts = {"schemas": schemas, "usual_scatter": usual_scatter_of_page(), "names": lists}
     assert client.get("/page/contract.json").json() == parts
 
 

@@ -68,10 +68,12 @@ def test_angle_is_one_line_and_warnings_another(here: Path, capsys: pytest.Captu
     assert shown.out in verbose.out
     assert len(verbose.out.splitlines()) > len(found["iterations"])
     assert all(warning["detail"] in verbose.err for warning in found["warnings"])
-    assert cli.main(["cra", "strike.toml", "--velocity", "500"]) == 0
+    # Beside the scatter of four tests the bend of S beyond its fit is much, beside that of the law it is not.
+    moved = ["--velocity", "500", "--set", "strength_scatter=paper_table_1"]
+    assert cli.main(["cra", "strike.toml", *moved]) == 0
     assert capsys.readouterr().err.splitlines() == [
         "1 warning (-v explains): strength_fit_extrapolated",
-        "standing notes (-v explains): mass_properties_assumed, no_measured_angle",
+        "standing notes (-v explains): mass_properties_assumed, no_measured_angle, scatter_of_table_1",
     ]
 
 
@@ -158,11 +160,13 @@ def test_alternatives_are_a_table_with_their_range(here: Path, capsys: pytest.Ca
 
 
 def test_alternatives_without_an_answer_have_a_problem(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    args = ["--set", "search.lower_deg=87", "--set", "search.upper_deg=89"]
-    args += ["--set", 'resistance.strength_factor={"model": "constant", "value": 8.0}']
+    args = ["--set", "target.youngs_modulus_pa=1e7"]  # never yields around a cavity, whose pressure the decay needs
+    args += ["--set", 'resistance.free_surface={"model": "none"}']
     assert cli.main(["cra", "strike.toml", *args, "--alternatives", "--csv"]) == 0
-    for row in csv.DictReader(capsys.readouterr().out.splitlines()):
-        assert bool(row["status"]) is (row["strength_factor"] == "strength_power_law")
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    assert {bool(row["problem"]) for row in rows} == {True, False}
+    for row in rows:
+        assert bool(row["status"]) is (row["free_surface"] == "none")
         assert bool(row["problem"]) is not bool(row["status"])
 
 
@@ -213,7 +217,7 @@ def test_forces_and_energies_are_written_out(here: Path, capsys: pytest.CaptureF
         ("cra nothing.toml", "nothing.toml: No such file"),
         ("cra wrong.toml", "wrong.toml: not TOML: "),
         ("cra dated.toml", "dated.toml: /projectile/mass_kg: Input should be a valid number"),
-        ("cra long.json", "long.json: Exceeds the limit"),
+        ("cra long.json", "long.json: holds a number of more than 4,300 digits"),
         ("cra empty.json", "empty.json: the file is empty"),
         ("cra odd.toml", "odd.toml: /projectile/mass_kg: Input should be a valid number"),
         ("formulas strike.toml --angle 95", "ricochet formulas: --oblique-angle: "),

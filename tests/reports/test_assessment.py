@@ -135,7 +135,8 @@ def test_report_says_what_shots_of_ones_own_are_worth(report_of: Ask, answers_of
     page, study = text_of(report_of(untested)), answers_of(untested)["uncertainty"]
     assert next_shot_advice_in(study) in page
     assert "with shots of your own into this concrete" in page
-    assert "more shots into this concrete would hardly narrow it" in text_of(report_of(JUDGED))
+    tested = JUDGED | {"strength_scatter": "paper_table_1"}
+    assert "more shots into this concrete would hardly narrow it" in text_of(report_of(tested))
 
 
 def test_own_shots_are_listed_with_what_they_did_to_the_strength_factor(client: httpx.Client, report_of: Ask) -> None:
@@ -174,14 +175,22 @@ def test_margins_are_the_recommended_ones(report_of: Ask) -> None:
         assert rows[pointer, f"{1000 * margin:g}"] == f"{1e3 * margin * values[pointer]:.0f}"
 
 
-def test_warnings_of_the_search_are_sentences_of_the_report(client: httpx.Client, report_of: Ask) -> None:
+def test_warnings_of_a_verdict_are_sentences_of_the_report(
+    client: httpx.Client, report_of: Ask, answers_of: Ask
+) -> None:
     page = text_of(report_of(WALL))
     warnings = client.post("/verdict", json=WALL).json()["warnings"]
     assert {"no_measured_angle", "rear_face_unconservative"} <= {each["code"] for each in warnings}
+    of_strike, of_search = (
+        {each["detail"] for each in answers_of(WALL)[name]["warnings"]} for name in ("judged", "cra")
+    )
+    assert of_strike - of_search
+    assert of_search - of_strike
     for each in warnings:
+        source = "Run at the angle to judge" if each["detail"] in of_strike - of_search else "Critical angle"
         said = f"{each['detail'][0].upper()}{each['detail'][1:]}."
         assert said in page.partition("Standing notes:")[2 if each.get("standing") else 0]
-        assert (f"Critical angle: {said}" in page) is not each.get("standing", False)
+        assert (f"{source}: {said}" in page) is not each.get("standing", False)
 
 
 def test_warning_of_a_run_is_said_to_be_of_that_run(report_of: Ask) -> None:
