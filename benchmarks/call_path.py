@@ -123,10 +123,11 @@ def serve(recorder: Recorder) -> None:
     """Run `ricochet serve` in this thread, profiled with every thread that it starts."""
     [command] = entry_points(group="console_scripts", name="ricochet")
     main = command.load()
+    sys.argv = [command.name, "serve"]
     threading.setprofile(recorder.profile)
     sys.setprofile(recorder.profile)
     with suppress(SystemExit):
-        main(["serve"])
+        main()
     sys.setprofile(None)
     threading.setprofile(None)
 
