@@ -22,6 +22,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -32,7 +33,6 @@ from benchmarks.clients import JSONL, to_request
 from benchmarks.machine import print_machine, print_table
 from benchmarks.random_cases import one_by_one, study_cases
 from benchmarks.servers import START_SECONDS, free_port
-from service.cli import main as run_command
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = (f"{ROOT}/service/", f"{ROOT}/solver/")
@@ -121,10 +121,13 @@ def measure(port: int, recorder: Recorder, found: dict[str, list[str]]) -> None:
 
 def serve(recorder: Recorder) -> None:
     """Run `ricochet serve` in this thread, profiled with every thread that it starts."""
+    [command] = entry_points(group="console_scripts", name="ricochet")
+    main = command.load()
+    sys.argv = [command.name, "serve"]
     threading.setprofile(recorder.profile)
     sys.setprofile(recorder.profile)
     with suppress(SystemExit):
-        run_command(["serve"])
+        main()
     sys.setprofile(None)
     threading.setprofile(None)
 

@@ -163,12 +163,12 @@ class DaskExecutor(Executor):
                 server.cancel()
         for address in self.cluster.threads.keys() - self._servers.keys():
             count = CHUNKS_A_THREAD * self.cluster.threads[address]
-            self._servers[address] = [asyncio.create_task(self._serve(address)) for _ in range(count)]
+            self._servers[address] = [asyncio.create_task(self._serve(address, count)) for _ in range(count)]
 
-    async def _serve(self, address: str) -> None:
-        """Give chunks to a worker until this is cancelled, as the worker has gone."""
+    async def _serve(self, address: str, places: int) -> None:
+        """Give chunks to a worker, which has so many places, until this is cancelled, as the worker has gone."""
         while True:
-            work, client = await self.queue.get(self._for_cluster), self.cluster.client
+            work, client = await self.queue.get(self._for_cluster, address, places), self.cluster.client
             work.begin()
             try:
                 await self._attempt(address, work)

@@ -7,11 +7,12 @@ the time of those who are served now, so that idle time is no credit.
 
 import asyncio
 from bisect import insort
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import count
+from typing import NamedTuple
 
 from service.workers import Call, CallResult
 
@@ -99,6 +100,22 @@ Accepts = Callable[[Work], bool]
 """Whether a worker takes this work."""
 
 
+class Server(NamedTuple):
+    """A server that waits for work.
+
+    Parameters
+    ----------
+    worker
+        Name of the worker that it serves, if others serve it too.
+    places
+        Number of servers of that worker.
+    """
+
+    accepts: Accepts
+    worker: str
+    places: int
+
+
 class WorkQueue:
     """Work that waits, and the servers that wait for work. Belongs to one event loop."""
 
@@ -110,7 +127,7 @@ class WorkQueue:
         """Virtual time at which the next work of an owner begins."""
         self._now = 0.0
         """Virtual time of the work that was taken last."""
-        self._servers: dict[asyncio.Future[Work], Accepts] = {}
+        self._servers: dict[asyncio.Future[Work], Server] = {}
         self._chunks: dict[Work, Callable[[], None]] = {}
         """Running chunks, and how to ask each to make way."""
         self.unavailable = ""
@@ -138,10 +155,13 @@ class WorkQueue:
             self._add(work)
             self.hand_out()
 
-    async def get(self, accepts: Accepts = lambda _: True) -> Work:
-        """Take the next work that is accepted, as soon as there is one."""
+    async def get(self, accepts: Accepts = lambda _: True, worker: str = "", places: int = 1) -> Work:
+        """Take the next work that is accepted, as soon as there is one.
+
+        Of several workers, that one is served first which has the largest part of its places free.
+        """
         turn = asyncio.get_running_loop().create_future()
-        self._servers[turn] = accepts
+        self._servers[turn] = Server(accepts, worker, places)
         self.hand_out()
         try:
             work: Work = await turn
@@ -155,13 +175,20 @@ class WorkQueue:
 
     def hand_out(self) -> None:
         """Give waiting work to servers that wait; to be called too when what they accept has changed."""
-        for turn, accepts in list(self._servers.items()):
-            if not self._probes and not self._lines:
-                return
-            work = None if turn.done() else self._take(accepts)
+        while (self._probes or self._lines) and self._hand_out_one():
+            pass
+
+    def _hand_out_one(self) -> bool:
+        """Give one piece of work to the server whose worker has most room; return whether one has taken any."""
+        free = Counter(server.worker for server in self._servers.values())
+        by_room = sorted(self._servers.items(), key=lambda item: -free[item[1].worker] / item[1].places)
+        for turn, server in by_room:
+            work = None if turn.done() else self._take(server.accepts)
             if work is not None:
                 del self._servers[turn]
                 turn.set_result(work)
+                return True
+        return False
 
     def begin_chunk(self, work: Work, make_way: Callable[[], None]) -> None:
         """Note a running chunk; `make_way` is called, at most once, when it should let other work pass."""

@@ -21,6 +21,7 @@ import pytest
 from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.workers import Call
 from service.workers.process_pool import ProcessPool
+from service.workers.work_queue import Kind, Work, WorkQueue
 from tests.service.squares import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
@@ -120,6 +121,7 @@ async def test_workers_are_replaced_after_the_folder_for_temporary_files_was_emp
     program = f"""
 import asyncio, os, shutil, signal
 from service.workers.process_pool import ProcessPool
+from service.workers.work_queue import Kind, Work, WorkQueue
 
 async def main():
     pool = ProcessPool(workers=2, task_seconds=60.0)
@@ -340,3 +342,22 @@ async def test_start_that_is_cancelled_leaves_no_worker_and_no_failed_thread(mon
     await until(lambda: not pool.worker_pids)
     await until(lambda: not any(thread.name == "ricochet-supervisor" for thread in threading.enumerate()))
     assert failures == []
+
+
+async def test_worker_with_the_largest_part_of_its_places_free_is_served_first() -> None:
+    queue, given = WorkQueue(), list[str]()
+
+    async def serve(worker: str, places: int) -> None:
+        await queue.get(worker=worker, places=places)
+        given.append(worker)
+
+    servers = [
+        asyncio.create_task(serve(name, places)) for name, places in {"a": 4, "b": 2}.items() for _ in range(places)
+    ]
+    await asyncio.sleep(0.0)
+    for _ in range(3):
+        queue.put(Work(Kind.CHUNK, [nap(0.0)]))
+    await until(lambda: len(given) == 3)
+    assert sorted(given) == ["a", "a", "b"]
+    for server in servers:
+        server.cancel()

@@ -20,7 +20,7 @@ from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashed
 from service.operations import compute_critical_angle, compute_trajectory
 from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.strike import PAPER, PAPER_AT_45
-from service.workers import Call
+from service.workers import Call, worker_process
 from service.workers.dask_executor import DaskExecutor
 from service.workers.executor import Executor
 from service.workers.in_thread import InThreadExecutor
@@ -35,8 +35,6 @@ USUAL_SECONDS = 60.0
 DEADLY: Call = (signal.raise_signal, (signal.SIGKILL,))
 ENDLESS: Call = (hashlib.pbkdf2_hmac, ("sha256", b"", b"", 10**9))
 """Stands for compiled code: it looks at no signal, and so does not end when it is asked to."""
-PATIENT: Call = (time.sleep, (1000.0,))
-"""Stands for Python code, which a signal ends."""
 
 Make: TypeAlias = Callable[..., Awaitable[Executor]]
 with_processes = pytest.mark.parametrize("kind", ["pool", DASK], indirect=True)
@@ -84,6 +82,11 @@ def nap(seconds: float) -> Call:
 def folders(inside: Path, count: int) -> list[Call]:
     """Calls that leave a trace each, and cannot run twice."""
     return [(os.mkdir, (inside / str(number),)) for number in range(count)]
+
+
+def traced_patience(trace: Path) -> str:
+    """Python code that leaves a trace as soon as it runs, and that a signal ends."""
+    return f"import os, time; os.mkdir({str(trace)!r}); time.sleep(1000.0)"
 
 
 def made(inside: Path) -> list[Path]:
@@ -209,12 +212,14 @@ async def test_cancelled_single_call_is_ended_long_before_its_time(executor: Exe
 
 
 @with_processes
-async def test_cancelled_call_that_heeds_a_signal_ends_without_its_worker(executor: Executor) -> None:
+async def test_cancelled_call_that_heeds_a_signal_ends_without_its_worker(
+    executor: Executor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(worker_process, "CANCEL_SECONDS", 30.0)  # However long a loaded machine takes to heed it.
     workers = executor.worker_pids
-    patient = [
-        asyncio.ensure_future(executor.submit(*PATIENT[:1], *PATIENT[1])) for _ in range(executor.single_capacity)
-    ]
-    await asyncio.sleep(0.5)
+    count = executor.single_capacity
+    patient = [asyncio.ensure_future(executor.submit(exec, traced_patience(tmp_path / str(n)))) for n in range(count)]
+    await until(lambda: len(made(tmp_path)) == count)
     for call in patient:
         call.cancel()
     assert await executor.submit(operator.add, 2, 3) == 5
