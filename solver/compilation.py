@@ -57,6 +57,14 @@ def _can_write(folder: Path) -> bool:
     return existing.is_dir() and os.access(existing, os.W_OK)
 
 
+def _has_code(folder: Path) -> bool:
+    """Return whether a folder can be read and holds code."""
+    try:
+        return any(folder.glob("*.nbi"))
+    except OSError:  # may not be entered, or has a name that is too long
+        return False
+
+
 def _choose_folder() -> Path:
     """Return the folder in NUMBA_CACHE_DIR if that is set, else beside the sources; failing that the user's cache.
 
@@ -68,7 +76,7 @@ def _choose_folder() -> Path:
         bases.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ricochet")
     name = _folder_name()
     folders = [base.absolute() / name for base in bases]
-    return next((each for each in folders if _can_write(each) or any(each.glob("*.nbi"))), folders[0])
+    return next((each for each in folders if _can_write(each) or _has_code(each)), folders[0])
 
 
 FOLDER = _choose_folder()
