@@ -53,8 +53,22 @@ def _folder_name() -> str:
 
 def _can_write(folder: Path) -> bool:
     """Return whether a folder can be written to, or made."""
+    try:
+        folder.stat()
+    except FileNotFoundError:  # may be made
+        pass
+    except OSError:  # may not be entered, has a name that is too long, or a file for a parent
+        return False
     existing = next(each for each in (folder, *folder.parents) if os.path.exists(each))  # noqa: PTH110 (never raises)
     return existing.is_dir() and os.access(existing, os.W_OK)
+
+
+def _has_code(folder: Path) -> bool:
+    """Return whether a folder can be read and holds code."""
+    try:
+        return any(folder.glob("*.nbi"))
+    except OSError:  # may not be entered, or has a name that is too long
+        return False
 
 
 def _choose_folder() -> Path:
@@ -68,7 +82,7 @@ def _choose_folder() -> Path:
         bases.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ricochet")
     name = _folder_name()
     folders = [base.absolute() / name for base in bases]
-    return next((each for each in folders if _can_write(each) or any(each.glob("*.nbi"))), folders[0])
+    return next((each for each in folders if _can_write(each) or _has_code(each)), folders[0])
 
 
 FOLDER = _choose_folder()
@@ -237,7 +251,7 @@ def _can_repair(error: Exception) -> bool:
     """
     if _is_damaged():
         shutil.rmtree(FOLDER, ignore_errors=True)
-        Compiled.keeping = not FOLDER.exists()
+        Compiled.keeping = not os.path.exists(FOLDER)  # noqa: PTH110 (never raises)
     elif isinstance(error, OSError) and error.errno is not None:  # a full disk, or a folder that can only be read
         Compiled.keeping = False
     else:
