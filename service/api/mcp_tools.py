@@ -155,7 +155,8 @@ def brief(
     """Return a schema in short, without references: no titles, bounds or defaults.
 
     An object that may be left out, that is of one of several kinds, or that was described in full before is shown by
-    examples; the description of a model is given once. What is wrong in a request is refused with its pointer, so that nothing has to be known in advance.
+    examples; the description of a model is given once. What is wrong in a request is refused with its pointer, so that
+    nothing has to be known in advance.
 
     Parameters
     ----------
