@@ -155,12 +155,13 @@ def brief(
     """Return a schema in short, without references: no titles, bounds or defaults.
 
     An object that may be left out, that is of one of several kinds, or that was described in full before is shown by
-    examples. What is wrong in a request is refused with its pointer, so that nothing has to be known in advance.
+    examples; the description of a model is given once. What is wrong in a request is refused with its pointer, so that
+    nothing has to be known in advance.
 
     Parameters
     ----------
     listed
-        Names of the models that have been described; those described here are added.
+        Names and descriptions of the models that have been described; those described here are added.
     definitions
         Schemas that references lead to; those of the node itself if they are not given.
     full
@@ -170,8 +171,9 @@ def brief(
     name = node.get("$ref", "").rpartition("/")[2]
     node = {**definitions.get(name, {}), **node}
     short = {key: node[key] for key in KEPT if key in node}
-    if "description" in node:
-        short["description"] = REMARK.sub("", node["description"])
+    text = REMARK.sub("", node.get("description", ""))
+    if text and not (name and text in listed):
+        short["description"] = text
     if "items" in node:
         short["items"] = brief(node["items"], listed, definitions)
     if "oneOf" in node:
@@ -186,6 +188,8 @@ def brief(
             field: brief(each, listed, definitions, full=field in node.get("required", ()))
             for field, each in node["properties"].items()
         }
+    if name:
+        listed.add(text)
     if name and "properties" in node:
         listed.add(name)
     return short
