@@ -80,7 +80,7 @@ class OutputFile:
             if self.path.is_dir():
                 raise CommandError(f"{self.flag} {self}: is a folder")
             if not _target(self.path).parent.is_dir():
-                raise CommandError(f"{self.flag} {self}: the folder does not exist", FAILED)
+                raise CommandError(f"{self.flag} {self}: the folder does not exist")
         for other in others:
             if _identity(self) == _identity(other) is not None:
                 use = "read" if isinstance(other, InputFile) else f"written by {other.flag}"

@@ -339,7 +339,7 @@ def test_table_2_gives_equation_9_as_a_request_takes_it(run: Run, tmp_path: Path
         (["depth", "tests.csv", *CASE, "--unit", "speed=m/s"], "unknown quantity, known are velocity, depth, mass"),
         (["depth", "tests.csv", *CASE, "--unit", "depth"], "must be NAME=VALUE"),
         (["depth", "tests.csv", *CASE, "--unit", "depth=mm"], "tests.csv:1: depth is in m by the header"),
-        (["depth", "tests.csv", *CASE, "--curves", "/no/folder/c.csv"], "No such file"),
+        (["depth", "tests.csv", *CASE, "--curves", "/no/folder/c.csv"], "the folder does not exist"),
         (["depth", "nothing.csv", *CASE], "ricochet calibrate depth: nothing.csv: No such file or directory\n"),
         (["depth", "tests.csv", "--case", "nothing.json"], "nothing.json: No such file"),
         (["motion", "tests.csv", *CASE], "--velocity is missing"),

@@ -6,11 +6,22 @@ from service.cli.writers import heading
 from service.columns import UNITS, Column
 from service.operations import OPERATIONS, Operation
 from service.schemas.answers import Exit, MotionState
-from service.schemas.fields import columns_of
+from service.schemas.fields import columns_of, part_of
 from service.schemas.quantities import Part
 
 SYMBOLS = {"deg": "°"}
 """Units that a table writes without a special character."""
+
+
+def description_of(model: type[Part], column: str) -> str:
+    """Return the description of a field, of a part's if the column begins with the name of that part."""
+    properties: dict[str, dict[str, str]] = model.model_json_schema()["properties"]
+    if column in properties:
+        return properties[column]["description"]
+    [(name, part)] = [
+        (f"{name}_", part) for name in properties if column.startswith(f"{name}_") and (part := part_of(model, name))
+    ]
+    return description_of(part, column.removeprefix(name))
 
 
 @pytest.mark.parametrize(
@@ -19,8 +30,8 @@ SYMBOLS = {"deg": "°"}
     ids=lambda value: value.name if isinstance(value, Column) else "",
 )
 def test_column_has_the_unit_of_the_field(column: Column, model: type[Part]) -> None:
-    field = model.model_json_schema()["properties"][column.name]
-    assert field["description"].endswith(f"[{SYMBOLS.get(column.unit, column.unit)}]")
+    described = description_of(model, column.name)
+    assert described.endswith(f"[{SYMBOLS.get(column.unit, column.unit)}]")
 
 
 @pytest.mark.parametrize("operation", OPERATIONS.values(), ids=lambda each: each.name)
