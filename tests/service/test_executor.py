@@ -104,6 +104,13 @@ async def test_idle_worker_that_dies_is_replaced(pool: ProcessPool) -> None:
     await until(lambda: len(pool.worker_pids) == 2 and before.isdisjoint(pool.worker_pids))
 
 
+async def test_a_query_is_answered_though_all_idle_workers_are_killed_as_it_comes(pool: ProcessPool) -> None:
+    for number in range(5):
+        for pid in pool.worker_pids:
+            os.kill(pid, signal.SIGKILL)
+        assert await pool.submit(operator.add, 1, number) == 1 + number
+
+
 @linux
 async def test_pool_recovers_from_the_death_of_its_template(pool: ProcessPool) -> None:
     [template] = {parent_of(pid) for pid in pool.worker_pids}
