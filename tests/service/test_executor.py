@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ import pytest
 from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.workers import Call
 from service.workers.process_pool import ProcessPool
+from service.workers.worker_process import WorkerProcess
 from tests.service.squares import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
@@ -104,11 +106,22 @@ async def test_idle_worker_that_dies_is_replaced(pool: ProcessPool) -> None:
     await until(lambda: len(pool.worker_pids) == 2 and before.isdisjoint(pool.worker_pids))
 
 
-async def test_a_query_is_answered_though_all_idle_workers_are_killed_as_it_comes(pool: ProcessPool) -> None:
-    for number in range(5):
-        for pid in pool.worker_pids:
-            os.kill(pid, signal.SIGKILL)
-        assert await pool.submit(operator.add, 1, number) == 1 + number
+async def test_workers_that_are_dead_when_a_query_is_sent_are_not_ended_by_it(
+    pool: ProcessPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[int] = []
+    send = WorkerProcess.send
+
+    def send_late(worker: WorkerProcess, calls: Sequence[Call]) -> None:
+        sent.append(worker.pid)
+        if len(sent) <= 2:
+            os.kill(worker.pid, signal.SIGKILL)
+            time.sleep(0.2)
+        send(worker, calls)
+
+    monkeypatch.setattr(WorkerProcess, "send", send_late)
+    assert await pool.submit(operator.add, 1, 2) == 3
+    assert len(sent) == 3
 
 
 @linux
@@ -127,6 +140,7 @@ async def test_workers_are_replaced_after_the_folder_for_temporary_files_was_emp
     program = f"""
 import asyncio, os, shutil, signal
 from service.workers.process_pool import ProcessPool
+from service.workers.worker_process import WorkerProcess
 
 async def main():
     pool = ProcessPool(workers=2, task_seconds=60.0)
