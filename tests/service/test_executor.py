@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashed
 from service.workers import Call
 from service.workers.process_pool import ProcessPool
 from service.workers.work_queue import Kind, Work, WorkQueue
+from service.workers.worker_process import WorkerProcess
 from tests.service.squares import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
@@ -105,6 +107,24 @@ async def test_idle_worker_that_dies_is_replaced(pool: ProcessPool) -> None:
     await until(lambda: len(pool.worker_pids) == 2 and before.isdisjoint(pool.worker_pids))
 
 
+async def test_workers_that_are_dead_when_a_query_is_sent_are_not_ended_by_it(
+    pool: ProcessPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[int] = []
+    send = WorkerProcess.send
+
+    def send_late(worker: WorkerProcess, calls: Sequence[Call]) -> None:
+        sent.append(worker.pid)
+        if len(sent) <= 2:
+            os.kill(worker.pid, signal.SIGKILL)
+            time.sleep(0.2)
+        send(worker, calls)
+
+    monkeypatch.setattr(WorkerProcess, "send", send_late)
+    assert await pool.submit(operator.add, 1, 2) == 3
+    assert len(sent) == 3
+
+
 @linux
 async def test_pool_recovers_from_the_death_of_its_template(pool: ProcessPool) -> None:
     [template] = {parent_of(pid) for pid in pool.worker_pids}
@@ -121,7 +141,6 @@ async def test_workers_are_replaced_after_the_folder_for_temporary_files_was_emp
     program = f"""
 import asyncio, os, shutil, signal
 from service.workers.process_pool import ProcessPool
-from service.workers.work_queue import Kind, Work, WorkQueue
 
 async def main():
     pool = ProcessPool(workers=2, task_seconds=60.0)
