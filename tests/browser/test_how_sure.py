@@ -78,7 +78,7 @@ def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
     page: Page, new_page: NewPage, client: httpx.Client, tmp_path: Path
 ) -> None:
     page.goto("/#/how-sure")
-    for name in ("Density", "Mass", "Angle of attack", "Free surface", "Factor on the strength factor"):
+    for name in ("Density", "Mass", "Angle of attack", "Theory of the decay", "Factor on the strength factor"):
         page.get_by_role("button", name=f"Remove {name}", exact=True).click()
     page.get_by_role("group", name="Speed").get_by_label("Coefficient of variation").fill("2")
     page.get_by_role("group", name="Compressive strength").get_by_label("Dispersion").fill("0.15")
@@ -163,7 +163,7 @@ def test_bad_distributions_are_marked_at_their_fields(page: Page, faults: list[s
     page.get_by_role("button", name="Run").click()
     expect(strength.get_by_label("Lower")).to_have_accessible_description(re.compile("must be below the mean, 39 MPa"))
     strength.get_by_label("Lower").fill("30")
-    decay = page.get_by_role("group", name="Free surface")
+    decay = page.get_by_role("group", name="Theory of the decay")
     decay.get_by_label("Mohr-Coulomb").fill("0.3")
     page.get_by_role("button", name="Run").click()
     expect(decay.get_by_text("must sum to 1, got 1.1")).to_be_visible()
