@@ -107,8 +107,13 @@ class WorkerServer:
         if work.kind is Kind.CHUNK:
             self._queue.begin_chunk(work, worker.make_way)
 
+        serving = True
+
         def abandon(_: object) -> None:
-            worker.stop_call()
+            # The event loop calls this after the future is cancelled. By then the answer may have been read, and the
+            # worker may be on the calls of somebody else.
+            if serving:
+                worker.stop_call()
 
         work.future.add_done_callback(abandon)
         try:
@@ -123,6 +128,7 @@ class WorkerServer:
             if work.crashes == DEATHS:
                 work.finish(CallResult(None, WorkerCrashedError(f"the task ended {DEATHS} worker processes"), 0.0))
         finally:
+            serving = False
             work.future.remove_done_callback(abandon)
             self._queue.end_chunk(work)
         if work.left:

@@ -71,6 +71,8 @@ BEGUN = b"begun"
 """Said before a message is read: a worker that dies before is not ended by a call."""
 LENGTH = struct.Struct("!Q")
 """Length of a message, which goes before it."""
+NUMBER = struct.Struct("!Q")
+"""Number of a list of calls, which goes before each answer to one of them: no answer can be taken for another's."""
 NICENESS = 5
 """Below the server, which has to answer others while the workers fill the cores."""
 
@@ -174,21 +176,22 @@ def serve(channel: socket.socket, lifeline: int) -> NoReturn:
             if message == STOP:
                 send(channel, STOP)
             else:
-                work_off(pickle.loads(message), channel)  # noqa: S301 (from the service only)
+                number, calls = pickle.loads(message)  # noqa: S301 (from the service only)
+                work_off(number, calls, channel)
     sys.exit()
 
 
-def work_off(calls: Sequence[bytes], channel: socket.socket) -> None:
+def work_off(number: int, calls: Sequence[bytes], channel: socket.socket) -> None:
     """Answer these calls one after the other, until there is word from the parent: that can only be to stop."""
     for call in calls:
         if select.select([channel], [], [], 0.0)[0]:
             return
-        send(channel, answer(call))
+        send(channel, answer(call), NUMBER.pack(number))
 
 
-def send(channel: socket.socket, message: bytes) -> None:
-    """Send a message."""
-    channel.sendall(LENGTH.pack(len(message)) + message)
+def send(channel: socket.socket, message: bytes, before: bytes = b"") -> None:
+    """Send a message, with something before it."""
+    channel.sendall(LENGTH.pack(len(before) + len(message)) + before + message)
 
 
 def receive(channel: socket.socket, said_before: bytes = b"") -> bytes:
@@ -255,7 +258,7 @@ def refuse(why: str) -> None:
     raise pickle.PicklingError(why)
 
 
-def loads(reply: bytes | bytearray) -> CallResult:
+def loads(reply: bytes | memoryview) -> CallResult:
     """Unpickle what became of a call."""
     try:
         return CallResult(*pickle.loads(reply))  # noqa: S301 (from our own worker)

@@ -13,7 +13,7 @@ from pathlib import Path
 from service.errors import PoolUnavailableError
 from service.workers import Call
 from service.workers.template import LIMIT_HINT, template
-from service.workers.worker import BEGUN, LENGTH, STOP, VERSIONS, Hello, dumps
+from service.workers.worker import BEGUN, LENGTH, NUMBER, STOP, VERSIONS, Hello, dumps
 
 START_SECONDS = 600.0
 """Time for a worker to come up: seconds, but the first ever on a machine compiles the solver. [s]"""
@@ -115,6 +115,8 @@ class WorkerProcess:
         """Whether it has been asked to leave its calls and has not said that it has."""
         self.begun = False
         """Whether it has begun to read the calls that it was sent last."""
+        self._number = 0
+        """Number of the list of calls that it was sent last."""
         self.pid = 0
         """Process id; 0 before it is up and after its end."""
         self._lifeline = -1
@@ -162,9 +164,10 @@ class WorkerProcess:
     def send(self, calls: Sequence[Call]) -> None:
         """Have the worker run these calls."""
         self.begun = False
-        self._write(pickle.dumps([dumps(call) for call in calls]))
+        self._number += 1
+        self._write(pickle.dumps((self._number, [dumps(call) for call in calls])))
 
-    async def receive(self) -> bytes | bytearray | None:
+    async def receive(self) -> memoryview | None:
         """Return the reply to the next call, for `loads`; None if the worker has left the others.
 
         Raises
@@ -172,10 +175,11 @@ class WorkerProcess:
         WorkerDiedError
             If there will be none.
         """
-        while (message := await self._messages.next()) == BEGUN:
-            self.begun = True
-        if message != STOP:
-            return message
+        while (message := await self._messages.next()) != STOP:
+            if message == BEGUN:
+                self.begun = True
+            elif NUMBER.unpack_from(message) == (self._number,):
+                return memoryview(message)[NUMBER.size :]
         self.yielding = False
         if self._killing is not None:
             self._killing.cancel()

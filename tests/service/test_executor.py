@@ -23,6 +23,7 @@ from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashed
 from service.workers import Call
 from service.workers.process_pool import ProcessPool
 from service.workers.work_queue import Kind, Work, WorkQueue
+from service.workers.worker import loads
 from service.workers.worker_process import WorkerProcess
 from tests.service.squares import until
 
@@ -161,6 +162,18 @@ if __name__ == "__main__":
     command = [sys.executable, str(file)]
     done = await asyncio.to_thread(lambda: subprocess.run(command, capture_output=True, text=True, check=False))
     assert done.stdout == "[1, 2, 4, 8]\n", done.stderr
+
+
+async def test_answer_to_calls_sent_before_is_not_taken_for_that_to_the_last() -> None:
+    worker = WorkerProcess()
+    await worker.start()
+    worker.send([(pow, (2, 10))])
+    await asyncio.sleep(0.2)
+    worker.send([(pow, (3, 2))])
+    reply = await worker.receive()
+    worker.close()
+    assert reply is not None
+    assert loads(reply).value == 9
 
 
 async def test_task_past_its_time_is_ended_and_nothing_else() -> None:
