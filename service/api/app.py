@@ -41,6 +41,7 @@ from service.queries import QueryService
 from service.schemas import ReportRequest
 from service.schemas.explanations import known_fields
 from service.settings import Settings
+from service.workers.executor import Executor
 
 DESCRIPTION = """
 Critical ricochet angles of rigid projectiles on concrete.
@@ -205,8 +206,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services.downloads.clear()
         services.executor = executor_for(settings)
         # The names of all fields take a tenth of a second to collect: the event loop would stand still at an error.
-        await asyncio.gather(services.executor.start(), run_sync(known_fields))
-        stack.push_async_callback(services.executor.stop, POOL_SECONDS)
+        await asyncio.gather(start_executor(services.executor, stack), run_sync(known_fields))
         services.queries = QueryService(
             services.cache,
             services.executor,
@@ -236,3 +236,9 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services.mcp = tools.handle
         stack.push_async_callback(tools.stop)
         yield
+
+
+async def start_executor(executor: Executor, stack: AsyncExitStack) -> None:
+    """Bring the workers up, and have them end with the stack from the moment that they are up."""
+    await executor.start()
+    stack.push_async_callback(executor.stop, POOL_SECONDS)

@@ -86,7 +86,7 @@ def test_other_laws_are_listed(page: Page, client: httpx.Client) -> None:
 
 def test_range_without_ricochet_is_shown_in_words(page: Page) -> None:
     page.goto("/#/critical-angle?search.upper_deg=30")
-    expect(page.locator("[data-outcome]")).to_contain_text("there is no critical angle")
+    expect(page.locator("[data-outcome]")).to_contain_text("No critical angle: nothing from 5° to 30° is turned away")
     expect(page.get_by_role("heading", name="Just below and just above")).to_be_hidden()
 
 

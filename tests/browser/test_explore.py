@@ -185,7 +185,7 @@ def test_other_laws_include_this_strike_and_its_angle(page: Page) -> None:
     table = page.get_by_role("table", name="Under other laws")
     rows = table.locator("tbody tr")
     page.get_by_text("Under other laws").click()
-    expect(rows).to_have_count(9)
+    expect(rows).to_have_count(11)
     for degrees in ("45", "55"):
         page.get_by_label("Oblique angle", exact=True).fill(degrees)
         expect(page.locator(".laws-table")).to_have_attribute("aria-busy", "true")  # until it is of this strike
