@@ -75,6 +75,7 @@ check: setup ## lint, format, types, layers, committed contract and tables, Dock
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python requirements/public_names.py
 	$(BIN)/ricochet openapi --check
 	$(BIN)/python docs/tables.py --check
 	$(BIN)/hadolint Dockerfile
