@@ -99,9 +99,10 @@ check: setup ## lint, format, types, layers, committed contract and tables, Dock
 audit: setup ## look for known vulnerabilities in what the service can run on; fails if it cannot look
 	@$(BIN)/python requirements/audit.py --strict
 
-wheel: setup ## build a wheel into dist
+wheel: setup ## build a wheel and a source distribution into dist
 	@$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-index --no-deps --no-build-isolation --no-cache-dir \
 		--wheel-dir dist .
+	@$(BIN)/hatchling build --target sdist --directory dist
 
 sbom: setup ## list the packages of each image as CycloneDX, into build/sbom-run.cdx.json, -cluster and -full
 	@mkdir -p build

@@ -187,8 +187,8 @@ def library_class(tree: ast.Module, base: ast.expr) -> type | None:
             module = first
         if module and not is_own(module):
             found: object = import_module(module)
-            for name in names:
-                found = getattr(found, name, None)
+            for part in names:
+                found = getattr(found, part, None)
             return found if isinstance(found, type) else None
     return None
 

@@ -5,6 +5,8 @@ import tomllib
 
 import yaml
 
+from service.version import VERSION
+from solver import ENGINE_VERSION
 from tests.conftest import ROOT
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -13,8 +15,15 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 def test_citation_has_what_its_format_asks_for_and_this_version() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "title", "message", "authors"} <= citation.keys()
-    assert (citation["version"], citation["license"]) == (PROJECT["version"], PROJECT["license"])
+    assert (citation["version"], citation["license"]) == (VERSION, PROJECT["license"])
     assert citation["keywords"] == PROJECT["keywords"]
+
+
+def test_examples_of_deployment_and_citation_name_this_version() -> None:
+    for name in ("deploy/kubernetes.yaml", "deploy/kubernetes-key.yaml", "docs/operating.md"):
+        assert set(re.findall(r"ricochet:(\d[\w.]*)", (ROOT / name).read_text(encoding="utf-8"))) == {VERSION}
+    cited = (ROOT / "docs" / "explanation" / "source.md").read_text(encoding="utf-8")
+    assert f"ricochet {VERSION}, engine {ENGINE_VERSION}:" in cited
 
 
 def test_workflow_makes_goals_that_there_are_with_every_python() -> None:
