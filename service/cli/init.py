@@ -2,9 +2,8 @@
 
 import argparse
 import os
-from collections.abc import Iterator
 
-from service.cli.arguments import CommandError, Parser, examples
+from service.cli.arguments import CommandError, examples
 from service.cli.outputs import add_output_file
 
 STRIKE = """\
@@ -49,24 +48,6 @@ velocity_m_s = 238.0
 # free_surface = { model = "none" }
 # inertia_factor = 1.0
 """
-BASH = """\
-# Completion of ricochet
-_ricochet() {
-    local words="" before="${COMP_WORDS[COMP_CWORD-1]}" current="${COMP_WORDS[COMP_CWORD]}"
-    case "${COMP_WORDS[1]-} $before" in
-%(choices)s
-        *)
-            if [ "$COMP_CWORD" -eq 1 ]; then words="%(commands)s --help --version"
-            else case "${COMP_WORDS[1]-}" in
-%(flags)s
-            esac; fi ;;
-    esac
-    COMPREPLY=($(compgen -W "$words" -- "$current"))
-    if [ "${#COMPREPLY[@]}" -eq 0 ]; then COMPREPLY=($(compgen -f -- "$current")); fi
-}
-complete -o filenames -F _ricochet ricochet
-"""
-ZSH = "autoload -Uz compinit bashcompinit && compinit && bashcompinit\n"
 
 
 def add_init(parser: argparse.ArgumentParser) -> None:
@@ -102,62 +83,8 @@ def add_completion(parser: argparse.ArgumentParser) -> None:
 
 
 def run_completion(args: argparse.Namespace) -> int:
-    """Print the script."""
-    from service.cli import COMMANDS, define
+    """Print the script of argcomplete, which asks this command at each completion."""
+    import argcomplete
 
-    flags, choices = [], []
-    fish = ["# Completion of ricochet"]
-    for command in COMMANDS:
-        parser = Parser(prog=f"ricochet {command.name}")
-        define(command, parser)
-        fish.append(f"complete -c ricochet -n __fish_use_subcommand -x -a {command.name} -d '{command.help}'")
-        fish += _fish(command.name, parser)
-        flags.append(f'                {command.name}) words="{" ".join(sorted(set(_words(parser))))}" ;;')
-        for names, values in _choices(parser):
-            places = "|".join(f'"{command.name} {name}"' for name in names)
-            choices.append(f'        {places}) words="{" ".join(values)}" ;;')
-    if args.shell == "fish":
-        print("\n".join(fish))
-        return 0
-    script = BASH % {
-        "commands": " ".join(command.name for command in COMMANDS),
-        "flags": "\n".join(flags),
-        "choices": "\n".join(choices),
-    }
-    print((ZSH if args.shell == "zsh" else "") + script, end="")
+    print(argcomplete.shellcode(["ricochet"], shell=args.shell))
     return 0
-
-
-def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """Yield what a parser takes, and what those of its actions take."""
-    for action in parser._actions:  # noqa: SLF001 (argparse has no other list)
-        yield action
-        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
-            for subparser in action.choices.values():
-                yield from _actions(subparser)
-
-
-def _fish(command: str, parser: argparse.ArgumentParser) -> Iterator[str]:
-    """Yield the lines of fish for the flags of a command, and for the words that stand for themselves."""
-    for action in _actions(parser):
-        names = [f"-l {name[2:]}" if name.startswith("--") else f"-s {name[1:]}" for name in action.option_strings]
-        values = f"-x -a '{' '.join(map(str, action.choices))}'" if action.choices else ""
-        if names or values:
-            argument = values or ("" if action.nargs == 0 else "-r")
-            words = (f"complete -c ricochet -n '__fish_seen_subcommand_from {command}'", *names, argument)
-            yield " ".join(filter(None, words))
-
-
-def _words(parser: argparse.ArgumentParser) -> Iterator[str]:
-    """Yield flags, and the words that stand for themselves."""
-    for action in _actions(parser):
-        yield from action.option_strings
-        if not action.option_strings and action.choices:
-            yield from map(str, action.choices)
-
-
-def _choices(parser: argparse.ArgumentParser) -> Iterator[tuple[list[str], list[str]]]:
-    """Yield the names of every flag that has choices, and these."""
-    for action in _actions(parser):
-        if action.option_strings and action.choices:
-            yield list(action.option_strings), list(map(str, action.choices))

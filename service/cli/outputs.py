@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from service.cli.arguments import FAILED, CommandError, InputFile
 
@@ -204,8 +204,8 @@ def add_output_file(
 
 def add_formats(
     parser: argparse.ArgumentParser, *, json: str, csv: str, endings: Mapping[str, str] = ONE_ANSWER
-) -> "argparse._MutuallyExclusiveGroup":
-    """Add `--output`, and `--json` and `--csv`, which exclude each other; return the group of these."""
+) -> Any:
+    """Add `--output`, and `--json` and `--csv`, which exclude each other; return their group (argparse's)."""
     described = f"write to a file, in the format of its name: {', '.join(endings)}; else a flag says the format"
     add_output_file(parser, "-o", "--output", endings=endings, help=described)
     formats = parser.add_mutually_exclusive_group()

@@ -171,7 +171,7 @@ def test_terminal_gets_the_head_of_a_table_and_no_lines_of_json(folder: Path, li
 @pytest.mark.parametrize(
     ("line", "reason"),
     [
-        ('{"impact": 3}', "cases.jsonl:3: /projectile: Field required"),
+        ('{"impact": 3}', "cases.jsonl:3: /projectile: is missing"),
         ("oops", "cases.jsonl:3: not JSON"),
         ("", "cases.jsonl:3: is empty"),
         (json.dumps(case_at(-1.0)), "cases.jsonl:3: /impact/velocity_m_s: must be 0.1 to 10000 m/s, got"),
@@ -190,8 +190,8 @@ def test_wrong_line_is_named(served: Path, capsys: pytest.CaptureFixture[str], l
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        ("--axis impact.speed=1,2", "--axis impact.speed=1,2: Extra inputs are not permitted"),
-        ("--axis projectile.nose.width=1,2", "nose.width=1,2: Extra inputs"),
+        ("--axis impact.speed=1,2", "--axis impact.speed=1,2: unknown field; did you mean `impact.velocity_m_s`?"),
+        ("--axis projectile.nose.width=1,2", "nose.width=1,2: unknown field"),
         ("--axis impact.velocity_m_s=300,-1", "--axis impact.velocity_m_s=300,-1: must be 0.1 to 10000 m/s"),
         ("--axis impact.velocity_m_s=300 --mass -1", "--mass: must be 1e-06"),
         ("--axis impact.velocity_m_s=1:2:100000 --axis projectile.mass_kg=1:2:100000", "points; 100,000 at most"),
@@ -204,9 +204,7 @@ def test_wrong_sweep_is_named(served: Path, capsys: pytest.CaptureFixture[str], 
 
 @pytest.mark.parametrize("axis", ["impact.velocity_m_s", "=1,2", "impact.velocity_m_s=1:2", "a.b=1:2:0", "a.b=x"])
 def test_axis_that_is_none_is_wrong_usage(served: Path, capsys: pytest.CaptureFixture[str], axis: str) -> None:
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["sweep", "strike.toml", "--axis", axis])
-    assert ended.value.code == 2
+    assert cli.main(["sweep", "strike.toml", "--axis", axis]) == 2
     assert "FIELD=START:STOP:COUNT" in capsys.readouterr().err
 
 
