@@ -148,8 +148,8 @@ ALIASES: Final[Mapping[str, tuple[str, ...]]] = {
     "resistance.strength_factor.value": ("strength_factor", "s"),
     "custom_id": ("id", "name", "label", "case", "case_id", "shot", "test"),
 }
-"""Names that people give to inputs, without units, by the dotted paths of the inputs: for the columns of tables, and for
-what a word may be meant as. Letters are small, and an underscore stands for whatever is no letter or digit."""
+"""Names that people give to inputs, without units, by the dotted paths of the inputs: for the columns of tables and for
+suggestions. Letters are small, and an underscore stands for whatever is no letter or digit."""
 FORMULAS: Final[Mapping[str, str]] = {
     "modified_ndrc": "Modified NDRC",
     "degen": "Degen",

@@ -103,7 +103,7 @@ def test_a_refused_request_leaves_an_earlier_file_alone(here: Path) -> None:
         ("cra strike.toml --velocty=3", "ricochet cra", "--velocty: unknown flag; did you mean --velocity?"),
         ("cra strike.toml --speed 3", "ricochet cra", "--speed: unknown flag; did you mean --velocity?"),
         (
-            "cra strike.toml --strength 3",
+            "cra --strength 3",
             "ricochet cra",
             "--strength: unknown flag; did you mean --compressive-strength?",
         ),
@@ -112,14 +112,14 @@ def test_a_refused_request_leaves_an_earlier_file_alone(here: Path) -> None:
         (
             "cra --nose ogiv",
             "ricochet cra",
-            "--nose: unknown value 'ogiv'; expected ogive, conical, ... did you mean ogive?",
+            "--nose: unknown value 'ogiv'; expected ogive, ... did you mean ogive?",
         ),
         ("serve --prt 3", "ricochet serve", "--prt: unknown flag; did you mean --port?"),
         ("calibrate dept", "ricochet calibrate", "dept: unknown kind; expected depth, ... did you mean depth?"),
         (
             "calibrate motion --vlocity 3",
             "ricochet calibrate motion",
-            "--vlocity: unknown flag; did you mean --velocity?",
+            "--vlocity: unknown ... mean --velocity?",
         ),
         ("jobs lst", "ricochet jobs", "lst: unknown action; expected list, ... did you mean list?"),
         ("jobs list --jsn", "ricochet jobs list", "--jsn: unknown flag; did you mean --json?"),
@@ -135,13 +135,13 @@ def test_a_refused_request_leaves_an_earlier_file_alone(here: Path) -> None:
         (
             "cra --strength-coefficients a",
             "ricochet cra",
-            "--strength-coefficients: must be numbers with commas ... got 'a'",
+            "--strength-coefficients: must be numbers ... got 'a'",
         ),
         ("cra --json --csv", "ricochet cra", "--csv: cannot go with --json"),
         (
             "calibrate obliquity p.csv --order x",
             "ricochet calibrate obliquity",
-            "--order: must be a whole number, got 'x'",
+            "--order: must be a whole ... got 'x'",
         ),
     ],
 )
