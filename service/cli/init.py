@@ -1,10 +1,13 @@
 """`ricochet init` and `ricochet completion`: a commented file of a strike, and a script for a shell."""
 
 import argparse
+import csv
+import io
 import os
 
 from service.cli.arguments import CommandError, examples
 from service.cli.outputs import add_output_file
+from service.cli.writers import as_number, require_excel
 
 STRIKE = """\
 # A strike, for `ricochet cra` and the other commands. SI units; angles in degrees from the inward normal of the face.
@@ -50,25 +53,52 @@ velocity_m_s = 238.0
 """
 
 
+TABLE = """\
+id,Speed (m/s),fc_MPa,Density (kg/m3),Diameter (mm),Length (mm),Mass (kg),CRH
+shot-1,238,39,2250,80,530,13,3
+shot-2,300,39,2250,80,530,13,3
+shot-3,300,48,2250,80,530,13,3
+"""
+TABLE_ENDINGS = (".csv", ".xlsx")
+
+
 def add_init(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet init`."""
     parser.description = (
         "Write a file of a strike to start from, that of the source paper, with every nose shape and strength law as a "
-        "comment. A file that is there already is left as it is."
+        "comment; or with --table a table of cases for `ricochet batch`. A file that is there already is left as it is."
     )
-    parser.epilog = examples("ricochet init", "ricochet init wall.toml")
+    parser.epilog = examples("ricochet init", "ricochet init wall.toml", "ricochet init --table cases.csv")
     options = {"nargs": "?", "default": "strike.toml", "help": "default: strike.toml"}
     add_output_file(parser, "file", flag="FILE", endings=(".toml",), **options)
+    add_output_file(parser, "--table", endings=TABLE_ENDINGS, help="write a table of cases, .csv or .xlsx, instead")
     parser.set_defaults(run=run_init)
 
 
 def run_init(args: argparse.Namespace) -> int:
     """Write the file."""
-    if os.path.lexists(args.file.path):
-        raise CommandError(f"{args.file}: is there already; name another file")
-    args.file.write(STRIKE.encode())
-    print(f"wrote {args.file}; next: ricochet cra {args.file}")
+    file, command, content = args.file, "cra", STRIKE.encode()
+    if args.table:
+        file, command = args.table, "batch"
+        content = as_workbook(TABLE) if file.ending() == ".xlsx" else TABLE.encode()
+    if os.path.lexists(file.path):
+        raise CommandError(f"{file}: is there already; name another file")
+    file.write(content)
+    print(f"wrote {file}; next: ricochet {command} {file}")
     return 0
+
+
+def as_workbook(table: str) -> bytes:
+    """Return a CSV table as an Excel workbook."""
+    require_excel("--table")
+    from openpyxl import Workbook
+
+    book, content = Workbook(write_only=True), io.BytesIO()
+    sheet = book.create_sheet("cases")
+    for row in csv.reader(table.splitlines()):
+        sheet.append([as_number(text) for text in row])
+    book.save(content)
+    return content.getvalue()
 
 
 def add_completion(parser: argparse.ArgumentParser) -> None:

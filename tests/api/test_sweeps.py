@@ -61,7 +61,7 @@ def test_large_sweep_becomes_a_job(client: httpx.Client) -> None:
         ([VELOCITY | {"values": []}], "/axes/0/values", "at least 1"),
         ([VELOCITY | {"values": [230.0, "240"]}], "/axes/0/values/1", "number"),
         ([STRENGTH | {"count": 0}], "/axes/0/count", "greater"),
-        ([STRENGTH | {"count": 2.5}], "/axes/0/count", "integer"),
+        ([STRENGTH | {"count": 2.5}], "/axes/0/count", "must be a whole number, got 2.5"),
         ([STRENGTH | {"count": 1000}, VELOCITY | {"values": [1.0] * 101}], "/axes", "101,000 points"),
         ([VELOCITY, VELOCITY | {"field": "x"}, STRENGTH, STRENGTH, STRENGTH], "/axes", "at most 4"),
         ([], "/axes", "at least 1"),

@@ -94,7 +94,7 @@ def test_limit_speed_is_that_of_the_solver(client: httpx.Client) -> None:
             "/base/target/thickness_m",
             "must be given",
         ),
-        ("/limit-speed/sweep", {"base": WALL, "axes": [FAST]}, "/axes/0/field", "no field of Approach"),
+        ("/limit-speed/sweep", {"base": WALL, "axes": [FAST]}, "/axes/0/field", "no field of the request"),
     ],
 )
 def test_what_does_not_fit_is_refused_with_its_place(

@@ -103,7 +103,7 @@ def test_table_of_a_batch_is_that_of_the_service(
     write_cases(served / "cases.jsonl", *cases)
     job = client.post("/cra/batch", json={"cases": cases}, headers={"Prefer": "respond-async, wait=30"})
     assert job.status_code == 200
-    assert cli.main(["batch", "cases.jsonl", "--csv"]) == 0
+    assert cli.main(["batch", "cases.jsonl", "--csv", "--digits", "all"]) == 0
     table = capsys.readouterr().out
     newest = client.get("/jobs").json()["jobs"][0]["id"]
     expected = client.get(f"/jobs/{newest}/results", headers={"Accept": "text/csv"}).text
@@ -127,12 +127,12 @@ def test_table_of_a_job_is_that_of_the_service(
 ) -> None:
     """Also over several pages: the header is printed once."""
     monkeypatch.setattr("service.cli.client.PAGE_SIZE", 2)
-    assert cli.main(["jobs", "results", swept, "--csv"]) == 0
+    assert cli.main(["jobs", "results", swept, "--csv", "--digits", "all"]) == 0
     table = client.get(f"/jobs/{swept}/results", headers={"Accept": "text/csv"}).text
     expected = table.replace("\r\n", "\n")
     assert expected.splitlines()[0].startswith("index,impact.velocity_m_s,custom_id,")
     assert capsys.readouterr().out == expected
-    assert cli.main(["jobs", "results", swept, "-o", "results.csv"]) == 0
+    assert cli.main(["jobs", "results", swept, "-o", "results.csv", "--digits", "all"]) == 0
     assert (served / "results.csv").read_text() == expected
 
 
@@ -140,7 +140,9 @@ def test_parquet_of_a_job_has_the_rows_of_the_table(
     served: Path, capsysbinary: pytest.CaptureFixture[bytes], swept: str
 ) -> None:
     assert cli.main(["jobs", "results", swept, "-o", "results.parquet"]) == 0
-    assert cli.main(["jobs", "results", swept, "--csv", "-o", "table.parquet"]) == 0  # the flag counts
+    assert (
+        cli.main(["jobs", "results", swept, "--csv", "-o", "table.parquet", "--digits", "all"]) == 0
+    )  # the flag counts
     capsysbinary.readouterr()
     assert cli.main(["jobs", "results", swept, "--parquet"]) == 0
     assert capsysbinary.readouterr().out == (served / "results.parquet").read_bytes()

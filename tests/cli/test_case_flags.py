@@ -34,6 +34,16 @@ def test_init_writes_the_strike_of_the_paper_once(here: Path, capsys: pytest.Cap
     assert cli.main(["init", "nowhere/new.toml"]) == 2
 
 
+@pytest.mark.parametrize("name", ["cases.csv", "cases.xlsx"])
+def test_init_writes_a_table_that_batch_takes(served: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+    assert cli.main(["init", "--table", name]) == 0
+    assert f"ricochet batch {name}" in capsys.readouterr().out
+    assert cli.main(["batch", name, "--csv"]) == 0
+    assert [line.split(",")[1] for line in capsys.readouterr().out.splitlines()] == ["id", "shot-1", "shot-2", "shot-3"]
+    assert cli.main(["init", "--table", name]) == 2
+    assert f"{name}: is there already" in capsys.readouterr().err
+
+
 def test_every_line_that_init_leaves_out_is_a_field_of_the_contract(here: Path) -> None:
     assert cli.main(["init", "new.toml"]) == 0
     lines = (here / "new.toml").read_text().splitlines()

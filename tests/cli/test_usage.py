@@ -19,9 +19,11 @@ COMMANDS = {
 
 def begins_as(kind: str, content: bytes) -> bool:
     """Whether a file looks like its format."""
-    first = content.splitlines()[0]
     if kind == "parquet":
         return content.startswith(b"PAR1")
+    if kind == "xlsx":
+        return content.startswith(b"PK")
+    first = content.splitlines()[0]
     return isinstance(json.loads(first), dict) if kind == "json" else b"," in first and b"{" not in first
 
 
@@ -34,7 +36,7 @@ def begins_as(kind: str, content: bytes) -> bool:
         ("out.csv", [], "csv"),
         ("OUT.CSV", [], "csv"),
         ("out.parquet", [], "parquet"),
-        ("out.xlsx", [], None),
+        ("out.xlsx", [], "xlsx"),
         ("out", [], None),
         ("out.xlsx", ["--json"], "json"),
         ("out.txt", ["--csv"], "csv"),
@@ -43,8 +45,9 @@ def begins_as(kind: str, content: bytes) -> bool:
 def test_a_file_has_the_format_of_its_name_or_of_a_flag(
     here: Path, capsys: pytest.CaptureFixture[str], command: str, name: str, flags: list[str], kind: str | None
 ) -> None:
-    known = (".jsonl", ".ndjson", ".csv", ".parquet") if command == "sweep" else (".json", ".csv")
+    known = (".jsonl", ".ndjson", ".csv", ".parquet", ".xlsx") if command == "sweep" else (".json", ".csv")
     refused = not flags and Path(name).suffix.lower() not in known
+    kind = None if refused else kind
     assert cli.main([*COMMANDS[command], "-o", name, *flags]) == (2 if refused else 0)
     printed = capsys.readouterr()
     assert printed.out == ""
