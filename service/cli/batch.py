@@ -22,10 +22,11 @@ from service.cli.arguments import (
 )
 from service.cli.jobs import BatchRequest, run_batch, write_results
 from service.cli.outputs import add_output, add_plot
-from service.cli.request_body import STDIN, RequestBody, read_body, read_text, without_sought
+from service.cli.request_body import MISSING, STDIN, RequestBody, read_body, read_text, without_sought
 from service.cli.writers import Inputs, Writer, require_excel
 
 if TYPE_CHECKING:
+    from service.cli.case_table import CaseTable
     from service.cli.client import Content
 
 READ_SIZE = 256 * 1024
@@ -180,16 +181,24 @@ def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
     errors = {number: [{"pointer": "", "detail": row.error}] for number, row in enumerate(table.rows) if row.error}
     errors |= {numbers[place]: found for place, found in wrong.items()}
     if errors and not args.skip_bad:
-        raise bad_rows(
-            table.described(table.rows[number], each["pointer"], each["detail"])
-            for number in sorted(errors)
-            for each in errors[number]
-        )
+        raise bad_rows(_described(table, errors), some_good=len(errors) < len(table.rows))
     names = {number: str(table.rows[number].case.get(CUSTOM_ID, "")) for number in errors}
     sent = [number for number in range(len(table.rows)) if number not in errors]
     headers = [column.header for column in table.columns]
     inputs = Inputs(sent, _left_out(errors, names, _path(args)), headers, [row.cells for row in table.rows])
     return [json.dumps(table.rows[number].case).encode() for number in sent], inputs
+
+
+def _described(table: "CaseTable", errors: Mapping[int, Sequence[Mapping[str, str]]]) -> Iterator[str]:
+    """Yield what is wrong with the rows of a table; what every row lacks once."""
+    lacking = [{each["pointer"] for each in found if each["detail"] == MISSING} for found in errors.values()]
+    everywhere = set.intersection(*lacking) if len(errors) == len(table.rows) else set()
+    for pointer in sorted(everywhere):
+        yield f"{table.path}: {pointer}: is missing in every row; add a column of it, or a file with it by --case"
+    for number in sorted(errors):
+        for each in errors[number]:
+            if each["pointer"] not in everywhere:
+                yield table.described(table.rows[number], each["pointer"], each["detail"])
 
 
 def _cases_of_lines(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
@@ -216,11 +225,15 @@ def _left_out(
     return items
 
 
-def bad_rows(errors: Iterable[str]) -> CommandError:
-    """Return an error that lists what is wrong, up to `MAX_LISTED`."""
+def bad_rows(errors: Iterable[str], *, some_good: bool) -> CommandError:
+    """Return an error that lists what is wrong, up to `MAX_LISTED`, and says what to do if some rows are good."""
     found = list(errors)
-    more = f"\nand {len(found) - MAX_LISTED:,} more" if len(found) > MAX_LISTED else ""
-    return CommandError("\n".join(found[:MAX_LISTED]) + more + "\n--skip-bad computes the others")
+    lines = found[:MAX_LISTED]
+    if len(found) > MAX_LISTED:
+        lines.append(f"and {len(found) - MAX_LISTED:,} more")
+    if some_good:
+        lines.append("--skip-bad computes the others")
+    return CommandError("\n".join(lines))
 
 
 def _check_readable(file: Path) -> None:
@@ -243,7 +256,8 @@ def _explain_lines(args: argparse.Namespace, error: RefusedError, read: "Content
 
     content = read()
     text = content if isinstance(content, bytes) else b"".join(content)
-    wrong = wrong_cases(args.operation, text.rstrip(b"\n").split(b"\n"))
+    texts = text.rstrip(b"\n").split(b"\n")
+    wrong = wrong_cases(args.operation, texts)
     found = [(number, each["pointer"], each["detail"]) for number, errors in sorted(wrong.items()) for each in errors]
     if not found:
         for each in error.errors:
@@ -251,10 +265,11 @@ def _explain_lines(args: argparse.Namespace, error: RefusedError, read: "Content
             found.append((int(index) if index.isdigit() else -1, pointer and f"/{pointer}", each["detail"]))
     if not found:
         return error
-    return bad_rows(
+    lines = (
         ": ".join(filter(None, (args.file if number < 0 else f"{args.file}:{number + 1}", pointer, detail)))
         for number, pointer, detail in found
     )
+    return bad_rows(lines, some_good=len(wrong) < len(texts))
 
 
 def run_sweep(args: argparse.Namespace) -> int:

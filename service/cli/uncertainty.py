@@ -5,6 +5,7 @@ import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 from uuid import uuid4
 
@@ -83,8 +84,14 @@ def add_uncertainty(parser: argparse.ArgumentParser) -> None:
 def run_uncertainty(args: argparse.Namespace) -> int:
     """Estimate and print."""
     body = read_body(args.case, args, STRIKE)
+    given = dict(body.given)
     for text in args.uncertain:
-        body.content.setdefault("uncertain", []).append(uncertain_input(text))
+        inputs = body.content.setdefault("uncertain", [])
+        inputs.append(uncertain_input(text))
+        place = f"/uncertain/{len(inputs) - 1}"
+        parts = ("field", "distribution", *(f"distribution/{name}" for name in inputs[-1]["distribution"]))
+        given |= dict.fromkeys([place, *(f"{place}/{part}" for part in parts)], f"--uncertain {text}")
+    body = replace(body, given=given)
     strike = "oblique_angle_deg" in body.content.get("impact", {})
     if args.plot:
         if strike:

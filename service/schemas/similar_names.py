@@ -45,8 +45,10 @@ def meant_as(field: str, known: Sequence[str]) -> str:
         for each in places:
             if name in ALIASES.get(each, ()):
                 return each
-        names = {each.rpartition(".")[2]: each for each in reversed(places)}  # Of several places, the first one counts.
-        without_unit = [each for each in names if each.removesuffix(unit_end(each)) == name]
-        if close := without_unit or difflib.get_close_matches(last, names, 1, SIMILAR):
-            return names[close[0]]
+        # Of several places, the first one counts; a unit may be left out.
+        whole = {each.rpartition(".")[2]: each for each in reversed(places)}
+        names = {each.removesuffix(unit_end(each)): where for each, where in whole.items()} | whole
+        for word in (name, last):
+            if close := difflib.get_close_matches(word, names, 1, SIMILAR):
+                return names[close[0]]
     return ""
