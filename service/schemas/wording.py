@@ -41,7 +41,7 @@ def worded(error: Mapping[str, Any], unit: str = "") -> str:
     unit
         Unit of the value and of its bounds.
     """
-    kind, text = error["type"], error["msg"].removeprefix("Value error, ")
+    kind, text = str(error["type"]), str(error["msg"]).removeprefix("Value error, ")
     if kind in PHRASES:
         return PHRASES[kind]
     space = unit if unit == "°" else f" {unit}".rstrip()
