@@ -176,7 +176,7 @@ class StrengthPowerLaw:
     reference_diameter
         [m]
     obliquity_shape
-        ``"equation_9"`` multiplies by S(θ)/S(0) of eq. 9, held from 60°, ``"finite_elements"`` by that of
+        ``equation_9`` multiplies by S(θ)/S(0) of eq. 9, held from 60°, ``finite_elements`` by that of
         `FINITE_ELEMENT_SHAPES`, held from 55°.
 
     Notes
@@ -229,8 +229,8 @@ class PublishedTests:
     Parameters
     ----------
     obliquity_shape
-        The tests are normal impacts. ``"equation_9"`` lets S vary with the oblique angle as S(θ)/S(0) of eq. 9,
-        ``"finite_elements"`` as that of finite element motions with the decay law in use, ``"constant"`` keeps it.
+        The tests are normal impacts. ``equation_9`` lets S vary with the oblique angle as S(θ)/S(0) of eq. 9,
+        ``finite_elements`` as that of finite element motions with the decay law in use, ``constant`` keeps it.
 
     Notes
     -----
@@ -303,11 +303,13 @@ class Shot:
     Parameters
     ----------
     velocity
-        At first contact. [m/s]
+        Speed at first contact. [m/s]
     depth
-        Of the nose tip at rest. [m]
-    mass, diameter
-        Those of the projectile of the strike when not given; a nose of another diameter has the same shape. [kg, m]
+        Depth of the nose tip at rest, one that takes a strength factor of 2 to 60. [m]
+    mass
+        That of the projectile of the strike when not given. [kg]
+    diameter
+        That of the projectile of the strike when not given; a nose of another diameter has the same shape. [m]
     """
 
     velocity: float

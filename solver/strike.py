@@ -76,14 +76,18 @@ class Numerics:
     termination_time
         When a run is given up undecided. Left open, 50 ms or, where that is longer, the time to travel 20 lengths of
         the projectile, at most 1 s; 50 ms on the panel route, 5 ms in the searches of the paper. [s]
-    panels, time_step
-        Surface elements and step of the panel route. [1, s]
+    panels
+        Surface elements of the panel route. The reference runs used 96,000. [1]
+    time_step
+        Step of the panel route. [s]
     relative_tolerance
         Error of one step of the adaptive route, over the scale of the motion; left open, 3e-7 for a trajectory, which
         balances energy to 1e-6, and 3e-4 for a search, which goes on more finely where that may not do. [1]
-    stations, points
-        Gauss-Legendre points of the adaptive route, along a stretch of the outline and around an arc. Stations left
-        open are 12 for a trajectory and 8 for a search. [1]
+    stations
+        Gauss-Legendre points of the adaptive route along a stretch of the outline. Left open, 12 for a trajectory and 8
+        for a search. [1]
+    points
+        Gauss-Legendre points of the adaptive route around an arc. [1]
     retention_energy_fraction
         Share of the initial kinetic energy with which a projectile must leave to count as turned away; below it, it is
         embedded, wherever its nose is. The searches of the paper have a rule of their own and do not use it. [1]

@@ -7,9 +7,8 @@ from pydantic import MISSING, ConfigDict, Field
 
 import solver
 from service.columns import Column
-from service.schemas.fields import Described, Of
 from service.schemas.numerics import Method, Numerics
-from service.schemas.quantities import Flag, Num, Part, SolverPart, with_examples
+from service.schemas.quantities import Flag, Num, Of, Part, SolverPart, with_examples
 from service.schemas.requests import MOST_ROWS
 from service.schemas.resistance import MOHR_COULOMB, Crater, Decay, InertiaFactor, ShearPlug
 from service.schemas.strike import PROJECTILE, STRIKE, TARGET, Impact, Projectile, Target
@@ -98,9 +97,9 @@ class Calibration(Part):
 class FittedStrength(Part):
     """A strength factor and how well it is known."""
 
-    strength_factor: Annotated[Num, Field(gt=0.0), Of("estimate.strength_factor"), Described("that fits best")]
-    """The one that fits best. [1]"""
-    standard_error: Annotated[StandardError, Of("estimate.standard_error"), Described("of the strength factor")]
+    strength_factor: Annotated[Num, Field(gt=0.0), Of("estimate.strength_factor")]
+    """Strength factor that fits best. [1]"""
+    standard_error: Annotated[StandardError, Of("estimate.standard_error")]
     confidence_interval: Annotated[
         ConfidenceInterval,
         Of("estimate.confidence_interval"),

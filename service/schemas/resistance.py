@@ -137,13 +137,9 @@ class OwnShot(SolverPart[solver.Shot]):
     model_config = with_examples(SHOT)
 
     velocity_m_s: Annotated[Num, Field(**within("impact.velocity"))]
-    """At first contact. [m/s]"""
     depth_m: Annotated[Num, Field(**within("shot.depth"))]
-    """Of the nose tip at rest, one that takes a strength factor of 2 to 60. [m]"""
     mass_kg: Annotated[Num, Field(**within("projectile.mass"))] | MISSING = MISSING
-    """That of the projectile when not given. [kg]"""
     diameter_m: Annotated[Num, Field(**within("projectile.diameter"))] | MISSING = MISSING
-    """That of the projectile when not given; a nose of another diameter has the same shape. [m]"""
 
 
 class OwnTests(SolverPart[solver.OwnTests]):

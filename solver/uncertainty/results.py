@@ -13,6 +13,7 @@ from solver.checks import ParameterError, RicochetError
 from solver.display import Axes, Columns, DataFrame, Figure, card, dataframe, line, plot_endings, plot_probability
 from solver.prepared import Exit, Outcome
 from solver.search.types import CriticalAngle, SearchStatus
+from solver.strike import Impact
 from solver.uncertainty.sampling import SCRAMBLINGS, Design, Estimate
 from solver.warnings import ModelWarning
 
@@ -222,7 +223,7 @@ class AngleUncertainty(ComparedByFields):
 
     def to_dataframe(self) -> DataFrame:
         """Return the curve as a ``pandas.DataFrame``, which has to be installed."""
-        return dataframe(self.columns())
+        return dataframe(self.columns(), Impact)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
         """Return the curve as a ``matplotlib.figure.Figure``, of pyplot unless axes are given."""
