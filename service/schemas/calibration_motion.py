@@ -44,9 +44,7 @@ class CalibrationResistance(SolverPart[solver.Resistance]):
     inertia_factor: InertiaFactor = 1.0
     free_surface: Decay
     crater: Crater | MISSING = MISSING
-    """None when not given."""
     rear_plug: ShearPlug | MISSING = MISSING
-    """Shear plug of a wall; none when not given. Without effect on a half-space."""
 
 
 class Calibration(Part):

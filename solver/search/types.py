@@ -34,10 +34,12 @@ class Search:
     method
         ``outcome`` brackets the change of outcome. ``bisection`` and ``secant`` are the paper's, on the depth of the
         nose tip at the termination time (eqs. 7 and 8).
-    lower, upper
-        Ends of the range; left open, 5° and 85°, or 40° and 60° for the searches of the paper. [rad]
+    lower
+        Lower end of the range; left open, 5°, or 40° for the searches of the paper. [rad]
+    upper
+        Upper end of the range; left open, 85°, or 60° for the searches of the paper. [rad]
     tolerance
-        Width of the final bracket of ``"outcome"``. [rad]
+        Width of the final bracket of ``outcome``. [rad]
     relative_tolerance
         The searches of the paper end when two angles in a row differ by less than this fraction. [1]
     scan_interval

@@ -27,7 +27,10 @@ def test_every_number_has_its_unit(kind: type) -> None:
 
 def test_parameters_and_docstrings_of_fields_say_the_same_of_a_quantity() -> None:
     thickness = quantities(solver.Target)["thickness"]
-    assert (thickness.short, thickness.unit) == ("thickness of a wall; a half-space unless given", "m")
+    assert (thickness.short, thickness.unit) == (
+        "thickness of a wall, at least a tenth of the diameter of the projectile; a half-space when not given",
+        "m",
+    )
     depth = quantities(solver.Motion)["nose_tip_depth"]
     assert (depth.short, depth.unit) == ("depth of the nose tip, positive inside the target", "m")
 
