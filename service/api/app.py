@@ -1,6 +1,7 @@
 """The application: settings in, routes, handlers and what lives as long as it runs out."""
 
 import asyncio
+import importlib
 import logging
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -205,8 +206,12 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         )
         services.downloads.clear()
         services.executor = executor_for(settings)
-        # The names of all fields take a tenth of a second to collect: the event loop would stand still at an error.
-        await asyncio.gather(start_executor(services.executor, stack), run_sync(known_fields))
+        await asyncio.gather(
+            start_executor(services.executor, stack),
+            # Both take a tenth of a second or two, for which the event loop would stand still at the first need.
+            run_sync(known_fields),
+            run_sync(importlib.import_module, "scipy.special"),
+        )
         services.queries = QueryService(
             services.cache,
             services.executor,

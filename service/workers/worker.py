@@ -95,17 +95,33 @@ class CallStopped(BaseException):
     """The service no longer wants the call that is running."""
 
 
+REPEAT_SECONDS = 0.001
+"""Delay before a running call is stopped again where Python has ignored the exception. [s]"""
+
+
 class StopSignal:
     """Ends the running call on a signal: in Python code at once, in compiled code when that returns."""
 
     def __init__(self) -> None:
         self._running = False
 
+    def install(self) -> None:
+        """Handle the signals of this process, and what Python ignores of them."""
+        signal.signal(signal.SIGUSR1, self)
+        signal.signal(signal.SIGALRM, self)
+        sys.unraisablehook = self.repeat
+
     def __call__(self, *_: object) -> None:
         """Handle the signal. One that comes when a call has just ended is for no other."""
         if self._running:
-            self._running = False
             raise CallStopped
+
+    def repeat(self, ignored: "sys.UnraisableHookArgs") -> None:
+        """Send the signal again if the exception was raised where Python ignores all, as in a destructor."""
+        if isinstance(ignored.exc_value, CallStopped):
+            signal.setitimer(signal.ITIMER_REAL, REPEAT_SECONDS)
+        else:
+            sys.__unraisablehook__(ignored)
 
     def run(self, function: Callable[..., Any], arguments: Sequence[Any]) -> Any:
         """Return what a call returns.
@@ -167,7 +183,7 @@ def serve(channel: socket.socket, lifeline: int) -> NoReturn:
         Reading end of a pipe that the service alone holds open.
     """
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-    signal.signal(signal.SIGUSR1, stop_signal)
+    stop_signal.install()
     end_with_parent(lifeline)
     os.nice(NICENESS)
     with suppress(ConnectionError):

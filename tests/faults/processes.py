@@ -19,9 +19,13 @@ def processes_of(data: Path) -> list[int]:
 
 
 def workers_of(data: Path, server: int) -> list[int]:
-    """Worker processes: children of the template process, which is a child of the server."""
-    parents = {process: _parent(process) for process in processes_of(data)}
-    return [process for process, parent in parents.items() if parents.get(parent) == server]
+    """Worker processes: children of a template process, be it dead, which is a child of the server."""
+    return [process for process in processes_of(data) if process != server and _parent(process) != server]
+
+
+def children_of(data: Path, server: int) -> list[int]:
+    """Children of the server: the template process."""
+    return [process for process in processes_of(data) if _parent(process) == server]
 
 
 def kill(process: int) -> bool:

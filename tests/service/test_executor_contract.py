@@ -89,6 +89,12 @@ def traced_patience(trace: Path) -> str:
     return f"import os, time; os.mkdir({str(trace)!r}); time.sleep(1000.0)"
 
 
+def traced_destructor(trace: Path) -> str:
+    """The same, but the signal comes in a destructor, where Python ignores what is raised."""
+    patience = traced_patience(trace)
+    return f"class Patient:\n    def __del__(self): {patience}\nPatient()\nimport time; time.sleep(1000.0)"
+
+
 def made(inside: Path) -> list[Path]:
     return list(inside.iterdir())
 
@@ -212,13 +218,14 @@ async def test_cancelled_single_call_is_ended_long_before_its_time(executor: Exe
 
 
 @with_processes
+@pytest.mark.parametrize("program", [traced_patience, traced_destructor])
 async def test_cancelled_call_that_heeds_a_signal_ends_without_its_worker(
-    executor: Executor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    executor: Executor, program: Callable[[Path], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(worker_process, "CANCEL_SECONDS", 30.0)  # However long a loaded machine takes to heed it.
     workers = executor.worker_pids
     count = executor.single_capacity
-    patient = [asyncio.ensure_future(executor.submit(exec, traced_patience(tmp_path / str(n)))) for n in range(count)]
+    patient = [asyncio.ensure_future(executor.submit(exec, program(tmp_path / str(n)))) for n in range(count)]
     await until(lambda: len(made(tmp_path)) == count)
     for call in patient:
         call.cancel()
