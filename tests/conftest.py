@@ -126,8 +126,9 @@ def hurried_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
     Queries wait for a worker as long as they have to: clients with few requests at a time are not told that it is busy.
     """
-    limits = {"task_seconds": "2", "small_samples": "300", "queue_seconds": "100"}
-    with running_service(tmp_path_factory.mktemp("hurried"), **limits) as service:
+    with running_service(
+        tmp_path_factory.mktemp("hurried"), task_seconds="2", small_samples="300", queue_seconds="100"
+    ) as service:
         yield service.url
 
 
