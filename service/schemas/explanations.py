@@ -15,6 +15,8 @@ from solver.checks import BOUNDS, ParameterError, require_bounds
 
 UNKNOWN = "extra_forbidden"
 """Type of the error of a field that a request does not have."""
+NO_OBJECT = {"dict_type", "model_attributes_type", "model_type"}
+"""Types of the errors of a value that should be an object: pydantic names the class that it would make of it."""
 OUT_OF_BOUNDS = {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}
 """Types of the errors of numbers outside their bounds."""
 CASE = {"projectile", "target", "impact", "resistance", "numerics", "search", "output", "alternatives"}
@@ -36,6 +38,8 @@ def explained(pointer: str, error: Mapping[str, Any], *, suggest: bool = True) -
     detail: str = error["msg"]
     if error["type"] == UNKNOWN:
         return detail + suggestion(pointer) if suggest and len(pointer) <= LONGEST_MISSPELT else detail
+    if error["type"] in NO_OBJECT:
+        return "Input should be an object"
     if error["type"] not in OUT_OF_BOUNDS:
         return detail
     field = pointer.strip("/").replace("/", ".").removesuffix(unit_end(pointer))
