@@ -120,8 +120,8 @@ def test_second_service_on_a_folder_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "flags", "reason"),
     [
-        ("RICOCHET_WORKERS", "none", [], "RICOCHET_WORKERS: Input should be a valid integer"),
-        ("RICOCHET_PORT", "9000", ["--port", "none"], "--port: Input should be a valid integer"),
+        ("RICOCHET_WORKERS", "none", [], "RICOCHET_WORKERS: must be a whole number, got 'none'"),
+        ("RICOCHET_PORT", "9000", ["--port", "none"], "--port: must be a whole number, got 'none'"),
         ("RICOCHET_DATA_DIR", "'~/x'", [], "RICOCHET_DATA_DIR: has quotes around it: '~/x'; leave them out"),
         ("RICOCHET_HOST", '"127.0.0.1"', [], "RICOCHET_HOST: has quotes around it"),
         ("RICOCHET_AUDIT_LOG", '"audit.log"', [], "RICOCHET_AUDIT_LOG: has quotes around it"),
@@ -136,9 +136,7 @@ def test_wrong_setting_is_named(
     reason: str,
 ) -> None:
     monkeypatch.setenv(name, value)
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["serve", *flags])
-    assert ended.value.code == 2
+    assert cli.main(["serve", *flags]) == 2
     assert reason in capsys.readouterr().err
 
 
