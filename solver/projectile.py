@@ -103,7 +103,8 @@ class Ogive:
     Parameters
     ----------
     caliber_radius_head
-        ψ, ogive radius over shank diameter, at least 0.5 (a hemisphere). [1]
+        Radius ψ of the nose arc over the shank diameter; 0.5 is a hemisphere, and 100 a nose ten times as long as the
+        shank is wide. [1]
     """
 
     name: ClassVar[str] = "ogive"
@@ -130,7 +131,7 @@ class Conical:
     Parameters
     ----------
     length_to_diameter
-        Cone height over shank diameter. [1]
+        Height of the cone over the shank diameter. [1]
     """
 
     name: ClassVar[str] = "conical"
@@ -155,7 +156,7 @@ class Spherical:
     Parameters
     ----------
     caliber_radius_head
-        Sphere radius over shank diameter, at least 0.5 (a hemisphere). [1]
+        Radius of the sphere over the shank diameter; 0.5 is a hemisphere. [1]
     """
 
     name: ClassVar[str] = "spherical"
@@ -292,9 +293,9 @@ class BoatTail:
     Parameters
     ----------
     length
-        Part of the length of the projectile that tapers. [m]
+        Part of the length of the projectile that tapers, at most what is behind the nose. [m]
     base_diameter
-        Diameter of the flat base, from 0 to that of the shank. [m]
+        Diameter of the flat base, at most that of the shank. [m]
     """
 
     length: float
@@ -371,17 +372,20 @@ class Projectile:
     ----------
     nose
         Shape of the nose, or of the whole body: a sphere, or a profile that falls behind its widest point.
-    diameter, length
-        Diameter of the shank, and distance from the tip to the flat base; of a whole body its largest diameter and its
-        length. [m]
+    diameter
+        Diameter of the shank; of a whole body its largest one. From a pellet to far above any gun or bomb. [m]
+    length
+        Distance from the nose tip to the flat base, at least the length of the nose; of a whole body its length. [m]
     mass
-        [kg]
+        Mass, at most that of uranium 5 m wide and 20 m long. [kg]
     center_of_gravity
-        Distance behind the nose tip; that of the homogeneous solid when not given. [m]
+        Distance of the centre of gravity behind the nose tip, less than the length; that of the homogeneous solid of
+        the outer shape when not given. [m]
     moment_of_inertia
-        About a transverse axis through the centre of gravity; that of the homogeneous solid when not given. [kg m²]
+        Moment of inertia about a transverse axis through the centre of gravity; that of the homogeneous solid of the
+        outer shape when not given. [kg m²]
     boat_tail
-        Taper behind the shank, if there is one.
+        Taper behind the shank; a cylinder up to the base when not given.
 
     Raises
     ------

@@ -16,9 +16,7 @@ from starlette.types import ASGIApp
 
 from service import telemetry
 from service.api import downloads, health, jobs, mcp, operations, page, queries, studies, umbridge
-from service.api.body import KnownBodies
 from service.api.contract import declare_access, declare_bodies, declare_defaults, declare_events, declare_problems
-from service.api.job_models import JobChange
 from service.api.middleware import (
     AuthMiddleware,
     CompressionMiddleware,
@@ -39,7 +37,6 @@ from service.jobs.store import JobStore
 from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.problems import install_problem_handlers
 from service.queries import QueryService
-from service.schemas import ReportRequest
 from service.schemas.explanations import known_fields
 from service.settings import Settings
 from service.workers.executor import Executor
@@ -96,8 +93,7 @@ class Application(FastAPI):
     def _openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:
             contract = super().openapi()
-            bodies = operations.bodies_of(OPERATIONS.values())
-            declare_bodies(contract["components"]["schemas"], [*bodies, ReportRequest, JobChange])
+            declare_bodies(contract["components"]["schemas"], operations.bodies_of(OPERATIONS.values()))
             declare_defaults(contract["components"]["schemas"])
             for methods in contract["paths"].values():
                 for operation in methods.values():
@@ -152,6 +148,7 @@ def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastA
         docs_url=None,
         redoc_url=None,
         redirect_slashes=False,
+        separate_input_output_schemas=False,
         generate_unique_id_function=lambda route: route.name,
         telemetry=telemetry.tracing_config(traces),
     )
@@ -166,7 +163,6 @@ def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastA
         owner_queries=ConcurrencyLimit(
             settings.max_owner_queries, lambda _: OwnerQueriesError(app.state.services.queries.seconds_until_done())
         ),
-        bodies=KnownBodies(settings.memory_cache_bytes),
         traces=traces,
     )
     install_problem_handlers(app)

@@ -159,6 +159,8 @@ def declare_bodies(schemas: dict[str, Any], models: Sequence[type[BaseModel]]) -
     )
     for name, schema in found["$defs"].items():
         schemas.setdefault(name, schema)
+    for name in sorted(schemas):  # As FastAPI sorts those that it sees.
+        schemas[name] = schemas.pop(name)
 
 
 def declare_access(operation: dict[str, Any]) -> None:

@@ -7,6 +7,7 @@ from fastapi import APIRouter, Response
 from pydantic import BaseModel
 
 from service.api.batch_response import batch_route, sweep_route
+from service.api.body import BodyRoute, LongBodyRoute
 from service.api.contract import COMPUTED, MANY, STUDIED, many_bodies, one_body
 from service.api.queries import single_route
 from service.api.studies import study_route
@@ -33,10 +34,10 @@ def add_routes(router: APIRouter, operations: Mapping[str, Operation]) -> None:
 
 
 def bodies_of(operations: Iterable[Operation]) -> list[type[BaseModel]]:
-    """Return the models of the bodies of these operations."""
+    """Return the models of the bodies that FastAPI does not see: batches, which may be JSON lines, and sweeps."""
     found: list[type[BaseModel]] = []
     for each in operations:
-        found += [each.request, *((each.many.models.batch, each.many.models.sweep) if each.many else ())]
+        found += (each.many.models.batch, each.many.models.sweep) if each.many else ()
     return found
 
 
@@ -49,7 +50,7 @@ def add(router: APIRouter, operation: Operation, handle: Callable[..., Awaitable
         name=operation.route,
         description=operation.description,
         response_model=operation.answer,
-        openapi_extra=one_body(operation.request),
+        route_class_override=LongBodyRoute if operation.long else BodyRoute,
         tags=[operation.tag],
         dependencies=[RUN],
         **options,

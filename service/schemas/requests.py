@@ -1,5 +1,6 @@
 """The requests: one trajectory, one critical angle, the same under other laws, and the report of one strike."""
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from enum import StrEnum
@@ -322,6 +323,12 @@ class ReportRequest(CriticalAngleRequest):
     model_config = with_examples(PAPER, PAPER_AT_45)
 
     impact: ReportedStrike
+
+    @property
+    def oblique_angle(self) -> float | None:
+        """Angle to judge, if any. [rad]"""
+        angle = self.impact.oblique_angle_deg
+        return None if angle is MISSING else math.radians(angle)
 
     @property
     def has_own_law(self) -> bool:
