@@ -285,6 +285,8 @@ class AuthMiddleware:
                 nonlocal status
                 status = message["status"]
                 message["headers"] = secured(message.get("headers", []), tls=tls)
+                if context.principal.quota is not None:
+                    MutableHeaders(scope=message).update(context.principal.quota.fields())
             await send(message)
 
         try:

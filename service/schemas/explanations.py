@@ -10,11 +10,17 @@ from pydantic import BaseModel
 
 from service import schemas
 from service.columns import unit_end, unit_of
+from service.schemas.batches import MOST_CASES, MOST_LINES
 from service.schemas.sweeps import schema_of
 from solver.checks import BOUNDS, ParameterError, require_bounds
 
 UNKNOWN = "extra_forbidden"
 """Type of the error of a field that a request does not have."""
+SEARCHED = {
+    "impact.oblique_angle_deg": "; the angle is what is searched for here: `/trajectory` takes a strike at one angle",
+    "impact.velocity_m_s": "; the speed is what is searched for here: `/thickness` and `/trajectory` take one speed",
+}
+"""Ends of the errors for fields that a search varies, which its request does not have."""
 NO_OBJECT = {"dict_type", "model_attributes_type", "model_type"}
 """Types of the errors of a value that should be an object: pydantic names the class that it would make of it."""
 OUT_OF_BOUNDS = {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}
@@ -40,6 +46,8 @@ def explained(pointer: str, error: Mapping[str, Any], *, suggest: bool = True) -
         return detail + suggestion(pointer) if suggest and len(pointer) <= LONGEST_MISSPELT else detail
     if error["type"] in NO_OBJECT:
         return "Input should be an object"
+    if error["type"] == "too_long" and pointer == "/cases":
+        return f"may have {MOST_CASES:,} cases at most; send JSON lines (`application/jsonl`), up to {MOST_LINES:,}"
     if error["type"] not in OUT_OF_BOUNDS:
         return detail
     field = pointer.strip("/").replace("/", ".").removesuffix(unit_end(pointer))
@@ -57,7 +65,7 @@ def suggestion(pointer: str) -> str:
     field = ".".join(step for step in pointer.split("/") if step and not step.isdigit())
     known = known_fields()
     if field in known:  # The field belongs to another request.
-        return ""
+        return SEARCHED.get(field, "")
     holder, _, last = field.rpartition(".")
     # Of several places, the first one counts; a field of a case is not mistaken for one of a study or a calibration.
     anywhere = {name.rpartition(".")[2]: name for name in reversed(known) if name.partition(".")[0] in CASE}
