@@ -25,6 +25,7 @@ from service.api.contract import (
     declare_formats,
     declare_problems,
 )
+from service.api.examples import declare_examples
 from service.api.middleware import (
     AuthMiddleware,
     CompressionMiddleware,
@@ -112,6 +113,7 @@ class Application(FastAPI):
             contract = super().openapi()
             declare_bodies(contract["components"]["schemas"], operations.bodies_of(OPERATIONS.values()))
             declare_defaults(contract["components"]["schemas"])
+            declare_examples(contract["components"]["schemas"], OPERATIONS.values())
             declare_answers(contract)
             declare_formats(contract)
             for methods in contract["paths"].values():
