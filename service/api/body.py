@@ -179,7 +179,7 @@ async def bounded(request: Request, *, long: bool) -> BoundedRequest:
     limits = (BodyLimits.of_series if long else BodyLimits.of_one)(services.settings)
     text = await read_body(request, limits)
     if not text:
-        raise InvalidBodyError([{"pointer": "", "detail": "Field required"}])
+        raise InvalidBodyError([{"pointer": "", "detail": "is missing"}])
     if long:
         content = await run_sync(parse_json, text, limits, limiter=services.reading)
     else:

@@ -21,8 +21,8 @@ WALL = PAPER_AT_45 | {"target": PAPER["target"] | {"thickness_m": 0.4}}
         ("/thickness", WALL, "/target/thickness_m", "must not be given"),
         ("/limit-speed", WALL, "/impact/velocity_m_s", "`/thickness` and `/trajectory` take one speed"),
         ("/cra/batch", {"cases": [PAPER] * 2000}, "/cases", "send JSON lines (`application/jsonl`), up to 100,000"),
-        ("/cra", PAPER | {"target": "concrete"}, "/target", "Input should be an object"),
-        ("/cra", PAPER | {"target": 3}, "/target", "Input should be an object"),
+        ("/cra", PAPER | {"target": "concrete"}, "/target", "must be an object, got 'concrete'"),
+        ("/cra", PAPER | {"target": 3}, "/target", "must be an object, got 3"),
     ],
 )
 def test_message_names_what_to_send(
