@@ -330,6 +330,7 @@ STATUS_PROBLEMS = {
     HTTPStatus.UNSUPPORTED_MEDIA_TYPE: ("unsupported-media-type", "The body is of another media type"),
     HTTPStatus.MISDIRECTED_REQUEST: ("unknown-host", "The service has no such name"),
     HTTPStatus.UNPROCESSABLE_ENTITY: (InvalidBodyError.type.rpartition(":")[2], InvalidBodyError.title),
+    HTTPStatus.TOO_MANY_REQUESTS: ("too-many-requests", "Too many requests come from one address"),  # by nginx.conf
     HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE: ("head-too-long", "The head of the request is too long"),
     HTTPStatus.NOT_IMPLEMENTED: ("not-implemented", "The service cannot do this"),
     HTTPStatus.BAD_GATEWAY: ("no-answer", "The service behind this one does not answer"),
