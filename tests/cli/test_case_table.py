@@ -207,4 +207,4 @@ def test_walls_leave_out_what_is_sought(served: Path, capsys: pytest.CaptureFixt
 def test_a_case_beside_json_lines_is_refused(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_cases(served / "cases.jsonl", case_at(238.0))
     assert cli.main(["batch", "cases.jsonl", "--case", "strike.toml"]) == 2
-    assert "--case needs a table" in capsys.readouterr().err
+    assert "--case: goes with a table of cases" in capsys.readouterr().err

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import pytest
 
 from service import cli
-from service.cli.arguments import Parser
+from service.cli.parser import Parser
 from tests.cli.commands import COMMAND, LIMIT_S, STRIKE_TOML, case_at, environment, run, write_cases
 from tests.conftest import until
 from tests.physics.strikes import known
@@ -70,9 +70,10 @@ WRITTEN = (
     ),
     Written("out.jsonl", "jobs results 1 -o", ()),
     Written("out.toml", "init", ()),
+    Written("out.csv", "init --table", ()),
 )
 """Every command and flag that writes, the flag last."""
-REPLACED = [each for each in WRITTEN if each.words != "init" and not each.words.startswith("jobs")]
+REPLACED = [each for each in WRITTEN if not each.words.startswith(("init", "jobs"))]
 """Those that replace an earlier file, and need no service."""
 REFUSED = ("--mass", "-1")
 """Flags that the model refuses."""
