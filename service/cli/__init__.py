@@ -18,7 +18,7 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from service.cli.arguments import (
     EXIT_STATUSES,
@@ -31,6 +31,7 @@ from service.cli.arguments import (
 )
 from service.cli.outputs import check_outputs, one_answer
 from service.cli.parser import Parser, with_values
+from service.version import VERSION
 
 PLAIN = {"°": "deg", "θ": "theta", "±": "+/-", "×": "x", "–": "-", "…": "..."}
 """What stands for a character that the encoding of a terminal lacks, where Unicode does not know it."""
@@ -75,15 +76,6 @@ COMMANDS = (
 )
 
 
-class Version(argparse.Action):
-    """`--version`. The version is looked up only if it is printed: reading package metadata takes 20 ms."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        """Print the version of the package and exit."""
-        print(f"ricochet {package_version()}")
-        parser.exit()
-
-
 def add_version(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet version`."""
     parser.description = "Print the version of the package and of the solver; results can change with the latter."
@@ -95,7 +87,7 @@ def print_versions(_: argparse.Namespace) -> int:
     """Print the versions."""
     from solver import ENGINE_VERSION
 
-    print(f"ricochet {package_version()}, engine {ENGINE_VERSION}")
+    print(f"ricochet {VERSION}, engine {ENGINE_VERSION}")
     return 0
 
 
@@ -110,13 +102,6 @@ def add_help(parser: argparse.ArgumentParser) -> None:
 def print_help(args: argparse.Namespace) -> int:
     """Print the help of a command, which ends it."""
     return run(next(iter(args.words), ""), [*args.words, "--help"])
-
-
-def package_version() -> str:
-    """Return the version of the installed package."""
-    from importlib.metadata import version
-
-    return version("ricochet")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -224,7 +209,7 @@ def run(name: str, arguments: Sequence[str]) -> int:
         description="Critical ricochet angles of rigid projectiles on concrete, computed here or by a service (--url).",
         epilog=f"{examples('ricochet cra --help')}\n\n{EXIT_STATUSES}",
     )
-    parser.add_argument("--version", action=Version, nargs=0, help="print the version and exit")
+    parser.add_argument("--version", action="version", version=f"ricochet {VERSION}", help="print the version and exit")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     known = False
     for command in COMMANDS:

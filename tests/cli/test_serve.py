@@ -7,7 +7,6 @@ import subprocess
 import sys
 import threading
 import time
-from importlib.metadata import version
 from pathlib import Path
 
 import httpx
@@ -18,6 +17,7 @@ from service.cache.cache import ResultCache
 from service.cli.serve import check_proxy
 from service.schemas.strike import PAPER_AT_45
 from service.settings import Settings
+from service.version import VERSION
 from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, run_process, write_cases
 from tests.conftest import Service, free_port, until
 from tests.faults.processes import processor_seconds, workers_of
@@ -26,7 +26,7 @@ from tests.service.records import critical_angle, trajectory
 
 def test_version_flag_prints_the_version_of_the_package(tmp_path: Path) -> None:
     done = run(tmp_path, "--version")
-    assert (done.status, done.out, done.err) == (0, f"ricochet {version('ricochet')}\n", "")
+    assert (done.status, done.out, done.err) == (0, f"ricochet {VERSION}\n", "")
 
 
 def test_settings_come_from_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -224,7 +224,7 @@ def test_terminal_gets_the_address_and_readable_log_lines(tmp_path: Path) -> Non
     named, first, *others = shown.splitlines()
     assert "not settings: RICOCHET_WORKER " in named
     assert "RICOCHET_WORKER " not in "".join(others)
-    assert first == f"ricochet {version('ricochet')} on http://127.0.0.1:{port}"
+    assert first == f"ricochet {VERSION} on http://127.0.0.1:{port}"
     assert process.returncode == 0, shown
     [line] = [line for line in others if "route=/livez" in line]
     assert "method=GET" in line
