@@ -302,7 +302,7 @@ def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: S
     from service.cli.client import JSON, dumps
 
     body = dumps(content)
-    return run_batch(args, BatchRequest(f"/{args.operation}/sweep", lambda: body, JSON, writers, base=content["base"]))
+    return run_batch(args, BatchRequest(f"/{args.operation}/sweep", lambda: body, JSON, writers))
 
 
 def read_axis(text: str) -> SweepAxis:
