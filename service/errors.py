@@ -13,9 +13,10 @@ from typing import Any, ClassVar, Self, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from service.schemas.explanations import UNKNOWN, explained
+from service.schemas.explanations import explained
 from service.schemas.problems import pointer_of_location, pointer_of_parameter
 from service.schemas.sweeps import AxisError, Grid, Outline
+from service.schemas.wording import UNKNOWN
 from solver import IntegrationError, ParameterError, StepLimitError
 
 Model = TypeVar("Model", bound=BaseModel)
