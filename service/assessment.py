@@ -71,7 +71,8 @@ def verdict_queries(request: ReportRequest) -> dict[str, Query]:
             theories = {"uncertain": usual_inputs(request, theories=True)}
             queries["theories"] = Query("cra_uncertainty", case | sampling | theories)
     if angle is not None:
-        queries["judged"] = Query("trajectory", _strike_of(case, angle))
+        flight = {} if request.flight is MISSING else request.flight.model_dump(mode="json")
+        queries["judged"] = Query("trajectory", _strike_of(case, angle) | {"flight": flight})
     if "thickness_m" in case["target"]:
         queries["wall"] = Query("wall", _strike_of(case, 0.0 if angle is None else angle))
     return queries
@@ -203,7 +204,7 @@ def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, 
 
 def _search_of(request: ReportRequest) -> dict[str, Any]:
     """Return the body of the search."""
-    case = request.model_dump(mode="json", exclude={"alternatives", "output"})
+    case = request.model_dump(mode="json", exclude={"alternatives", "output", "flight"})
     case["impact"].pop("oblique_angle_deg", None)
     return case
 

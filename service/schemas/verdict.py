@@ -17,7 +17,8 @@ from service.schemas.answers import (
     OwnTestsAnswer,
     Protrusion,
 )
-from service.schemas.fields import walk
+from service.schemas.fields import in_solver_units, walk
+from service.schemas.flight import LANDING, FlightResult
 from service.schemas.problems import pointer_of_parameter
 from service.schemas.quantities import Flag, Num, Part, degrees, with_examples
 from service.schemas.requests import CriticalAngleBase, ReportRequest
@@ -112,6 +113,7 @@ VERDICT = {
     "theories": [THEORY_ANGLE],
     "oblique_angle_deg": 55.0,
     "outcome": "ricochet",
+    "flight": LANDING,
     "ricochet_probability": 0.998,
     "ricochet_probability_interval": {"lower": 0.978, "upper": 1.0},
     "probability_text": "above 97 %",
@@ -196,6 +198,8 @@ class VerdictAnswer(Part):
     """Of the strike at that angle, with the inputs as given."""
     protrusion: Protrusion | MISSING = MISSING
     """If anything of the projectile then comes out of the rear face of a wall, without going through."""
+    flight: FlightResult | MISSING = MISSING
+    """Where it then lands, if it is turned away."""
     ricochet_probability: Annotated[Num, Field(ge=0.0, le=1.0)] | MISSING = MISSING
     """At that angle, with the usual scatter."""
     ricochet_probability_interval: ProbabilityInterval | MISSING = MISSING
@@ -263,6 +267,7 @@ def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
         oblique_angle=oblique,
         outcome=Outcome(judged["outcome"]) if "outcome" in judged else None,
         protrusion=protrusion_in(judged),
+        flight=_flight_in(request, judged),
         probability=near[0] if near else None,
         wall=wall_in(request, wall, oblique or 0.0) if "sentence" in wall else None,
         wall_failed="problem" in wall,
@@ -271,6 +276,19 @@ def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
             weighed([_warning(each) for each in found["warnings"]], angle=central, spread=spread, moved=moved),
         ),
     )
+
+
+def _flight_in(request: ReportRequest, judged: Mapping[str, Any]) -> solver.Flight | None:
+    """Return the flight of a body that is turned away, from an answer of `/trajectory`; None without one."""
+    if judged.get("outcome") != Outcome.RICOCHET:
+        return None
+    conditions = solver.FlightConditions() if request.flight is MISSING else request.flight.to_solver()
+    elevation = solver.launch_elevation(
+        direction=math.radians(judged["exit"]["direction_deg"]),
+        face_tilt=conditions.face_tilt,
+        incidence_plane=conditions.incidence_plane,
+    )
+    return solver.Flight(**in_solver_units(judged["exit"]["flight"]), elevation=elevation)
 
 
 def _range_in(study: Mapping[str, Any]) -> tuple[float, float] | None:
@@ -346,6 +364,8 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
         answer["outcome"] = found.outcome.value
     if found.protrusion is not None:
         answer["protrusion"] = walk(Protrusion, found.protrusion)
+    if found.flight is not None:
+        answer["flight"] = answers["judged"]["exit"]["flight"]
     if found.probability is not None:
         answer["ricochet_probability"] = found.probability.value
         interval = {"lower": found.probability.lower, "upper": found.probability.upper}

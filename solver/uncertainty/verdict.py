@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from solver.checks import RicochetError
+from solver.flight import Flight, FlightConditions, flight_after
 from solver.prepared import Outcome, Protrusion
 from solver.projectile import Projectile
 from solver.resistance import EQUATION_9, Resistance
@@ -90,6 +91,8 @@ class Verdict:
     """Of the strike at that angle, with the inputs as given; None without an angle or an outcome."""
     protrusion: Protrusion | None = None
     """How far the body then comes out of the rear face of a wall, without going through; None if it does not."""
+    flight: Flight | None = None
+    """From where the body leaves, if it is turned away."""
     probability: Estimate | None = None
     """Of ricochet at that angle, with the usual scatter and the interval of its sampling; None without one. [1]"""
     wall: WallVerdict | None = None
@@ -109,7 +112,8 @@ class Verdict:
     def sentence(self) -> str:
         """The verdict in words."""
         angle = "; ".join([self._angle(), *self._more()]) + "."
-        return " ".join(filter(None, (self._judged(), angle, self._over_theories(), self._wall())))
+        flight = "" if self.flight is None else str(self.flight)
+        return " ".join(filter(None, (self._judged(), flight, angle, self._over_theories(), self._wall())))
 
     def __str__(self) -> str:
         return self.sentence
@@ -263,6 +267,7 @@ def verdict(
     numerics: Numerics | None = None,
     search: Search | None = None,
     strength_scatter: ScatterSource = "law",
+    flight: FlightConditions | None = None,
     threads: int = 1,
 ) -> Verdict:
     """Judge a strike: its outcome, the probability of ricochet, and the critical angle with its range.
@@ -273,6 +278,9 @@ def verdict(
         As for `critical_angle`. [SI, rad]
     oblique_angle
         Angle to judge, if any. [rad]
+    flight
+        How the face stands, for where a body lands that is turned away at that angle; level with the ground unless
+        given.
     threads
         How many searches run at a time.
 
@@ -341,6 +349,8 @@ def verdict(
         run = simulate(**case, impact=impact, sample_interval=None)
         judged |= {"outcome": run.outcome, "protrusion": run.protrusion}
         of_strike = run.warnings
+        if run.outcome is Outcome.RICOCHET and run.exit is not None:
+            judged["flight"] = flight_after(run.exit, projectile=projectile, conditions=flight)
         place = int(np.abs(judging.oblique_angles - oblique_angle).argmin())
         if abs(judging.oblique_angles[place] - oblique_angle) < SAME_ANGLE:
             judged["probability"] = Estimate(
