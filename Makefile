@@ -20,7 +20,7 @@ WARM_UP = $(BIN)/python -u -c "import solver; solver.warm_up(print)"
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo serve test test-system test-all check audit wheel sbom format openapi docs clients bench accuracy load growth call-path soak hostile \
+.PHONY: help setup demo serve test test-system test-robustness test-slow test-ci check audit wheel sbom format openapi docs clients bench accuracy load growth call-path soak hostile \
 	cluster slider reproduce validate figures screenshots lock clean
 
 help: ## list what can be made
@@ -58,23 +58,36 @@ demo: .venv/.solver ## compute the paper's critical ricochet angle with a fresh 
 serve: setup ## run the service; RICOCHET_HOST, RICOCHET_PORT, RICOCHET_DATA_DIR, RICOCHET_WORKERS
 	@$(BIN)/ricochet serve
 
-test: setup ## run the tests, three files at a time; ARGS="..." goes to pytest
+test: setup ## run the tests of behaviour, three files at a time; ARGS="..." goes to pytest
 	@$(WARM_UP)
 	@$(PYTEST) -n 3 $(ARGS)
 
-test-system: setup ## run those that drive a browser or a cluster, kill what runs, fuzz the contract, or run the documentation
+test-system: setup ## run those with a cluster or a proxy, those of generated clients, and the commands of the documentation
 	@$(WARM_UP)
-	@$(PYTEST) -n 2 -m "system and not slow" $(ARGS)
+	@$(PYTEST) -n 2 -m "system and not robustness and not slow" $(ARGS)
 
-test-all: setup ## run the tests that take minutes as well
+test-robustness: setup ## study faults, attacks, supply chain, container, compiled code, and the page in Chromium
 	@$(WARM_UP)
-	@$(PYTEST) -n 2 -m "slow or not slow" $(ARGS)
+	@$(PYTEST) -n 2 -m "robustness and not slow" $(ARGS)
+
+test-slow: setup ## run the tests that take minutes each, and enter their results in tests/slow.csv
+	@$(WARM_UP)
+	@$(PYTEST) -n 2 -m slow --junitxml=build/slow.xml $(ARGS); status=$$?; \
+		$(BIN)/python -m tests.completeness build/slow.xml --record; exit $$status
+
+test-ci: setup ## run all tests but the slow ones, those that fail once more alone, and fail if any was left out
+	@$(WARM_UP)
+	@$(PYTEST) -n 3 -m "not slow" --junitxml=build/tests.xml $(ARGS) || { \
+		echo "== the tests that failed above, once more without others beside them"; \
+		$(PYTEST) -n 0 -m "not slow" --last-failed --last-failed-no-failures none; }
+	@$(BIN)/python -m tests.completeness build/tests.xml
 
 check: setup ## lint, format, types, layers, committed contract and tables, Dockerfile, known vulnerabilities; with npm the contract's rules
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python requirements/public_names.py
 	$(BIN)/ricochet openapi --check
 	$(BIN)/python docs/tables.py --check
 	$(BIN)/hadolint Dockerfile
@@ -86,9 +99,10 @@ check: setup ## lint, format, types, layers, committed contract and tables, Dock
 audit: setup ## look for known vulnerabilities in what the service can run on; fails if it cannot look
 	@$(BIN)/python requirements/audit.py --strict
 
-wheel: setup ## build a wheel into dist
+wheel: setup ## build a wheel and a source distribution into dist
 	@$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-index --no-deps --no-build-isolation --no-cache-dir \
 		--wheel-dir dist .
+	@$(BIN)/hatchling build --target sdist --directory dist
 
 sbom: setup ## list the packages of each image as CycloneDX, into build/sbom-run.cdx.json, -cluster and -full
 	@mkdir -p build

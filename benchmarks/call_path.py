@@ -121,7 +121,7 @@ def measure(port: int, recorder: Recorder, found: dict[str, list[str]]) -> None:
 
 def serve(recorder: Recorder) -> None:
     """Run `ricochet serve` in this thread, profiled with every thread that it starts."""
-    [command] = entry_points(group="console_scripts", name="ricochet")
+    command, *_ = entry_points(group="console_scripts", name="ricochet")
     main = command.load()
     sys.argv = [command.name, "serve"]
     threading.setprofile(recorder.profile)

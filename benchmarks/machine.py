@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from service.version import VERSION
 from solver import ENGINE_VERSION
 
 
@@ -25,8 +26,8 @@ def machine() -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     """Versions of Python, of the packages that decide the speed, and of the solver."""
-    packages = {name: version(name) for name in ("numpy", "numba", "llvmlite", "ricochet")}
-    return {"python": platform.python_version()} | packages | {"engine": ENGINE_VERSION}
+    packages = {name: version(name) for name in ("numpy", "numba", "llvmlite")}
+    return {"python": platform.python_version()} | packages | {"ricochet": VERSION, "engine": ENGINE_VERSION}
 
 
 def print_machine() -> None:

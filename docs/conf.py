@@ -1,7 +1,6 @@
 """Configuration of Sphinx for the manual: `make docs` builds it into build/manual."""
 
 import sys
-from importlib.metadata import version as installed_version
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +13,12 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from docs import generated
 from docs.figures import manual
+from service.version import VERSION
 
 project = "ricochet"
 author = "The ricochet authors"
 project_copyright = author
-version = release = installed_version("ricochet")
+version = release = VERSION
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns: list[str] = []
 default_role = "py:obj"  # single backticks in docstrings

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args, get_origin
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
-from service.api.services import Metrics
+from service.api.services import LABELS, Metrics
 from service.settings import GROUPS, Settings
 
 PAGE = Path(__file__).with_name("operating.md")
@@ -40,13 +40,15 @@ def settings_table() -> str:
 
 def metrics_table() -> str:
     """Return the metrics: name, labels, what is counted."""
-    registry = Metrics().registry
     rows = []
-    for collector in registry._collector_to_names:  # noqa: SLF001 (the labels are nowhere else)
-        (family,) = collector.collect()
+    for family in Metrics().registry.collect():
         name = family.name + {"counter": "_total", "info": "_info"}.get(family.type, "")
-        labels = ", ".join(f"`{label}`" for label in getattr(collector, "_labelnames", ()))
-        rows.append((f"`{name}`", "gauge" if family.type == "info" else family.type, labels, family.documentation))
+        # A family without a sample does not say its labels; the info of the build has one, and its labels are values.
+        labels = LABELS.get(family.name) or next(
+            (tuple(sample.labels) for sample in family.samples if sample.labels), ()
+        )
+        shown = ", ".join(f"`{label}`" for label in labels)
+        rows.append((f"`{name}`", "gauge" if family.type == "info" else family.type, shown, family.documentation))
     return table(("metric", "type", "labels", "what"), rows)
 
 

@@ -4,7 +4,6 @@ Its numbers are those of requests that anyone may send: they are computed, kept 
 """
 
 from collections.abc import Mapping
-from importlib.metadata import version
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
@@ -14,6 +13,7 @@ from service.errors import ReportsMissingError
 from service.operations import SCHEMA_VERSION
 from service.schemas.requests import ReportRequest
 from service.schemas.verdict import angle_in, next_shot_advice_in, usual_inputs, verdict_in
+from service.version import VERSION
 from solver import ENGINE_VERSION, ConstantStrengthFactor, mass_properties
 from solver.checks import BOUNDS
 from solver.strength_scatter import scatter_of_strength
@@ -197,7 +197,7 @@ def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, 
             ],
             made=made,
             address=address,
-            versions={"ricochet": version("ricochet"), "engine": ENGINE_VERSION, "schema": SCHEMA_VERSION},
+            versions={"ricochet": VERSION, "engine": ENGINE_VERSION, "schema": SCHEMA_VERSION},
         )
     )
 

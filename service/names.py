@@ -103,6 +103,53 @@ QUANTITIES: Final[Mapping[str, str]] = {
     "sampling.seed": "Seed",
 }
 """Labels of the inputs, by their dotted paths."""
+ALIASES: Final[Mapping[str, tuple[str, ...]]] = {
+    "impact.velocity_m_s": (
+        "velocity",
+        "speed",
+        "impact_velocity",
+        "impact_speed",
+        "striking_velocity",
+        "v",
+        "v0",
+        "vs",
+    ),
+    "impact.oblique_angle_deg": (
+        "oblique_angle",
+        "angle",
+        "obliquity",
+        "incidence",
+        "angle_of_incidence",
+        "impact_angle",
+        "theta",
+    ),
+    "impact.angle_of_attack_deg": ("angle_of_attack", "attack", "attack_angle", "aoa", "yaw"),
+    "impact.angular_velocity_rad_s": ("angular_velocity", "angular_speed", "rotation_rate", "omega"),
+    "projectile.diameter_m": ("diameter", "projectile_diameter", "caliber", "calibre", "d"),
+    "projectile.length_m": ("length", "projectile_length", "l"),
+    "projectile.mass_kg": ("mass", "projectile_mass", "weight", "m"),
+    "projectile.nose.shape": ("nose", "nose_shape", "shape", "nose_type"),
+    "projectile.nose.caliber_radius_head": ("caliber_radius_head", "calibre_radius_head", "crh", "psi"),
+    "projectile.center_of_gravity_m": ("center_of_gravity", "centre_of_gravity", "cg", "cog", "x_cg"),
+    "projectile.moment_of_inertia_kg_m2": ("moment_of_inertia", "inertia", "transverse_inertia"),
+    "target.compressive_strength_pa": (
+        "compressive_strength",
+        "concrete_strength",
+        "strength",
+        "fc",
+        "f_c",
+        "fcm",
+        "cylinder_strength",
+    ),
+    "target.density_kg_m3": ("density", "concrete_density", "rho"),
+    "target.youngs_modulus_pa": ("youngs_modulus", "young_modulus", "elastic_modulus", "modulus", "e_modulus", "ec"),
+    "target.poissons_ratio": ("poissons_ratio", "poisson_ratio", "poisson", "nu"),
+    "target.thickness_m": ("thickness", "wall_thickness", "wall", "target_thickness"),
+    "resistance.strength_factor.value": ("strength_factor", "s"),
+    "custom_id": ("id", "name", "label", "case", "case_id", "shot", "test"),
+}
+"""Names that people give to inputs, without units, by the dotted paths of the inputs: for the columns of tables and for
+suggestions. Letters are small, and an underscore stands for whatever is no letter or digit."""
 FORMULAS: Final[Mapping[str, str]] = {
     "modified_ndrc": "Modified NDRC",
     "degen": "Degen",

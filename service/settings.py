@@ -22,7 +22,7 @@ Names: TypeAlias = Annotated[
 
 
 def missing_package(feature: str, package: str, extra: str) -> str:
-    """Return what to do about a feature whose package is not installed; the package index has another ricochet."""
+    """Return what to do about a feature whose package is not installed."""
     return (
         f"{feature} needs {package}, which is not installed: install the extra {extra} from the wheel or from the "
         f'repository, pip install -e ".[{extra}]"'

@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from importlib.metadata import version
 
 import orjson
 import structlog
@@ -26,6 +25,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.errors import MissingExtraError
 from service.settings import missing_package
+from service.version import VERSION
 
 BEGUN = "ricochet.begun"
 """In the scope of a request: when it was begun, on the performance counter."""
@@ -189,7 +189,7 @@ def tracer_provider() -> trace.TracerProvider:
     except ModuleNotFoundError as error:
         raise MissingExtraError(missing_package("RICOCHET_TELEMETRY", str(error.name), "telemetry")) from None
     logging.getLogger("opentelemetry.util.re").addFilter(hide_header)
-    named = Resource({"service.name": "ricochet", "service.version": version("ricochet")})
+    named = Resource({"service.name": "ricochet", "service.version": VERSION})
     provider = TracerProvider(resource=named.merge(OTELResourceDetector().detect()), shutdown_on_exit=False)
     provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
     return provider

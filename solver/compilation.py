@@ -17,8 +17,8 @@ import shutil
 import sys
 import threading
 import traceback
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import lru_cache, update_wrapper
 from importlib import import_module
 from importlib.metadata import version
@@ -230,18 +230,48 @@ class Compiled:
     def _prepare(self, arguments: tuple[object, ...]) -> None:
         with _LOCK:
             if self._ready is None:
-                types = tuple(map(_numba().typeof, arguments))
-                try:
-                    self.dispatcher.compile(types)
-                except Exception as error:
-                    if not _can_repair(error):
-                        raise
-                    self.dispatcher.compile(types)
+                with _no_exception_ignored():
+                    types = tuple(map(_numba().typeof, arguments))
+                    try:
+                        self.dispatcher.compile(types)
+                    except Exception as error:
+                        if not _can_repair(error):
+                            raise
+                        self.dispatcher.compile(types)
                 self.dispatcher.disable_compile()
                 self._ready = self.dispatcher
 
 
 _LOCK = threading.RLock()
+
+
+@contextmanager
+def _no_exception_ignored() -> Iterator[None]:
+    """Raise, at the end of this block, what the handler of a signal raised where Python ignores it.
+
+    LLVM calls back into Python for each module that it compiles or loads, and Python can only report what is raised
+    there: Ctrl-C at that instant would be lost.
+    """
+    ignored: list[BaseException] = []
+
+    def keep(unraisable: "sys.UnraisableHookArgs") -> None:
+        error = unraisable.exc_value
+        called = getattr(unraisable.object, "__module__", None) or ""
+        if error is not None and (not isinstance(error, Exception) or called.startswith("llvmlite")):
+            ignored.append(error)
+        else:
+            before(unraisable)
+
+    before, sys.unraisablehook = sys.unraisablehook, keep
+    try:
+        yield
+    except Exception:
+        if not ignored:  # Else it may come of what was not done there.
+            raise
+    finally:
+        sys.unraisablehook = before
+    if ignored:
+        raise ignored[0]
 
 
 def _can_repair(error: Exception) -> bool:

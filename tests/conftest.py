@@ -28,6 +28,29 @@ NO_TLS = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
+ROBUSTNESS = (
+    "tests/api/test_attacks.py",
+    "tests/api/test_liveness.py",
+    "tests/api/test_refused_bodies.py",
+    "tests/api/test_schemathesis.py",
+    "tests/browser/",
+    "tests/container/",
+    "tests/faults/",
+    "tests/physics/test_compiled_code.py",
+    "tests/service/test_crashes.py",
+    "tests/service/test_dask_faults.py",
+    "tests/service/test_faults.py",
+    "tests/supply/",
+)
+"""Studies of faults, attacks, the supply chain, the image, the compiled code and the page in a browser. They have a
+target of their own, `make test-robustness`: few changes concern them, and CI runs them with each."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.nodeid.startswith(ROBUSTNESS):
+            item.add_marker(pytest.mark.robustness)
+
 
 @pytest.fixture(scope="session")
 def anyio_backend() -> str:

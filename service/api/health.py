@@ -17,11 +17,12 @@ from service.auth.dependencies import READ
 from service.errors import StorageError
 from service.operations import SCHEMA_VERSION
 from service.schemas.quantities import Part, with_examples
+from service.version import VERSION
 from solver import ENGINE_VERSION
 
 router = APIRouter(tags=["health"])
 
-LIBRARIES = ("ricochet", "fastapi", "h5py", "numba", "numpy", "pydantic", "scipy", "uvicorn")
+LIBRARIES = ("fastapi", "h5py", "numba", "numpy", "pydantic", "scipy", "uvicorn")
 MOST_NAMES = 5
 """Damaged files that are named; there may be thousands."""
 
@@ -100,8 +101,8 @@ async def version() -> Version:
 
 @cache
 def library_versions() -> dict[str, str]:
-    """Return the versions of the libraries, read once."""
-    return {name: installed_version(name) for name in LIBRARIES}
+    """Return the versions of the package and its libraries, read once."""
+    return {"ricochet": VERSION} | {name: installed_version(name) for name in LIBRARIES}
 
 
 @router.get(

@@ -9,7 +9,6 @@ import re
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass
 from http import HTTPStatus
-from importlib.metadata import version
 from typing import Any, TypeAlias
 
 import orjson
@@ -27,6 +26,7 @@ from mcp.types import (
 from service.columns import summarize
 from service.errors import InvalidBodyError, ProblemType, problem_of
 from service.operations import OPERATIONS, Operation, ToolText
+from service.version import VERSION
 
 Compute: TypeAlias = Callable[[str, Mapping[str, Any], Any], Awaitable[dict[str, Any]]]
 """Returns the answer to an operation and a request body. Its last argument is the HTTP request; None over stdio."""
@@ -225,7 +225,7 @@ def server_of(compute: Compute) -> Server[Any]:
 
     return Server(
         "ricochet",
-        version=version("ricochet"),
+        version=VERSION,
         title="Critical ricochet angles of projectiles on concrete",
         instructions=INSTRUCTIONS,
         on_list_tools=list_tools,

@@ -243,7 +243,7 @@ async def read_request(services: Services, body: bytes, operation: Operation) ->
 async def read_content(services: Services, body: bytes) -> Any:
     """Return the JSON of a body, which must not be empty, when it is its turn to be parsed."""
     if not body:
-        raise InvalidBodyError([{"pointer": "", "detail": "Field required"}])
+        raise InvalidBodyError([{"pointer": "", "detail": "is missing"}])
     await next_turn(services.parsing)
     return parse_json(body, BodyLimits.of_one(services.settings))
 

@@ -39,6 +39,14 @@ READING_THREADS = 1
 HISTOGRAM_SECONDS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
 """Bounds of the histogram: a cached answer takes well under a millisecond, the longest query a minute."""
 
+LABELS = {
+    "ricochet_cases": ("operation", "outcome", "cache"),
+    "ricochet_request_seconds": ("method", "route", "status"),
+    "ricochet_chunk_width": ("place",),
+    "ricochet_jobs": ("status",),
+}
+"""Labels of the metrics that have any."""
+
 
 class Metrics:
     """Counts what is done; the rest is looked up for each answer."""
@@ -46,12 +54,13 @@ class Metrics:
     def __init__(self) -> None:
         disable_created_metrics()  # type: ignore[no-untyped-call] # they would be a series more for each of the others
         self.registry = registry = CollectorRegistry()
-        labels = ("operation", "outcome", "cache")
-        self._cases = Counter("ricochet_cases", "Cases answered, by how they ended", labels, registry=registry)
+        self._cases = Counter(
+            "ricochet_cases", "Cases answered, by how they ended", LABELS["ricochet_cases"], registry=registry
+        )
         self._seconds = Histogram(
             "ricochet_request_seconds",
             "Time from a request to the end of its answer",
-            ("method", "route", "status"),
+            LABELS["ricochet_request_seconds"],
             buckets=HISTOGRAM_SECONDS,
             registry=registry,
         )
@@ -70,7 +79,7 @@ class Metrics:
         self._width = Gauge(
             "ricochet_chunk_width",
             "Chunks that can be computed at once, in the pool or, while there is one, on the cluster",
-            ("place",),
+            LABELS["ricochet_chunk_width"],
             registry=registry,
         )
         self._restarts = Counter(
@@ -87,7 +96,7 @@ class Metrics:
             registry=registry,
         )
         self._implausible_counted = 0
-        self._jobs = Gauge("ricochet_jobs", "Jobs that are kept", ("status",), registry=registry)
+        self._jobs = Gauge("ricochet_jobs", "Jobs that are kept", LABELS["ricochet_jobs"], registry=registry)
         build = {"engine_version": ENGINE_VERSION, "schema_version": SCHEMA_VERSION}
         Info("ricochet_build", "Versions of the service", registry=registry).info(build)
 

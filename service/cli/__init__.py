@@ -15,27 +15,30 @@ import signal
 import sys
 import threading
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from service.cli.arguments import (
     EXIT_STATUSES,
     FAILED,
     INTERRUPTED,
     CommandError,
-    Parser,
     UsageError,
     examples,
     reason_of,
 )
 from service.cli.outputs import check_outputs, one_answer
+from service.cli.parser import Parser, with_values
+from service.version import VERSION
 
 PLAIN = {"°": "deg", "θ": "theta", "±": "+/-", "×": "x", "–": "-", "…": "..."}
 """What stands for a character that the encoding of a terminal lacks, where Unicode does not know it."""
 
 
+COMPLETION = "_ARGCOMPLETE"
+"""Variable by which a shell asks argcomplete for completions."""
 EVENT_LOOPS = frozenset({"serve", "mcp"})
 """Commands that run an event loop in the main thread."""
 
@@ -69,16 +72,8 @@ COMMANDS = (
     Command("openapi", "write the contract, openapi/openapi.json", "service.cli.serve"),
     Command("completion", "print a script that completes commands and flags in a shell", "service.cli.init"),
     Command("version", "print the versions of the package and the solver", "service.cli"),
+    Command("help", "print the help of a command", "service.cli"),
 )
-
-
-class Version(argparse.Action):
-    """`--version`. The version is looked up only if it is printed: reading package metadata takes 20 ms."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        """Print the version of the package and exit."""
-        print(f"ricochet {package_version()}")
-        parser.exit()
 
 
 def add_version(parser: argparse.ArgumentParser) -> None:
@@ -92,15 +87,21 @@ def print_versions(_: argparse.Namespace) -> int:
     """Print the versions."""
     from solver import ENGINE_VERSION
 
-    print(f"ricochet {package_version()}, engine {ENGINE_VERSION}")
+    print(f"ricochet {VERSION}, engine {ENGINE_VERSION}")
     return 0
 
 
-def package_version() -> str:
-    """Return the version of the installed package."""
-    from importlib.metadata import version
+def add_help(parser: argparse.ArgumentParser) -> None:
+    """Define `ricochet help`."""
+    parser.description = "Print the help of a command, as its flag --help does, or the list of commands."
+    parser.epilog = examples("ricochet help", "ricochet help cra", "ricochet help jobs results")
+    parser.add_argument("words", nargs="*", metavar="COMMAND", help="a command, and perhaps its action")
+    parser.set_defaults(run=print_help)
 
-    return version("ricochet")
+
+def print_help(args: argparse.Namespace) -> int:
+    """Print the help of a command, which ends it."""
+    return run(next(iter(args.words), ""), [*args.words, "--help"])
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -111,10 +112,17 @@ def main(arguments: list[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # Small systems of equations are slower on several threads.
     os.environ.pop("MPLBACKEND", None)  # Plots go to files; a backend that a notebook has set may not be here.
     os.environ["MATPLOTLIBRC"] = os.devnull  # The figures have a style of their own.
+    if COMPLETION in os.environ:
+        # The shell asks for completions: the command is the first word of its line behind that of the program.
+        arguments = os.environ.get("COMP_LINE", "").split()[1:]
     name = next((argument for argument in arguments if not argument.startswith("-")), "")
     try:
         with interruptible(name):
             return run(name, arguments)
+    except UsageError as error:
+        command = error.command or f"ricochet {name}"
+        print(f"{command}: {error}\n{command} --help lists what it takes", file=sys.stderr)
+        return error.status
     except CommandError as error:
         print(f"ricochet {name}: {error}", file=sys.stderr)
         return error.status
@@ -194,29 +202,30 @@ def define(command: Command, parser: argparse.ArgumentParser) -> None:
     getattr(import_module(command.module), f"add_{command.name.replace('-', '_')}")(parser)
 
 
-def run(name: str, arguments: list[str]) -> int:
+def run(name: str, arguments: Sequence[str]) -> int:
     """Parse the arguments and run the command; only its module is imported and only its flags are known."""
     parser = Parser(
         prog="ricochet",
         description="Critical ricochet angles of rigid projectiles on concrete, computed here or by a service (--url).",
         epilog=f"{examples('ricochet cra --help')}\n\n{EXIT_STATUSES}",
     )
-    parser.add_argument("--version", action=Version, nargs=0, help="print the version and exit")
+    parser.add_argument("--version", action="version", version=f"ricochet {VERSION}", help="print the version and exit")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    selected = parser
+    known = False
     for command in COMMANDS:
         subparser = commands.add_parser(command.name, help=command.help)
         if command.name == name:
-            selected = subparser
+            known = True
             define(command, subparser)
-    if name and selected is parser:
-        selected = import_module("service.cli.single").add_operation_command(commands, name) or parser
-    args = parser.parse_args(arguments)
-    try:
-        check_outputs(args)
-        with one_answer(args):
-            status: int = args.run(args)
-        sys.stdout.flush()
-    except UsageError as error:
-        selected.error(str(error))
+    if name and not known and COMPLETION not in os.environ:
+        import_module("service.cli.single").add_operation_command(commands, name)
+    if COMPLETION in os.environ:
+        import argcomplete
+
+        argcomplete.autocomplete(parser)  # It prints what completes the line, and ends the process.
+    args = parser.parse_args(with_values(arguments))
+    check_outputs(args)
+    with one_answer(args):
+        status: int = args.run(args)
+    sys.stdout.flush()
     return status

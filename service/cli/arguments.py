@@ -1,10 +1,9 @@
 """Arguments that commands share, and the errors and exit statuses of the command."""
 
 import argparse
-import difflib
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -48,7 +47,19 @@ class CommandError(Exception):
 
 
 class UsageError(CommandError):
-    """The flags do not go together; the usage of the command is printed too."""
+    """The words of the command line are wrong; where to read about them is printed too.
+
+    Parameters
+    ----------
+    text
+        What is wrong, beginning with the flag.
+    command
+        The command with its action, such as `ricochet jobs list`; that which runs if empty.
+    """
+
+    def __init__(self, text: str, command: str = "") -> None:
+        super().__init__(text)
+        self.command = command
 
 
 class RefusedError(CommandError):
@@ -87,16 +98,32 @@ URL, DATA_DIR = "RICOCHET_URL", "RICOCHET_DATA_DIR"
 
 
 def read_numbers(text: str) -> list[float]:
-    """Return the numbers of a text with commas between them."""
-    return [float(number) for number in text.split(",")]
+    """Return the numbers of a text with commas between them.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If one of them is none.
+    """
+    try:
+        return [float(number) for number in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be numbers with commas between them, got {text!r}") from None
 
 
 def read_points(text: str) -> list[list[float]]:
-    """Return the points X,R:X,R:... of a profile."""
-    points = [read_numbers(point) for point in text.split(":")]
-    if any(len(point) != 2 for point in points):
-        raise ValueError(text)
-    return points
+    """Return the points X,R:X,R:... of a profile.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If the text is not that.
+    """
+    points = [point.split(",") for point in text.split(":")]
+    try:
+        return [[float(x), float(radius)] for x, radius in points]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be points X,R:X,R:..., got {text!r}") from None
 
 
 class InputFile(str):
@@ -308,8 +335,8 @@ def add_case(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> None:
     )
 
 
-def add_numbers(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> "argparse._ArgumentGroup":
-    """Add the flags for the fields of a case; return their group."""
+def add_numbers(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> Any:
+    """Add the flags for the fields of a case; return their group, whose class argparse does not publish."""
     group = parser.add_argument_group("case", "SI units, angles in degrees from the normal; flags override the file")
     for flag in flags:
         group.add_argument(
@@ -381,43 +408,6 @@ def add_actions(
     }
 
 
-class Parser(argparse.ArgumentParser):
-    """Parser that takes any negative number as a value, and says what a misspelt word may be meant as."""
-
-    def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, **{"formatter_class": Formatter, **options, "allow_abbrev": False})
-        self._negative_number_matcher = re.compile(r"-\.?\d")  # That of argparse takes -1e-1 and -1,2 for flags.
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse all arguments; those of a command that are unknown are an error of its parser, not of the outermost."""
-        found, rest = super().parse_known_args(args, namespace)
-        if rest:
-            self.error(f"unrecognized arguments: {' '.join(rest)}{self._meant(rest[0], self._option_string_actions)}")
-        return found, rest
-
-    def _check_value(self, action: argparse.Action, value: Any) -> None:
-        try:
-            super()._check_value(action, value)
-        except argparse.ArgumentError as error:
-            error.message += self._meant(str(value), map(str, action.choices or ()))
-            raise
-
-    @staticmethod
-    def _meant(word: str, known: Iterable[str]) -> str:
-        close = difflib.get_close_matches(word.partition("=")[0], known, 1)
-        return f"; did you mean {close[0]}?" if close else ""
-
-
-class Formatter(argparse.HelpFormatter):
-    """Wraps prose, and leaves text of several lines, such as examples, as it is."""
-
-    def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, **{"max_help_position": 28} | options)
-
-    def _fill_text(self, text: str, width: int, indent: str) -> str:
-        return text if "\n" in text else super()._fill_text(text, width, indent)
-
-
 def examples(*commands: str) -> str:
     """Return the examples at the end of a help text."""
     return "\n".join(("example:" if len(commands) == 1 else "examples:", *(f"  {command}" for command in commands)))
@@ -433,6 +423,7 @@ def read_settings(**fixed: Any) -> "Settings":
     """
     from pydantic import ValidationError
 
+    from service.schemas.wording import worded
     from service.settings import Settings
 
     try:
@@ -442,5 +433,5 @@ def read_settings(**fixed: Any) -> "Settings":
         for each in error.errors():
             name = str(each["loc"][0]) if each["loc"] else ""
             origin = f"--{name.replace('_', '-')}" if name in fixed else f"RICOCHET_{name.upper()}"
-            lines.append(f"{origin}: {each['msg'].removeprefix('Value error, ')}")
+            lines.append(f"{origin}: {worded(each)}")
         raise UsageError("\n".join(lines)) from None

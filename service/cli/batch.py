@@ -1,11 +1,12 @@
 """`ricochet batch` and `ricochet sweep`: many cases, computed locally or by a service."""
 
 import argparse
+import json
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from service.cli.arguments import (
     STRIKE,
@@ -19,15 +20,22 @@ from service.cli.arguments import (
     add_url,
     examples,
 )
-from service.cli.case_table import ENDINGS, read_cases
 from service.cli.jobs import BatchRequest, run_batch, write_results
 from service.cli.outputs import add_output, add_plot
-from service.cli.request_body import STDIN, RequestBody, read_body, without_sought
-from service.cli.writers import Writer
+from service.cli.request_body import MISSING, STDIN, RequestBody, read_body, read_text, without_sought
+from service.cli.writers import Inputs, Writer, require_excel
+
+if TYPE_CHECKING:
+    from service.cli.case_table import CaseTable
+    from service.cli.client import Content
 
 READ_SIZE = 256 * 1024
 """Number of bytes that are read from a file at a time."""
 JSONL = "application/jsonl"
+TABLES = frozenset({".csv", ".tsv", ".xlsx"})
+"""Ends of the names of tables of cases."""
+MAX_LISTED = 50
+"""Errors of rows that are listed: nobody mends more at once."""
 MAX_PLOT_AXES = 2
 MAX_POINTS = 100_000
 """Largest number of points of a sweep that a service accepts."""
@@ -46,19 +54,30 @@ def add_batch(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet batch`."""
     parser.description = (
         "Compute many cases. Each line of the file is a request body in JSON, with an optional custom_id; or the file "
-        "is a CSV table with a case in each row, whose columns are fields with their units, such as velocity_m_s or "
-        "resistance.strength_factor.model. Results are written in the order of the file as soon as they are ready: as "
+        "is a table, CSV or Excel, with a case in each row, whose columns are fields by name, such as velocity_m_s, "
+        "'Speed (m/s)', fc_MPa or id, with units in the header or in a second line. CSV and Excel results carry the "
+        "columns of the table. Results are written in the order of the file as soon as they are ready: as "
         "JSON lines, or on a terminal as a table of the first."
     )
     parser.epilog = examples(
         "ricochet batch cases.jsonl -o angles.csv",
         "ricochet batch cases.jsonl > angles.jsonl",
         "ricochet batch cases.csv --case strike.toml -o angles.csv",
+        "ricochet batch cases.csv --case strike.toml --skip-bad -o angles.xlsx",
     )
     parser.add_argument(
-        "file", type=InputFile, metavar="FILE", help="up to 100,000 cases, .jsonl or .csv; - reads JSON lines"
+        "file",
+        type=InputFile,
+        metavar="FILE",
+        help="up to 100,000 cases, .jsonl, .csv, .tsv or .xlsx; - reads JSON lines",
     )
     parser.add_argument("--case", type=InputFile, metavar="CASE", help="TOML or JSON file with what a table leaves out")
+    parser.add_argument(
+        "--keep", action="append", default=[], metavar="HEADER", help="column that is no field, to carry to the output"
+    )
+    parser.add_argument(
+        "--skip-bad", action="store_true", help="compute the good rows and write the others with their error"
+    )
     _add_common(parser)
     parser.set_defaults(run=run_file)
 
@@ -99,26 +118,122 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 
 def run_file(args: argparse.Namespace) -> int:
     """Compute the cases of a file; return 3 if some have a problem."""
-    path = f"/{args.operation}/batch"
-    lines: Sequence[int] = range(1, sys.maxsize)
-    is_table = Path(args.file).suffix.lower() in ENDINGS
-    if args.case and not is_table:
-        raise UsageError("--case needs a table of cases, .csv or .tsv")
+    is_table = Path(args.file).suffix.lower() in TABLES
+    if not is_table and (args.case or args.keep):
+        raise UsageError(f"{'--case' if args.case else '--keep'}: goes with a table of cases, .csv, .tsv or .xlsx")
+    if args.xlsx:
+        require_excel("--output")
     if is_table:
-        base = without_sought(read_body(args.case, args, ()), args.operation).content
-        cases, lines = read_cases(Path(args.file), args.operation, base)
-        request = BatchRequest(path, lambda: b"\n".join(cases), JSONL)
-    elif args.file == STDIN:
+        return run_batch(args, _request(args, *_cases_of_table(args)))
+    if args.skip_bad:
+        return run_batch(args, _request(args, *_cases_of_lines(args)))
+    if args.file == STDIN:
         text = sys.stdin.buffer.read()
-        request = BatchRequest(path, lambda: text, JSONL)
-    else:
-        file = Path(args.file)
-        _check_readable(file)
-        request = BatchRequest(path, lambda: _read_pieces(file), JSONL)
+        return _run_lines(args, lambda: text)
+    file = Path(args.file)
+    _check_readable(file)
+    return _run_lines(args, lambda: _read_pieces(file))
+
+
+def _run_lines(args: argparse.Namespace, read: "Content") -> int:
+    """Compute the cases of JSON lines as they are read; a service refuses the first that is wrong."""
     try:
-        return run_batch(args, request)
+        return run_batch(args, BatchRequest(_path(args), read, JSONL))
     except RefusedError as error:
-        raise _explain_lines(error, args.file, lines) from None
+        raise _explain_lines(args, error, read) from None
+
+
+def _path(args: argparse.Namespace) -> str:
+    return f"/{args.operation}/batch"
+
+
+def _request(args: argparse.Namespace, cases: Sequence[bytes], inputs: Inputs) -> BatchRequest:
+    """Return the request of the cases that are good.
+
+    Raises
+    ------
+    CommandError
+        If there are none.
+    """
+    if not cases:
+        raise CommandError(f"{args.file}: has no case to compute")
+    return BatchRequest(_path(args), lambda: b"\n".join(cases), JSONL, inputs=inputs)
+
+
+def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
+    """Return the good cases of a table, and its rows.
+
+    Raises
+    ------
+    CommandError
+        If the file is no table or, unless bad rows are skipped, a row is no case.
+    """
+    base = without_sought(read_body(args.case, args, ()), args.operation).content
+    from service.cli.case_table import CUSTOM_ID, UnknownColumnsError, read_cases
+    from service.cli.local import wrong_cases
+
+    try:
+        table = read_cases(Path(args.file), args.operation, base, args.keep)
+    except UnknownColumnsError as error:
+        raise CommandError(f"{error}\nfields of a case: {', '.join(error.fields)}") from None
+    numbers = [number for number, row in enumerate(table.rows) if not row.error]
+    wrong = wrong_cases(args.operation, (dict(table.rows[number].case) for number in numbers))
+    errors = {number: [{"pointer": "", "detail": row.error}] for number, row in enumerate(table.rows) if row.error}
+    errors |= {numbers[place]: found for place, found in wrong.items()}
+    if errors and not args.skip_bad:
+        raise bad_rows(_described(table, errors), some_good=len(errors) < len(table.rows))
+    names = {number: str(table.rows[number].case.get(CUSTOM_ID, "")) for number in errors}
+    sent = [number for number in range(len(table.rows)) if number not in errors]
+    headers = [column.header for column in table.columns]
+    inputs = Inputs(sent, _left_out(errors, names, _path(args)), headers, [row.cells for row in table.rows])
+    return [json.dumps(table.rows[number].case).encode() for number in sent], inputs
+
+
+def _described(table: "CaseTable", errors: Mapping[int, Sequence[Mapping[str, str]]]) -> Iterator[str]:
+    """Yield what is wrong with the rows of a table; what every row lacks once."""
+    lacking = [{each["pointer"] for each in found if each["detail"] == MISSING} for found in errors.values()]
+    everywhere = set.intersection(*lacking) if len(errors) == len(table.rows) else set()
+    for pointer in sorted(everywhere):
+        yield f"{table.path}: {pointer}: is missing in every row; add a column of it, or a file with it by --case"
+    for number in sorted(errors):
+        for each in errors[number]:
+            if each["pointer"] not in everywhere:
+                yield table.described(table.rows[number], each["pointer"], each["detail"])
+
+
+def _cases_of_lines(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
+    """Return the good cases of a file of JSON lines, and which lines are not."""
+    from service.cli.local import wrong_cases
+
+    lines = read_text(args.file).rstrip("\n").encode().split(b"\n")
+    errors = wrong_cases(args.operation, lines)
+    sent = [number for number in range(len(lines)) if number not in errors]
+    return [lines[number] for number in sent], Inputs(sent, _left_out(errors, {}, _path(args)))
+
+
+def _left_out(
+    errors: Mapping[int, Sequence[Mapping[str, str]]], names: Mapping[int, str], path: str
+) -> dict[int, dict[str, Any]]:
+    """Return the items of cases that are not sent, with the problem that a service would find."""
+    from service.errors import InvalidBodyError, problem_of
+
+    items: dict[int, dict[str, Any]] = {}
+    for number, found in errors.items():
+        problem = problem_of(InvalidBodyError(list(map(dict, found)))) | {"instance": path}
+        name = {"custom_id": names[number]} if names.get(number) else {}
+        items[number] = {"index": number, **name, "problem": problem}
+    return items
+
+
+def bad_rows(errors: Iterable[str], *, some_good: bool) -> CommandError:
+    """Return an error that lists what is wrong, up to `MAX_LISTED`, and says what to do if some rows are good."""
+    found = list(errors)
+    lines = found[:MAX_LISTED]
+    if len(found) > MAX_LISTED:
+        lines.append(f"and {len(found) - MAX_LISTED:,} more")
+    if some_good:
+        lines.append("--skip-bad computes the others")
+    return CommandError("\n".join(lines))
 
 
 def _check_readable(file: Path) -> None:
@@ -135,15 +250,26 @@ def _read_pieces(file: Path) -> Iterator[bytes]:
             yield piece
 
 
-def _explain_lines(error: RefusedError, file: str, numbers: Sequence[int]) -> CommandError:
-    """Return a problem with the line of each invalid case, which the service counts from 0."""
-    lines = []
-    for each in error.errors:
-        _, _, rest = each["pointer"].partition("/")
-        index, _, pointer = rest.partition("/")
-        line = f"{file}:{numbers[int(index)]}" if index.isdigit() else file
-        lines.append(": ".join(filter(None, (line, pointer and f"/{pointer}", each["detail"]))))
-    return CommandError("\n".join(lines), error.status) if lines else error
+def _explain_lines(args: argparse.Namespace, error: RefusedError, read: "Content") -> CommandError:
+    """Return a problem with all lines that are wrong; the service names the first alone, which it counts from 0."""
+    from service.cli.local import wrong_cases
+
+    content = read()
+    text = content if isinstance(content, bytes) else b"".join(content)
+    texts = text.rstrip(b"\n").split(b"\n")
+    wrong = wrong_cases(args.operation, texts)
+    found = [(number, each["pointer"], each["detail"]) for number, errors in sorted(wrong.items()) for each in errors]
+    if not found:
+        for each in error.errors:
+            index, _, pointer = each["pointer"].removeprefix("/").partition("/")
+            found.append((int(index) if index.isdigit() else -1, pointer and f"/{pointer}", each["detail"]))
+    if not found:
+        return error
+    lines = (
+        ": ".join(filter(None, (args.file if number < 0 else f"{args.file}:{number + 1}", pointer, detail)))
+        for number, pointer, detail in found
+    )
+    return bad_rows(lines, some_good=len(wrong) < len(texts))
 
 
 def run_sweep(args: argparse.Namespace) -> int:
@@ -176,7 +302,7 @@ def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: S
     from service.cli.client import JSON, dumps
 
     body = dumps(content)
-    return run_batch(args, BatchRequest(f"/{args.operation}/sweep", lambda: body, JSON, writers))
+    return run_batch(args, BatchRequest(f"/{args.operation}/sweep", lambda: body, JSON, writers, base=content["base"]))
 
 
 def read_axis(text: str) -> SweepAxis:

@@ -102,7 +102,7 @@ def calibrate_depth(args: argparse.Namespace) -> None:
     elif args.uncertain:
         print(shots_as_uncertain(tests, answer["posterior"]))
     else:
-        _print_depth(tests, answer, args.confidence)
+        _print_depth(tests, answer, args)
 
 
 def calibrate_motion(args: argparse.Namespace) -> None:
@@ -131,7 +131,7 @@ def calibrate_motion(args: argparse.Namespace) -> None:
     elif args.uncertain:
         print(as_uncertain(answer))
     else:
-        _print_motion(inputs, answer, args.confidence)
+        _print_motion(inputs, answer, args)
 
 
 def as_uncertain(answer: Mapping[str, Any]) -> str:
@@ -251,7 +251,7 @@ def calibrate_obliquity(args: argparse.Namespace) -> None:
     if args.json:
         _print_json(answer)
     else:
-        _print_obliquity(points, answer)
+        _print_obliquity(points, answer, verbose=args.verbose)
 
 
 def _read_history(args: argparse.Namespace, expected: Expected) -> MotionHistory:
@@ -305,7 +305,7 @@ def _print_json(answer: Mapping[str, Any]) -> None:
     print(json.dumps(answer, allow_nan=False))
 
 
-def _print_depth(tests: Sequence[Mapping[str, Any]], answer: Mapping[str, Any], confidence: float) -> None:
+def _print_depth(tests: Sequence[Mapping[str, Any]], answer: Mapping[str, Any], args: argparse.Namespace) -> None:
     rows = [
         [f"{test['velocity_m_s']:g}", f"{test['depth_m']:g}", f"{predicted:.4f}", f"{1e3 * residual:+.1f}"]
         for test, predicted, residual in zip(tests, answer["predicted_depth_m"], answer["residuals"], strict=True)
@@ -316,17 +316,17 @@ def _print_depth(tests: Sequence[Mapping[str, Any]], answer: Mapping[str, Any], 
             ["group", "strength factor", "standard error", "interval"],
             [[group["group"], *_columns(group)] for group in answer["groups"]],
         )
-    print(_sentence(answer, confidence))
+    print(_sentence(answer, args.confidence))
     print(f"root mean square {1e3 * answer['root_mean_square_m']:.1f} mm")
     posterior = answer["posterior"]
     print(
         f"next shot, with the published tests as prior: strength factor {posterior['median']:.3f}, scale "
         f"of its logarithm {posterior['scale']:.3f} ({posterior['degrees_of_freedom']:g} degrees of freedom)"
     )
-    print_warnings(answer["warnings"])
+    print_warnings(answer["warnings"], verbose=args.verbose)
 
 
-def _print_motion(inputs: Sequence[_Input], answer: Mapping[str, Any], confidence: float) -> None:
+def _print_motion(inputs: Sequence[_Input], answer: Mapping[str, Any], args: argparse.Namespace) -> None:
     requested = inputs[0].body.value_at("/resistance/free_surface/model") or "elastic_plastic"
     runs = answer.get("runs", [answer])
     if len(inputs) == 1:
@@ -344,10 +344,10 @@ def _print_motion(inputs: Sequence[_Input], answer: Mapping[str, Any], confidenc
     if len(inputs) == 1:
         angle, times = inputs[0].impact["oblique_angle_deg"], inputs[0].history["time_s"]
         described = f"{angle:g}° from the normal, {len(times)} instants up to {1e3 * times[-1]:.3g} ms"
-    print(f"{named(DECAY_NAMES, requested)}: {_sentence(answer, confidence)}")
+    print(f"{named(DECAY_NAMES, requested)}: {_sentence(answer, args.confidence)}")
     print(f"best decay law: {named(DECAY_NAMES, answer['best_decay_law'])}")
     print(described)
-    print_warnings(answer["warnings"])
+    print_warnings(answer["warnings"], verbose=args.verbose)
 
 
 def _print_quantities(run: Mapping[str, Any]) -> None:
@@ -375,7 +375,7 @@ def _print_runs(
     _print_rows(["run", "angle °", "m/s", "own factor", "normalised rms", "at the common factor"], rows)
 
 
-def _print_obliquity(points: Sequence[Mapping[str, Any]], answer: Mapping[str, Any]) -> None:
+def _print_obliquity(points: Sequence[Mapping[str, Any]], answer: Mapping[str, Any], *, verbose: bool) -> None:
     coefficients = []
     for power, coefficient in enumerate(answer["coefficients"]):
         error = f"{answer['covariance'][power][power] ** 0.5:.4g}" if "covariance" in answer else ""
@@ -388,7 +388,7 @@ def _print_obliquity(points: Sequence[Mapping[str, Any]], answer: Mapping[str, A
     _print_rows(["oblique angle °", "strength factor", "residual"], rows)
     print("strength_factor of a request:")
     print(json.dumps(answer["strength_factor_model"]))
-    print_warnings(answer["warnings"])
+    print_warnings(answer["warnings"], verbose=verbose)
 
 
 def _print_rows(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -17,6 +17,7 @@ from service.cli.arguments import (
     RefusedError,
     add_numbers,
     add_url,
+    add_verbose,
     examples,
 )
 from service.cli.local import refusals
@@ -42,6 +43,7 @@ DATA = ("tests", "history", "runs", "points")
 """Fields of a calibration that come from a file of data."""
 NOT_FITTED = frozenset({"/tests", "/history", "/runs"})
 """Pointers of an error that is about the data as a whole: these are well formed but cannot be fitted."""
+VERBOSE = "print the warnings in full, with the standing notes"
 CSV_FILES = (
     "Columns are found by their names, with the unit at the end (time_s, depth_displacement_mm, rotation_deg, "
     "velocity_m_s, mass_kg) or in brackets (time [ms]); without a unit they are SI. Separators are commas, semicolons "
@@ -144,6 +146,7 @@ def add_obliquity_flags(parser: argparse.ArgumentParser) -> None:
     _add_file_flags(parser, OBLIQUITY_POINTS, "oblique_angle=theta", "oblique_angle=deg")
     parser.add_argument("--order", type=int, default=2, metavar="N", help="highest power of the angle (%(default)s)")
     parser.add_argument("--json", action="store_true", help="print the answer as one line of JSON")
+    add_verbose(parser, VERBOSE)
     add_url(parser)
 
 
@@ -184,6 +187,7 @@ def _add_fit_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--strength-factors", type=float, nargs="+", default=[], metavar="S", help="further factors to compare with"
     )
+    add_verbose(parser, VERBOSE)
     add_url(parser)
 
 

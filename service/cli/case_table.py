@@ -1,108 +1,268 @@
-"""The cases of a batch as a CSV table: a row for each case, and a column for each field that it gives."""
+"""The cases of a batch as a table: a row for each case, and a column for each field that it gives."""
 
-import csv
-import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from copy import deepcopy
+from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from service.cli.arguments import BODY, MODEL_NAMES, RESISTANCE, CommandError, Flag
-from service.cli.request_body import put_field, put_model, read_text
+from service.cli.request_body import put_field, put_model
+from service.columns import unit_end
+from service.names import ALIASES
+from service.readers.files import FileError
+from service.readers.table import (
+    ANGULAR_VELOCITY,
+    BRACKETED,
+    DENSITY,
+    INERTIA,
+    LENGTH,
+    MASS,
+    MINUS,
+    NUMBER,
+    PRESSURE,
+    SPEED,
+    TIME,
+    Table,
+    decimal_hint,
+    read_table,
+    spelled,
+)
 
-ENDINGS = frozenset({".csv", ".tsv"})
-SEPARATORS = ",;\t"
 CUSTOM_ID = "custom_id"
-MAX_SHOWN = 100
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "_m": LENGTH,
+    "_s": TIME,
+    "_m_s": SPEED,
+    "_kg": MASS,
+    "_deg": {"deg": 1.0, "rad": 57.29577951308232},
+    "_rad_s": ANGULAR_VELOCITY,
+    "_pa": PRESSURE,
+    "_kg_m3": DENSITY,
+    "_kg_m2": INERTIA,
+}
+"""Units that a column may be in with their factors to that of the contract, by the end of the name of its field."""
+APOSTROPHES = re.compile("['\N{PRIME}\N{RIGHT SINGLE QUOTATION MARK}]")
+NO_WORD = re.compile(r"[^a-z0-9]+")
+MAX_SHOWN = 40
 """Characters of a name that an error quotes, and compares with those of the fields."""
+MAX_COLUMNS = 10
+"""Columns that one error names."""
 
 
-def read_cases(file: Path, operation: str, base: Mapping[str, Any]) -> tuple[list[bytes], list[int]]:
-    """Return the request of each row as JSON, and the line of the file where it ends.
+class Column(NamedTuple):
+    """A column of a table and the field that it gives.
+
+    Parameters
+    ----------
+    header
+        As typed, with the unit of a second line.
+    steps
+        Path of the field; empty if the column is only carried to the output.
+    factor
+        Factor from the unit of the column to that of the field.
+    """
+
+    header: str
+    steps: tuple[str, ...]
+    factor: float = 1.0
+
+    @property
+    def pointer(self) -> str:
+        """JSON pointer of the field."""
+        return "".join(f"/{step}" for step in self.steps)
+
+
+class Row(NamedTuple):
+    """A row of a table.
+
+    Parameters
+    ----------
+    line
+        Its line in the file, or row of the sheet.
+    cells
+        As typed.
+    case
+        The request; empty if there is an error.
+    error
+        Why there is no request.
+    """
+
+    line: int
+    cells: Sequence[str]
+    case: Mapping[str, Any]
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class CaseTable:
+    """Cases of a table, in the order of its rows."""
+
+    path: Path
+    columns: Sequence[Column]
+    rows: Sequence[Row]
+
+    def described(self, row: Row, pointer: str, detail: str) -> str:
+        """Return what is wrong with a field of a row, beginning with its cell."""
+        place = f"{self.path}:{row.line}"
+        for column, cell in zip(self.columns, row.cells, strict=True):
+            if column.steps and column.pointer == pointer and cell:
+                return f"{place}: {column.header}: {detail}{decimal_hint(cell)}"
+        return f"{place}: {pointer or '/'}: {detail}"
+
+
+class UnknownColumnsError(CommandError):
+    """Columns are no fields of a case.
+
+    Parameters
+    ----------
+    text
+        Which, with suggestions.
+    fields
+        Names of the fields there are.
+    """
+
+    def __init__(self, text: str, fields: Sequence[str]) -> None:
+        super().__init__(text)
+        self.fields = fields
+
+
+def read_cases(file: Path, operation: str, base: Mapping[str, Any], keep: Collection[str] = ()) -> CaseTable:
+    """Return the cases of a table; a row without a number or word is none.
 
     Parameters
     ----------
     base
         Fields of every case, in place of which go those of a row; an empty cell gives none.
+    keep
+        Headers of columns that are no fields, and only carried to the output.
 
     Raises
     ------
     CommandError
-        If a column is not a field of a request or a row has more cells than the header; it names the line.
+        If the file is no table, or columns are no fields of a case.
     """
-    text = read_text(file)
-    header = text.partition("\n")[0]
-    rows = csv.reader(io.StringIO(text), delimiter=max(SEPARATORS, key=header.count))
-    fields, columns = _fields(operation), list[tuple[str, ...]]()
-    cases, lines = list[bytes](), list[int]()
-    for cells in _rows(file, rows):
-        if not columns:
-            columns = [_steps(name.strip(), fields, f"{file}:1") for name in cells]
-            continue
-        place = f"{file}:{rows.line_num}"
-        if len(cells) > len(columns):
-            raise CommandError(f"{place}: {len(cells)} cells for {len(columns)} columns")
-        given = [(steps, cell.strip()) for steps, cell in zip(columns, cells, strict=False) if cell.strip()]
-        if given:
-            cases.append(json.dumps(_case(base, given, place)).encode())
-            lines.append(rows.line_num)
-    return cases, lines
-
-
-def _rows(file: Path, rows: Any) -> Iterator[list[str]]:
     try:
-        yield from rows
-    except csv.Error as error:  # A cell has more than 131,072 characters, or a quoted one goes on to the end.
-        raise CommandError(f"{file}:{rows.line_num}: not a CSV file: {error}") from None
+        table = read_table(file, gaps=True)
+    except FileError as error:
+        raise CommandError(str(error)) from None
+    columns = _columns(table, _fields(operation), keep)
+    rows = (Row(line, cells, {}) for line, cells in zip(table.lines, table.rows, strict=True))
+    return CaseTable(file, columns, [_with_case(row, columns, base) for row in rows])
 
 
 def _fields(operation: str) -> list[str]:
     """Return the fields of a case, their steps with dots between them."""
     from service.operations import OPERATIONS
-    from service.schemas.explanations import field_names
+    from service.schemas.similar_names import field_names
     from service.schemas.sweeps import schema_of
 
     many = OPERATIONS[operation].many
     assert many is not None  # noqa: S101 (a choice of the command)
-    return sorted(set(field_names(schema_of(many.models.case), in_lists=False)))
+    names = sorted(set(field_names(schema_of(many.models.case), in_lists=False)))
+    parts = {name.rpartition(".")[0] for name in names} | {name.partition(".")[0] for name in names if "." in name}
+    return [name for name in names if name not in parts]
 
 
-def _steps(name: str, fields: Sequence[str], place: str) -> tuple[str, ...]:
-    """Return the path of the field that a column gives by its whole name or the end of it."""
-    from service.schemas.explanations import suggestion
+def _columns(table: Table, fields: Sequence[str], keep: Collection[str]) -> list[Column]:
+    """Return the columns of a table.
 
-    found = [name] if name in fields else [field for field in fields if field.endswith(f".{name}")]
-    # The length of a projectile comes before that of its boat-tail.
-    found = [field for field in found if field.count(".") == min(each.count(".") for each in found)]
-    shown = name[:MAX_SHOWN]
-    if not name or len(found) > 1:
-        raise CommandError(f"{place}: column {shown!r}: must be one of {', '.join(found) or 'the fields of a request'}")
+    Raises
+    ------
+    CommandError
+        If some are no fields, or two give the same one.
+    """
+    columns, unknown = list[Column](), list[str]()
+    by_field = dict[str, str]()
+    for header in table.header:
+        field, factor, problem = "", 1.0, ""
+        stem = BRACKETED.fullmatch(header)
+        if header not in keep and (stem["stem"] if stem else header) not in keep:
+            field, factor, problem = _field_of(header, fields)
+        if problem:
+            unknown.append(problem)
+        elif field == CUSTOM_ID and field in by_field:
+            field = ""  # A table may have an id and a name: the first of them is that of the case.
+        elif field in by_field:
+            unknown.append(f"{header[:MAX_SHOWN]!r} gives {field} as {by_field[field]!r} does")
+        if field:
+            by_field[field] = header[:MAX_SHOWN]
+        columns.append(Column(header, tuple(field.split(".")) if field else (), factor))
+    if unknown:
+        more = f" and {len(unknown) - MAX_COLUMNS} more" if len(unknown) > MAX_COLUMNS else ""
+        text = f"{table.path}:{table.header_line}: column {'; column '.join(unknown[:MAX_COLUMNS])}{more}"
+        raise UnknownColumnsError(f"{text}; --keep HEADER carries a column to the output alone", fields)
+    return columns
+
+
+def _field_of(header: str, fields: Sequence[str]) -> tuple[str, float, str]:
+    """Return the field that a column gives, the factor from its unit, and what is wrong with the header."""
+    from service.schemas.similar_names import meant_as
+
+    shown = repr(header[:MAX_SHOWN])
+    bracketed = BRACKETED.fullmatch(header)
+    stem, unit = (bracketed["stem"].strip(), spelled(bracketed["unit"])) if bracketed else (header.strip(), "")
+    found = {field: unit for field in fields if field == stem or field.endswith(f".{stem}")}
     if not found:
-        raise CommandError(f"{place}: column {shown!r}: is not a field of a request{suggestion(f'/{shown}')}")
-    return tuple(found[0].split("."))
+        name = NO_WORD.sub("_", APOSTROPHES.sub("", stem.lower())).strip("_")
+        found = {field: unit or given for field in fields if (given := _unit_in(name, field)) is not None}
+    # The length of a projectile comes before that of its boat-tail.
+    nearest = min((field.count(".") for field in found), default=0)
+    found = {field: unit for field, unit in found.items() if field.count(".") == nearest}
+    if not stem or len(found) > 1:
+        return "", 1.0, f"{shown}: must be one of {', '.join(found) or 'the fields of a case'}"
+    if not found:
+        meant = meant_as(stem[:MAX_SHOWN], fields)
+        return "", 1.0, f"{shown}: is no field of a case" + (f", did you mean {meant}?" if meant else "")
+    [(field, unit)] = found.items()
+    units = UNITS.get(unit_end(field), {})
+    if unit in {"", "1"}:
+        return field, 1.0, ""
+    if unit not in units:
+        return "", 1.0, f"{shown}: unknown unit of {field}, known are {', '.join(units) or 'none'}"
+    return field, units[unit], ""
 
 
-def _case(base: Mapping[str, Any], given: Sequence[tuple[tuple[str, ...], str]], place: str) -> dict[str, Any]:
-    """Return the request of a row; a nose or a law that is not named is that of its numbers, as with flags."""
+def _unit_in(name: str, field: str) -> str | None:
+    """Return the unit in the name of a column for a field: empty without one, None if the name is for another field."""
+    last = field.rpartition(".")[2]
+    names = {*ALIASES.get(field, ()), last.removesuffix(unit_end(last))}
+    if name in names:
+        return ""
+    return next((unit for unit in UNITS.get(unit_end(last), {}) for each in names if name == f"{each}_{unit}"), None)
+
+
+def _with_case(row: Row, columns: Sequence[Column], base: Mapping[str, Any]) -> Row:
+    """Return a row with its request; a nose or a law that is not named is that of its numbers, as with flags."""
     flags = {flag.steps: flag for flag in (*BODY, *RESISTANCE) if flag.steps[:-1] in MODEL_NAMES}
     case, chosen = deepcopy(dict(base)), list[tuple[Flag, Any]]()
     try:
-        for steps, cell in given:
-            value = cell if steps == (CUSTOM_ID,) else _value(cell)
-            if steps in flags:
-                chosen.append((flags[steps], value))
+        for column, cell in zip(columns, row.cells, strict=True):
+            if not (column.steps and cell):
+                continue
+            value = cell if column.steps == (CUSTOM_ID,) else _value(cell, column.factor)
+            if column.steps in flags:
+                chosen.append((flags[column.steps], value))
             else:
-                put_field(case, steps, value, cell)
+                put_field(case, column.steps, value, column.header)
         for part in MODEL_NAMES:
             put_model(case, part, [(flag, value) for flag, value in chosen if flag.steps[:-1] == part])
     except CommandError as error:
-        raise CommandError(f"{place}: {error}") from None
-    return case
+        return row._replace(error=str(error))
+    return row._replace(case=case)
 
 
-def _value(cell: str) -> Any:
+def _value(cell: str, factor: float) -> Any:
+    """Return a cell as a JSON value in the unit of its field; a word stays one, which validation accepts or refuses."""
+    cell = cell.replace(MINUS, "-")
+    is_number = NUMBER.fullmatch(cell) is not None
+    if is_number and factor != 1.0:
+        # In decimals 80 mm are 0.08 m to the last digit, so that the case has the same key as with metres.
+        return float(Decimal(cell.lower().replace("d", "e")) * Decimal(repr(factor)))
     try:
         return json.loads(cell)
     except (ValueError, RecursionError):
-        return cell  # The cell is a word, such as the name of a model, or validation refuses it.
+        return float(cell.lower().replace("d", "e")) if is_number else cell

@@ -7,10 +7,11 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from service.auth.api_keys import SCOPES
-from service.cli.arguments import FAILED, CommandError, add_actions, examples, read_settings, reason_of
+from service.cli.arguments import DATA_DIR, FAILED, CommandError, add_actions, examples, read_settings, reason_of
 
 if TYPE_CHECKING:
     from service.auth.api_keys import ApiKey
+    from service.settings import Settings
 
 KEY_ACTIONS = (
     (
@@ -32,11 +33,23 @@ MAX_CASES = 1_000_000_000
 MAX_DAYS = 36_500.0
 
 
+def add_folder(parser: argparse.ArgumentParser) -> None:
+    """Add `--data-dir`."""
+    parser.add_argument("--data-dir", metavar="FOLDER", help=f"the data folder (default: {DATA_DIR})")
+
+
+def settings_for(args: argparse.Namespace) -> "Settings":
+    """Return the settings with the data folder of the flag, if it is given."""
+    return read_settings(**({} if args.data_dir is None else {"data_dir": args.data_dir}))
+
+
 def add_keys(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet keys`."""
     parser.description = "Add, list and revoke the API keys in the data folder, RICOCHET_DATA_DIR."
     parser.epilog = examples("ricochet keys add --owner alice --cases-per-hour 100000")
     actions = add_actions(parser, KEY_ACTIONS)
+    for action in actions.values():
+        add_folder(action)
     add = actions["add"]
     add.add_argument(
         "--owner", required=True, type=_owner, metavar="NAME", help="owner of the jobs; several keys may have one owner"
@@ -62,7 +75,7 @@ def run_keys(args: argparse.Namespace) -> int:
     """
     from service.auth.api_keys import KeysUnreadableError, add_key, make_key, read_keys, revoke_key
 
-    folder = read_settings().data_dir
+    folder = settings_for(args).data_dir
     try:
         if args.action == "add":
             scopes = frozenset(args.scope or ("read", "run"))
@@ -122,7 +135,10 @@ def add_cache(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet cache`."""
     parser.description = "Inspect and repair the results in the data folder, RICOCHET_DATA_DIR."
     parser.epilog = examples("ricochet cache stat")
-    evict = add_actions(parser, CACHE_ACTIONS)["evict"]
+    actions = add_actions(parser, CACHE_ACTIONS)
+    for action in actions.values():
+        add_folder(action)
+    evict = actions["evict"]
     evict.add_argument(
         "--bytes", type=int, metavar="N", help="size to reduce the results to (default: RICOCHET_CACHE_BYTES)"
     )
@@ -134,7 +150,7 @@ def run_cache(args: argparse.Namespace) -> int:
     from service.cache import maintenance
     from service.errors import UnusableFolderError
 
-    settings = read_settings()
+    settings = settings_for(args)
     folder, damaged = settings.data_dir, list[str]()
     try:
         if args.action == "stat":

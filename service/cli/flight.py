@@ -7,7 +7,7 @@ from service.cli.arguments import Flag, add_numbers, add_url, examples
 from service.cli.outputs import add_formats
 from service.cli.request_body import RequestBody
 from service.cli.single import answer_of, print_json
-from service.cli.writers import heading, print_values
+from service.cli.writers import heading, print_csv, print_values
 
 FLAGS = (
     Flag("--speed", ("speed_m_s",), "speed at launch [m/s]"),
@@ -48,8 +48,7 @@ def run_flight(args: argparse.Namespace) -> int:
     if args.json:
         print_json(text)
     elif args.csv:
-        print(",".join(answer))
-        print(",".join(map(str, answer.values())))
+        print_csv({name: [value] for name, value in answer.items()}, args.digits)
     else:
         from solver.flight import landing_sentence
 

@@ -1,11 +1,13 @@
 """`ricochet init` and `ricochet completion`: a commented file of a strike, and a script for a shell."""
 
 import argparse
+import csv
+import io
 import os
-from collections.abc import Iterator
 
-from service.cli.arguments import CommandError, Parser, examples
+from service.cli.arguments import CommandError, examples
 from service.cli.outputs import add_output_file
+from service.cli.writers import as_number, require_excel
 
 STRIKE = """\
 # A strike, for `ricochet cra` and the other commands. SI units; angles in degrees from the inward normal of the face.
@@ -49,45 +51,54 @@ velocity_m_s = 238.0
 # free_surface = { model = "none" }
 # inertia_factor = 1.0
 """
-BASH = """\
-# Completion of ricochet
-_ricochet() {
-    local words="" before="${COMP_WORDS[COMP_CWORD-1]}" current="${COMP_WORDS[COMP_CWORD]}"
-    case "${COMP_WORDS[1]-} $before" in
-%(choices)s
-        *)
-            if [ "$COMP_CWORD" -eq 1 ]; then words="%(commands)s --help --version"
-            else case "${COMP_WORDS[1]-}" in
-%(flags)s
-            esac; fi ;;
-    esac
-    COMPREPLY=($(compgen -W "$words" -- "$current"))
-    if [ "${#COMPREPLY[@]}" -eq 0 ]; then COMPREPLY=($(compgen -f -- "$current")); fi
-}
-complete -o filenames -F _ricochet ricochet
+
+
+TABLE = """\
+id,Speed (m/s),fc_MPa,Density (kg/m3),Diameter (mm),Length (mm),Mass (kg),CRH
+shot-1,238,39,2250,80,530,13,3
+shot-2,300,39,2250,80,530,13,3
+shot-3,300,48,2250,80,530,13,3
 """
-ZSH = "autoload -Uz compinit bashcompinit && compinit && bashcompinit\n"
+TABLE_ENDINGS = (".csv", ".xlsx")
 
 
 def add_init(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet init`."""
     parser.description = (
         "Write a file of a strike to start from, that of the source paper, with every nose shape and strength law as a "
-        "comment. A file that is there already is left as it is."
+        "comment; or with --table a table of cases for `ricochet batch`. A file that is there already is left as it is."
     )
-    parser.epilog = examples("ricochet init", "ricochet init wall.toml")
+    parser.epilog = examples("ricochet init", "ricochet init wall.toml", "ricochet init --table cases.csv")
     options = {"nargs": "?", "default": "strike.toml", "help": "default: strike.toml"}
     add_output_file(parser, "file", flag="FILE", endings=(".toml",), **options)
+    add_output_file(parser, "--table", endings=TABLE_ENDINGS, help="write a table of cases, .csv or .xlsx, instead")
     parser.set_defaults(run=run_init)
 
 
 def run_init(args: argparse.Namespace) -> int:
     """Write the file."""
-    if os.path.lexists(args.file.path):
-        raise CommandError(f"{args.file}: is there already; name another file")
-    args.file.write(STRIKE.encode())
-    print(f"wrote {args.file}; next: ricochet cra {args.file}")
+    file, command, content = args.file, "cra", STRIKE.encode()
+    if args.table:
+        file, command = args.table, "batch"
+        content = as_workbook(TABLE) if file.ending() == ".xlsx" else TABLE.encode()
+    if os.path.lexists(file.path):
+        raise CommandError(f"{file}: is there already; name another file")
+    file.write(content)
+    print(f"wrote {file}; next: ricochet {command} {file}")
     return 0
+
+
+def as_workbook(table: str) -> bytes:
+    """Return a CSV table as an Excel workbook."""
+    require_excel("--table")
+    from openpyxl import Workbook
+
+    book, content = Workbook(write_only=True), io.BytesIO()
+    sheet = book.create_sheet("cases")
+    for row in csv.reader(table.splitlines()):
+        sheet.append([as_number(text) for text in row])
+    book.save(content)
+    return content.getvalue()
 
 
 def add_completion(parser: argparse.ArgumentParser) -> None:
@@ -102,62 +113,8 @@ def add_completion(parser: argparse.ArgumentParser) -> None:
 
 
 def run_completion(args: argparse.Namespace) -> int:
-    """Print the script."""
-    from service.cli import COMMANDS, define
+    """Print the script of argcomplete, which asks this command at each completion."""
+    import argcomplete
 
-    flags, choices = [], []
-    fish = ["# Completion of ricochet"]
-    for command in COMMANDS:
-        parser = Parser(prog=f"ricochet {command.name}")
-        define(command, parser)
-        fish.append(f"complete -c ricochet -n __fish_use_subcommand -x -a {command.name} -d '{command.help}'")
-        fish += _fish(command.name, parser)
-        flags.append(f'                {command.name}) words="{" ".join(sorted(set(_words(parser))))}" ;;')
-        for names, values in _choices(parser):
-            places = "|".join(f'"{command.name} {name}"' for name in names)
-            choices.append(f'        {places}) words="{" ".join(values)}" ;;')
-    if args.shell == "fish":
-        print("\n".join(fish))
-        return 0
-    script = BASH % {
-        "commands": " ".join(command.name for command in COMMANDS),
-        "flags": "\n".join(flags),
-        "choices": "\n".join(choices),
-    }
-    print((ZSH if args.shell == "zsh" else "") + script, end="")
+    print(argcomplete.shellcode(["ricochet"], shell=args.shell))
     return 0
-
-
-def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """Yield what a parser takes, and what those of its actions take."""
-    for action in parser._actions:  # noqa: SLF001 (argparse has no other list)
-        yield action
-        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
-            for subparser in action.choices.values():
-                yield from _actions(subparser)
-
-
-def _fish(command: str, parser: argparse.ArgumentParser) -> Iterator[str]:
-    """Yield the lines of fish for the flags of a command, and for the words that stand for themselves."""
-    for action in _actions(parser):
-        names = [f"-l {name[2:]}" if name.startswith("--") else f"-s {name[1:]}" for name in action.option_strings]
-        values = f"-x -a '{' '.join(map(str, action.choices))}'" if action.choices else ""
-        if names or values:
-            argument = values or ("" if action.nargs == 0 else "-r")
-            words = (f"complete -c ricochet -n '__fish_seen_subcommand_from {command}'", *names, argument)
-            yield " ".join(filter(None, words))
-
-
-def _words(parser: argparse.ArgumentParser) -> Iterator[str]:
-    """Yield flags, and the words that stand for themselves."""
-    for action in _actions(parser):
-        yield from action.option_strings
-        if not action.option_strings and action.choices:
-            yield from map(str, action.choices)
-
-
-def _choices(parser: argparse.ArgumentParser) -> Iterator[tuple[list[str], list[str]]]:
-    """Yield the names of every flag that has choices, and these."""
-    for action in _actions(parser):
-        if action.option_strings and action.choices:
-            yield list(action.option_strings), list(map(str, action.choices))

@@ -1,8 +1,11 @@
 """`ricochet jobs`, and how batches and sweeps run as jobs: submitted, followed, and written as results become ready."""
 
 import argparse
+import csv
+import io
 import json
 import os
+import re
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -24,9 +27,9 @@ from service.cli.arguments import (
 from service.cli.outputs import add_output, open_output
 from service.cli.writers import (
     Counts,
+    Inputs,
     Item,
     ProgressReport,
-    SweepTable,
     Writer,
     print_table,
     print_values,
@@ -40,6 +43,9 @@ if TYPE_CHECKING:
 DEFAULT_URL = "http://127.0.0.1:8000"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.05, 0.5
 """Bounds of the pause between two requests for the results of a job. [s]"""
+GIVEN = frozenset({"index", "custom_id", "key"})
+"""Columns of the table of a service that are not computed."""
+COMPUTED = re.compile(r"-?\d+\.\d+(e[+-]?\d+)?")
 ACTIONS = (
     ("list", "list the jobs, the newest first", "ricochet jobs list"),
     ("show", "print the state of a job", "ricochet jobs show ID --json"),
@@ -122,12 +128,18 @@ class BatchRequest:
         The body.
     writers
         Further writers of the results, such as a plot.
+    inputs
+        Rows that the cases come from, if some are not sent or a table carries them to the output.
+    base
+        Base of a sweep.
     """
 
     path: str
     content: "Content"
     media_type: str
     writers: Sequence[Writer] = ()
+    inputs: Inputs | None = None
+    base: Mapping[str, Any] | None = None
 
 
 def run_batch(args: argparse.Namespace, request: BatchRequest) -> int:
@@ -135,9 +147,9 @@ def run_batch(args: argparse.Namespace, request: BatchRequest) -> int:
     with service_for(args) as client, open_output(args) as stream:
         job = client.submit(request.path, request.content, request.media_type, uuid4().hex)
         if args.url:
-            return follow(client, job, args, stream, request.writers)
+            return follow(client, job, args, stream, request)
         try:
-            return follow(client, job, args, stream, request.writers)
+            return follow(client, job, args, stream, request)
         finally:
             with suppress(CommandError):
                 client.delete(job["id"])
@@ -165,7 +177,7 @@ def write_results(
     """
     counts = Counts()
     with open_output(args) as stream, kept_rows(args, stream, counts, count):
-        table = SweepTable(stream, args.operation, content) if args.csv else writer_for(args, stream, args.operation)
+        table = writer_for(args, stream, args.operation, content["base"])
         writers = (table, *further, counts)
         with progress("computing") as report:
             for item in results:
@@ -222,16 +234,17 @@ def follow(
     job: dict[str, Any],
     args: argparse.Namespace,
     stream: TextIO,
-    further: Sequence[Writer] = (),
+    request: BatchRequest | None = None,
 ) -> int:
     """Write the results of a job until it ends; return the exit status.
 
     Parameters
     ----------
     stream
-        Receives the results, in the format of the flags. CSV and Parquet are tables of the service.
-    further
-        Further writers of the results.
+        Receives the results, in the format of the flags. Parquet is a table of the service, and so is CSV unless it
+        carries rows of the input.
+    request
+        The request, if this command has made it.
 
     Raises
     ------
@@ -239,20 +252,23 @@ def follow(
         If the job fails or is cancelled.
     """
     counts = Counts()
-    whole = args.csv or args.parquet
-    writers = [*further, counts] if whole else [writer_for(args, stream, job["operation"]), *further, counts]
+    inputs, base = (request.inputs, request.base) if request else (None, None)
+    as_sent, served = args.csv and inputs is None, ServedTable(stream, args.digits)
+    writers: list[Writer] = [*(request.writers if request else ()), counts]
+    if not (as_sent or args.parquet):
+        writers.insert(0, writer_for(args, stream, job["operation"], base, inputs))
     if args.parquet:
         client.parquet(job["id"], limit=1)  # A service without Parquet refuses before the work.
     with kept_rows(args, stream, counts, job["counts"]["total"]):
         try:
             with progress("computing") as report:
                 for page in pages(client, job["id"], report):
-                    if args.csv:
+                    if as_sent:
                         table = client.table(job["id"], page.cursor, len(page.items))
-                        stream.write(table if counts.total == 0 else without_header(table))
-                        stream.flush()
+                        served.write(table)
+                    items = list(inputs.placed(page.items)) if inputs else page.items
                     for writer in writers:
-                        writer.write(page.items)
+                        writer.write(items)
         except KeyboardInterrupt:
             print(how_to_continue(job, args), file=sys.stderr)
             raise
@@ -260,6 +276,8 @@ def follow(
             stream.buffer.write(client.parquet(job["id"]))
             stream.flush()
         for writer in writers:
+            if inputs:
+                writer.write(list(inputs.rest()))
             writer.close()
         state = client.job(job["id"])
         if state["status"] != "successful":
@@ -291,6 +309,43 @@ def without_header(table: str) -> str:
     lines = table.splitlines(keepends=True)
     names = next(i for i, line in enumerate(lines) if not line.startswith("#"))
     return "".join(lines[names + 1 :])
+
+
+class ServedTable:
+    """CSV of the service, written page by page with fewer digits.
+
+    Parameters
+    ----------
+    digits
+        Significant digits of the numbers that are computed; None keeps all.
+    """
+
+    def __init__(self, stream: TextIO, digits: int | None) -> None:
+        self._stream = stream
+        self._digits = digits
+        self._names: list[str] = []
+
+    def write(self, table: str) -> None:
+        """Write the rows of a page, the first time with the header above."""
+        rows = without_header(table)
+        if not self._names:
+            header = table.removesuffix(rows)
+            self._stream.write(header)
+            self._names = next(csv.reader(header.splitlines()[-1:]))
+        if self._digits is None:
+            self._stream.write(rows)
+        else:
+            csv.writer(self._stream, lineterminator="\n").writerows(
+                [self._rounded(*named) for named in zip(self._names, row, strict=True)]
+                for row in csv.reader(io.StringIO(rows))
+            )
+        self._stream.flush()
+
+    def _rounded(self, name: str, text: str) -> str:
+        """Return a cell; names and values of the input, whose columns have a dot in their names, stay as they are."""
+        if name in GIVEN or "." in name or not COMPUTED.fullmatch(text):
+            return text
+        return repr(float(f"{float(text):.{self._digits}g}"))
 
 
 def how_to_continue(job: dict[str, Any], args: argparse.Namespace) -> str:

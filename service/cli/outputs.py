@@ -14,14 +14,16 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from service.cli.arguments import FAILED, CommandError, InputFile
 
 ONE_ANSWER = {".json": "json", ".csv": "csv"}
-MANY_ANSWERS = {".jsonl": "json", ".ndjson": "json", ".csv": "csv", ".parquet": "parquet"}
+MANY_ANSWERS = {".jsonl": "json", ".ndjson": "json", ".csv": "csv", ".parquet": "parquet", ".xlsx": "xlsx"}
 """Flag of a format by the end of the name of a file."""
 PLOT = (".png", ".svg", ".pdf")
+MEANINGFUL, ALL_DIGITS = 6, 17
+"""Significant digits: a search ends within 0.01° and runs within 1e-6 of their scale; a double has no more than 17."""
 STANDARD = "-"
 """Name that stands for standard input or standard output."""
 DESCRIPTORS = ("/dev/fd/", "/dev/std", "/proc/")
@@ -204,14 +206,30 @@ def add_output_file(
 
 def add_formats(
     parser: argparse.ArgumentParser, *, json: str, csv: str, endings: Mapping[str, str] = ONE_ANSWER
-) -> "argparse._MutuallyExclusiveGroup":
-    """Add `--output`, and `--json` and `--csv`, which exclude each other; return the group of these."""
+) -> Any:
+    """Add `--output`, and `--json` and `--csv`, which exclude each other; return their group (argparse's)."""
     described = f"write to a file, in the format of its name: {', '.join(endings)}; else a flag says the format"
     add_output_file(parser, "-o", "--output", endings=endings, help=described)
     formats = parser.add_mutually_exclusive_group()
     formats.add_argument("--json", action="store_true", help=json)
     formats.add_argument("--csv", action="store_true", help=csv)
+    parser.add_argument(
+        "--digits",
+        type=_digits,
+        default=MEANINGFUL,
+        metavar="N",
+        help="significant digits of the numbers in CSV (default: %(default)s), or all",
+    )
     return formats
+
+
+def _digits(text: str) -> int | None:
+    """Return a number of significant digits; None for all."""
+    if text == "all":
+        return None
+    if not (text.isascii() and text.isdigit() and 0 < int(text) <= ALL_DIGITS):
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to {ALL_DIGITS}, or all, got {text!r}")
+    return int(text)
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:
@@ -220,6 +238,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
     formats.add_argument(
         "--parquet", action="store_true", help="write the summaries as Parquet; needs the extra parquet at the service"
     )
+    parser.set_defaults(xlsx=False)  # The name of a file alone says it: no one reads a workbook from a pipe.
 
 
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
@@ -238,6 +257,9 @@ def check_outputs(args: argparse.Namespace) -> None:
     given = vars(args).values()
     checked: list[InputFile | OutputFile] = [value for value in given if isinstance(value, InputFile)]
     for output in [value for value in given if isinstance(value, OutputFile)]:
+        if output.text == STANDARD and output is getattr(args, "output", None) and ".html" in output.endings:
+            args.output = None
+            continue
         if isinstance(output.endings, Mapping):
             standard = _is_standard(output)
             chosen = any(getattr(args, name) for name in output.endings.values())
@@ -293,5 +315,5 @@ def open_output(args: argparse.Namespace) -> Iterator[TextIO]:
             yield stream
         return
     if args.parquet and sys.stdout.isatty():
-        raise CommandError("Parquet is not for a terminal: name a file with -o")
+        raise CommandError("--parquet: is not for a terminal; name a file with -o")
     yield sys.stdout

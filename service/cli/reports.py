@@ -4,6 +4,7 @@ import argparse
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -57,7 +58,7 @@ def add_report(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = examples("ricochet report strike.toml", "ricochet report strike.toml --angle 30 -o report.pdf")
     add_case(parser, STRIKE)
-    described = "file to write, .html or .pdf (default: %(default)s)"
+    described = "file to write, .html or .pdf, or - to print the HTML (default: %(default)s)"
     add_output_file(parser, "-o", "--output", endings=(".html", ".pdf"), default="report.html", help=described)
     add_url(parser)
     parser.set_defaults(run=run_report)
@@ -71,12 +72,15 @@ def run_report(args: argparse.Namespace) -> int:
     CommandError
         If there is none, or the file cannot be written.
     """
-    browser = find_browser() if args.output.ending() == ".pdf" else ""
+    browser = find_browser() if args.output and args.output.ending() == ".pdf" else ""
     body = read_body(args.case, args, STRIKE)
     try:
         page = _fetch_report(args.url, body.content) if args.url else _make_report(body.content)
     except RefusedError as error:
         raise body.explain(error) from None
+    if args.output is None:
+        sys.stdout.buffer.write(page)
+        return 0
     args.output.write(print_pdf(browser, page, args.output.path.absolute().parent) if browser else page)
     print(f"wrote {args.output}")
     return 0

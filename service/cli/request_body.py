@@ -19,8 +19,8 @@ MAX_BYTES, MAX_OBJECT = 2**30, 10_000_000
 QUOTED = re.compile(r""""(?:[^"\\\n]|\\.)*+"?|'[^'\n]*+'?""")
 DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
 """Texts in quotes, and keys of more than 100 parts, for which tomllib takes minutes: its time is of their square."""
-MISSING = "Field required"
-"""What Pydantic says of a field that is not there."""
+MISSING = "is missing"
+"""What is said of a field that is not there."""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics", "strength_scatter"}
 SOUGHT = {"thickness": ("target", "thickness_m"), "limit-speed": ("impact", "velocity_m_s")}
 """Field that a search for perforation finds, by operation."""
@@ -53,7 +53,7 @@ class RequestBody:
             return f"{self.given[pointer]}: {detail}"
         if self.file is not None:
             flag = self.flags.get(pointer) if detail == MISSING else None
-            names = "" if flag is None else f", there or by {(*flag.short, flag.name)[0]}"
+            names = "" if flag is None else f"; give it there or by {(*flag.short, flag.name)[0]}"
             return f"{self.file}: {pointer or '/'}: {detail}{names}"
         if pointer == "/projectile/nose":
             return "--nose or --caliber-radius-head is missing"

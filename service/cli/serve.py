@@ -26,6 +26,7 @@ from service.cli.arguments import (
     reason_of,
 )
 from service.cli.outputs import OutputFile
+from service.version import VERSION
 
 if TYPE_CHECKING:
     from service.auth.api_keys import ApiKeyStore
@@ -169,11 +170,9 @@ def check_proxy(settings: "Settings") -> None:
 def print_address(settings: "Settings", port: int | None) -> None:
     """Print the address of the service on standard error if that is a terminal; elsewhere the log has it."""
     if sys.stderr.isatty():
-        from service.cli import package_version
-
         scheme = "https" if settings.tls_certificate else "http"
         host = f"[{settings.host}]" if ":" in settings.host else settings.host
-        print(f"ricochet {package_version()} on {scheme}://{host}:{port}", file=sys.stderr)
+        print(f"ricochet {VERSION} on {scheme}://{host}:{port}", file=sys.stderr)
 
 
 def add_mcp(parser: argparse.ArgumentParser) -> None:

@@ -1,7 +1,6 @@
 """`ricochet trajectory` and `ricochet cra`: one case, computed locally or by a service."""
 
 import argparse
-import csv
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -20,8 +19,8 @@ from service.cli.arguments import (
 )
 from service.cli.outputs import add_formats, add_plot
 from service.cli.request_body import RequestBody, read_body
-from service.cli.writers import heading, print_table, print_values, print_warning_codes, print_warnings, progress
-from service.columns import csv_cells, trial_columns
+from service.cli.writers import heading, print_csv, print_table, print_values, print_warnings, progress
+from service.columns import trial_columns
 from service.names import CHOICES, OUTCOMES, STATUSES, named
 
 ENDS = {"outcome": OUTCOMES, "status": STATUSES}
@@ -40,6 +39,7 @@ def add_trajectory(parser: argparse.ArgumentParser) -> None:
     )
     add_case(parser, STRIKE)
     add_formats(parser, json="print the answer as the service sends it", csv="print the time history")
+    add_verbose(parser, "print the warnings in full, with the standing notes")
     add_plot(parser, "the projectile from the side at several instants")
     add_alternatives(parser)
     add_url(parser)
@@ -60,7 +60,7 @@ def add_cra(parser: argparse.ArgumentParser) -> None:
     )
     add_case(parser, STRIKE)
     add_formats(parser, json="print the answer as the service sends it", csv="print the trial angles")
-    add_verbose(parser, "print the trial angles and the warnings in full too")
+    add_verbose(parser, "print the trial angles and the numbers too, and the warnings in full with the standing notes")
     add_plot(parser, "the trial angles and the critical angle")
     add_alternatives(parser)
     add_url(parser)
@@ -98,10 +98,10 @@ def run_trajectory(args: argparse.Namespace) -> int:
     if args.json:
         print_json(text)
     elif args.csv:
-        print_csv(alternatives_of(answer) if args.alternatives else history_of(answer))
+        print_csv(alternatives_of(answer) if args.alternatives else history_of(answer), args.digits)
     else:
         print(motion_sentence(answer, body.value_at("/impact/oblique_angle_deg")), end="\n\n")
-        print_motion(answer)
+        print_motion(answer, verbose=args.verbose)
     return 0
 
 
@@ -116,12 +116,18 @@ def run_cra(args: argparse.Namespace) -> int:
     if args.json:
         print_json(text)
     elif args.csv:
-        print_csv(alternatives_of(answer) if args.alternatives else trial_columns(answer))
+        print_csv(alternatives_of(answer) if args.alternatives else trial_columns(answer), args.digits)
     else:
-        print_search(
-            answer, verdict_on(body, answer, args.url), verbose=args.verbose, shots=shots_sentence(body, answer)
-        )
+        announce(answer)
+        verdict = verdict_on(body, answer, args.url)
+        print_search(answer, verdict, verbose=args.verbose, shots=shots_sentence(body, answer))
     return 0
+
+
+def announce(answer: Mapping[str, Any]) -> None:
+    """Print the critical angle to a terminal before its range is sampled, which takes seconds."""
+    if sys.stdout.isatty() and sys.stderr.isatty() and "critical_angle_deg" in answer:
+        print(f"Critical angle {answer['critical_angle_deg']:.2f}°; its range follows", file=sys.stderr)
 
 
 def answer_one(operation: str, args: argparse.Namespace) -> tuple[RequestBody, bytes]:
@@ -145,7 +151,7 @@ def answer_one(operation: str, args: argparse.Namespace) -> tuple[RequestBody, b
 def of_search(body: RequestBody) -> RequestBody:
     """Return the body of a search, which has no oblique angle and no flight: those given are for the verdict."""
     content = {name: value for name, value in body.content.items() if name != "flight"}
-    impact = content["impact"]
+    impact = content.get("impact")
     if isinstance(impact, dict):
         content["impact"] = {name: value for name, value in impact.items() if name != "oblique_angle_deg"}
     return replace(body, content=content)
@@ -192,13 +198,6 @@ def print_json(answer: bytes) -> None:
     sys.stdout.buffer.flush()
 
 
-def print_csv(columns: Mapping[str, Sequence[Any]]) -> None:
-    """Print columns of equal length."""
-    writer = csv.writer(sys.stdout, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(map(csv_cells, zip(*columns.values(), strict=True)))
-
-
 def motion_sentence(answer: Mapping[str, Any], oblique_angle: float) -> str:
     """Return how a strike at an angle ended. [°]"""
     after = f"after {1e3 * answer['final']['time_s']:.3g} ms"
@@ -217,7 +216,7 @@ def motion_sentence(answer: Mapping[str, Any], oblique_angle: float) -> str:
     return f"{sentence} {landing_sentence(*distances)}"
 
 
-def print_motion(answer: Mapping[str, Any]) -> None:
+def print_motion(answer: Mapping[str, Any], *, verbose: bool) -> None:
     """Print the end of a motion."""
     final = {heading(name): value for name, value in answer["final"].items()}
     values = {"outcome": named(OUTCOMES, answer["outcome"])}
@@ -225,7 +224,7 @@ def print_motion(answer: Mapping[str, Any]) -> None:
     values |= {f"protrusion {heading(name)}": length for name, length in answer.get("protrusion", {}).items()}
     print_values(values | {f"final {name}": value for name, value in final.items()})
     print_alternatives(answer)
-    print_warnings(answer["warnings"])
+    print_warnings(answer["warnings"], verbose=verbose)
 
 
 def print_search(answer: Mapping[str, Any], verdict: Mapping[str, Any], *, verbose: bool, shots: str) -> None:
@@ -253,7 +252,7 @@ def print_search(answer: Mapping[str, Any], verdict: Mapping[str, Any], *, verbo
         print()
         print_values(found)
     print_alternatives(answer)
-    (print_warnings if verbose else print_warning_codes)(verdict["warnings"])
+    print_warnings(verdict["warnings"], verbose=verbose)
 
 
 def shots_sentence(body: RequestBody, answer: Mapping[str, Any]) -> str:
@@ -273,8 +272,6 @@ def shots_sentence(body: RequestBody, answer: Mapping[str, Any]) -> str:
 def verdict_on(body: RequestBody, answer: Mapping[str, Any], url: str | None) -> dict[str, Any]:
     """Return the verdict on a strike, of the service at this address or computed in this process.
 
-    A terminal shows the critical angle of the search while its range is sampled.
-
     Raises
     ------
     CommandError
@@ -286,10 +283,8 @@ def verdict_on(body: RequestBody, answer: Mapping[str, Any], url: str | None) ->
     from service.cli.local import judge
     from solver.uncertainty.verdict import SAMPLES
 
-    angle = answer.get("critical_angle_deg")
-    description = "sampling" if angle is None else f"critical angle {angle:.2f}°, sampling its range"
     try:
-        with progress(description) as report:
+        with progress("sampling" if "critical_angle_deg" not in answer else "sampling its range") as report:
             return judge(body.content, lambda samples, _: report(samples, SAMPLES))
     except RefusedError as error:
         raise body.explain(error) from None

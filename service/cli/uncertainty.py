@@ -5,6 +5,7 @@ import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 from uuid import uuid4
 
@@ -15,14 +16,15 @@ from service.cli.arguments import (
     RefusedError,
     add_case,
     add_url,
+    add_verbose,
     examples,
     problem_text,
 )
 from service.cli.outputs import OutputFile, add_formats, add_plot
 from service.cli.plots import check_plot, figure_file
 from service.cli.request_body import RequestBody, read_body
-from service.cli.single import print_csv, print_json
-from service.cli.writers import cell, heading, print_table, print_values, print_warnings, progress
+from service.cli.single import of_search, print_json
+from service.cli.writers import cell, heading, print_csv, print_table, print_values, print_warnings, progress
 from service.names import QUANTITIES, named
 
 PARAMETERS = {
@@ -47,9 +49,11 @@ def add_uncertainty(parser: argparse.ArgumentParser) -> None:
     """Define `ricochet uncertainty`."""
     parser.description = (
         "Estimate the probability of ricochet over the oblique angle, and what the critical angle is sensitive to; "
-        "with --angle, the probability of each outcome of that strike."
+        "with --angle, the probability of each outcome of that strike. Without inputs that scatter, the usual ones do: "
+        "what tests of this kind leave unknown."
     )
     parser.epilog = examples(
+        "ricochet uncertainty strike.toml",
         "ricochet uncertainty strike.toml --uncertain impact.velocity_m_s=normal:238:2.4",
         "ricochet uncertainty strike.toml --next-shot",
         "ricochet uncertainty strike.toml --angle 50 --uncertain resistance.strength_residual=lognormal:1:0.1",
@@ -68,10 +72,10 @@ def add_uncertainty(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--next-shot",
         action="store_true",
-        help="say what one and three shots of your own into the concrete would make of the 90 %% range; without inputs "
-        "that scatter, the usual ones do",
+        help="say what one and three shots of your own into the concrete would make of the 90 %% range",
     )
     add_formats(parser, json="print the answer as the service sends it", csv="print the probabilities")
+    add_verbose(parser, "print the warnings in full, with the standing notes")
     add_plot(parser, "the probability of ricochet with its interval")
     add_url(parser)
     parser.set_defaults(run=run_uncertainty)
@@ -80,17 +84,22 @@ def add_uncertainty(parser: argparse.ArgumentParser) -> None:
 def run_uncertainty(args: argparse.Namespace) -> int:
     """Estimate and print."""
     body = read_body(args.case, args, STRIKE)
+    given = dict(body.given)
     for text in args.uncertain:
-        body.content.setdefault("uncertain", []).append(uncertain_input(text))
+        inputs = body.content.setdefault("uncertain", [])
+        inputs.append(uncertain_input(text))
+        place = f"/uncertain/{len(inputs) - 1}"
+        parts = ("field", "distribution", *(f"distribution/{name}" for name in inputs[-1]["distribution"]))
+        given |= dict.fromkeys([place, *(f"{place}/{part}" for part in parts)], f"--uncertain {text}")
+    body = replace(body, given=given)
     strike = "oblique_angle_deg" in body.content.get("impact", {})
     if args.plot:
         if strike:
             raise CommandError("--plot: there is a curve to plot without --angle only")
         check_plot()
-    if args.next_shot:
-        if strike:
-            raise CommandError("--next-shot: goes without --angle: shots narrow the range of the critical angle")
-        with_usual_scatter(body)
+    if args.next_shot and strike:
+        raise CommandError("--next-shot: goes without --angle: shots narrow the range of the critical angle")
+    with_usual_scatter(body)
     operation = "trajectory_uncertainty" if strike else "cra_uncertainty"
     text = estimate(operation, body, args.url) if args.url else estimate_here(operation, body)
     answer: dict[str, Any] = json.loads(text)
@@ -100,16 +109,16 @@ def run_uncertainty(args: argparse.Namespace) -> int:
     if args.json:
         print_json(text)
     elif args.csv:
-        print_csv(outcomes_of(answer) if strike else answer["probability"])
+        print_csv(outcomes_of(answer) if strike else answer["probability"], args.digits)
     else:
-        print_answer(answer)
+        print_answer(answer, verbose=args.verbose)
         if advice:
             print(f"\n{advice}")
     return 0
 
 
 def with_usual_scatter(body: RequestBody) -> None:
-    """Add the usual scatter to a case without inputs that scatter.
+    """Add the usual scatter to a case without inputs that scatter, and say so.
 
     Raises
     ------
@@ -120,9 +129,11 @@ def with_usual_scatter(body: RequestBody) -> None:
 
     if "uncertain" not in body.content:
         try:
-            body.content["uncertain"] = usual_scatter(body.content)
+            body.content["uncertain"] = usual_scatter(of_search(body).content)
         except RefusedError as error:
             raise body.explain(error) from None
+        names = ", ".join(named(QUANTITIES, each["field"]) for each in body.content["uncertain"])
+        print(f"no input is given with --uncertain: the usual scatter of {names}", file=sys.stderr)
 
 
 def next_shot_advice(answer: Mapping[str, Any]) -> str:
@@ -255,7 +266,7 @@ def _number(word: str, text: str) -> float | str:
         return word  # It is the name of a model, or validation refuses it.
 
 
-def print_answer(answer: Mapping[str, Any]) -> None:
+def print_answer(answer: Mapping[str, Any], *, verbose: bool) -> None:
     """Print estimates, sensitivities and how they were sampled."""
     if "outcomes" in answer:
         columns = outcomes_of(answer)
@@ -275,7 +286,7 @@ def print_answer(answer: Mapping[str, Any]) -> None:
         sampled["method"] = answer["method"]
     print()
     print_values(sampled)
-    print_warnings(answer["warnings"])
+    print_warnings(answer["warnings"], verbose=verbose)
 
 
 def outcomes_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[Any]]:

@@ -23,8 +23,8 @@ from service.cli.arguments import (
 )
 from service.cli.outputs import add_formats
 from service.cli.request_body import SOUGHT, WALL_PARTS, read_body, without_sought
-from service.cli.single import answer_of, print_csv, print_json
-from service.cli.writers import heading, print_table, print_values, print_warnings
+from service.cli.single import answer_of, print_json
+from service.cli.writers import heading, print_csv, print_table, print_values, print_warnings
 from service.columns import trial_columns
 from service.names import FORMULAS, OUTCOMES, QUANTITIES, STATUSES, named
 
@@ -49,7 +49,7 @@ def add_thickness(parser: argparse.ArgumentParser) -> None:
     )
     add_case(parser, STRIKE_FLAGS)
     add_formats(parser, json="print the answer as the service sends it", csv="print the thicknesses tried")
-    add_verbose(parser, "print the thicknesses tried and the numbers of the search too")
+    add_verbose(parser, "print the thicknesses tried and the numbers of the search too, and the warnings in full")
     add_url(parser)
     parser.set_defaults(run=run_thickness)
 
@@ -64,7 +64,7 @@ def add_limit_speed(parser: argparse.ArgumentParser) -> None:
     parser.epilog = examples("ricochet limit-speed strike.toml --thickness 0.2 --angle 20")
     add_case(parser, WALL_FLAGS)
     add_formats(parser, json="print the answer as the service sends it", csv="print the speeds tried")
-    add_verbose(parser, "print the speeds tried and the numbers of the search too")
+    add_verbose(parser, "print the speeds tried and the numbers of the search too, and the warnings in full")
     add_url(parser)
     parser.set_defaults(run=run_limit_speed)
 
@@ -104,7 +104,7 @@ def _print(args: argparse.Namespace, text: bytes, value: str, said: list[str]) -
     if args.json:
         print_json(text)
     elif args.csv:
-        print_csv(columns)
+        print_csv(columns, args.digits)
     else:
         print("\n".join([*said, *([answer["sentence"]] if "sentence" in answer else [])]))
         if rows := answer.get("formulas"):
@@ -118,7 +118,7 @@ def _print(args: argparse.Namespace, text: bytes, value: str, said: list[str]) -
             print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))
             print()
             print_values(_found(answer, value))
-        print_warnings(answer["warnings"])
+        print_warnings(answer["warnings"], verbose=args.verbose)
     return 0
 
 
@@ -155,6 +155,7 @@ def add_formulas(parser: argparse.ArgumentParser) -> None:
     parser.epilog = examples("ricochet formulas strike.toml", "ricochet formulas strike.toml --velocity 60 --csv")
     add_case(parser, FLAGS)
     add_formats(parser, json="print the answer as the service sends it", csv="print the table")
+    add_verbose(parser, "print the warnings in full, with the standing notes")
     add_url(parser)
     parser.set_defaults(run=run_formulas)
 
@@ -171,9 +172,9 @@ def run_formulas(args: argparse.Namespace) -> int:
     elif args.csv:
         from service.cache.tables import formula_columns
 
-        print_csv(formula_columns(answer))
+        print_csv(formula_columns(answer), args.digits)
     else:
-        print_formulas(answer)
+        print_formulas(answer, verbose=args.verbose)
     return 0
 
 
@@ -183,7 +184,7 @@ def _named_input(pointer: str) -> str:
     return (QUANTITIES.get(field) or heading(field)).lower()
 
 
-def print_formulas(answer: Mapping[str, Any]) -> None:
+def print_formulas(answer: Mapping[str, Any], *, verbose: bool) -> None:
     """Print the table, what is out of range, and how far those in range differ."""
     rows = [
         [named(FORMULAS, row["formula"]), *(row.get(name, "") for name in LIMITS), _marks(row), row["source"]]
@@ -206,7 +207,7 @@ def print_formulas(answer: Mapping[str, Any]) -> None:
             values[label] = f"{spread['lowest']:.4g} to {spread['highest']:.4g}"
     margins = f"{answer['scabbing_margin']:g} on scabbing, {answer['perforation_margin']:g} on perforation"
     print_values(values | {"margins of a design, DOE-STD-3014-2006": margins, "nose class": answer["nose_class"]})
-    print_warnings(answer["warnings"])
+    print_warnings(answer["warnings"], verbose=verbose)
 
 
 def _marks(row: Mapping[str, Any]) -> str:

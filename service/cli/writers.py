@@ -2,16 +2,19 @@
 
 import argparse
 import csv
+import math
 import re
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any, TextIO, TypeAlias
 
 import orjson
 
-from service.cli.arguments import SOME_FAILED, problem_text
+from service.cli.arguments import FAILED, SOME_FAILED, CommandError, problem_text
 from service.columns import base_of, batch_columns, batch_row, csv_cells, summarize, unit_end, unit_of
 
 Item: TypeAlias = Mapping[str, Any]
@@ -59,30 +62,168 @@ class JsonLines(Writer):
         self._stream.flush()
 
 
-class SweepTable(Writer):
-    """Results of a sweep as CSV, with the base in columns, as the service sends them."""
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """The rows that the cases of a batch come from: some are not sent, and a table carries its cells to the output.
 
-    def __init__(self, stream: TextIO, operation: str, content: Mapping[str, Any]) -> None:
+    Parameters
+    ----------
+    sent
+        Places of the rows that are sent, in order.
+    left_out
+        Problems of the others, as items of a batch, by their places.
+    headers, cells
+        Columns of the table, and the cells of every row.
+    """
+
+    sent: Sequence[int]
+    left_out: Mapping[int, Item]
+    headers: Sequence[str] = ()
+    cells: Sequence[Sequence[str]] = ()
+
+    def placed(self, items: Iterable[Item]) -> Iterator[Item]:
+        """Yield results of the cases sent with their places among all rows, after the problems of rows before them."""
+        for item in items:
+            number = item["index"]
+            before = self.sent[number - 1] + 1 if number else 0
+            yield from self._left_out(before, self.sent[number])
+            yield {**item, "index": self.sent[number]}
+
+    def rest(self) -> Iterator[Item]:
+        """Yield the problems of the rows after the last that is sent."""
+        yield from self._left_out(self.sent[-1] + 1 if self.sent else 0, max(self.left_out, default=-1) + 1)
+
+    def _left_out(self, first: int, end: int) -> Iterator[Item]:
+        return (self.left_out[number] for number in range(first, end) if number in self.left_out)
+
+
+class Rows:
+    """Rows of results under a header: those of the service, with columns of the input.
+
+    Parameters
+    ----------
+    operation
+        Operation of the cases.
+    digits
+        Significant digits of the numbers that are computed; None keeps all.
+    base
+        Base of a sweep, whose fields become columns.
+    inputs
+        Rows that the cases come from.
+    """
+
+    def __init__(
+        self, operation: str, digits: int | None, base: Mapping[str, Any] | None = None, inputs: Inputs | None = None
+    ) -> None:
+        from service.operations import OPERATIONS
+
+        self._columns = OPERATIONS[operation].columns
+        self._digits = digits
+        self._whole_base = base or {}
+        self._inputs = inputs if inputs and inputs.headers else None
+
+    def under_header(self, items: Sequence[Item], *, first: bool) -> Iterator[list[Any]]:
+        """Yield the rows of some results, for the first ones with the header above."""
+        fields = tuple(items[0].get("point", ()))
+        base = base_of(self._whole_base, fields)
+        names = [column.name for column in batch_columns(self._columns, fields)]
+        count = len(fields)
+        if first:
+            yield [names[0], *names[1 : 1 + count], *self._header(names[1 + count :]), *base]
+        for item in items:
+            index, *row = batch_row(self._columns, item, tuple(item.get("point", {}).values()))
+            found = dict(zip(names[1 + count :], rounded(row[count:], self._digits), strict=True))
+            yield [index, *row[:count], *self._cells(index, found, item), *base.values()]
+
+    def _header(self, names: Sequence[str]) -> list[str]:
+        if self._inputs is None:
+            return list(names)
+        found = without_name(names)
+        given = (f"input {name}" if name in found else name for name in self._inputs.headers)
+        return [*given, *found, "error"]
+
+    def _cells(self, index: int, found: Mapping[str, Any], item: Item) -> list[Any]:
+        if self._inputs is None:
+            return list(found.values())
+        errors = "; ".join(": ".join(filter(None, each.values())) for each in item.get("problem", {}).get("errors", ()))
+        error = errors or (problem_text(item["problem"]) if "problem" in item else None)
+        return [*self._inputs.cells[index], *(found[name] for name in without_name(found)), error]
+
+
+def without_name(names: Iterable[str]) -> list[str]:
+    """Return the columns of results without the name of a case, which is a column of the input."""
+    return [name for name in names if name != "custom_id"]
+
+
+class CsvTable(Writer):
+    """Results as CSV."""
+
+    def __init__(self, stream: TextIO, rows: Rows) -> None:
         self._stream = stream
-        self._operation = operation
-        self._fields = tuple(axis["field"] for axis in content["axes"])
-        self._base = base_of(content["base"], self._fields)
-        self._rows = csv.writer(stream, lineterminator="\n")
+        self._rows = rows
+        self._writer = csv.writer(stream, lineterminator="\n")
         self._begun = False
 
     def write(self, items: Sequence[Item]) -> None:
         """Write a row for each result, the first time with the header above."""
-        from service.operations import OPERATIONS
-
-        columns = OPERATIONS[self._operation].columns
-        if not self._begun:
-            names = [column.name for column in batch_columns(columns, self._fields)]
-            self._rows.writerow([*names, *self._base])
+        if items:
+            self._writer.writerows(map(csv_cells, self._rows.under_header(items, first=not self._begun)))
             self._begun = True
-        for item in items:
-            point = tuple(item["point"][field] for field in self._fields)
-            self._rows.writerow(csv_cells([*batch_row(columns, item, point), *self._base.values()]))
         self._stream.flush()
+
+
+class Workbook(Writer):
+    """Results as the sheet of an Excel workbook, which is written at the end."""
+
+    def __init__(self, stream: TextIO, rows: Rows) -> None:
+        require_excel("an Excel workbook")
+        from openpyxl import Workbook as Book
+
+        self._stream = stream
+        self._rows = rows
+        self._book = Book(write_only=True)
+        self._sheet = self._book.create_sheet("results")
+        self._begun = False
+
+    def write(self, items: Sequence[Item]) -> None:
+        """Keep a row for each result, the first time with the header above."""
+        if items:
+            for row in self._rows.under_header(items, first=not self._begun):
+                self._sheet.append(csv_cells(map(as_number, row)))
+            self._begun = True
+
+    def close(self) -> None:
+        """Write the workbook."""
+        self._book.save(self._stream.buffer)
+        self._stream.flush()
+
+
+def require_excel(feature: str) -> None:
+    """Check that workbooks can be written.
+
+    Raises
+    ------
+    CommandError
+        If openpyxl is not installed.
+    """
+    if find_spec("openpyxl") is None:
+        from service.settings import missing_package
+
+        raise CommandError(missing_package(feature, "openpyxl", "excel"), FAILED)
+
+
+def as_number(value: Any) -> Any:
+    """Return a text that is a number as one, and a number that no sheet can hold as text."""
+    if isinstance(value, str) and value and NUMERAL.fullmatch(value):
+        value = float(value)
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def rounded(row: Iterable[Any], digits: int | None) -> list[Any]:
+    """Return numbers with so many significant digits, all if there is no number of them; other values as they are."""
+    if digits is None:
+        return list(row)
+    return [float(f"{value:.{digits}g}") if isinstance(value, float) else value for value in row]
 
 
 class Head(Writer):
@@ -133,8 +274,16 @@ class Counts(Writer):
         return f"{self.total} cases, {self.failed} of them with a problem"
 
 
-def writer_for(args: argparse.Namespace, stream: TextIO, operation: str) -> Writer:
-    """Return a writer of JSON lines, or of a table if the stream is a terminal and the flags do not exclude it."""
+def writer_for(
+    args: argparse.Namespace,
+    stream: TextIO,
+    operation: str,
+    base: Mapping[str, Any] | None = None,
+    inputs: Inputs | None = None,
+) -> Writer:
+    """Return a writer in the format of the flags; without one of JSON lines, or of a table if that is a terminal."""
+    if args.csv or args.xlsx:
+        return (CsvTable if args.csv else Workbook)(stream, Rows(operation, args.digits, base, inputs))
     return JsonLines(stream) if args.json or not stream.isatty() else Head(operation)
 
 
@@ -152,51 +301,53 @@ def cell(value: Any) -> str:
     return "" if value is None else str(value).replace("\x1b", "")
 
 
-def print_table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    """Print a table, with rules on a terminal and as aligned columns elsewhere; numbers are aligned right."""
-    stream = sys.stdout
+def print_csv(columns: Mapping[str, Sequence[Any]], digits: int | None) -> None:
+    """Print columns of equal length as CSV; see `rounded` for the digits."""
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(csv_cells(rounded(row, digits)) for row in zip(*columns.values(), strict=True))
+
+
+def print_table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Print a table, with rules on a terminal and as aligned columns elsewhere; numbers are aligned right.
+
+    Parameters
+    ----------
+    columns
+        The header, which is left out if all of it is empty.
+    """
     cells = [list(map(cell, row)) for row in rows]
     right = [all(NUMERAL.fullmatch(line[i]) for line in cells) for i in range(len(columns))]
-    if stream.isatty():
-        _print_ruled(columns, cells, right, stream)
+    if sys.stdout.isatty():
+        _print_ruled(columns, cells, right, sys.stdout)
         return
-    lines = [list(columns), *cells]
+    lines = [list(columns), *cells] if any(columns) else cells
     widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]
     for line in lines:
         aligned = (
             part.rjust(width) if numeric else part.ljust(width)
             for part, width, numeric in zip(line, widths, right, strict=True)
         )
-        print("  ".join(aligned).rstrip(), file=stream)
+        print("  ".join(aligned).rstrip())
 
 
 def print_values(values: Mapping[str, Any]) -> None:
     """Print named values, one a line."""
-    if sys.stdout.isatty():
-        _print_ruled(("", ""), [[name, cell(value)] for name, value in values.items()], (False, True), sys.stdout)
-        return
-    width = max(map(len, values))
-    for name, value in values.items():
-        print(f"{name:{width}}  {cell(value)}")
+    print_table(("", ""), values.items())
 
 
-def print_warnings(warnings: Iterable[Mapping[str, Any]]) -> None:
-    """Print the warnings of an answer on standard error, and in one line those of most answers."""
+def print_warnings(warnings: Iterable[Mapping[str, Any]], *, verbose: bool) -> None:
+    """Print the warnings about this answer on standard error in one line, or if verbose in full with standing notes."""
     special, standing = _apart(warnings)
-    for warning in special:
-        print(f"warning: {warning['detail']}", file=sys.stderr)
-    if standing:
-        print(f"standing notes: {'; '.join(warning['detail'] for warning in standing)}", file=sys.stderr)
-
-
-def print_warning_codes(warnings: Iterable[Mapping[str, Any]]) -> None:
-    """Print the codes of the warnings of an answer on standard error, with how many are not those of most answers."""
-    special, standing = _apart(warnings)
-    counted = "1 warning" if len(special) == 1 else f"{len(special)} warnings"
-    for title, found in ((counted, special), ("standing notes", standing)):
-        if found:
-            codes = ", ".join(dict.fromkeys(warning["code"] for warning in found))
-            print(f"{title} (-v explains): {codes}", file=sys.stderr)
+    if verbose:
+        for warning in special:
+            print(f"warning: {warning['detail']}", file=sys.stderr)
+        if standing:
+            print(f"standing notes: {'; '.join(warning['detail'] for warning in standing)}", file=sys.stderr)
+    elif special:
+        counted = "1 warning" if len(special) == 1 else f"{len(special)} warnings"
+        codes = ", ".join(dict.fromkeys(warning["code"] for warning in special))
+        print(f"{counted} (-v explains): {codes}", file=sys.stderr)
 
 
 def _apart(warnings: Iterable[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], list[Mapping[str, Any]]]:

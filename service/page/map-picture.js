@@ -142,16 +142,21 @@ export class MapPicture {
   }
 
   #placeHandle() {
-    const { xaxis, yaxis } = this.plot.querySelector(".drawing")._fullLayout;
-    this.handle.style.left = `${xaxis._offset + xaxis.l2p(this.here[0])}px`;
-    this.handle.style.top = `${yaxis._offset + yaxis.l2p(this.here[1])}px`;
+    const drawn = this.plot.querySelector(".drawing");
+    const { left, top, width, height } = plottedArea(drawn);
+    const { xaxis, yaxis } = drawn.layout;
+    const [x, y] = this.here;
+    this.handle.style.left = `${left + width * share(x, xaxis.range)}px`;
+    this.handle.style.top = `${top + height * (1 - share(y, yaxis.range))}px`;
   }
 
   #drag({ clientX, clientY }) {
     const drawn = this.plot.querySelector(".drawing");
-    const { left, top } = drawn.getBoundingClientRect();
-    const { xaxis, yaxis } = drawn._fullLayout;
-    const places = [xaxis.p2l(clientX - left - xaxis._offset), yaxis.p2l(clientY - top - yaxis._offset)];
+    const corner = drawn.getBoundingClientRect();
+    const { left, top, width, height } = plottedArea(drawn);
+    const across = (clientX - corner.left - left) / width;
+    const up = 1 - (clientY - corner.top - top) / height;
+    const places = [between(across, drawn.layout.xaxis.range), between(up, drawn.layout.yaxis.range)];
     this.onDrag(
       this.#axes.map(({ field, shown }, i) => {
         const inside = Math.min(Math.max(places[i], Math.min(...shown)), Math.max(...shown));
@@ -195,3 +200,16 @@ function nameOf(operation, [x, y]) {
   const named = OPERATIONS[operation].label.replace(/ (at an angle|\(phase diagram\))$/, "");
   return `${named} over ${x.label.toLowerCase()} and ${y.label.toLowerCase()}`;
 }
+
+/** Return the rectangle between the axes of a drawing, from its corner. [px] */
+function plottedArea(drawn) {
+  const corner = drawn.getBoundingClientRect();
+  const { left, top, width, height } = drawn.querySelector(".nsewdrag").getBoundingClientRect();
+  return { left: left - corner.left, top: top - corner.top, width, height };
+}
+
+/** Return where a value is on an axis, from 0 at its begin to 1 at its end. */
+const share = (value, [begin, end]) => (value - begin) / (end - begin);
+
+/** Return the value at a share of an axis. */
+const between = (part, [begin, end]) => begin + part * (end - begin);

@@ -34,6 +34,7 @@ from service.readers.table import (
     read_columns,
     read_table,
 )
+from service.readers.workbook import is_workbook, sheet_as_csv
 from solver import Impact, Projectile, Shot
 from solver.arrays import FloatArray
 from solver.calibration import DepthTest, MotionHistory, ObliquityPoint
@@ -280,7 +281,7 @@ def read_motion(
     FileError
         With the line, if the file holds no such history.
     """
-    content = read_bytes(path)
+    content = sheet_as_csv(path) if is_workbook(path) else read_bytes(path)
     states = _read_dyna(path, content, part, node)
     if states is not None:
         if columns:

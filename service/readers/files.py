@@ -15,7 +15,10 @@ from solver.arrays import FloatArray
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 OTHER_FORMATS = (
     (re.compile(rb"\x1f\x8b|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd"), "a compressed file; decompress it first"),
-    (re.compile(rb"PK\x03\x04|\xd0\xcf\x11\xe0"), "an Excel workbook or a ZIP archive; save the sheet as CSV"),
+    (
+        re.compile(rb"PK\x03\x04|\xd0\xcf\x11\xe0"),
+        "an Excel workbook or a ZIP archive; name it .xlsx or save a CSV",
+    ),
     (re.compile(rb"\x89HDF"), "an HDF5 file; export its columns as CSV"),
     (re.compile(rb"PAR1"), "a Parquet file; export its columns as CSV"),
     (re.compile(rb"(\$.*\n\s*)*+\*[A-Za-z_]+ *\r?\n"), "an LS-DYNA keyword file, the input of a run; {motion}"),

@@ -11,17 +11,41 @@ from pathlib import Path
 import numpy as np
 
 from service.readers.files import FileError, Readings, lines_of, read_bytes
+from service.readers.workbook import is_workbook, sheet_as_csv
 
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-SPEED = {"m_s": 1.0, "km_s": 1e3, "mm_ms": 1.0, "mm_us": 1e3, "mm_s": 1e-3, "cm_us": 1e4, "ft_s": 0.3048}
+SPEED = {
+    "m_s": 1.0,
+    "km_s": 1e3,
+    "km_h": 1.0 / 3.6,
+    "mm_ms": 1.0,
+    "mm_us": 1e3,
+    "mm_s": 1e-3,
+    "cm_us": 1e4,
+    "ft_s": 0.3048,
+}
 MASS = {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": 0.45359237}
 ANGLE = {"rad": 1.0, "deg": math.pi / 180.0}
 ANGULAR_VELOCITY = {"rad_s": 1.0, "deg_s": math.pi / 180.0}
+PRESSURE = {
+    "pa": 1.0,
+    "kpa": 1e3,
+    "mpa": 1e6,
+    "gpa": 1e9,
+    "n_mm2": 1e6,
+    "bar": 1e5,
+    "psi": 6894.757293168,
+    "ksi": 6894757.293168,
+}
+DENSITY = {"kg_m3": 1.0, "g_cm3": 1e3, "t_m3": 1e3, "kg_dm3": 1e3}
+INERTIA = {"kg_m2": 1.0, "kg_cm2": 1e-4, "kg_mm2": 1e-6, "g_cm2": 1e-7}
 PURE = {"1": 1.0}
-ALL_UNITS = (LENGTH, TIME, SPEED, MASS, ANGLE, ANGULAR_VELOCITY)
+ALL_UNITS = (LENGTH, TIME, SPEED, MASS, ANGLE, ANGULAR_VELOCITY, PRESSURE, DENSITY, INERTIA)
 
-SPELLINGS = str.maketrans({"/": "_", "µ": "u", "μ": "u", "°": "deg", " ": None})
+SPELLINGS = str.maketrans(
+    {"/": "_", "µ": "u", "μ": "u", "°": "deg", " ": None, "²": "2", "³": "3", "^": None, "·": "_"}
+)
 BRACKETED = re.compile(r"(?P<stem>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]$")
 
 
@@ -162,19 +186,26 @@ class Column:
     factor: float
 
 
-def read_table(path: str | Path, content: bytes | None = None) -> Table:
-    """Read a CSV file.
+def read_table(path: str | Path, content: bytes | None = None, *, gaps: bool = False) -> Table:
+    """Read a CSV file, or the first sheet of an Excel workbook.
 
     Cells are separated by commas, semicolons, tabs or, without any of these in the header, by blanks. Lines that begin
     with ``#`` or ``%`` are comments; the last one before numbers without a header is the header. A first line
     ``sep=;`` names the separator, a second row of units belongs to the header.
+
+    Parameters
+    ----------
+    gaps
+        Whether lines may be empty, and rows lack cells at their ends.
 
     Raises
     ------
     FileError
         If the file is not a table: no text, no rows, or rows whose length differs from the header.
     """
-    lines = lines_of(path, read_bytes(path) if content is None else content)
+    if content is None:
+        content = sheet_as_csv(path) if is_workbook(path) else read_bytes(path)
+    lines = lines_of(path, content)
     while lines and not lines[-1].strip(" \t,;"):
         lines.pop()
     named = SEPARATOR_LINE.fullmatch(lines[0]) if lines else None
@@ -202,18 +233,32 @@ def read_table(path: str | Path, content: bytes | None = None) -> Table:
                 f"{name} ({unit})" if unit and not BRACKETED.fullmatch(name) else name
                 for name, unit in zip(header, units, strict=False)
             ]
-            continue
-        if not any(row):
+        elif any(row):
+            rows.append(_of_length(path, line, row, len(header), gaps=gaps))
+            starts.append(line)
+        elif not gaps:
             raise FileError(path, "the line is empty", line)
-        while len(row) > len(header) and not row[-1]:
-            row.pop()
-        if len(row) != len(header):
-            raise FileError(path, f"the line has {len(row)} cells, the header {len(header)}", line)
-        rows.append(row)
-        starts.append(line)
     if not rows:
         raise FileError(path, "there are no rows below the header", header_line)
     return Table(path, header, header_line, rows, starts)
+
+
+def _of_length(path: str | Path, line: int, row: Sequence[str], count: int, *, gaps: bool) -> list[str]:
+    """Return a row with as many cells as the header; with gaps, cells may be missing at its end.
+
+    Raises
+    ------
+    FileError
+        If it has another number of cells.
+    """
+    cells = list(row)
+    while len(cells) > count and not cells[-1]:
+        cells.pop()
+    if gaps:
+        cells += [""] * (count - len(cells))
+    if len(cells) != count:
+        raise FileError(path, f"the line has {len(cells)} cells, the header {count}", line)
+    return cells
 
 
 def read_columns(
@@ -371,6 +416,13 @@ def _number(table: Table, column: Column, line: int, cell: str) -> float:
 
 def _hint(cell: str, *, first: bool) -> str:
     """Return the end of an error for a cell that is not a number."""
+    if found := decimal_hint(cell):
+        return found
+    return "; is this a second header? Units may stand below the names, other text may not" if first else ""
+
+
+def decimal_hint(cell: str) -> str:
+    """Return the end of an error for a number with commas; empty for another cell."""
     if THOUSANDS.fullmatch(cell):
         plain = cell.replace(",", "")
         if cell.count(",") == 1 and "." not in cell:
@@ -378,7 +430,7 @@ def _hint(cell: str, *, first: bool) -> str:
         return f"; write {plain}, without commas between thousands"
     if DECIMAL_COMMA.fullmatch(cell):
         return "; write decimals with a point"
-    return "; is this a second header? Units may stand below the names, other text may not" if first else ""
+    return ""
 
 
 def _texts(table: Table, column: Column) -> list[str]:

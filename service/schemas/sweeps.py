@@ -15,6 +15,7 @@ from service.schemas.batches import MOST_LINES, Batch, NamedCase, ResultItem, Re
 from service.schemas.problems import INVALID
 from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples
 from service.schemas.requests import Case
+from service.schemas.similar_names import field_names, meant_as
 
 MOST_AXES = 4
 EVEN = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 3}
@@ -242,10 +243,10 @@ def check_field(model: type[BaseModel], base: dict[str, Any], path: Sequence[str
     for name in path:
         node = _variant(schema, _resolved(schema, node), given)
         if name not in node.get("properties", {}):
-            holder = node["title"] if "properties" in node else "a number or list"
-            raise LookupError(f"is not there: {name!r} is no field of {holder}")
+            meant = meant_as(".".join(path), sorted(set(field_names(schema))))
+            raise LookupError("is no field of the request" + (f"; did you mean `{meant}`?" if meant else ""))
         if not isinstance(given, dict):
-            raise LookupError(f"is not there: what holds {name!r} is no object in the base")
+            raise LookupError(f"is not there: the part that has {name!r} is no object in the base")
         node, given = node["properties"][name], given.get(name) or {}
     if _resolved(schema, node).get("type") not in {"number", "integer"}:
         raise LookupError("is no number")

@@ -12,6 +12,7 @@ from service.schemas.quantities import Num, Part, SolverPart, with_examples
 from service.schemas.requests import Case
 from service.schemas.resistance import STRENGTH_FACTORS, FreeSurface, Resistance
 from service.schemas.sweeps import check_field, put
+from service.schemas.wording import worded
 from solver import OwnTests, ParameterError
 from solver.resistance import StrengthFactor
 from solver.uncertainty import (
@@ -262,8 +263,7 @@ def _check(model: Any, base: Mapping[str, Any], field: str, value: float) -> Non
     try:
         model.model_validate(with_values(base, [field], [value])).arguments()
     except ValidationError as error:
-        detail = error.errors()[0]["msg"]
-        raise ParameterError(field, f"{detail[0].lower()}{detail[1:]}, got {value:g}") from None
+        raise ParameterError(field, worded(error.errors()[0])) from None
 
 
 def accepts(

@@ -16,12 +16,13 @@ from distributed import WorkerPlugin as Plugin
 from distributed.worker_state_machine import TaskStateState
 
 from service.operations import SCHEMA_VERSION
+from service.version import VERSION
 from service.workers import CallResult
 from service.workers.process_pool import ProcessPool
 from service.workers.worker import answer
 from solver import ENGINE_VERSION
 
-PACKAGES = ("ricochet", "h5py", "llvmlite", "numba", "numpy", "orjson", "pydantic", "scipy")
+PACKAGES = ("h5py", "llvmlite", "numba", "numpy", "orjson", "pydantic", "scipy")
 """What decides the last bit of a result, or how it is encoded."""
 STOP_SECONDS = 1.0
 """Time for the pool of a worker to end with it. [s]"""
@@ -35,9 +36,8 @@ class UnfitWorkerError(Exception):
 def versions() -> dict[str, str]:
     """Return what has to be the same in the service and on every worker."""
     python = ".".join(platform.python_version_tuple()[:2])
-    return {"engine": ENGINE_VERSION, "schema": SCHEMA_VERSION, "python": python} | {
-        name: version(name) for name in PACKAGES
-    }
+    own = {"ricochet": VERSION, "engine": ENGINE_VERSION, "schema": SCHEMA_VERSION, "python": python}
+    return own | {name: version(name) for name in PACKAGES}
 
 
 def differences(ours: Mapping[str, str], theirs: Mapping[str, str]) -> str:

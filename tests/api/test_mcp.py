@@ -312,7 +312,7 @@ def test_missing_quantity_is_an_error_that_names_it(live_url: str, tool: str, be
     problem = problem_of(result)
     assert problem["type"] == "urn:ricochet:problem:invalid-request"
     assert [error["pointer"] for error in problem["errors"]] == [f"{before}/projectile/mass_kg"]
-    assert f"{before}/projectile/mass_kg: Field required" in text_of(result)
+    assert f"{before}/projectile/mass_kg: is missing" in text_of(result)
 
 
 def test_tool_that_does_not_exist_is_a_problem_with_a_type(live_url: str) -> None:

@@ -213,7 +213,7 @@ REFUSED: list[tuple[list[dict[str, Any]], str, str]] = [
     ([changed(standard_deviation=-1.0)], "/uncertain/0/distribution/standard_deviation", "greater than 0"),
     ([changed(mean="fast")], "/uncertain/0/distribution/mean", "number"),
     ([SPEED, SPEED], "/uncertain/1/field", "another input"),
-    ([SPEED | {"field": "impact.speed"}], "/uncertain/0/field", "is not there"),
+    ([SPEED | {"field": "impact.speed"}], "/uncertain/0/field", "did you mean `impact.velocity_m_s`?"),
     ([SPEED | {"field": "projectile.nose"}], "/uncertain/0/field", "is no number"),
     ([DECAY, DECAY | {"field": "target.density_kg_m3"}], "/uncertain/1/distribution/values", "must be numbers"),
     (

@@ -103,7 +103,7 @@ def test_table_of_a_batch_is_that_of_the_service(
     write_cases(served / "cases.jsonl", *cases)
     job = client.post("/cra/batch", json={"cases": cases}, headers={"Prefer": "respond-async, wait=30"})
     assert job.status_code == 200
-    assert cli.main(["batch", "cases.jsonl", "--csv"]) == 0
+    assert cli.main(["batch", "cases.jsonl", "--csv", "--digits", "all"]) == 0
     table = capsys.readouterr().out
     newest = client.get("/jobs").json()["jobs"][0]["id"]
     expected = client.get(f"/jobs/{newest}/results", headers={"Accept": "text/csv"}).text
@@ -127,12 +127,12 @@ def test_table_of_a_job_is_that_of_the_service(
 ) -> None:
     """Also over several pages: the header is printed once."""
     monkeypatch.setattr("service.cli.client.PAGE_SIZE", 2)
-    assert cli.main(["jobs", "results", swept, "--csv"]) == 0
+    assert cli.main(["jobs", "results", swept, "--csv", "--digits", "all"]) == 0
     table = client.get(f"/jobs/{swept}/results", headers={"Accept": "text/csv"}).text
     expected = table.replace("\r\n", "\n")
     assert expected.splitlines()[0].startswith("index,impact.velocity_m_s,custom_id,")
     assert capsys.readouterr().out == expected
-    assert cli.main(["jobs", "results", swept, "-o", "results.csv"]) == 0
+    assert cli.main(["jobs", "results", swept, "-o", "results.csv", "--digits", "all"]) == 0
     assert (served / "results.csv").read_text() == expected
 
 
@@ -140,7 +140,9 @@ def test_parquet_of_a_job_has_the_rows_of_the_table(
     served: Path, capsysbinary: pytest.CaptureFixture[bytes], swept: str
 ) -> None:
     assert cli.main(["jobs", "results", swept, "-o", "results.parquet"]) == 0
-    assert cli.main(["jobs", "results", swept, "--csv", "-o", "table.parquet"]) == 0  # the flag counts
+    assert (
+        cli.main(["jobs", "results", swept, "--csv", "-o", "table.parquet", "--digits", "all"]) == 0
+    )  # the flag counts
     capsysbinary.readouterr()
     assert cli.main(["jobs", "results", swept, "--parquet"]) == 0
     assert capsysbinary.readouterr().out == (served / "results.parquet").read_bytes()
@@ -171,7 +173,7 @@ def test_terminal_gets_the_head_of_a_table_and_no_lines_of_json(folder: Path, li
 @pytest.mark.parametrize(
     ("line", "reason"),
     [
-        ('{"impact": 3}', "cases.jsonl:3: /projectile: Field required"),
+        ('{"impact": 3}', "cases.jsonl:3: /projectile: is missing"),
         ("oops", "cases.jsonl:3: not JSON"),
         ("", "cases.jsonl:3: is empty"),
         (json.dumps(case_at(-1.0)), "cases.jsonl:3: /impact/velocity_m_s: must be 0.1 to 10000 m/s, got"),
@@ -190,8 +192,8 @@ def test_wrong_line_is_named(served: Path, capsys: pytest.CaptureFixture[str], l
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        ("--axis impact.speed=1,2", "--axis impact.speed=1,2: Extra inputs are not permitted"),
-        ("--axis projectile.nose.width=1,2", "nose.width=1,2: Extra inputs"),
+        ("--axis impact.speed=1,2", "--axis impact.speed=1,2: unknown field; did you mean `impact.velocity_m_s`?"),
+        ("--axis projectile.nose.width=1,2", "nose.width=1,2: unknown field"),
         ("--axis impact.velocity_m_s=300,-1", "--axis impact.velocity_m_s=300,-1: must be 0.1 to 10000 m/s"),
         ("--axis impact.velocity_m_s=300 --mass -1", "--mass: must be 1e-06"),
         ("--axis impact.velocity_m_s=1:2:100000 --axis projectile.mass_kg=1:2:100000", "points; 100,000 at most"),
@@ -204,9 +206,7 @@ def test_wrong_sweep_is_named(served: Path, capsys: pytest.CaptureFixture[str], 
 
 @pytest.mark.parametrize("axis", ["impact.velocity_m_s", "=1,2", "impact.velocity_m_s=1:2", "a.b=1:2:0", "a.b=x"])
 def test_axis_that_is_none_is_wrong_usage(served: Path, capsys: pytest.CaptureFixture[str], axis: str) -> None:
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["sweep", "strike.toml", "--axis", axis])
-    assert ended.value.code == 2
+    assert cli.main(["sweep", "strike.toml", "--axis", axis]) == 2
     assert "FIELD=START:STOP:COUNT" in capsys.readouterr().err
 
 

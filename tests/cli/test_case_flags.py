@@ -1,9 +1,10 @@
 """`ricochet init`, flags of noses and laws, and errors that name field, bound, unit and what was meant."""
 
 import json
+import os
 import re
-import shlex
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,16 @@ def test_init_writes_the_strike_of_the_paper_once(here: Path, capsys: pytest.Cap
     assert (here / "new.toml").read_text() == "mine"
     assert cli.main(["init", "new.json"]) == 2
     assert cli.main(["init", "nowhere/new.toml"]) == 2
+
+
+@pytest.mark.parametrize("name", ["cases.csv", "cases.xlsx"])
+def test_init_writes_a_table_that_batch_takes(served: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+    assert cli.main(["init", "--table", name]) == 0
+    assert f"ricochet batch {name}" in capsys.readouterr().out
+    assert cli.main(["batch", name, "--csv"]) == 0
+    assert [line.split(",")[1] for line in capsys.readouterr().out.splitlines()] == ["id", "shot-1", "shot-2", "shot-3"]
+    assert cli.main(["init", "--table", name]) == 2
+    assert f"{name}: is there already" in capsys.readouterr().err
 
 
 def test_every_line_that_init_leaves_out_is_a_field_of_the_contract(here: Path) -> None:
@@ -107,56 +118,35 @@ def test_flags_set_every_nose_and_every_law(
     assert found["key"] == expected["key"]
 
 
-def completed(here: Path, words: str, capsys: pytest.CaptureFixture[str]) -> set[str]:
+BIN = Path(sys.executable).parent
+
+
+def completed(here: Path, words: str) -> set[str]:
     """What bash offers for the last of these words."""
-    assert cli.main(["completion", "bash"]) == 0
-    script = capsys.readouterr().out
-    *before, current = words.split(" ")
-    line = " ".join(f"'{word}'" for word in [*before, current])
     program = (
-        f"{script}\nCOMP_WORDS=({line}); COMP_CWORD={len(before)}; _ricochet; printf '%s\\n' \"${{COMPREPLY[@]}}\""
+        'eval "$(ricochet completion bash)"; COMP_LINE="$1"; COMP_POINT=${#COMP_LINE}; COMP_TYPE=9; '
+        "_python_argcomplete ricochet; printf '%s\\n' \"${COMPREPLY[@]}\""
     )
-    done = subprocess.run(["bash", "-c", program], cwd=here, capture_output=True, text=True, check=True)  # noqa: S607
-    assert done.stderr == ""
-    return set(done.stdout.split())
+    environment = {**os.environ, "PATH": f"{BIN}:{os.environ['PATH']}"}
+    command = ["bash", "-c", program, "bash", words]
+    done = subprocess.run(command, cwd=here, env=environment, capture_output=True, text=True, check=True)
+    return {word.strip() for word in done.stdout.splitlines()}
 
 
-def test_bash_completes_commands_flags_choices_and_files(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert completed(here, "ricochet c", capsys) == {"cra", "cache", "calibrate", "completion"}
-    assert completed(here, "ricochet cra --vel", capsys) == {"--velocity"}
-    assert completed(here, "ricochet cra --nose ", capsys) == {
-        "ogive",
-        "conical",
-        "spherical",
-        "flat",
-        "profile",
-        "sphere",
-    }
-    assert completed(here, "ricochet jobs re", capsys) == {"results"}
-    assert completed(here, "ricochet cra stri", capsys) == {"strike.toml"}
+def test_bash_completes_commands_flags_choices_and_files(here: Path) -> None:
+    assert completed(here, "ricochet c") == {"cra", "cache", "calibrate", "completion"}
+    assert completed(here, "ricochet cra --vel") == {"--velocity"}
+    assert completed(here, "ricochet cra --nose ") == {"ogive", "conical", "spherical", "flat", "profile", "sphere"}
+    assert completed(here, "ricochet jobs re") == {"results"}
+    assert completed(here, "ricochet cra stri") == {"strike.toml"}
 
 
-def test_zsh_reads_the_script_of_bash(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["completion", "bash"]) == 0
-    bash = capsys.readouterr().out
-    assert cli.main(["completion", "zsh"]) == 0
-    zsh = capsys.readouterr().out
-    assert zsh.endswith(bash)
-    assert "bashcompinit" in zsh.removesuffix(bash)
-
-
-def test_fish_completes_commands_flags_and_choices(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["completion", "fish"]) == 0
-    lines = [shlex.split(line, comments=True) for line in capsys.readouterr().out.splitlines()]
-    assert all(line[:3] == ["complete", "-c", "ricochet"] for line in lines if line)
-    offered = {(line[4], *line[5:]) for line in lines if line}
-    commands = {line[line.index("-a") + 1] for line in offered if line[0] == "__fish_use_subcommand"}
-    assert commands == {command.name for command in cli.COMMANDS}
-    cra = {line[1:] for line in offered if line[0] == "__fish_seen_subcommand_from cra"}
-    assert {("-l", "velocity", "-r"), ("-l", "json"), ("-s", "o", "-l", "output", "-r")} <= cra
-    assert ("-l", "nose", "-x", "-a", "ogive conical spherical flat profile sphere") in cra
-    jobs = {line[1:] for line in offered if line[0] == "__fish_seen_subcommand_from jobs"}
-    assert ("-x", "-a", "list show results cancel delete") in jobs
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_of_each_shell_asks_the_command(capsys: pytest.CaptureFixture[str], shell: str) -> None:
+    assert cli.main(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    assert "ricochet" in script
+    assert "_ARGCOMPLETE" in script
 
 
 def nodes_at(schema: dict[str, Any], steps: tuple[str, ...]) -> dict[str, dict[str, Any]]:

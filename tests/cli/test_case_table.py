@@ -1,10 +1,12 @@
 """A batch whose cases are a CSV table."""
 
+import csv
 import json
 from pathlib import Path
 from typing import Any
 
 import pytest
+from openpyxl import Workbook, load_workbook
 
 from service import cli
 from tests.cli.commands import case_at, write_cases
@@ -45,30 +47,154 @@ def test_rows_are_cases(
     ]
 
 
+def with_speed(header: str, cell: str, *, unit: str = "") -> str:
+    """A table of one case whose speed is in this column, perhaps with its unit in a second line."""
+    units = f"{unit},,,,,,\n" if unit else ""
+    return f"{header},crh,diameter_m,length_m,mass_kg,fc_MPa,rho\n{units}{cell},3,0.08,0.53,13,39,2250\n"
+
+
 @pytest.mark.parametrize(
-    ("table", "reason"),
+    "table",
     [
-        ("velocty_m_s\n238\n", "cases.csv:1: column 'velocty_m_s': is not a field of a request; did you mean"),
-        ("velocity\n238\n", "did you mean `impact.velocity_m_s`?"),
-        ("model\nnone\n", "must be one of resistance.free_surface.model, resistance.strength_factor.model"),
-        ("velocity_m_s,\n238,1\n", "cases.csv:1: column '': must be one of the fields of a request"),
-        ("velocity_m_s\n238,5\n", "cases.csv:2: 2 cells for 1 columns"),
+        with_speed("velocity", "238"),
+        with_speed("velocity [m/s]", "238"),
+        with_speed("Speed (m/s)", "238"),
+        with_speed("v0 [km/s]", "0.238"),
+        with_speed("impact speed [mm/ms]", "238"),
+        with_speed("velocity_km_s", "0.238"),
+        with_speed("Velocity", "0.238", unit="km/s"),
+        with_speed("Velocity", "238", unit="[m/s]"),
+        "Speed (m/s);CRH;Diameter (mm);Length [cm];Mass (g);f'c [N/mm²];Density [g/cm³]\n238;3;80;53;13000;39;2.25\n",
+        "# May\nspeed\tpsi\tcalibre\tlength\tweight\tstrength [GPa]\trho\n238\t3\t0.08\t0.53\t13\t0.039\t2250\n",
+    ],
+)
+def test_headers_are_as_people_write_them(served: Path, capsys: pytest.CaptureFixture[str], table: str) -> None:
+    (served / "cases.csv").write_text(table)
+    write_cases(served / "cases.jsonl", case_at(238.0))
+    assert cli.main(["batch", "cases.csv", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert cli.main(["batch", "cases.jsonl", "--json"]) == 0
+    assert found["result"]["key"] == json.loads(capsys.readouterr().out)["result"]["key"]
+
+
+@pytest.mark.parametrize(
+    ("table", "reasons"),
+    [
         (
-            "velocity_m_s;mass_kg\n238;13\n238,5;13\n",
-            "cases.csv:3: /impact/velocity_m_s: Input should be a valid number",
+            "velocty_m_s\n238\n",
+            ["cases.csv:1: column 'velocty_m_s': is no field of a case, did you mean impact.velocity_m_s?"],
         ),
-        ("velocity_m_s\n\n238\n-1\n", "cases.csv:4: /impact/velocity_m_s: "),
-        ("nose.shape,caliber_radius_head\nconical,3\n", "cases.csv:2: --caliber-radius-head: is of ogive or spherical"),
-        ("", "cases.csv: the file is empty"),
-        ("velocity_m_s\n", "has no line"),
+        (
+            "velocty_m_s,colour,speed (furlong),mass,weight\n238,red,1,13,13\n",
+            [
+                "'velocty_m_s': is no field of a case, did you mean impact.velocity_m_s?; column 'colour'",
+                "column 'speed (furlong)': unknown unit of impact.velocity_m_s, known are m_s, km_s",
+                "column 'weight' gives projectile.mass_kg as 'mass' does",
+                "--keep HEADER carries a column to the output alone",
+                "\nfields of a case: custom_id, impact.angle_of_attack_deg, ",
+            ],
+        ),
+        ("model\nnone\n", ["must be one of resistance.free_surface.model, resistance.strength_factor.model"]),
+        ("velocity_m_s\n238,5\n", ["cases.csv:2: the line has 2 cells, the header 1"]),
+        (
+            "velocity_m_s;mass_kg\n238;13\n238,5;13\n-1;-2\n",
+            [
+                "cases.csv:3: velocity_m_s: must be a number, got '238,5'; write decimals with a point\n",
+                "cases.csv:4: velocity_m_s: must be 0.1 to 10000 m/s, got -1 m/s\n",
+                "cases.csv:4: mass_kg: must be ",
+                "\n--skip-bad computes the others\n",
+            ],
+        ),
+        ("velocity_m_s\n\n238\n-1\n", ["cases.csv:4: velocity_m_s: must be "]),
+        ("Length (mm)\n50\n", ["cases.csv:2: Length (mm): must be at least the length of the nose"]),
+        (
+            "nose.shape,caliber_radius_head\nconical,3\n",
+            ["cases.csv:2: /: --caliber-radius-head: is of ogive or spherical"],
+        ),
+        ("velocity_m_s\n" + "-1\n" * 60, ["cases.csv:51: velocity_m_s", "\nand 10 more\n"]),
+        ("", ["cases.csv: the file is empty"]),
+        ("velocity_m_s\n", ["cases.csv:1: there are no rows below the header"]),
     ],
 )
 def test_what_is_wrong_names_the_line_and_the_column(
-    served: Path, capsys: pytest.CaptureFixture[str], table: str, reason: str
+    served: Path, capsys: pytest.CaptureFixture[str], table: str, reasons: list[str]
 ) -> None:
     (served / "cases.csv").write_text(table)
     assert cli.main(["batch", "cases.csv", "--case", "strike.toml"]) == 2
-    assert reason in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert [reason for reason in reasons if reason not in error] == []
+
+
+MIXED = """id,name,Speed (m/s),Length (mm),remark
+a,first,238,530,=1+1
+b,second,-238,530,too slow
+c,third,238,50,
+d,fourth,250,530,fine
+"""
+
+
+def test_good_rows_are_computed_and_the_others_have_their_error(
+    served: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """CSV and Excel carry every cell of the input; JSON lines have each row in its place."""
+    (served / "cases.csv").write_text(MIXED)
+    command = ["batch", "cases.csv", "--case", "strike.toml", "--keep", "remark", "--skip-bad"]
+    assert cli.main([*command, "-o", "out.csv"]) == 3
+    assert capsys.readouterr().err == "4 cases, 2 of them with a problem\n"
+    rows = list(csv.DictReader((served / "out.csv").read_text().splitlines()))
+    assert [(row["index"], row["id"], row["name"], row["Speed (m/s)"]) for row in rows] == [
+        ("0", "a", "first", "238"),
+        ("1", "b", "second", "'-238"),
+        ("2", "c", "third", "238"),
+        ("3", "d", "fourth", "250"),
+    ]
+    assert [bool(row["critical_angle_deg"]) for row in rows] == [True, False, False, True]
+    assert rows[0]["remark"] == "'=1+1"  # no spreadsheet computes it
+    assert rows[1]["error"].startswith("/impact/velocity_m_s: must be 0.1 to 10000 m/s, got -238")
+    assert rows[2]["error"].startswith("/projectile/length_m: must be at least the length of the nose")
+    assert cli.main([*command, "-o", "out.xlsx"]) == 3
+    sheet = load_workbook(served / "out.xlsx").worksheets[0]
+    header, *cells = ([cell.value for cell in row] for row in sheet.rows)
+    assert header == list(rows[0])
+    assert [row[1] for row in cells] == ["a", "b", "c", "d"]
+    column = header.index("critical_angle_deg")
+    assert [str(row[column] or "") for row in cells] == [row["critical_angle_deg"] for row in rows]
+    assert cli.main([*command, "--json"]) == 3
+    items = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(item["index"], item["custom_id"], "problem" in item) for item in items] == [
+        (0, "a", False),
+        (1, "b", True),
+        (2, "c", True),
+        (3, "d", False),
+    ]
+
+
+def test_a_workbook_is_read_as_the_table_that_it_shows(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    book = Workbook()
+    for row in csv.reader(MIXED.splitlines()):
+        book.worksheets[0].append([row[0], row[1], float(row[2]) if row[2][-1:].isdigit() else row[2], *row[3:4]])
+    book.save(served / "cases.xlsx")
+    assert cli.main(["batch", "cases.xlsx", "--case", "strike.toml"]) == 2
+    assert "cases.xlsx:3: Speed (m/s): must be 0.1 to 10000 m/s, got -238 m/s\n" in capsys.readouterr().err
+    (served / "cases.xlsx").write_bytes(b"PK no workbook")
+    assert cli.main(["batch", "cases.xlsx", "--case", "strike.toml"]) == 2
+    assert "cases.xlsx: not an Excel workbook" in capsys.readouterr().err
+
+
+def test_every_bad_line_is_named_and_can_be_left_out(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    good, bad = case_at(238.0), json.dumps(case_at(-1.0))
+    (served / "cases.jsonl").write_text(f"{bad}\n{json.dumps(good)}\noops\n{bad}\n")
+    assert cli.main(["batch", "cases.jsonl"]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(": /")[0].partition(": not")[0] for line in lines] == [
+        "ricochet batch: cases.jsonl:1",
+        "cases.jsonl:3",
+        "cases.jsonl:4",
+        "--skip-bad computes the others",
+    ]
+    assert cli.main(["batch", "cases.jsonl", "--skip-bad"]) == 3
+    items = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(item["index"], "result" in item) for item in items] == [(0, False), (1, True), (2, False), (3, False)]
 
 
 def test_walls_leave_out_what_is_sought(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -80,6 +206,5 @@ def test_walls_leave_out_what_is_sought(served: Path, capsys: pytest.CaptureFixt
 
 def test_a_case_beside_json_lines_is_refused(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_cases(served / "cases.jsonl", case_at(238.0))
-    with pytest.raises(SystemExit):
-        cli.main(["batch", "cases.jsonl", "--case", "strike.toml"])
+    assert cli.main(["batch", "cases.jsonl", "--case", "strike.toml"]) == 2
     assert "--case needs a table" in capsys.readouterr().err

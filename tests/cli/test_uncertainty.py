@@ -43,6 +43,18 @@ def test_estimates_of_file_and_flag(strike: Path, folder: Path) -> None:
     assert (folder / "curve.svg").read_text().startswith("<?xml")
 
 
+@pytest.mark.parametrize("angle", [[], ["--angle", "50"]], ids=["angle", "outcome"])
+def test_without_inputs_the_usual_scatter_is_offered(
+    folder: Path, capsys: pytest.CaptureFixture[str], angle: list[str]
+) -> None:
+    quick = ["--set", "sampling.half_width=0.1", "--set", "sampling.max_samples=256"]
+    assert cli.main(["uncertainty", str(folder / "strike.toml"), *angle, *quick]) == 0
+    shown = capsys.readouterr()
+    assert shown.err.startswith("no input is given with --uncertain: the usual scatter of ")
+    assert "Factor on the strength factor" in shown.err
+    assert ("ricochet" if angle else "50 % quantile") in shown.out
+
+
 def test_next_shot_is_worth_a_sentence_where_the_concrete_is_not_known(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

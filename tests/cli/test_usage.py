@@ -19,9 +19,11 @@ COMMANDS = {
 
 def begins_as(kind: str, content: bytes) -> bool:
     """Whether a file looks like its format."""
-    first = content.splitlines()[0]
     if kind == "parquet":
         return content.startswith(b"PAR1")
+    if kind == "xlsx":
+        return content.startswith(b"PK")
+    first = content.splitlines()[0]
     return isinstance(json.loads(first), dict) if kind == "json" else b"," in first and b"{" not in first
 
 
@@ -34,7 +36,7 @@ def begins_as(kind: str, content: bytes) -> bool:
         ("out.csv", [], "csv"),
         ("OUT.CSV", [], "csv"),
         ("out.parquet", [], "parquet"),
-        ("out.xlsx", [], None),
+        ("out.xlsx", [], "xlsx"),
         ("out", [], None),
         ("out.xlsx", ["--json"], "json"),
         ("out.txt", ["--csv"], "csv"),
@@ -43,8 +45,9 @@ def begins_as(kind: str, content: bytes) -> bool:
 def test_a_file_has_the_format_of_its_name_or_of_a_flag(
     here: Path, capsys: pytest.CaptureFixture[str], command: str, name: str, flags: list[str], kind: str | None
 ) -> None:
-    known = (".jsonl", ".ndjson", ".csv", ".parquet") if command == "sweep" else (".json", ".csv")
+    known = (".jsonl", ".ndjson", ".csv", ".parquet", ".xlsx") if command == "sweep" else (".json", ".csv")
     refused = not flags and Path(name).suffix.lower() not in known
+    kind = None if refused else kind
     assert cli.main([*COMMANDS[command], "-o", name, *flags]) == (2 if refused else 0)
     printed = capsys.readouterr()
     assert printed.out == ""
@@ -96,33 +99,72 @@ def test_a_refused_request_leaves_an_earlier_file_alone(here: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "usage", "meant"),
+    ("words", "command", "wrong"),
     [
-        (["crra"], "usage: ricochet [", "did you mean cra?"),
-        (["cra", "strike.toml", "--velocty", "3"], "usage: ricochet cra ", "did you mean --velocity?"),
-        (["cra", "strike.toml", "--velocty=3"], "usage: ricochet cra ", "did you mean --velocity?"),
-        (["cra", "strike.toml", "--nose", "ogiv"], "usage: ricochet cra ", "did you mean ogive?"),
-        (["serve", "--prt", "3"], "usage: ricochet serve ", "did you mean --port?"),
-        (["calibrate", "dept"], "usage: ricochet calibrate [", "did you mean depth?"),
-        (["calibrate", "motion", "--vlocity", "3"], "usage: ricochet calibrate motion ", "did you mean --velocity?"),
-        (["jobs", "lst"], "usage: ricochet jobs [", "did you mean list?"),
-        (["jobs", "list", "--jsn"], "usage: ricochet jobs list ", "did you mean --json?"),
-        (["keys", "add", "--ower", "a"], "usage: ricochet keys add ", ""),
-        (["cra", "a.toml", "b.toml"], "usage: ricochet cra ", "unrecognized arguments: b.toml"),
-        ([], "usage: ricochet [", ""),
-        (["sweep"], "usage: ricochet sweep ", "--axis"),
-        (["trajectory", "--ang", "3"], "usage: ricochet trajectory ", ""),
+        ("crra", "ricochet", "crra: unknown command; expected init, trajectory, ... did you mean cra?"),
+        ("cra strike.toml --velocty 3", "ricochet cra", "--velocty: unknown flag; did you mean --velocity?"),
+        ("cra strike.toml --velocty=3", "ricochet cra", "--velocty: unknown flag; did you mean --velocity?"),
+        ("cra strike.toml --speed 3", "ricochet cra", "--speed: unknown flag; did you mean --velocity?"),
+        (
+            "cra --strength 3",
+            "ricochet cra",
+            "--strength: unknown flag; did you mean --compressive-strength?",
+        ),
+        ("cra strike.toml --calibre 3", "ricochet cra", "--calibre: unknown flag; did you mean --diameter?"),
+        ("formulas --crh 3", "ricochet formulas", "--crh: unknown flag; did you mean --caliber-radius-head?"),
+        (
+            "cra --nose ogiv",
+            "ricochet cra",
+            "--nose: unknown value 'ogiv'; expected ogive, ... did you mean ogive?",
+        ),
+        ("serve --prt 3", "ricochet serve", "--prt: unknown flag; did you mean --port?"),
+        ("calibrate dept", "ricochet calibrate", "dept: unknown kind; expected depth, ... did you mean depth?"),
+        (
+            "calibrate motion --vlocity 3",
+            "ricochet calibrate motion",
+            "--vlocity: unknown ... mean --velocity?",
+        ),
+        ("jobs lst", "ricochet jobs", "lst: unknown action; expected list, ... did you mean list?"),
+        ("jobs list --jsn", "ricochet jobs list", "--jsn: unknown flag; did you mean --json?"),
+        ("keys add --ower a", "ricochet keys add", "--owner: is missing"),
+        ("cra a.toml b.toml", "ricochet cra", "b.toml: is one argument too many"),
+        ("", "ricochet", "COMMAND: is missing"),
+        ("sweep", "ricochet sweep", "--axis: is missing"),
+        ("trajectory --ang 3", "ricochet trajectory", "--ang: unknown flag; did you mean --angle?"),
+        ("cra --velocity", "ricochet cra", "--velocity: needs a value"),
+        ("cra --velocity x", "ricochet cra", "--velocity: must be a number, got 'x'"),
+        ("cra --angle x", "ricochet cra", "--oblique-angle/--angle: must be a number, got 'x'"),
+        ("cra --profile 3", "ricochet cra", "--profile: must be points X,R:X,R:..., got '3'"),
+        (
+            "cra --strength-coefficients a",
+            "ricochet cra",
+            "--strength-coefficients: must be numbers ... got 'a'",
+        ),
+        ("cra --json --csv", "ricochet cra", "--csv: cannot go with --json"),
+        (
+            "calibrate obliquity p.csv --order x",
+            "ricochet calibrate obliquity",
+            "--order: must be a whole ... got 'x'",
+        ),
     ],
 )
-def test_wrong_usage_gets_a_suggestion_and_the_usage_of_its_command(
-    capsys: pytest.CaptureFixture[str], words: list[str], usage: str, meant: str
+def test_wrong_usage_is_one_line_with_the_flag_the_value_and_a_suggestion(
+    capsys: pytest.CaptureFixture[str], words: str, command: str, wrong: str
 ) -> None:
+    assert cli.main(words.split()) == 2
+    first, second = capsys.readouterr().err.splitlines()
+    begin, _, end = wrong.partition("...")
+    assert first.startswith(f"{command}: {begin.rstrip()}")
+    assert first.endswith(end)
+    assert second == f"{command} --help lists what it takes"
+
+
+@pytest.mark.parametrize("words", ["help cra", "help jobs results", "help"])
+def test_help_is_a_command_too(capsys: pytest.CaptureFixture[str], words: str) -> None:
     with pytest.raises(SystemExit) as ended:
-        cli.main(words)
-    assert ended.value.code == 2
-    error = capsys.readouterr().err
-    assert error.startswith(usage)
-    assert meant in error
+        cli.main(words.split())
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith(f"usage: {words.replace('help', 'ricochet', 1)} [")
 
 
 @pytest.mark.parametrize("number", ["-1e-1", "-.1", "-0.1", "-1E-1", "-10.e-2", "-0.1e0"])

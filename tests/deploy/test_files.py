@@ -19,7 +19,7 @@ DEPLOY = ROOT / "deploy"
 UNIT = (DEPLOY / "ricochet.service").read_text(encoding="utf-8")
 MANIFESTS = [
     manifest
-    for name in ("kubernetes.yaml", "kubernetes-key.yaml")
+    for name in ("kubernetes.yaml", "kubernetes-key.yaml", "kubernetes-ingress.yaml")
     for manifest in yaml.safe_load_all((DEPLOY / name).read_text(encoding="utf-8"))
 ]
 PODS = [manifest["spec"]["template"]["spec"] for manifest in MANIFESTS if "template" in manifest["spec"]]
@@ -38,40 +38,51 @@ def settings_in(monkeypatch: pytest.MonkeyPatch, given: dict[str, str]) -> Setti
     return Settings()
 
 
-@pytest.fixture
-def unit(tmp_path: Path) -> Path:
-    """The unit, with a program that is there: systemd looks for it."""
+UNITS = ("ricochet.service", "ricochet-worker.service", "ricochet-backup.service", "ricochet-backup.timer")
+PROGRAM = re.compile(r"/(?:opt|usr/local)/(?:[\w.-]+/)*[\w.-]+")
+"""Path of an installed program."""
+
+
+def analyze(verb: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run systemd-analyze."""
     if shutil.which("systemd-analyze") is None:
         pytest.skip("systemd-analyze is not there to check the unit")
-    text = UNIT.replace("/opt/ricochet/bin/ricochet", sys.executable)
-    path = tmp_path / "ricochet.service"
-    path.write_text(text)
-    return path
+    command = ["systemd-analyze", verb, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
 
 
-def test_systemd_finds_nothing_wrong_with_the_unit(unit: Path) -> None:
-    done = subprocess.run(
-        ["systemd-analyze", "verify", "--man=no", str(unit)],  # noqa: S607
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    own = [line for line in done.stderr.splitlines() if "ricochet.service" in line]
+@pytest.fixture
+def units(tmp_path: Path) -> dict[str, Path]:
+    """The units, with a program that is there: systemd looks for it."""
+    for name in UNITS:
+        text = (DEPLOY / name).read_text(encoding="utf-8")
+        start = re.compile(r"(?m)^ExecStart=.*$")
+        (tmp_path / name).write_text(start.sub(lambda line: PROGRAM.sub(sys.executable, line[0], count=1), text))
+    return {name: tmp_path / name for name in UNITS}
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_systemd_finds_nothing_wrong_with_the_units(units: dict[str, Path], name: str) -> None:
+    done = analyze("verify", "--man=no", str(units[name]))
+    own = [line for line in done.stderr.splitlines() if "ricochet" in line]
     assert (done.returncode, own) == (0, [])
 
 
-def test_unit_exposes_little_of_the_machine(unit: Path) -> None:
-    done = subprocess.run(
-        ["systemd-analyze", "security", "--offline=yes", f"--threshold={EXPOSURE}", "--no-pager", str(unit)],  # noqa: S607
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+@pytest.mark.parametrize("name", [name for name in UNITS if name.endswith(".service")])
+def test_units_expose_little_of_the_machine(units: dict[str, Path], name: str) -> None:
+    done = analyze("security", "--offline=yes", f"--threshold={EXPOSURE}", "--no-pager", str(units[name]))
     if "unrecognized option" in done.stderr:
         pytest.skip("this systemd-analyze does not look at files")
     assert done.returncode == 0, done.stdout
+
+
+def test_units_use_what_their_heads_install() -> None:
+    for name in UNITS:
+        head, _, body = (DEPLOY / name).read_text(encoding="utf-8").partition("[Unit]")
+        for path in re.findall(r"ExecStart=(/usr/local/\S+)", body):
+            assert path in head
+    assert "/usr/bin/python3 -m venv /opt/ricochet\n" in UNIT  # one below /home would be hidden by ProtectHome
+    assert "--require-hashes" in UNIT
 
 
 def test_unit_has_settings_of_the_service_and_lets_it_end_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -152,6 +163,16 @@ def test_job_of_the_key_runs_where_the_volume_is_mounted() -> None:
     [term] = affinity["requiredDuringSchedulingIgnoredDuringExecution"]
     assert term["topologyKey"] == "kubernetes.io/hostname"
     assert term["labelSelector"]["matchLabels"] == KINDS["Deployment"]["spec"]["template"]["metadata"]["labels"]
+
+
+def test_ingress_leads_to_the_service_with_tls() -> None:
+    ingress = KINDS["Ingress"]["spec"]
+    [rule] = ingress["rules"]
+    [path] = rule["http"]["paths"]
+    assert ingress["tls"][0]["hosts"] == [rule["host"]]
+    service = KINDS["Service"]
+    [port] = service["spec"]["ports"]
+    assert path["backend"]["service"] == {"name": service["metadata"]["name"], "port": {"name": port["name"]}}
 
 
 def test_manual_shows_the_files_themselves() -> None:

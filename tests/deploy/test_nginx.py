@@ -10,7 +10,7 @@ import subprocess
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urljoin
@@ -18,6 +18,7 @@ from urllib.parse import urljoin
 import httpx
 import pytest
 
+from service.schemas.problems import Problem
 from service.schemas.strike import PAPER
 from tests.api.certificates import Certificate, make_certificate
 from tests.api.owners import key_in
@@ -58,18 +59,16 @@ class Proxy:
         return [json.loads(line) for line in self.audit_log.read_text().splitlines()]
 
 
-def configuration(folder: Path, certificate: Certificate, port: int, service_port: str) -> str:
-    """deploy/nginx.conf with the ports, the certificate and the folder of a test in place of those of the file."""
+def configuration(folder: Path, certificate: Certificate, port: int, replaced: dict[str, str]) -> str:
+    """deploy/nginx.conf with other text, and the port, the certificate and the folder of a test."""
     text = (ROOT / "deploy" / "nginx.conf").read_text(encoding="utf-8")
-    own = {
-        "127.0.0.1:8000": f"127.0.0.1:{service_port}",
+    own = replaced | {
         "listen 443 ssl;": f"listen 127.0.0.1:{port} ssl;",
         "listen 80;": f"listen 127.0.0.1:{free_port()};",
         "/etc/ssl/ricochet/fullchain.pem": str(certificate.certificate),
         "/etc/ssl/ricochet/key.pem": str(certificate.key),
         "/run/nginx.pid": f"{folder}/nginx.pid",
         "/var/log/nginx/": f"{folder}/",
-        "ssl_session_cache shared:tls:10m;": "ssl_session_cache shared:tls:10m; rewrite ^/ricochet(/.*)$ $1;",
         "http {": f"http {{ client_body_temp_path {folder}/body; proxy_temp_path {folder}/proxy;",
     }
     for before, after in own.items():
@@ -78,25 +77,39 @@ def configuration(folder: Path, certificate: Certificate, port: int, service_por
     return re.sub(r"(?m)^user .*$", "user root;", text)  # reads the certificate of the test
 
 
-@pytest.fixture(scope="module")
-def proxy(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Proxy]:
+@contextmanager
+def running_nginx(folder: Path, text: str, port: int) -> Iterator[None]:
+    """nginx with this configuration, which its own check must accept."""
     if NGINX is None:
         pytest.skip("nginx is not there")
+    (folder / "nginx.conf").write_text(text)
+    command = [NGINX, "-c", str(folder / "nginx.conf"), "-p", str(folder), "-g", "daemon off;"]
+    subprocess.run([*command[:-2], "-t", "-q"], check=True, timeout=30)
+    with subprocess.Popen(command) as process:
+        try:
+            wait_for(port, process)
+            yield
+        finally:
+            process.terminate()
+            process.wait(30)
+
+
+REWRITE = "ssl_session_cache shared:tls:10m;"
+"""A line of the server, behind which a test adds one."""
+
+
+@pytest.fixture(scope="module")
+def proxy(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Proxy]:
     folder = tmp_path_factory.mktemp("nginx")
     certificate, port, audit_log = make_certificate(folder), free_port(), folder / "audit.jsonl"
     settings = {"access": "open", "allowed_hosts": "127.0.0.1", "executor": "in-process", "root_path": "/ricochet"}
     with service_on(folder, trusted_proxies="127.0.0.1", audit_log=str(audit_log), **settings) as service:
-        (folder / "nginx.conf").write_text(configuration(folder, certificate, port, service.url.rpartition(":")[2]))
-        command = [NGINX, "-c", str(folder / "nginx.conf"), "-p", str(folder), "-g", "daemon off;"]
-        subprocess.run([*command[:-2], "-t", "-q"], check=True, timeout=30)
-        with subprocess.Popen(command) as process:
-            found = Proxy(port, certificate.trusted(), audit_log)
-            try:
-                wait_for(port, process)
-                yield found
-            finally:
-                process.terminate()
-                process.wait(30)
+        replaced = {
+            "127.0.0.1:8000": f"127.0.0.1:{service.url.rpartition(':')[2]}",
+            REWRITE: f"{REWRITE} rewrite ^/ricochet(/.*)$ $1;",
+        }
+        with running_nginx(folder, configuration(folder, certificate, port, replaced), port):
+            yield Proxy(port, certificate.trusted(), audit_log)
 
 
 def wait_for(port: int, process: "subprocess.Popen[bytes]") -> None:
@@ -173,7 +186,8 @@ def test_connections_of_one_address_are_bounded(proxy: Proxy) -> None:
             opened.enter_context(proxy.connection(SLOW)).sendall(UNFINISHED)
         time.sleep(0.5)
         with proxy.client(SLOW) as client:
-            assert client.get("/version").status_code == 429
+            refused = problem_of(client.get("/version"), 429)
+            assert refused.headers["Retry-After"] == "1"
         with proxy.client(MONITOR) as client:
             assert client.get("/version").status_code == 200
 
@@ -223,11 +237,33 @@ def test_addresses_hold_below_a_prefix(proxy: Proxy) -> None:
 def test_bodies_are_refused_before_all_of_them_has_been_taken(proxy: Proxy) -> None:
     """Those that are too long for their path by nginx, those for many cases by the service as they begin."""
     known = len(proxy.entries())
-    for path in (b"/nothing", b"/cra", b"/jobs", b"/mcp"):
-        assert first_line(proxy, b"POST %b HTTP/1.1" % path, length=60_000_000).split()[1] == b"413"
+    for path in ("/nothing", "/cra", "/jobs", "/mcp"):
+        with proxy.client() as client:
+            problem_of(client.post(path, content=bytes(600_000)), 413)
+        assert first_line(proxy, b"POST %b HTTP/1.1" % path.encode(), length=60_000_000).split()[1] == b"413"
     assert len(proxy.entries()) == known
     head = b"POST /cra/batch HTTP/1.1\r\nContent-Type: text/plain"
     assert first_line(proxy, head, length=60_000_000).split()[1] == b"415"
+
+
+def problem_of(response: httpx.Response, status: int) -> httpx.Response:
+    """The response, which must be a problem as the contract has it."""
+    assert response.headers["Content-Type"] == "application/problem+json"
+    problem = Problem.model_validate(response.json())
+    assert (response.status_code, problem.status, problem.instance) == (status, status, response.request.url.path)
+    return response
+
+
+def test_answer_for_a_service_that_is_down_is_a_problem(tmp_path: Path) -> None:
+    certificate, port = make_certificate(tmp_path), free_port()
+    text = configuration(tmp_path, certificate, port, {"127.0.0.1:8000": f"127.0.0.1:{free_port()}"})
+    with (
+        running_nginx(tmp_path, text, port),
+        httpx.Client(base_url=f"https://127.0.0.1:{port}", verify=certificate.trusted(), trust_env=False) as client,
+    ):
+        assert problem_of(client.get("/livez"), 503).headers["Retry-After"] == "5"
+        quoted = client.get('/a"b\\c?d="')
+        assert Problem.model_validate(quoted.json()).instance.startswith("/a")
 
 
 def first_line(proxy: Proxy, head: bytes, length: int) -> bytes:
@@ -252,39 +288,31 @@ SEVERAL = [block.text for block in blocks(ROOT / "docs" / "sizing.md") if block.
 @pytest.fixture(params=["path", "owner"])
 def several(request: pytest.FixtureRequest, service_on: RunService, tmp_path: Path) -> Iterator[list[httpx.Client]]:
     """A client of each of two services behind one nginx, as docs/sizing.md has it."""
-    if NGINX is None:
-        pytest.skip("nginx is not there")
-    by_path, port = request.param == "path", free_port()
+    by_path, port, certificate = request.param == "path", free_port(), make_certificate(tmp_path)
     folders = [tmp_path / "1", tmp_path / "2"]
     for folder in folders:
         (folder / "data").mkdir(parents=True)
     tokens = ["", ""] if by_path else [key_in(folder / "data", f"owner-{folder.name}") for folder in folders]
-    text = SEVERAL[0 if by_path else 1].replace("listen 8080;", f"listen 127.0.0.1:{port};")
+    text = SEVERAL[0 if by_path else 1]
     text = text.replace("ricochet_5f0c21d9_", "_".join(tokens[1].split("_")[:2]) + "_")
+    [upstream] = re.findall(r"(?ms)^    upstream .*?^    }$", (ROOT / "deploy" / "nginx.conf").read_text("utf-8"))
     with ExitStack() as running:
         for number, folder in enumerate(folders, 1):
             own = {"root_path": f"/{number}"} if by_path else {"access": "keys"}
             service = running.enter_context(service_on(folder, executor="in-process", **own))
             text = text.replace(f"127.0.0.1:800{number}", service.url.removeprefix("http://"))
-        paths = "".join(
-            f"{kind}_temp_path {tmp_path}/{kind};" for kind in ("client_body", "proxy", "fastcgi", "uwsgi", "scgi")
-        )
-        (tmp_path / "nginx.conf").write_text(
-            f"pid {tmp_path}/nginx.pid; error_log {tmp_path}/error.log; events {{}}\n"
-            f"http {{ access_log off; {paths}\n{text}}}\n"
-        )
-        process = running.enter_context(
-            subprocess.Popen([NGINX, "-c", str(tmp_path / "nginx.conf"), "-p", str(tmp_path), "-g", "daemon off;"])
-        )
-        running.callback(process.terminate)
-        wait_for(port, process)
+        replaced = {upstream: text, "http://ricochet": "http://$service"}
+        if by_path:
+            replaced[REWRITE] = rf"{REWRITE} rewrite ^/\d(/.*)$ $1;"
+        running.enter_context(running_nginx(tmp_path, configuration(tmp_path, certificate, port, replaced), port))
         yield [
             running.enter_context(
                 httpx.Client(
-                    base_url=f"http://127.0.0.1:{port}{f'/{number}' if by_path else ''}",
+                    base_url=f"https://127.0.0.1:{port}{f'/{number}' if by_path else ''}",
                     headers={"Authorization": f"Bearer {token}"} if token else {},
                     timeout=60.0,
                     trust_env=False,
+                    verify=certificate.trusted(),
                 )
             )
             for number, token in enumerate(tokens, 1)

@@ -1,6 +1,7 @@
 """What documentation and messages have an operator install and open."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,15 @@ SIZING = (ROOT / "docs" / "sizing.md").read_text(encoding="utf-8")
 def test_no_page_installs_by_a_name_that_is_another_projects(page: Path) -> None:
     """The package index has a ricochet, and it is not this one."""
     assert not re.search(r"pip install [\"']?ricochet(\[|\s|$)", Path(page).read_text(encoding="utf-8"))
+
+
+def test_readme_installs_the_package_from_the_copy_and_names_the_distribution() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    name = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["name"]
+    assert "\npip install ." in text
+    assert "`import solver`" in text
+    assert f"called `{name}`" in text
+    assert name != "ricochet"
 
 
 @pytest.mark.parametrize("package", ["service", "solver"])

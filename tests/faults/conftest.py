@@ -1,4 +1,4 @@
-"""All tests of this folder take a whole system, and those but of single calls find its processes."""
+"""Tests of this folder find the processes of a whole system."""
 
 from pathlib import Path
 
@@ -11,5 +11,4 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     no_proc = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="finds processes in /proc")
     for item in items:
         if item.path.parent == HERE:
-            item.add_marker(pytest.mark.system)
             item.add_marker(no_proc)

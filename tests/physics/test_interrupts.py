@@ -66,6 +66,37 @@ def test_exception_of_a_signal_handler_comes_out_of_the_call(call: str, signal_n
     survives(LOOP.replace("CALL", CALLS[call]).replace("ROUNDS", str(ROUNDS)), signal_name)
 
 
+IN_CALLBACK = """
+import os, signal, sys
+from solver import critical_angle
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
+
+class Ended(Exception):
+    pass
+
+def end(number, frame):
+    raise Ended
+
+def signal_in_callback(frame, event, argument):
+    if event == "call" and "llvmlite" in frame.f_code.co_filename and "object_cache" in frame.f_code.co_name:
+        sys.setprofile(None)
+        os.kill(os.getpid(), getattr(signal, sys.argv[1]))
+
+signal.signal(signal.SIGALRM, end)
+sys.setprofile(signal_in_callback)
+try:
+    critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)
+except KeyboardInterrupt if sys.argv[1] == "SIGINT" else Ended:
+    assert critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY).angle
+    print("survived")
+"""
+
+
+@pytest.mark.parametrize("signal_name", ["SIGINT", "SIGALRM"])
+def test_exception_of_a_signal_handler_is_not_ignored_while_code_is_loaded(signal_name: str) -> None:
+    survives(IN_CALLBACK, signal_name)
+
+
 LONG = """
 import os, signal, sys, threading, time
 from dataclasses import replace

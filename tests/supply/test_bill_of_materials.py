@@ -34,7 +34,7 @@ def made(image: str) -> dict[str, Any]:
 )
 def test_bill_names_every_locked_package_with_its_hashes(image: str) -> None:
     lock, bill = (ROOT / "requirements" / f"{image}.txt").read_text(), made(image)
-    assert (bill["bomFormat"], bill["metadata"]["component"]["name"]) == ("CycloneDX", "ricochet")
+    assert (bill["bomFormat"], bill["metadata"]["component"]["name"]) == ("CycloneDX", "concrete-ricochet")
     listed = {(part["name"], part["version"]) for part in bill["components"]}
     assert listed == set(PINNED.findall(lock))
     hashes = {

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from service.version import VERSION
+
 ROOT = Path(__file__).parents[2]
 SOURCES = ("pyproject.toml", "README.md", "LICENSE", "ricochet_command.py", "service", "solver")
 """What the Dockerfile copies."""
@@ -55,6 +57,22 @@ def test_two_builds_from_copies_of_other_ages_in_other_places_are_byte_for_byte_
     old, new = wheels
     assert old.name == new.name
     assert hashlib.sha256(old.read_bytes()).hexdigest() == hashlib.sha256(new.read_bytes()).hexdigest()
+
+
+def test_source_distribution_builds_the_same_wheel(wheels: tuple[Path, Path], tmp_path: Path) -> None:
+    hatchling = Path(sys.executable).with_name("hatchling")
+    made = ["build", "--target", "sdist", "--directory", str(tmp_path)]
+    subprocess.run([hatchling, *made], cwd=ROOT, capture_output=True, check=True)
+    [archive] = tmp_path.iterdir()
+    assert archive.name == f"concrete_ricochet-{VERSION}.tar.gz"
+    command = ["wheel", "--no-index", "--no-deps", "--no-build-isolation", "--no-cache-dir", "--wheel-dir", "wheel"]
+    subprocess.run([sys.executable, "-m", "pip", *command, str(archive)], cwd=tmp_path, capture_output=True, check=True)
+    [wheel] = (tmp_path / "wheel").iterdir()
+    ours, theirs = (
+        {name: file.read(name) for name in file.namelist() if ".dist-info/" not in name}
+        for file in (zipfile.ZipFile(wheel), zipfile.ZipFile(wheels[0]))
+    )
+    assert ours == theirs
 
 
 def test_wheel_holds_the_two_packages_whole_and_the_entry_of_the_command_alone(wheels: tuple[Path, Path]) -> None:

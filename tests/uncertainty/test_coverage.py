@@ -12,7 +12,9 @@ MOST_MISSES = 7
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize(
-    ("function", "method"), [(Linear(), "auto"), (Linear(), "direct"), (Ishigami(), "auto")], ids=str
+    ("function", "method"),
+    [(Linear(), "auto"), (Linear(), "direct"), (Ishigami(), "auto")],
+    ids=["linear auto", "linear direct", "Ishigami auto"],
 )
 def test_true_values_are_within_their_intervals(function: Any, method: str) -> None:
     found: Counter[str] = Counter()

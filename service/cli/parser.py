@@ -1,0 +1,109 @@
+"""The parser of the command line: argparse with errors of one line, which suggest what a misspelt word is meant as."""
+
+import argparse
+import difflib
+import re
+import shutil
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Any, NoReturn
+
+from service.cli.arguments import STRIKE, UsageError
+from service.names import ALIASES
+
+NEGATIVE = re.compile(r"-\.?\d")
+"""Begin of a negative number."""
+FLAG_COLUMN = re.compile(r"^  (-.*)$", re.MULTILINE)
+"""Lines of a help text that begin with a flag."""
+FLAG = re.compile(r"(?<![\w-])--?[a-z][a-z-]*")
+WORDING: Sequence[tuple[str, Callable[[re.Match[str]], str]]] = (
+    (
+        r"argument (?P<flag>-.*?): invalid choice: '?(?P<word>.*?)'? \(choose from (?P<known>.*)\)",
+        lambda found: f"{found['flag']}: unknown value {found['word']!r}; expected {_listed(found['known'])}",
+    ),
+    (
+        r"argument (?P<flag>.*?): invalid choice: '?(?P<word>.*?)'? \(choose from (?P<known>.*)\)",
+        lambda found: f"{found['word']}: unknown {found['flag'].lower()}; expected {_listed(found['known'])}",
+    ),
+    (r"argument (.*?): invalid float value: (.*)", lambda found: f"{found[1]}: must be a number, got {found[2]}"),
+    (r"argument (.*?): invalid int value: (.*)", lambda found: f"{found[1]}: must be a whole number, got {found[2]}"),
+    (r"argument (.*?): expected (?:one|at least one) argument", lambda found: f"{found[1]}: needs a value"),
+    (r"argument (.*?): not allowed with argument (.*)", lambda found: f"{found[1]}: cannot go with {found[2]}"),
+    (r"the following arguments are required: (.*)", lambda found: f"{found[1]}: is missing"),
+    (r"argument (.*)", lambda found: found[1]),
+)
+"""Errors of argparse by their text, which it has no other form of, and how they are said here; others stay as they
+are."""
+
+
+class Parser(argparse.ArgumentParser):
+    """Parser that raises `UsageError`, knows no abbreviations, and keeps examples as they are laid out."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        layout = partial(argparse.RawDescriptionHelpFormatter, max_help_position=28)
+        super().__init__(*args, **{"formatter_class": layout, **options, "allow_abbrev": False})
+
+    def format_help(self) -> str:
+        """Return the help text, its description wrapped to the terminal."""
+        # argparse wraps either both description and examples or neither of them.
+        width = shutil.get_terminal_size().columns - 2
+        self.description = textwrap.fill(self.description or "", width)
+        return super().format_help()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse all arguments; those of a command that are unknown are an error of its parser, not of the outermost."""
+        found, rest = super().parse_known_args(args, namespace)
+        if rest:
+            word = next((word for word in rest if word.startswith("-")), rest[0])
+            if not word.startswith("-"):
+                self.error(f"{word}: is one argument too many")
+            name, _, _ = word.partition("=")
+            self.error(f"{name}: unknown flag{self._meant(name)}")
+        return found, rest
+
+    def error(self, message: str) -> NoReturn:
+        """Raise an error of usage."""
+        for pattern, worded in WORDING:
+            if found := re.fullmatch(pattern, message):
+                raise UsageError(worded(found) + _close(found.groupdict()), self.prog)
+        raise UsageError(message, self.prog)
+
+    def _meant(self, name: str) -> str:
+        """Return which flag of this parser a misspelt one may be meant as: one of the same quantity first."""
+        known = {flag for line in FLAG_COLUMN.findall(self.format_help()) for flag in FLAG.findall(line)}
+        quantity = name.lstrip("-").replace("-", "_")
+        for flag in STRIKE:
+            if flag.name in known and quantity in ALIASES.get(".".join(flag.steps), ()):
+                return f"; did you mean {flag.name}?"
+        close = difflib.get_close_matches(name, sorted(known), 1)
+        return f"; did you mean {close[0]}?" if close else ""
+
+
+def _listed(known: str) -> str:
+    return ", ".join(_words(known))
+
+
+def _words(known: str) -> list[str]:
+    """Return the choices that argparse lists, which some versions of it put into quotes."""
+    return [word.strip("'") for word in known.split(", ")]
+
+
+def _close(found: dict[str, str | Any]) -> str:
+    known = _words(found["known"]) if "known" in found else []
+    close = difflib.get_close_matches(found.get("word", ""), known, 1)
+    return f"; did you mean {close[0]}?" if close else ""
+
+
+def with_values(arguments: Iterable[str]) -> list[str]:
+    """Return the arguments, a negative number joined to the flag before it by an equals sign.
+
+    argparse would take -1e-1 and -1,2 for flags.
+    """
+    found: list[str] = []
+    for word in arguments:
+        if NEGATIVE.match(word) and found and found[-1].startswith("--") and "=" not in found[-1]:
+            found[-1] = f"{found[-1]}={word}"
+        else:
+            found.append(word)
+    return found

@@ -1,0 +1,46 @@
+"""The files by which hosts, indexes and readers know the project agree with pyproject.toml and the Makefile."""
+
+import re
+import tomllib
+
+import yaml
+
+from service.version import VERSION
+from solver import ENGINE_VERSION
+from tests.conftest import ROOT
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+def test_citation_has_what_its_format_asks_for_and_this_version() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "title", "message", "authors"} <= citation.keys()
+    assert (citation["version"], citation["license"]) == (VERSION, PROJECT["license"])
+    assert citation["keywords"] == PROJECT["keywords"]
+
+
+def test_examples_of_deployment_and_citation_name_this_version() -> None:
+    for name in ("deploy/kubernetes.yaml", "deploy/kubernetes-key.yaml", "docs/operating.md"):
+        assert set(re.findall(r"ricochet:(\d[\w.]*)", (ROOT / name).read_text(encoding="utf-8"))) == {VERSION}
+    cited = (ROOT / "docs" / "explanation" / "source.md").read_text(encoding="utf-8")
+    assert f"ricochet {VERSION}, engine {ENGINE_VERSION}:" in cited
+
+
+def test_workflow_makes_goals_that_there_are_with_every_python() -> None:
+    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "check.yml").read_text(encoding="utf-8"))
+    [job] = workflow["jobs"].values()
+    named = "Programming Language :: Python :: 3."
+    assert [f"{named}{each[2:]}" for each in job["strategy"]["matrix"]["python"]] == [
+        each for each in PROJECT["classifiers"] if each.startswith(named)
+    ]
+    [command] = [step["run"] for step in job["steps"] if "run" in step]
+    goals = re.findall(r"(?m)^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"))
+    assert set(command.removeprefix("make ").split()) <= set(goals)
+
+
+def test_templates_name_goals_and_files_that_there_are() -> None:
+    for path in (ROOT / ".github").rglob("*.md"):
+        text = path.read_text(encoding="utf-8")
+        goals = {word for each in re.findall(r"`make ([a-z -]+)`", text) for word in each.split()}
+        assert goals <= set(re.findall(r"(?m)^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8")))
+        assert all((ROOT / name).exists() for name in re.findall(r"\b([A-Z]+\.md)\b", text))
