@@ -2,7 +2,7 @@
 
 from solver.cancellation import Cancellation, CancelledError
 from solver.checks import IntegrationError, ParameterError, RicochetError, StepLimitError, name_keywords
-from solver.flight import Flight, flight, launch_elevation, mean_projected_area
+from solver.flight import Flight, FlightConditions, flight, flight_after, launch_elevation, mean_projected_area
 from solver.formulas import FormulaResult, OutOfRange, cea_edf_limit_speed, formulas
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
 from solver.many import (
@@ -74,6 +74,7 @@ __all__ = [
     "Exit",
     "Flat",
     "Flight",
+    "FlightConditions",
     "FormulaResult",
     "Impact",
     "IntegrationError",
@@ -123,6 +124,7 @@ __all__ = [
     "critical_angle_sweep",
     "decay_factor",
     "flight",
+    "flight_after",
     "formulas",
     "launch_elevation",
     "least_thickness",
