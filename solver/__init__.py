@@ -1,5 +1,6 @@
 """Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians."""
 
+from solver.bending import Bending, BendingHistory
 from solver.cancellation import Cancellation, CancelledError
 from solver.checks import IntegrationError, ParameterError, RicochetError, StepLimitError, name_keywords
 from solver.flight import Flight, FlightConditions, flight, flight_after, launch_elevation, mean_projected_area
@@ -63,6 +64,8 @@ ENGINE_VERSION = "15"
 __all__ = [
     "ENGINE_VERSION",
     "Alternative",
+    "Bending",
+    "BendingHistory",
     "BoatTail",
     "Cancellation",
     "CancelledError",

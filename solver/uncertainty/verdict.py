@@ -415,8 +415,9 @@ def verdict(
         if question.kind == "wall":
             return judge_wall(**case, impact=impact)
         run = simulate(**case, impact=impact, sample_interval=None)
-        turned_away = run.outcome is Outcome.RICOCHET and run.exit is not None
-        landing = flight_after(run.exit, projectile=projectile, conditions=flight) if turned_away else None
+        landing = None
+        if run.outcome is Outcome.RICOCHET and run.exit is not None:
+            landing = flight_after(run.exit, projectile=projectile, conditions=flight)
         return Ended(run.outcome, run.protrusion, run.warnings, landing)
 
     def answer(question: Question) -> Found:
