@@ -1,8 +1,9 @@
 """Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians."""
 
+from solver.bending import Bending, BendingHistory
 from solver.cancellation import Cancellation, CancelledError
 from solver.checks import IntegrationError, ParameterError, RicochetError, StepLimitError, name_keywords
-from solver.flight import Flight, flight, launch_elevation, mean_projected_area
+from solver.flight import Flight, FlightConditions, flight, flight_after, launch_elevation, mean_projected_area
 from solver.formulas import FormulaResult, OutOfRange, cea_edf_limit_speed, formulas
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
 from solver.many import (
@@ -63,6 +64,8 @@ ENGINE_VERSION = "15"
 __all__ = [
     "ENGINE_VERSION",
     "Alternative",
+    "Bending",
+    "BendingHistory",
     "BoatTail",
     "Cancellation",
     "CancelledError",
@@ -74,6 +77,7 @@ __all__ = [
     "Exit",
     "Flat",
     "Flight",
+    "FlightConditions",
     "FormulaResult",
     "Impact",
     "IntegrationError",
@@ -123,6 +127,7 @@ __all__ = [
     "critical_angle_sweep",
     "decay_factor",
     "flight",
+    "flight_after",
     "formulas",
     "launch_elevation",
     "least_thickness",
