@@ -13,7 +13,7 @@ from typing import NamedTuple
 import pytest
 
 from service import cli
-from service.cli.arguments import Parser
+from service.cli.parser import Parser
 from tests.cli.commands import COMMAND, LIMIT_S, STRIKE_TOML, case_at, environment, run, write_cases
 from tests.conftest import until
 from tests.physics.strikes import known
