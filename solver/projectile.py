@@ -387,9 +387,11 @@ class Projectile:
     boat_tail
         Taper behind the shank; a cylinder up to the base when not given.
     inner_diameter
-        Diameter of a bore along the whole cylindrical shank, for a hollow body; nose and boat-tail are solid. [m]
+        Diameter of a bore along the whole cylindrical shank, less than the diameter; nose and boat-tail are solid, and
+        so is the shank when not given. [m]
     yield_strength
-        Yield strength of the body, with which the bending stress is compared; does not change the motion. [Pa]
+        Yield strength of the body, with which the bending stress is compared, 1.2 GPa when not given; the motion does
+        not depend on it. [Pa]
 
     Raises
     ------

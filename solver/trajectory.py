@@ -130,6 +130,7 @@ class Trajectory:
             "maximum_depth": self.maximum_depth,
             "protrusion_final": protrusion and protrusion.final,
             "protrusion_greatest": protrusion and protrusion.greatest,
+            "bending_peak_stress": self.bending and self.bending.peak_stress,
             "strength_factor": self.strength_factor,
             **{f"final_{field.name}": getattr(self.final, field.name) for field in fields(self.final)},
         }
