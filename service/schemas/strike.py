@@ -163,6 +163,11 @@ class Target(SolverPart[solver.Target]):
     characteristic_strength_pa: Annotated[Num, Field(**within("target.characteristic_strength"))] | MISSING = MISSING
     """Strength that 95 % of the concrete has, as of a strength class. Design values of walls rest on it where it is
     given; all else takes `compressive_strength_pa`, which is the mean. [Pa]"""
+    reinforcement_ratio_percent: Annotated[Num, Field(**within("target.reinforcement_ratio_percent"))] | MISSING = (
+        MISSING
+    )
+    """Reinforcement, steel over concrete each way and each face. Neither the model nor a formula here takes it: it
+    changes nothing, and a ratio above 0 brings the warning `reinforcement_not_counted`. [%]"""
 
 
 AngleOfAttack = Annotated[
