@@ -155,11 +155,11 @@ class Spherical:
     Parameters
     ----------
     caliber_radius_head
-        Sphere radius over shank diameter, at least 0.5 (a hemisphere). [1]
+        Sphere radius over shank diameter, at least 0.5, a hemisphere, which it is unless given. [1]
     """
 
     name: ClassVar[str] = "spherical"
-    caliber_radius_head: float
+    caliber_radius_head: float = 0.5
 
     def __post_init__(self) -> None:
         require_bounds("projectile.nose.caliber_radius_head", self.caliber_radius_head)

@@ -11,7 +11,7 @@ from solver.checks import RicochetError
 from solver.flight import Flight, FlightConditions, flight_after
 from solver.prepared import Outcome, Protrusion
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, Resistance
+from solver.resistance import Resistance, usual_unless_given
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, CriticalAngle, Search, SearchStatus
 from solver.strength_scatter import ScatterSource
@@ -424,7 +424,7 @@ def _moved(
     searched: CriticalAngle, case: Mapping[str, Any], motion: Mapping[str, Any], search: Search
 ) -> dict[str, list[float | None]]:
     """Return the critical angles by the probes of a search, None where there is none."""
-    laws: dict[str, Any] = {"resistance": case["resistance"] or EQUATION_9, "numerics": case["numerics"] or USUAL}
+    laws: dict[str, Any] = {"resistance": usual_unless_given(case["resistance"]), "numerics": case["numerics"] or USUAL}
     bodies = {name: case[name] for name in ("projectile", "target")}
 
     def angle(code: str, value: float) -> float | None:
