@@ -12,14 +12,12 @@ from pydantic import MISSING
 from service.errors import ReportsMissingError
 from service.operations import SCHEMA_VERSION
 from service.schemas.requests import ReportRequest
-from service.schemas.verdict import angle_in, next_shot_advice_in, usual_inputs, verdict_in
+from service.schemas.verdict import found_in, next_shot_advice_in, usual_inputs, verdict_in, verdict_steps
 from service.version import VERSION
 from solver import ENGINE_VERSION, ConstantStrengthFactor, mass_properties
 from solver.checks import BOUNDS
 from solver.strength_scatter import scatter_of_strength
-from solver.strike import USUAL
-from solver.uncertainty.verdict import HALF_WIDTH, SAMPLES, probability_angles
-from solver.uncertainty.weighed_warnings import probes
+from solver.uncertainty.verdict import HALF_WIDTH, SAMPLES, Question, probability_angles
 from solver.warnings import RETENTION_DECIDES
 
 EXTRA = ("jinja2", "markupsafe", "matplotlib")
@@ -55,27 +53,10 @@ def require_extra() -> None:
 def verdict_queries(request: ReportRequest) -> dict[str, Query]:
     """Return the requests that the verdict is made from, by name.
 
-    The answer to `cra` is needed; the others may be problems. The routes of the paper take seconds a case: with them
-    there is no range. A wall is judged at the angle to judge, along the normal without one.
+    The answer to `cra` is needed; the others may be problems. A wall is judged at the angle to judge, along the normal
+    without one.
     """
-    case, angle, search = _search_of(request), _angle_of(request), request.canonical()["search"]
-    start, stop, count = probability_angles(angle, search["lower_deg"], search["upper_deg"])
-    sampling = {
-        "oblique_angles_deg": {"start": start, "stop": stop, "count": count},
-        "sampling": {"max_samples": SAMPLES, "half_width": HALF_WIDTH},
-    }
-    queries = {"cra": Query("cra", case)}
-    if not request.by_panels:
-        queries["uncertainty"] = Query("cra_uncertainty", case | sampling | {"uncertain": usual_inputs(request)})
-        if request.has_own_law:
-            theories = {"uncertain": usual_inputs(request, theories=True)}
-            queries["theories"] = Query("cra_uncertainty", case | sampling | theories)
-    if angle is not None:
-        flight = {} if request.flight is MISSING else request.flight.model_dump(mode="json")
-        queries["judged"] = Query("trajectory", _strike_of(case, angle) | {"flight": flight})
-    if "thickness_m" in case["target"]:
-        queries["wall"] = Query("wall", _strike_of(case, 0.0 if angle is None else angle))
-    return queries
+    return {name: _query_of(request, question) for name, question in next(verdict_steps(request)).items()}
 
 
 def weighing_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
@@ -88,18 +69,13 @@ def weighing_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[s
     found
         The answer to the search.
     """
-    if request.by_panels:
+    steps = verdict_steps(request)
+    search = next(steps)["cra"]
+    try:
+        asked = steps.send({"cra": found_in(request, search, found)})
+    except StopIteration:  # nothing to weigh
         return {}
-    case, arguments = _search_of(request), request.shared_arguments()
-    bodies = {name: arguments[name] for name in ("projectile", "target", "resistance")}
-    codes = [each["code"] for each in found["warnings"]]
-    return {
-        f"{code} {index}": Query("cra", _with_probe(case, code, value))
-        for code, values in probes(
-            codes, angle=angle_in(found), **bodies, numerics=arguments["numerics"] or USUAL
-        ).items()
-        for index, value in enumerate(values)
-    }
+    return {name: _query_of(request, question) for name, question in asked.items()}
 
 
 def first_queries(request: ReportRequest) -> dict[str, Query]:
@@ -207,6 +183,30 @@ def _search_of(request: ReportRequest) -> dict[str, Any]:
     case = request.model_dump(mode="json", exclude={"alternatives", "output", "flight"})
     case["impact"].pop("oblique_angle_deg", None)
     return case
+
+
+def _query_of(request: ReportRequest, question: Question) -> Query:
+    """Return the request that answers a question of the verdict."""
+    case, angle = _search_of(request), _angle_of(request)
+    if question.kind == "search":
+        return Query("cra", _with_probe(case, *question.probe) if question.probe else case)
+    if question.kind == "study":
+        search = request.canonical()["search"]
+        start, stop, count = probability_angles(angle, search["lower_deg"], search["upper_deg"])
+        return Query(
+            "cra_uncertainty",
+            case
+            | {
+                "oblique_angles_deg": {"start": start, "stop": stop, "count": count},
+                "sampling": {"max_samples": SAMPLES, "half_width": HALF_WIDTH},
+                "uncertain": usual_inputs(request, theories=question.theories),
+            },
+        )
+    strike = _strike_of(case, angle or 0.0)
+    if question.kind == "wall":
+        return Query("wall", strike)
+    flight = {} if request.flight is MISSING else request.flight.model_dump(mode="json")
+    return Query("trajectory", strike | {"flight": flight})
 
 
 def _with_probe(case: Mapping[str, Any], code: str, value: float) -> dict[str, Any]:

@@ -67,10 +67,9 @@ from service.schemas.uncertainty import MOST_SAMPLES_OF_A_REQUEST, UncertainCase
 from solver import ENGINE_VERSION
 from solver.arrays import FloatArray
 from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetration_depths, predict_motion
-from solver.cancellation import ComputingThreads
 from solver.search.trials import LAST_POINTS, LAST_STATIONS, LAST_TOLERANCE
 from solver.strike import SEARCH_STATIONS
-from solver.uncertainty import Crossings, Ending, judge_wall
+from solver.uncertainty import Crossings, Ending, compute_study, judge_wall
 
 SCHEMA_VERSION = "1"
 """Raised whenever the meaning of a request changes, as `ENGINE_VERSION` is for answers: older results are not used."""
@@ -375,17 +374,18 @@ class StudyOperation:
         """Return the request that the samples differ from."""
         return self.model.model_validate(request.base)
 
-    def requests(self, request: Any, points: Sequence[Sequence[Any]]) -> list[KeyedRequest | None]:
-        """Return the request of every sample; None for one outside the accepted range."""
+    def sampler(self, request: Any) -> Callable[[Sequence[Any]], KeyedRequest | None]:
+        """Return the function that makes the request of a sample; None for one outside the accepted range."""
         base, fields = request.base, [each.field for each in request.uncertain]
-        found: list[KeyedRequest | None] = []
-        for point in points:
+
+        def sample(point: Sequence[Any]) -> KeyedRequest | None:
             try:
                 case: Any = self.model.model_validate(with_values(base, fields, point))
-                found.append(KeyedRequest.of(self.sample, case))
+                return KeyedRequest.of(self.sample, case)
             except (ValidationError, solver.ParameterError):
-                found.append(None)
-        return found
+                return None
+
+        return sample
 
 
 def compute_critical_angle_uncertainty(request: bytes) -> Answer:
@@ -413,32 +413,18 @@ def answer_study(
         How many samples are computed at a time.
     """
     study = study_of(operation)
-    compute = OPERATIONS[study.sample].compute
+    compute, sample = OPERATIONS[study.sample].compute, study.sampler(request)
 
-    def evaluate(sample: KeyedRequest | None) -> Any:
-        if sample is None:
+    def evaluate(point: Sequence[Any]) -> Any:
+        query = sample(point)
+        if query is None:
             return study.outside
         try:
-            return study.finding(compute(sample.json)[0])
+            return study.finding(compute(query.json)[0])
         except solver.RicochetError as error:
             return study.outside if isinstance(error, solver.ParameterError) else study.failed
 
-    steps: Any = request.study().steps()
-    batch, done = next(steps), 0
-    with ComputingThreads(threads) as pool:
-        while True:
-            half_width = None if batch.so_far is None else batch.so_far.convergence[-1].half_width
-            report(done, half_width)
-            found = []
-            for each in pool.map(evaluate, study.requests(request, batch.points)):
-                found.append(each)
-                done += 1
-                report(done, half_width)
-            try:
-                batch = steps.send(found)
-            except StopIteration as end:
-                answer: dict[str, Any] = study.answer(end.value)
-                return answer
+    return study.answer(compute_study(request.study().steps(), evaluate, threads, report))
 
 
 WALL_CASES = 20

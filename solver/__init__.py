@@ -18,6 +18,7 @@ warm_up                                compile all of it now: a minute, once for
 Angles are from the inward normal of the face: 0 is a head-on strike. Arguments are given by name.
 """
 
+from solver.bending import Bending, BendingHistory
 from solver.cancellation import Cancellation, CancelledError
 from solver.checks import IntegrationError, ParameterError, RicochetError, StepLimitError, name_keywords
 from solver.flight import Flight, FlightConditions, flight, flight_after, launch_elevation, mean_projected_area
@@ -81,6 +82,8 @@ ENGINE_VERSION = "15"
 __all__ = [
     "ENGINE_VERSION",
     "Alternative",
+    "Bending",
+    "BendingHistory",
     "BoatTail",
     "Cancellation",
     "CancelledError",

@@ -182,6 +182,8 @@ BOUNDS: Mapping[str, Bound] = {
     "projectile.moment_of_inertia": Bound(1e-15, 1e9, "kg m²", "kg m²"),
     "projectile.boat_tail.length": Bound(1e-6, 20.0, "m", "metres", MILLIMETRES),
     "projectile.boat_tail.base_diameter": Bound(0.0, 5.0, "m", "metres", MILLIMETRES),
+    "projectile.inner_diameter": Bound(0.0, 5.0, "m", "metres", MILLIMETRES, above=True),
+    "projectile.yield_strength": Bound(1e6, 1e11, "Pa", "pascals", PRESSURES),
     "projectile.nose.caliber_radius_head": Bound(0.5, 100.0, "", "a ratio"),
     "projectile.nose.length_to_diameter": Bound(0.0, 20.0, "", "a ratio", above=True),
     "target.compressive_strength": Bound(1e5, 1e9, "Pa", "pascals", PRESSURES),

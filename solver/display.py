@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from solver.arrays import FloatArray
-from solver.checks import BOUNDS
 from solver.projectile import Line, Projectile
+from solver.quantities import described
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -27,6 +27,8 @@ Figure: TypeAlias = "matplotlib.figure.Figure"
 DataFrame: TypeAlias = "pd.DataFrame"
 Columns: TypeAlias = dict[str, npt.NDArray[Any]]
 """Arrays of equal length by name."""
+Row: TypeAlias = Mapping[str, str | float | None]
+"""Texts and numbers of one answer by the names of columns; None where there is nothing."""
 
 INSTANTS = 5
 """At which a side view shows the projectile."""
@@ -38,35 +40,6 @@ COLORS: Mapping[str, str] = {
     "perforated": "#2e7d32",
 }
 """Colour of each outcome."""
-QUANTITIES: Mapping[str, tuple[str, str]] = {
-    "angle": ("rad", "critical angle from the normal"),
-    "standard_error": ("rad", "standard error of the critical angle"),
-    "bracket_low": ("rad", "lower end of the final bracket"),
-    "bracket_high": ("rad", "upper end of the final bracket"),
-    "position": ("m", "depth of the nose tip"),
-    "maximum_depth": ("m", "greatest depth of the deepest point"),
-    "protrusion_final": ("m", "way out of the rear face at the end"),
-    "protrusion_greatest": ("m", "greatest way out of the rear face"),
-    "strength_factor": ("1", "strength factor"),
-    "time": ("s", "time since first contact"),
-    "center_of_gravity_depth": ("m", "depth of the centre of gravity"),
-    "center_of_gravity_lateral": ("m", "way of the centre of gravity along the face"),
-    "nose_tip_depth": ("m", "depth of the nose tip"),
-    "axis_angle": ("rad", "axis from the inward normal"),
-    "depth_velocity": ("m/s", "velocity along the inward normal"),
-    "lateral_velocity": ("m/s", "velocity along the face"),
-    "depth_force": ("N", "resistance along the inward normal"),
-    "lateral_force": ("N", "resistance along the face"),
-    "moment": ("N m", "moment of the resistance"),
-    "axial_acceleration": ("m/s²", "acceleration along the axis, toward the nose"),
-    "transverse_acceleration": ("m/s²", "acceleration across the axis, the way the axis angle grows"),
-    "kinetic_energy": ("J", "kinetic energy"),
-    "oblique_angle": ("rad", "oblique angle"),
-    "angle_of_attack": ("rad", "angle of attack"),
-}
-"""Unit and description of a column."""
-UNITS = {field.rpartition(".")[2]: bound.unit or "1" for field, bound in BOUNDS.items()}
-"""Unit of an input, by the last part of its name."""
 BLUE, RED, GREY, CONCRETE = "#123f73", "#c8102e", "#5c6670", "#e4e1dc"
 
 
@@ -88,19 +61,38 @@ def optional(module: str, needed_by: str, instead: str) -> Any:
         raise ModuleNotFoundError(text, name=package) from None
 
 
-def described(name: str, values: Any) -> dict[str, str]:
-    """Return what a column or an input is, and the unit of its numbers where one is known."""
-    plain = name.rpartition(".")[2].removeprefix("final_")
-    unit, text = QUANTITIES.get(plain, (UNITS.get(plain), plain.replace("_", " ")))
-    numbers = unit is not None and np.asarray(values).dtype.kind in "fi"
-    return {"long_name": text + " at the end" * ("final_" in name)} | ({"units": str(unit)} if numbers else {})
+def column_attributes(name: str, values: Any, *kinds: type) -> dict[str, str]:
+    """Return what a column or an input is, and the unit of its numbers where one is known.
+
+    Parameters
+    ----------
+    name
+        Name of a field, or a dotted name.
+    values
+        Its values.
+    kinds
+        Classes that may have the field.
+    """
+    found = described(name, *kinds)
+    numbers = bool(found.unit) and np.asarray(values).dtype.kind in "fi"
+    attributes = {"long_name": name.rpartition(".")[2].replace("_", " "), "description": found.short}
+    attributes["units"] = found.unit if numbers else ""
+    return {attribute: value for attribute, value in attributes.items() if value}
 
 
-def dataframe(columns: Mapping[str, npt.NDArray[np.generic]], index: str | None = None) -> DataFrame:
-    """Return the columns as a ``pandas.DataFrame``, with the units of those that have one in its `attrs`."""
+def dataframe(columns: Mapping[str, npt.NDArray[np.generic]], *kinds: type, index: str | None = None) -> DataFrame:
+    """Return the columns as a ``pandas.DataFrame``, with the units of those that have one in its `attrs`.
+
+    Parameters
+    ----------
+    kinds
+        Classes that have the columns as fields.
+    index
+        Column that is the index.
+    """
     pandas = optional("pandas", "to_dataframe()", "columns() gives the same as arrays")
     table: DataFrame = pandas.DataFrame(dict(columns))
-    found = {name: described(name, values).get("units") for name, values in columns.items()}
+    found = {name: column_attributes(name, values, *kinds).get("units") for name, values in columns.items()}
     table.attrs["units"] = {name: unit for name, unit in found.items() if unit}
     return table if index is None else table.set_index(index)
 

@@ -8,10 +8,8 @@ import math
 from collections import deque
 from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import fields
 from functools import partial
 from itertools import islice, repeat
-from operator import attrgetter
 from typing import Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
@@ -19,7 +17,7 @@ import numpy.typing as npt
 
 from solver.cancellation import ComputingThreads
 from solver.checks import ParameterError, RicochetError, plain
-from solver.display import Columns, DataFrame, dataframe
+from solver.display import Columns, DataFrame, Row, dataframe
 from solver.perforation import TOLERANCE, PerforationLimit, least_thickness, limit_velocity
 from solver.projectile import Projectile
 from solver.resistance import Resistance
@@ -28,7 +26,7 @@ from solver.search.types import CriticalAngle, Search
 from solver.strength_scatter import ScatterSource
 from solver.strike import Impact, Numerics, is_part, label, named_values, short_names
 from solver.target import Target
-from solver.trajectory import Motion, Trajectory, simulate
+from solver.trajectory import Trajectory, simulate
 
 AHEAD = 64
 """Strikes for each thread that may be begun before the oldest is fetched: some take thirty times as long as most, and
@@ -47,8 +45,9 @@ class ArrayLike(Protocol):
 
 OneOrMany: TypeAlias = Value | Sequence[Value] | ArrayLike
 
-FINAL = tuple(field.name for field in fields(Motion))
-NO_BRACKET = (math.nan, math.nan)
+ANSWERS = (Trajectory, CriticalAngle, PerforationLimit)
+INPUTS = (Impact, Target, Projectile, Resistance, Numerics)
+"""Classes whose fields are columns of tables."""
 
 
 def critical_angle_many(
@@ -317,12 +316,9 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
     kinds = {type(answer) for answer in answers if not isinstance(answer, RicochetError)}
     if len(kinds) > 1:
         raise ParameterError("answers", "must be of one kind, trajectories, critical angles or limits of perforation")
-    table: Columns = {}
-    for kind in kinds:
-        for name, (value, missing) in COLUMNS[kind].items():
-            table[name] = np.array(
-                [missing if isinstance(answer, RicochetError) else value(answer) for answer in answers]
-            )
+    rows: list[Row] = [{} if isinstance(answer, RicochetError) else answer.row() for answer in answers]
+    names = next(filter(None, rows), {})
+    table: Columns = {name: _column([row.get(name) for row in rows]) for name in names}
     table["warnings"] = _texts([getattr(answer, "warnings", ()) for answer in answers])
     table["error"] = np.array([str(answer) if isinstance(answer, RicochetError) else "" for answer in answers], str)
     return given.inputs(len(answers), table) | table if isinstance(given, Answers) else table
@@ -336,42 +332,9 @@ def to_dataframe(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit
     ModuleNotFoundError
         If pandas is not installed.
     """
-    return dataframe(columns(answers))
+    answers = answers if isinstance(answers, Answers) else list(answers)
+    return dataframe(columns(answers), *ANSWERS, *INPUTS)
 
 
 def _texts(warnings: Sequence[Any]) -> Any:
     return np.array([" ".join(warning.code for warning in found) for found in warnings], str)
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value
-
-
-Column = tuple[Callable[[Any], Any], Any]
-"""What stands in it, and what stands there if the case failed."""
-
-COLUMNS: Mapping[type, Mapping[str, Column]] = {
-    Trajectory: {
-        "outcome": (attrgetter("outcome.value"), ""),
-        "maximum_depth": (lambda answer: _number(answer.maximum_depth), math.nan),
-        "protrusion_final": (lambda answer: _number(answer.protrusion and answer.protrusion.final), math.nan),
-        "protrusion_greatest": (lambda answer: _number(answer.protrusion and answer.protrusion.greatest), math.nan),
-        "strength_factor": (attrgetter("strength_factor"), math.nan),
-        **{f"final_{name}": (attrgetter(f"final.{name}"), math.nan) for name in FINAL},
-    },
-    CriticalAngle: {
-        "status": (attrgetter("status.value"), ""),
-        "angle": (lambda answer: _number(answer.angle), math.nan),
-        "standard_error": (lambda answer: _number(answer.standard_error), math.nan),
-        "bracket_low": (lambda answer: (answer.bracket or NO_BRACKET)[0], math.nan),
-        "bracket_high": (lambda answer: (answer.bracket or NO_BRACKET)[1], math.nan),
-        "strength_factor": (lambda answer: _number(answer.strength_factor), math.nan),
-    },
-    PerforationLimit: {
-        "status": (attrgetter("status.value"), ""),
-        "value": (lambda answer: _number(answer.value), math.nan),
-        "value_low": (lambda answer: (answer.bracket or NO_BRACKET)[0], math.nan),
-        "value_high": (lambda answer: (answer.bracket or NO_BRACKET)[1], math.nan),
-        "without_protrusion": (lambda answer: _number(answer.without_protrusion), math.nan),
-    },
-}

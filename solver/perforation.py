@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from solver.checks import require, require_between
-from solver.display import Axes, Columns, DataFrame, Figure, card, dataframe, line, plot_perforation
+from solver.display import Axes, Columns, DataFrame, Figure, Row, card, dataframe, line, plot_perforation
 from solver.motion import Termination
 from solver.plausibility import check_walls
 from solver.prepared import (
@@ -60,6 +60,7 @@ class PerforationTrial:
     value: float
     """Thickness or velocity. [m or m/s]"""
     outcome: Outcome
+    """How the trial ended."""
     exit: Exit | None
     """How the projectile left; None if it did not."""
     protrusion: Protrusion | None
@@ -78,6 +79,7 @@ class PerforationLimit:
     quantity: Literal["thickness", "velocity"]
     """What was sought."""
     status: PerforationStatus
+    """How the search ended."""
     value: float | None
     """Least thickness that was seen to stop the projectile, or least velocity that was seen to perforate; None if the
     outcome does not change in the range. [m or m/s]"""
@@ -89,9 +91,20 @@ class PerforationLimit:
     """Least thickness with which nothing of the projectile was seen to come out of the rear face, or greatest velocity;
     None if something does over all of the range, or nothing. [m or m/s]"""
     warnings: tuple[ModelWarning, ...]
-    """Those of the trial at `value`, of the last trial if there is none, and ``undecided`` if a trial on either side of
-    the change, or any trial if there is none, was still in motion at its termination time; so too beside
-    `without_protrusion`."""
+    """Those of the trial at the value found, of the last trial if there is none, and ``undecided`` if a trial on either
+    side of the change, or any trial if there is none, was still in motion at its termination time; so too beside the
+    value without protrusion."""
+
+    def row(self) -> Row:
+        """Return what was found, by the names of the columns of `solver.columns`."""
+        low, high = self.bracket or (None, None)
+        return {
+            "status": self.status.value,
+            "value": self.value,
+            "value_low": low,
+            "value_high": high,
+            "without_protrusion": self.without_protrusion,
+        }
 
     def columns(self) -> Columns:
         """Return the trials as arrays by name, in order."""
@@ -103,7 +116,7 @@ class PerforationLimit:
 
     def to_dataframe(self) -> DataFrame:
         """Return the trials as a ``pandas.DataFrame``, which has to be installed."""
-        return dataframe(self.columns())
+        return dataframe(self.columns(), PerforationTrial)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
         """Return the speed behind the wall of each trial as a ``matplotlib.figure.Figure``.

@@ -58,20 +58,20 @@ class Exit:
     """How a projectile leaves the target, through the impact face or the rear face."""
 
     speed: float
-    """Speed of the centre of gravity. [m/s]"""
+    """Speed of the centre of gravity as the projectile leaves. [m/s]"""
     direction: float
-    """Angle of that velocity from the outward normal of the face left through; positive in the direction of travel
-    along the face. [rad]"""
+    """Angle of that velocity from the outward normal of the face left through; positive the way the projectile
+    travelled along the face. [rad]"""
     elevation: float
     """Angle of that velocity above that face. [rad]"""
     axis_angle: float
-    """From the inward normal of the impact face to the axis. [rad]"""
+    """Angle from the inward normal of the impact face to the axis as the projectile leaves. [rad]"""
     angular_velocity: float
-    """[rad/s]"""
+    """Rate of the axis angle as the projectile leaves. [rad/s]"""
     kinetic_energy: float
-    """Energy of translation and rotation. [J]"""
+    """Kinetic energy of translation and rotation as the projectile leaves. [J]"""
     lateral: float
-    """Distance of the centre of gravity along the face since first contact. [m]"""
+    """Way of the centre of gravity along the face since first contact. [m]"""
 
 
 def exit_of(outcome: Outcome, state: Sequence[float], body: Body) -> Exit | None:
@@ -97,9 +97,10 @@ class Protrusion:
     """How far a projectile stands out of the rear face of a wall that it does not perforate."""
 
     final: float | None
-    """At the end of the run; None if the projectile leaves through the impact face. [m]"""
+    """Way of the deepest point out of the rear face at the end of the run, unless the projectile leaves by the front.
+    [m]"""
     greatest: float
-    """At most. [m]"""
+    """Greatest way of the deepest point out of the rear face. [m]"""
 
 
 def protrusion_of(outcome: Outcome, run: Run, body: Body, thickness: float | None) -> Protrusion | None:

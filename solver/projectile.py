@@ -103,7 +103,8 @@ class Ogive:
     Parameters
     ----------
     caliber_radius_head
-        ψ, ogive radius over shank diameter, at least 0.5 (a hemisphere). [1]
+        Radius ψ of the nose arc over the shank diameter; 0.5 is a hemisphere, and 100 a nose ten times as long as the
+        shank is wide. [1]
     """
 
     name: ClassVar[str] = "ogive"
@@ -130,7 +131,7 @@ class Conical:
     Parameters
     ----------
     length_to_diameter
-        Cone height over shank diameter. [1]
+        Height of the cone over the shank diameter. [1]
     """
 
     name: ClassVar[str] = "conical"
@@ -155,7 +156,7 @@ class Spherical:
     Parameters
     ----------
     caliber_radius_head
-        Sphere radius over shank diameter, at least 0.5, a hemisphere, which it is unless given. [1]
+        Radius of the sphere over the shank diameter; 0.5, a hemisphere, when not given. [1]
     """
 
     name: ClassVar[str] = "spherical"
@@ -292,9 +293,9 @@ class BoatTail:
     Parameters
     ----------
     length
-        Part of the length of the projectile that tapers. [m]
+        Part of the length of the projectile that tapers, at most what is behind the nose. [m]
     base_diameter
-        Diameter of the flat base, from 0 to that of the shank. [m]
+        Diameter of the flat base, at most that of the shank. [m]
     """
 
     length: float
@@ -371,17 +372,24 @@ class Projectile:
     ----------
     nose
         Shape of the nose, or of the whole body: a sphere, or a profile that falls behind its widest point.
-    diameter, length
-        Diameter of the shank, and distance from the tip to the flat base; of a whole body its largest diameter and its
-        length. [m]
+    diameter
+        Diameter of the shank; of a whole body its largest one. From a pellet to far above any gun or bomb. [m]
+    length
+        Distance from the nose tip to the flat base, at least the length of the nose; of a whole body its length. [m]
     mass
-        [kg]
+        Mass, at most that of uranium 5 m wide and 20 m long. [kg]
     center_of_gravity
-        Distance behind the nose tip; that of the homogeneous solid when not given. [m]
+        Distance of the centre of gravity behind the nose tip, less than the length; that of the homogeneous solid of
+        the outer shape when not given. [m]
     moment_of_inertia
-        About a transverse axis through the centre of gravity; that of the homogeneous solid when not given. [kg m²]
+        Moment of inertia about a transverse axis through the centre of gravity; that of the homogeneous solid of the
+        outer shape when not given. [kg m²]
     boat_tail
-        Taper behind the shank, if there is one.
+        Taper behind the shank; a cylinder up to the base when not given.
+    inner_diameter
+        Diameter of a bore along the whole cylindrical shank, for a hollow body; nose and boat-tail are solid. [m]
+    yield_strength
+        Yield strength of the body, with which the bending stress is compared; does not change the motion. [Pa]
 
     Raises
     ------
@@ -396,6 +404,8 @@ class Projectile:
     center_of_gravity: float | None = None
     moment_of_inertia: float | None = None
     boat_tail: BoatTail | None = None
+    inner_diameter: float | None = None
+    yield_strength: float | None = None
 
     def __post_init__(self) -> None:
         require_kind("projectile.nose", self.nose, NoseShape)
@@ -426,6 +436,17 @@ class Projectile:
             )
         if self.moment_of_inertia is not None:
             require_bounds("projectile.moment_of_inertia", self.moment_of_inertia)
+        if self.inner_diameter is not None:
+            field = "projectile.inner_diameter"
+            require_bounds(field, self.inner_diameter)
+            require(
+                self.inner_diameter < self.diameter,
+                field,
+                f"must be less than the diameter, {self.diameter:g} m, got {self.inner_diameter:g} m",
+            )
+            require(self._whole is None, field, f"must be left out: the {self.nose.name} has no shank to be hollow")
+        if self.yield_strength is not None:
+            require_bounds("projectile.yield_strength", self.yield_strength)
 
     def _check_profile(self, nose: Profile) -> None:
         """Refuse a profile that does not fit the diameter or, where it is that of the whole body, the length."""
@@ -475,14 +496,19 @@ class Projectile:
         """From the tip to the shank. [m]"""
         return self.nose.length(self.radius)
 
+    @property
+    def shank_end(self) -> float:
+        """Distance behind the tip at which the boat-tail begins, or of the base. [m]"""
+        if self.boat_tail is None:
+            return self.length
+        room = self.length - self.nose_length
+        return self.length - self.boat_tail.length if self.boat_tail.length < room else self.nose_length
+
     def outline(self) -> tuple[OutlinePiece, ...]:
         """Pieces from the tip to the rear edge; the flat base is not part of it."""
-        pieces, whole, end = self.nose.outline(self.radius), self._whole, self.length
+        pieces, whole, end = self.nose.outline(self.radius), self._whole, self.shank_end
         if whole is not None:
             return (*pieces, *whole.tail(self.radius))
-        if self.boat_tail is not None:
-            room = self.length - self.nose_length
-            end = self.length - self.boat_tail.length if self.boat_tail.length < room else self.nose_length
         if end > self.nose_length:
             pieces = (*pieces, Line(self.nose_length, self.radius, end, self.radius))
         if self.boat_tail is not None:
@@ -502,7 +528,7 @@ class Projectile:
 
 @dataclass(frozen=True, slots=True)
 class SolidProperties:
-    """Geometry of the outer shape and of the homogeneous solid that fills it."""
+    """Geometry of the outer shape and of the homogeneous solid that fills it, but for a bore."""
 
     surface_area: float
     """Without the flat base. [m²]"""
@@ -540,6 +566,12 @@ def solid_properties(projectile: Projectile) -> SolidProperties:
         volume += float(disc @ dx)
         first += float((disc * x) @ dx)
         second += float((disc * (x * x + r * r / 4.0)) @ dx)
+    if projectile.inner_diameter is not None:
+        begin, end, bore = projectile.nose_length, projectile.shank_end, projectile.inner_diameter / 2.0
+        hole = math.pi * bore**2
+        volume -= hole * (end - begin)
+        first -= hole * (end**2 - begin**2) / 2.0
+        second -= hole * ((end**3 - begin**3) / 3.0 + bore**2 / 4.0 * (end - begin))
     centroid = first / volume
     return SolidProperties(area, volume, centroid, second / volume - centroid**2)
 

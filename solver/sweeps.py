@@ -11,9 +11,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from solver.checks import RicochetError, plain, require
-from solver.display import described, optional
+from solver.display import column_attributes, optional
 from solver.free_surface import ElasticPlastic, FreeSurface, MohrCoulomb, NoFreeSurface, decay_laws
-from solver.many import attempt, columns, critical_angle_many, simulate_many
+from solver.many import ANSWERS, INPUTS, attempt, columns, critical_angle_many, simulate_many
 from solver.projectile import Projectile
 from solver.resistance import (
     EQUATION_9,
@@ -228,7 +228,9 @@ class _Grid:
                 if other not in {*names, *table, *coordinates} and along.dims == given.dims:
                     coordinates[str(other)] = (name, along.values, along.attrs)
         shape = tuple(map(len, self._values))
-        variables = {name: (names, each.reshape(shape), described(name, each)) for name, each in table.items()}
+        variables = {
+            name: (names, each.reshape(shape), column_attributes(name, each, *ANSWERS)) for name, each in table.items()
+        }
         varied = dict.fromkeys((*self.fields, *found), "varied")
         strike = {name: _in_full(part, name, varied) for name, part in self._parts.items()}
         engine = import_module(__package__).ENGINE_VERSION  # the package imports this module
@@ -263,7 +265,7 @@ def _coordinates(name: str, field: str, values: Sequence[Any]) -> dict[str, tupl
         f"{each} {texts[: place + 1].count(each)}" if isinstance(each, str) and texts.count(each) > 1 else each
         for place, each in enumerate(texts)
     ]
-    found: dict[str, tuple[Any, ...]] = {name: (name, labels, described(field, labels))}
+    found: dict[str, tuple[Any, ...]] = {name: (name, labels, column_attributes(field, labels, *INPUTS))}
     if labels != texts:
         found[f"{name}_in_full"] = (name, list(map(repr, values)), {"long_name": f"{name}, in full"})
     return found

@@ -21,15 +21,16 @@ class Target:
     Parameters
     ----------
     compressive_strength
-        Unconfined compressive strength f'c. [Pa]
+        Unconfined compressive strength f'c, from the weakest foam to above any concrete; the tests behind the model
+        used 13 to 97 MPa. [Pa]
     density
-        [kg/m³]
+        Density, from foam to above any heavy concrete. [kg/m³]
     youngs_modulus
-        Taken from the strength by `concrete_youngs_modulus` when not given. [Pa]
+        Young's modulus; by ACI 318-19, 4700 MPa times the square root of the strength in MPa, when not given. [Pa]
     poissons_ratio
-        0.5 is the incompressible solid that the decay theory of Warren et al. starts from. [1]
+        Poisson's ratio; 0.5 is the incompressible solid that the decay theory of Warren et al. starts from. [1]
     thickness
-        Thickness of a wall; a half-space unless given. At least a tenth of the projectile's diameter. [m]
+        Thickness of a wall, at least a tenth of the diameter of the projectile; a half-space when not given. [m]
     characteristic_strength
         Strength that 95 % of the concrete has, as of a strength class. Design values of walls rest on it where it is
         given; all else takes the compressive strength, which is the mean. [Pa]
@@ -92,7 +93,8 @@ class Crater:
     Parameters
     ----------
     depth_diameters
-        Depth of the crater over the diameter of the projectile. [1]
+        Depth of the crater over the diameter of the projectile: 2 (Forrestal et al. 1994), or 0.707 and the length of
+        the nose over the diameter (Li and Chen 2003). [1]
 
     Notes
     -----
@@ -117,7 +119,7 @@ class ShearPlug:
     Parameters
     ----------
     cone_angle
-        Between the axis of the cone and its side. [rad]
+        Angle between the axis of the cone and its side. [rad]
 
     Notes
     -----

@@ -8,8 +8,9 @@ import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import ComparedByFields, FloatArray
+from solver.bending import Bending, bending_of, has_inertia_of_shape
 from solver.checks import ParameterError, require_one, require_positive
-from solver.display import Axes, Columns, DataFrame, Figure, card, dataframe, line, plot_motion
+from solver.display import Axes, Columns, DataFrame, Figure, Row, card, dataframe, line, plot_motion
 from solver.motion import Model, Run, Termination, sample, sample_accelerations, sample_loads
 from solver.plausibility import check_depth, check_energy
 from solver.prepared import (
@@ -44,36 +45,36 @@ class Motion(ComparedByFields, Generic[Value]):
     """The motion at one instant (floats) or at many (arrays of equal length). Depth is positive inside the target."""
 
     time: Value
-    """Since first contact. [s]"""
+    """Time since first contact. [s]"""
     center_of_gravity_depth: Value
-    """[m]"""
+    """Depth of the centre of gravity, positive inside the target. [m]"""
     center_of_gravity_lateral: Value
-    """Along the face, from its place at first contact. [m]"""
+    """Way of the centre of gravity along the face since first contact. [m]"""
     nose_tip_depth: Value
-    """[m]"""
+    """Depth of the nose tip, positive inside the target. [m]"""
     axis_angle: Value
-    """From the inward normal; grows as the nose turns toward the face. [rad]"""
+    """Angle from the inward normal of the face to the axis; grows as the nose turns to the face. [rad]"""
     depth_velocity: Value
-    """Velocity of the centre of gravity. [m/s]"""
+    """Velocity of the centre of gravity along the inward normal. [m/s]"""
     lateral_velocity: Value
-    """Velocity of the centre of gravity. [m/s]"""
+    """Velocity of the centre of gravity along the face. [m/s]"""
     angular_velocity: Value
-    """[rad/s]"""
+    """Rate of the axis angle. [rad/s]"""
     depth_force: Value
-    """Resistance, along the inward normal. [N]"""
+    """Resistance along the inward normal. [N]"""
     lateral_force: Value
-    """Resistance, along the face. [N]"""
+    """Resistance along the face. [N]"""
     moment: Value
-    """Resistance, about the centre of gravity. [N m]"""
+    """Moment of the resistance about the centre of gravity. [N m]"""
     axial_acceleration: Value
-    """Of the centre of gravity by the resistance, along the axis of the body; positive toward the nose, so that it is
+    """Acceleration of the centre of gravity along the axis, positive toward the nose. It is by the resistance, and
     negative as the body is slowed. [m/s²]"""
     transverse_acceleration: Value
-    """Of the centre of gravity by the resistance, across that axis; positive the way the nose moves as `axis_angle`
-    grows. With panels, samples scatter about the mean where the body slides straight: a speed across it of mm/s
-    decides. [m/s²]"""
+    """Acceleration of the centre of gravity across the axis, positive the way the nose moves as the axis angle grows.
+    It is by the resistance. By panels, samples scatter about the mean where the body slides straight: a speed across
+    it of mm/s decides. [m/s²]"""
     kinetic_energy: Value
-    """Energy of translation and rotation. [J]"""
+    """Kinetic energy of translation and rotation. [J]"""
 
     def columns(self) -> Columns:
         """Return the quantities as arrays by name; one instant as arrays of one value."""
@@ -81,7 +82,7 @@ class Motion(ComparedByFields, Generic[Value]):
 
     def to_dataframe(self) -> DataFrame:
         """Return them over time as a ``pandas.DataFrame``, which has to be installed; `attrs` has the units."""
-        return dataframe(self.columns(), index="time")
+        return dataframe(self.columns(), Motion, index="time")
 
     def __repr__(self) -> str:
         times = np.atleast_1d(np.asarray(self.time, float))
@@ -96,16 +97,17 @@ class Trajectory:
     """How a run went and how it ended."""
 
     outcome: Outcome
+    """How the run ended."""
     final: Motion[float]
     """At the event that ended the run."""
     history: Motion[FloatArray] | None
     """At even intervals and at that event; None if not requested."""
     maximum_depth: float | None
-    """Greatest depth of the deepest point of the projectile; None if it perforates a wall. [m]"""
+    """Greatest depth of the deepest point of the projectile, unless it perforates a wall. [m]"""
     protrusion: Protrusion | None
     """How far it stands out of the rear face of a wall; None if it never does, and if it perforates."""
     strength_factor: float
-    """S of this strike. [1]"""
+    """Strength factor in use, at this oblique angle. [1]"""
     warnings: tuple[ModelWarning, ...]
     steps: int
     """Time steps taken."""
@@ -117,6 +119,20 @@ class Trajectory:
     """Of S of a next shot in the same concrete: by own shots, or by the law of the published tests. [ln]"""
     own_tests: StrengthPosterior | None
     """What shots into the very concrete say of S; None without any."""
+    bending: Bending | None
+    """Largest bending stress; None if the centre of gravity or moment of inertia given are not those of the shape."""
+
+    def row(self) -> Row:
+        """Return how the run ended, by the names of the columns of `solver.columns`."""
+        protrusion = self.protrusion
+        return {
+            "outcome": self.outcome.value,
+            "maximum_depth": self.maximum_depth,
+            "protrusion_final": protrusion and protrusion.final,
+            "protrusion_greatest": protrusion and protrusion.greatest,
+            "strength_factor": self.strength_factor,
+            **{f"final_{field.name}": getattr(self.final, field.name) for field in fields(self.final)},
+        }
 
     def columns(self) -> Columns:
         """Return the history as arrays by name, in SI units and radians.
@@ -132,7 +148,7 @@ class Trajectory:
 
     def to_dataframe(self) -> DataFrame:
         """Return the history over time as a ``pandas.DataFrame``, which has to be installed; `attrs` has the units."""
-        return dataframe(self.columns(), index="time")
+        return dataframe(self.columns(), Motion, index="time")
 
     def plot(self, projectile: Projectile | None = None, *, ax: "Axes | None" = None) -> Figure:
         """Return the side view and the histories as a ``matplotlib.figure.Figure``; matplotlib has to be installed.
@@ -169,6 +185,7 @@ class Trajectory:
             "leaves at": ""
             if exit_ is None
             else f"{exit_.speed:.1f} m/s, {math.degrees(exit_.elevation):.1f}° above the face",
+            "bends at": "" if self.bending is None else str(self.bending),
             "strength factor": f"{self.strength_factor:.4g}",
             "history": "none" if self.history is None else f"{self.history.time.size} instants",
         }
@@ -242,7 +259,7 @@ def run_prepared(
 ) -> Trajectory:
     """One strike of a prepared case."""
     model = prepared.model._replace(law=prepared.law_at(impact))
-    run, steps = integrate(prepared, model, impact, keep_steps=sample_interval is not None)
+    run, steps = integrate(prepared, model, impact, keep_steps=True)
     outcome = OUTCOMES[run.end]
     scatter, own_tests = known_strength(
         projectile=prepared.projectile,
@@ -250,7 +267,8 @@ def run_prepared(
         resistance=prepared.resistance,
         strength_scatter=strength_scatter,
     )
-    warnings = run_warnings(prepared, impact, run, outcome)
+    bending = bending_of(prepared.projectile, model, steps, with_history=sample_interval is not None)
+    warnings = run_warnings(prepared, impact, run, outcome) + _bending_warnings(prepared, bending)
     if strength_scatter == "paper_table_1":
         warnings += (model_warnings.scatter_of_table_1(prepared.projectile, prepared.target),)
     return Trajectory(
@@ -266,6 +284,19 @@ def run_prepared(
         exit=exit_of(outcome, run.state.tolist(), model.body),
         strength_factor_dispersion=scatter.dispersion,
         own_tests=own_tests,
+        bending=bending,
+    )
+
+
+def _bending_warnings(prepared: PreparedCase, bending: Bending | None) -> tuple[ModelWarning, ...]:
+    if bending is None:
+        shape_is_known = has_inertia_of_shape(prepared.projectile)
+        return () if shape_is_known else (model_warnings.BENDING_UNKNOWN,)
+    return model_warnings.bends(
+        stress=bending.peak_stress,
+        time=bending.time,
+        distance=bending.distance_behind_tip,
+        yield_strength=prepared.projectile.yield_strength,
     )
 
 

@@ -88,9 +88,9 @@ def run_uncertainty(args: argparse.Namespace) -> int:
     for text in args.uncertain:
         inputs = body.content.setdefault("uncertain", [])
         inputs.append(uncertain_input(text))
-        place = f"/uncertain/{len(inputs) - 1}"
-        parts = ("field", "distribution", *(f"distribution/{name}" for name in inputs[-1]["distribution"]))
-        given |= dict.fromkeys([place, *(f"{place}/{part}" for part in parts)], f"--uncertain {text}")
+        place, flag = f"/uncertain/{len(inputs) - 1}", f"--uncertain {text}"
+        given |= dict.fromkeys((place, f"{place}/field", f"{place}/distribution"), flag)
+        given |= {f"{place}/distribution/{name}": f"{flag}: {name}" for name in inputs[-1]["distribution"]}
     body = replace(body, given=given)
     strike = "oblique_angle_deg" in body.content.get("impact", {})
     if args.plot:

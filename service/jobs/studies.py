@@ -140,6 +140,7 @@ async def run_study(
         Limiter of the threads in which samples are validated.
     """
     found = study_of(operation)
+    sample = await run_sync(found.sampler, study)
     steps = (await run_sync(study.study)).steps()
     batch, answer = await run_sync(advance, steps, None)
     done = 0
@@ -150,7 +151,7 @@ async def run_study(
         results: list[Any] = []
         for begin in range(0, len(batch.points), PART):
             points = batch.points[begin : begin + PART]
-            requests = await run_sync(found.requests, study, points, limiter=limiter)
+            requests = await run_sync(list, map(sample, points), limiter=limiter)
             cases = {number: JobCase(each) for number, each in enumerate(requests) if each is not None}
             take(sum(case.request.work for case in cases.values()))
             done += len(points)

@@ -7,10 +7,10 @@ from pydantic import MISSING, Field
 
 import solver
 from service.columns import Column
-from service.schemas.fields import GIVEN, NOT_TABLED, Behind, Described, Of, columns_of, history_columns, walk
+from service.schemas.fields import GIVEN, columns_of, history_columns, walk
 from service.schemas.flight import LANDING, FlightResult
 from service.schemas.problems import Problem
-from service.schemas.quantities import Count, Num, Part, with_examples
+from service.schemas.quantities import Count, Num, Of, Part, with_examples
 from service.schemas.resistance import FreeSurfaceModel, ObliquityShape, StrengthLaw
 from solver import Outcome, SearchStatus
 from solver.arrays import FloatArray
@@ -97,14 +97,7 @@ Key = Annotated[
     GIVEN,
 ]
 EngineVersion = Annotated[str, Field(description="Raised whenever results change."), GIVEN]
-Bracket = Annotated[
-    list[Num],
-    Field(
-        min_length=2,
-        max_length=2,
-        description="Angles between which the change was last pinned down, from the normal. [°]",
-    ),
-]
+Bracket = Annotated[list[Num], Field(min_length=2, max_length=2)]
 
 
 class ModelWarning(Part):
@@ -155,34 +148,20 @@ class OwnTestsAnswer(Part):
 class Motion(Part, Generic[Value]):
     """Quantities of a motion. Depth is positive inside the target; lateral, the way the projectile travels."""
 
-    time_s: Annotated[Value, Described("since first contact")]
-    """Since first contact. [s]"""
-    center_of_gravity_depth_m: Annotated[Value, Described("depth of the centre of gravity, positive inside the target")]
-    """[m]"""
-    center_of_gravity_lateral_m: Annotated[
-        Value, Described("way of the centre of gravity along the face since first contact")
-    ]
-    """Along the face, from where it was at first contact. [m]"""
-    nose_tip_depth_m: Annotated[Value, Described("depth of the nose tip, positive inside the target")]
-    """[m]"""
-    axis_angle_deg: Annotated[
-        Value, Described("from the inward normal of the face to the axis; grows as the nose turns to the face")
-    ]
-    """From the inward normal to the axis; grows as the nose turns toward the face. [°]"""
-    depth_velocity_m_s: Annotated[Value, Described("of the centre of gravity, along the inward normal")]
-    """Velocity of the centre of gravity. [m/s]"""
-    lateral_velocity_m_s: Annotated[Value, Described("of the centre of gravity, along the face")]
-    """Velocity of the centre of gravity. [m/s]"""
-    angular_velocity_rad_s: Annotated[Value, Described("rate of the axis angle")]
-    """Rate of the axis angle. [rad/s]"""
-    depth_force_n: Annotated[Value, Described("resistance along the inward normal")]
-    """Resistance along the inward normal. [N]"""
-    lateral_force_n: Annotated[Value, Described("resistance along the face")]
-    """Resistance along the face. [N]"""
-    moment_n_m: Annotated[Value, Described("moment of the resistance about the centre of gravity")]
-    """Resistance, about the centre of gravity. [N m]"""
-    kinetic_energy_j: Annotated[Value, Described("of translation and rotation")]
-    """Energy of translation and rotation. [J]"""
+    solved = solver.Motion
+
+    time_s: Value
+    center_of_gravity_depth_m: Value
+    center_of_gravity_lateral_m: Value
+    nose_tip_depth_m: Value
+    axis_angle_deg: Value
+    depth_velocity_m_s: Value
+    lateral_velocity_m_s: Value
+    angular_velocity_rad_s: Value
+    depth_force_n: Value
+    lateral_force_n: Value
+    moment_n_m: Value
+    kinetic_energy_j: Value
 
 
 class MotionState(Motion[Num]):
@@ -194,17 +173,8 @@ class MotionState(Motion[Num]):
 class MotionInHistory(Motion[Value], Generic[Value]):
     """Quantities of a motion that a history has, beside those of its end."""
 
-    axial_acceleration_g: Annotated[
-        Value, Described("of the centre of gravity along the axis, positive toward the nose")
-    ]
-    """Of the centre of gravity by the resistance, along the axis of the body; positive toward the nose, so that it is
-    negative as the body is slowed. In standard gravity, 9.80665 m/s². [g₀]"""
-    transverse_acceleration_g: Annotated[
-        Value, Described("of the centre of gravity across the axis, positive the way the nose moves as the angle grows")
-    ]
-    """Of the centre of gravity by the resistance, across the axis of the body; positive the way the nose moves as
-    `axis_angle_deg` grows, toward the face. By `panels`, samples scatter about the mean where the body slides straight.
-    In standard gravity, 9.80665 m/s². [g₀]"""
+    axial_acceleration_g: Value
+    transverse_acceleration_g: Value
 
 
 class MotionHistory(MotionInHistory[list[Num]]):
@@ -218,21 +188,15 @@ class Exit(Part):
 
     model_config = with_examples(EXIT)
 
-    speed_m_s: Annotated[Num, Described("of the centre of gravity as the projectile leaves; empty if it stays")]
-    """Speed of the centre of gravity. [m/s]"""
-    direction_deg: Annotated[Num, Described("of that velocity, from the outward normal of the face left through")]
-    """Angle of that velocity, from the outward normal of the face left through; positive the way the projectile
-    travelled along the face. [°]"""
-    elevation_deg: Annotated[Num, Described("of that velocity, above that face")]
-    """Angle of that velocity above that face. [°]"""
-    axis_angle_deg: Annotated[Num, Described("axis angle as the projectile leaves")]
-    """From the inward normal of the impact face to the axis. [°]"""
-    angular_velocity_rad_s: Annotated[Num, Described("rate of the axis angle as the projectile leaves")]
-    """Rate of the axis angle. [rad/s]"""
-    kinetic_energy_j: Annotated[Num, Described("as the projectile leaves")]
-    """Energy of translation and rotation. [J]"""
-    lateral_m: Annotated[Num, Described("way of the centre of gravity along the face since first contact")]
-    """Way of the centre of gravity along the face, from where it was at first contact. [m]"""
+    solved = solver.Exit
+
+    speed_m_s: Num
+    direction_deg: Num
+    elevation_deg: Num
+    axis_angle_deg: Num
+    angular_velocity_rad_s: Num
+    kinetic_energy_j: Num
+    lateral_m: Num
     flight: Annotated[FlightResult | MISSING, GIVEN, columns_of(FlightResult, "flight_")] = MISSING
     """Where the body lands, in the answer to a trajectory with `flight`."""
 
@@ -251,12 +215,10 @@ class Protrusion(Part):
 
     model_config = with_examples(PROTRUSION)
 
-    final_m: Annotated[
-        Num | MISSING, Described("way of the deepest point out of the rear face at the end; empty if it leaves")
-    ] = MISSING
-    """Way of its deepest point out of the rear face at the end of the run; absent if it leaves by the front. [m]"""
-    greatest_m: Annotated[Num, Described("greatest way of the deepest point out of the rear face")]
-    """Greatest way of its deepest point out of the rear face. [m]"""
+    solved = solver.Protrusion
+
+    final_m: Num | MISSING = MISSING
+    greatest_m: Num
 
 
 class Trajectory(Part):
@@ -264,22 +226,18 @@ class Trajectory(Part):
 
     model_config = with_examples(RUN)
 
-    outcome: Annotated[Outcome, Described("how the run ended")]
-    final: Annotated[
-        MotionState, columns_of(MotionState, "final_", "; at the event that ended the run"), Behind("strength_factor")
-    ]
-    """At the event that ended the run."""
-    exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_"), Behind("strength_factor")] = MISSING
+    solved = solver.Trajectory
+    tabled = ("outcome", "maximum_depth_m", "protrusion", "strength_factor", "final", "exit")
+
+    outcome: Outcome
+    final: Annotated[MotionState, columns_of(MotionState, "final_", "; at the event that ended the run")]
+    exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_")] = MISSING
     """If the projectile left."""
-    maximum_depth_m: Annotated[
-        Num | MISSING, Described("greatest depth of the deepest point; empty if the projectile perforates")
-    ] = MISSING
-    """Greatest depth of the deepest point of the projectile; absent if it perforates a wall. [m]"""
+    maximum_depth_m: Num | MISSING = MISSING
     protrusion: Annotated[Protrusion | MISSING, columns_of(Protrusion, "protrusion_")] = MISSING
     """In a wall, if anything of the projectile ever comes out of the rear face, and it does not perforate."""
-    strength_factor: Annotated[Num, Described("in use, at this oblique angle")]
-    """Strength factor in use, at this oblique angle. [1]"""
-    strength_factor_dispersion: Annotated[StrengthDispersion, NOT_TABLED]
+    strength_factor: Num
+    strength_factor_dispersion: StrengthDispersion
     own_tests: OwnTestsAnswer | MISSING = MISSING
     """If S rests on shots into the very concrete, the paper's with eq. 9 in its concrete among them."""
     history: Annotated[MotionHistory | MISSING, GIVEN] = MISSING
@@ -333,15 +291,14 @@ class Trial(Part):
 
     model_config = with_examples(TRIAL)
 
-    oblique_angle_deg: Annotated[Num, Described("angle tried, from the inward normal of the face to the velocity")]
-    """From the normal. [°]"""
-    final_position_m: Annotated[Num, Described("depth of the nose tip at the end of the trial")]
-    """Depth of the nose tip at the end, or at the termination time in the paper's searches. [m]"""
-    outcome: Annotated[Outcome, Described("how the trial ended")]
+    solved = solver.Trial
+
+    oblique_angle_deg: Num
+    final_position_m: Num
+    outcome: Outcome
     fine: Annotated[
         bool, Column("fine", "whether it was computed at the final resolution, or only to see where to look", "?")
     ]
-    """False for a trial that only showed where to look: it was computed more roughly."""
     exit: Annotated[Exit | MISSING, Of(lambda trial: trial.exit if trial.fine else None)] = MISSING
     """If the projectile left, of a fine trial."""
 
@@ -351,11 +308,11 @@ class OutcomeInterval(Part):
 
     model_config = with_examples(INTERVAL)
 
+    solved = solver.OutcomeInterval
+
     outcome: Outcome
     lower_deg: Num
-    """From the normal. [°]"""
     upper_deg: Num
-    """From the normal. [°]"""
 
 
 class CriticalAngleAnswer(Part):
@@ -365,46 +322,38 @@ class CriticalAngleAnswer(Part):
         FOUND | VERSIONED, NONE_FOUND | VERSIONED, FOUND | VERSIONED | {"alternatives": [OTHER_ANGLE]}
     )
 
-    status: Annotated[SearchStatus, Described("how the search ended")]
-    critical_angle_deg: Annotated[
-        Num | MISSING,
-        Of("angle"),
-        Described("smallest oblique angle, from the normal, at which the projectile is turned away"),
-    ] = MISSING
-    """Smallest oblique angle, from the normal, that ends in ricochet; if there is one. [°]"""
-    critical_angle_standard_error_deg: Annotated[
-        Annotated[Num, Field(ge=0.0)] | MISSING,
-        Of("standard_error"),
-        Described("of the angle, from the covariance of the strength factor"),
-        Behind("bracket_deg"),
-    ] = MISSING
-    """From the covariance of the strength factor, if that was given. [°]"""
+    solved = solver.CriticalAngle
+    tabled = (
+        "status",
+        "critical_angle_deg",
+        "bracket_deg",
+        "critical_angle_standard_error_deg",
+        "strength_factor",
+        "energy_fraction_below",
+        "energy_fraction_above",
+        "exit",
+    )
+
+    status: SearchStatus
+    critical_angle_deg: Annotated[Num | MISSING, Of("angle")] = MISSING
+    critical_angle_standard_error_deg: Annotated[Annotated[Num, Field(ge=0.0)] | MISSING, Of("standard_error")] = (
+        MISSING
+    )
     bracket_deg: Annotated[
         Bracket | MISSING,
         Column("bracket_low_deg", "lower of the angles between which the change was last pinned down"),
         Column("bracket_high_deg", "upper of these"),
     ] = MISSING
-    strength_factor: Annotated[Num | MISSING, Described("in use at the critical angle")] = MISSING
-    """Strength factor in use at the critical angle, if there is one. [1]"""
-    strength_factor_dispersion: Annotated[StrengthDispersion | MISSING, NOT_TABLED] = MISSING
+    strength_factor: Num | MISSING = MISSING
+    strength_factor_dispersion: StrengthDispersion | MISSING = MISSING
     own_tests: OwnTestsAnswer | MISSING = MISSING
     """If S rests on shots into the very concrete, the paper's with eq. 9 in its concrete among them."""
-    energy_fraction_below: Annotated[
-        Annotated[Num, Field(ge=0.0)] | MISSING,
-        Described("share of the kinetic energy left half a degree below the critical angle"),
-    ] = MISSING
-    """Share of the initial kinetic energy left half a degree below the critical angle, 0 if it is less than a tenth of
-    `numerics.retention_energy_fraction`. [1]"""
-    energy_fraction_above: Annotated[Annotated[Num, Field(ge=0.0)] | MISSING, Described("half a degree above it")] = (
-        MISSING
-    )
-    """That half a degree above: the less it is, the more the threshold decides. [1]"""
+    energy_fraction_below: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
+    energy_fraction_above: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
     exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_")] = MISSING
     """At the critical angle, if there is one."""
     iterations: list[Trial]
-    """Every angle tried, in order."""
     other_crossings_deg: list[Num]
-    """Other angles of the range at which the outcome changes, either way. [°]"""
     outcomes: list[OutcomeInterval] | MISSING = MISSING
     """Over the whole range in order, each end to the tolerance; for a target with a thickness in a search by
     outcome."""

@@ -18,9 +18,9 @@ from service.schemas.calibration_motion import (
     StandardError,
     StrengthFactorValue,
 )
-from service.schemas.fields import GIVEN, NOT_TABLED, Described, Of, walk
+from service.schemas.fields import GIVEN, NOT_TABLED, walk
 from service.schemas.numerics import Obliquity
-from service.schemas.quantities import WHOLE, Count, Num, Part, SolverPart, with_examples, within
+from service.schemas.quantities import WHOLE, Count, Num, Of, Part, SolverPart, with_examples, within
 from service.schemas.resistance import (
     LARGEST_COEFFICIENT,
     UNCERTAIN,
@@ -180,10 +180,11 @@ class DepthCalibrationAnswer(Part):
         | VERSIONED
     )
 
-    strength_factor: Annotated[Num, Field(gt=0.0), Of("estimate.strength_factor"), Described("that fits best")]
-    """The one that fits best. [1]"""
-    standard_error: Annotated[StandardError | MISSING, Of(_error_in), Described("of the strength factor")] = MISSING
-    """If there are several tests; the scatter within series of published tests counts as three more. [1]"""
+    strength_factor: Annotated[Num, Field(gt=0.0), Of("estimate.strength_factor")]
+    """Strength factor that fits best. [1]"""
+    standard_error: Annotated[StandardError | MISSING, Of(_error_in)] = MISSING
+    """Standard error of the strength factor, if there are several tests. The scatter within series of published tests
+    counts as three more. [1]"""
     confidence_interval: Annotated[
         ConfidenceInterval | MISSING,
         Of(_interval_in),

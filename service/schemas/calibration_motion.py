@@ -7,9 +7,8 @@ from pydantic import MISSING, ConfigDict, Field
 
 import solver
 from service.columns import Column
-from service.schemas.fields import Described, Of
 from service.schemas.numerics import Method, Numerics
-from service.schemas.quantities import Flag, Num, Part, SolverPart, with_examples
+from service.schemas.quantities import Flag, Num, Of, Part, SolverPart, with_examples
 from service.schemas.requests import MOST_ROWS
 from service.schemas.resistance import MOHR_COULOMB, Crater, Decay, InertiaFactor, ShearPlug
 from service.schemas.strike import PROJECTILE, STRIKE, TARGET, Impact, Projectile, Target
@@ -45,9 +44,7 @@ class CalibrationResistance(SolverPart[solver.Resistance]):
     inertia_factor: InertiaFactor = 1.0
     free_surface: Decay
     crater: Crater | MISSING = MISSING
-    """None when not given."""
     rear_plug: ShearPlug | MISSING = MISSING
-    """Shear plug of a wall; none when not given. Without effect on a half-space."""
 
 
 class Calibration(Part):
@@ -98,9 +95,9 @@ class Calibration(Part):
 class FittedStrength(Part):
     """A strength factor and how well it is known."""
 
-    strength_factor: Annotated[Num, Field(gt=0.0), Of("estimate.strength_factor"), Described("that fits best")]
-    """The one that fits best. [1]"""
-    standard_error: Annotated[StandardError, Of("estimate.standard_error"), Described("of the strength factor")]
+    strength_factor: Annotated[Num, Field(gt=0.0), Of("estimate.strength_factor")]
+    """Strength factor that fits best. [1]"""
+    standard_error: Annotated[StandardError, Of("estimate.standard_error")]
     confidence_interval: Annotated[
         ConfidenceInterval,
         Of("estimate.confidence_interval"),

@@ -16,8 +16,8 @@ from service.schemas.calibration_motion import (
     StandardError,
     StrengthFactorValue,
 )
-from service.schemas.fields import GIVEN, Described, Of, in_unit, walk
-from service.schemas.quantities import Num, Part, with_examples
+from service.schemas.fields import GIVEN, in_unit, walk
+from service.schemas.quantities import Num, Of, Part, with_examples
 from service.schemas.resistance import FreeSurfaceModel
 from solver.calibration import DecayLawFits, MotionFit, MotionHistory, MotionsFit
 
@@ -182,15 +182,13 @@ class MotionCalibrationAnswer(FittedStrength):
     root_mean_square: Annotated[RootMeanSquare | MISSING, GIVEN] = MISSING
     r_squared: Annotated[RSquared | MISSING, GIVEN] = MISSING
     compared: Annotated[Compared | MISSING, GIVEN] = MISSING
-    normalized_root_mean_square: Annotated[
-        NormalizedRootMeanSquare, Described("of the residuals, each quantity over its span")
-    ]
+    normalized_root_mean_square: NormalizedRootMeanSquare
     runs: Annotated[list[FittedRun] | MISSING, GIVEN] = MISSING
     """If the request has runs, in its order."""
     decay_laws: Annotated[list[DecayLawFit], GIVEN]
     """The same with every decay law, the requested one included."""
-    best_decay_law: Annotated[FreeSurfaceModel, GIVEN, Described("that fits best")]
-    """The law with the least normalised root mean square."""
+    best_decay_law: Annotated[FreeSurfaceModel, GIVEN]
+    """Law with the least normalised root mean square."""
     warnings: Annotated[list[ModelWarning], GIVEN]
     key: Key
     engine_version: EngineVersion

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping, Sized
-from dataclasses import dataclass
 from enum import Enum
 from functools import cache
 from operator import attrgetter
@@ -14,22 +13,8 @@ from pydantic import MISSING
 from typing_extensions import TypeAliasType
 
 from service.columns import IDENTITY, Column, unit_end
-from service.schemas.quantities import Part, degrees, short_description
+from service.schemas.quantities import STANDARD_GRAVITY, Of, Part, degrees, short_description
 from solver.arrays import FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class Of:
-    """Where the solver has the value of a field, if not in an attribute with the name of the field without its unit.
-
-    Parameters
-    ----------
-    source
-        Path of attributes, or a function of what the solver returns; None if the value is not from there.
-    """
-
-    source: str | Callable[[Any], Any] | None
-
 
 WHOLE_ANSWER = Of(lambda found: found)
 """Marks a part of an answer that is made of the same object as the answer."""
@@ -37,22 +22,6 @@ GIVEN = Of(None)
 """Marks a field that is given to `walk`, or added to the answer later."""
 
 
-@dataclass(frozen=True, slots=True)
-class Described:
-    """Description of the column of a field, without the unit, in place of the docstring of the field."""
-
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Behind:
-    """The field behind whose columns those of this one stand, where that is not the order of the answer."""
-
-    field: str
-
-
-STANDARD_GRAVITY = 9.80665
-"""Unit of accelerations. [m/s²]"""
 NOT_TABLED = ()
 """Marks a number or a text that is not a column of tables."""
 
@@ -169,15 +138,9 @@ def columns_of(model: type[Part], prefix: str = "", suffix: str = "") -> tuple[C
     prefix, suffix
         Go before every name and behind every description.
     """
-    order = [field.name for field in fields_of(model)]
-
-    def place(name: str) -> tuple[int, bool]:
-        behind = [mark.field for mark in model.model_fields[name].metadata if isinstance(mark, Behind)]
-        return order.index(behind[0] if behind else name), bool(behind)
-
     return tuple(
         Column(f"{prefix}{each.name}", f"{each.description}{suffix}", each.dtype)
-        for name in sorted(order, key=place)
+        for name in model.tabled or [field.name for field in fields_of(model)]
         for each in _columns_of(model, name)
     )
 
@@ -191,9 +154,8 @@ def _columns_of(model: type[Part], name: str) -> tuple[Column, ...]:
     kind = kind_of(info.annotation)
     if not (isinstance(kind, type) and issubclass(kind, float | int | str)):
         return ()
-    texts = [mark.text for mark in info.metadata if isinstance(mark, Described)] or [short_description(model, name)]
     dtype = "S32" if issubclass(kind, Enum) else "S512" if issubclass(kind, str) else "<f8"
-    return (Column(name, texts[0], dtype),)
+    return (Column(name, short_description(model, name), dtype),)
 
 
 def history_columns(model: type[Part], found: Any) -> dict[str, FloatArray]:

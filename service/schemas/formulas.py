@@ -6,9 +6,9 @@ from typing import Annotated, Any
 from pydantic import MISSING, Field
 
 from service.schemas.answers import VERSIONED, EngineVersion, Key, ModelWarning
-from service.schemas.fields import GIVEN, NOT_TABLED, Of, walk
+from service.schemas.fields import GIVEN, NOT_TABLED, walk
 from service.schemas.problems import pointer_of_parameter
-from service.schemas.quantities import Num, Part, solver_arguments, with_examples
+from service.schemas.quantities import Num, Of, Part, solver_arguments, with_examples
 from service.schemas.strike import PAPER, STRIKE, Impact, Projectile, Target
 from solver.formulas import PERFORATION_MARGIN, SCABBING_MARGIN, Limit, formulas, nose_class, spread
 from solver.warnings import NORMAL_COMPONENT_ONLY, body_warnings, reinforcement_warnings

@@ -8,8 +8,7 @@ from pydantic import MISSING, Field
 
 import solver
 from service.schemas.quantities import WHOLE, Count, Num, SolverPart, degrees, with_examples
-from solver.search.critical_angle import PAPER_TERMINATION_TIME
-from solver.strike import RETENTION_BOUNDS, SEARCH_TOLERANCE, TERMINATION_TIME, TRAJECTORY_TOLERANCE, TRANSITS
+from solver.strike import RETENTION_BOUNDS
 
 NUMERICS = solver.Numerics()
 SEARCH = solver.Search()
@@ -41,42 +40,13 @@ class Numerics(SolverPart[solver.Numerics]):
 
     method: Method | MISSING = MISSING
     """`adaptive` when not given, `panels` in the searches `bisection` and `secant`."""
-    termination_time_s: (
-        Annotated[
-            Num,
-            Field(
-                ge=1e-6,
-                le=1.0,
-                description=f"When a run is given up undecided. When not given, {TERMINATION_TIME:g} or, if that is "
-                f"longer, the time to travel {TRANSITS:g} lengths of the projectile, at most 1; {TERMINATION_TIME:g} "
-                f"for `panels`, {PAPER_TERMINATION_TIME:g} in the searches `bisection` and `secant`. [s] A strike "
-                "takes milliseconds.",
-            ),
-        ]
-        | MISSING
-    ) = MISSING
+    termination_time_s: Annotated[Num, Field(ge=1e-6, le=1.0)] | MISSING = MISSING
     panels: Annotated[Count, Field(ge=100, le=100_000), WHOLE] = NUMERICS.panels
-    """Surface elements of `panels`. [1] The reference runs used 96,000."""
     time_step_s: Annotated[Num, Field(ge=1e-7, le=1e-3)] = NUMERICS.time_step
-    """Step of `panels`. [s] A hundredth to a hundred of the paper's."""
-    relative_tolerance: (
-        Annotated[
-            Num,
-            Field(
-                ge=1e-10,
-                le=1e-2,
-                description="Error of one step of `adaptive`, over the scale of the motion; "
-                f"{TRAJECTORY_TOLERANCE:g} for a trajectory and {SEARCH_TOLERANCE:g} in a search when not given. [1]",
-            ),
-        ]
-        | MISSING
-    ) = MISSING
-
+    relative_tolerance: Annotated[Num, Field(ge=1e-10, le=1e-2)] | MISSING = MISSING
     retention_energy_fraction: Annotated[Num, Field(ge=RETENTION_BOUNDS[0], le=RETENTION_BOUNDS[1])] = (
         NUMERICS.retention_energy_fraction
     )
-    """Share of the initial kinetic energy with which a projectile must leave to count as turned away; below it, it is
-    embedded. Not used by the searches `bisection` and `secant`. [1]"""
 
 
 @cache
@@ -93,10 +63,6 @@ class Search(SolverPart[solver.Search]):
 
     method: SearchMethod = SearchMethod(SEARCH.method)
     lower_deg: Obliquity | MISSING = MISSING
-    """Lower end of the range; 5 when not given, 40 in the paper's searches. [°]"""
     upper_deg: Obliquity | MISSING = MISSING
-    """Upper end of the range; 85 when not given, 60 in the paper's searches. [°]"""
     tolerance_deg: Annotated[Num, Field(ge=1e-6, le=10.0)] = degrees(SEARCH.tolerance)
-    """Width of the final bracket of `outcome`. [°]"""
     relative_tolerance: Annotated[Num, Field(ge=1e-8, le=0.5)] = SEARCH.relative_tolerance
-    """The paper's searches end when two angles in a row differ by less than this fraction. [1]"""

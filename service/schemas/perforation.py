@@ -15,9 +15,9 @@ from service.schemas.answers import (
     ModelWarning,
     Protrusion,
 )
-from service.schemas.fields import GIVEN, NOT_TABLED, Described, Of, walk
+from service.schemas.fields import GIVEN, NOT_TABLED, walk
 from service.schemas.formulas import ROW, FormulaRow
-from service.schemas.quantities import Flag, Num, Part, with_examples
+from service.schemas.quantities import Flag, Num, Of, Part, with_examples
 from service.schemas.requests import Case
 from service.schemas.strike import PAPER, PAPER_AT_45, Approach, Impact
 from service.schemas.wall import VARIANTS, Variants
@@ -264,9 +264,10 @@ class LimitRange(Part):
 class PerforationTrial(Part):
     """How one run of a search for perforation ended."""
 
+    solved = solver.PerforationTrial
     answered_last: ClassVar = ("outcome", "exit", "protrusion")
 
-    outcome: Annotated[Outcome, Described("how the trial ended")]
+    outcome: Outcome
     exit: Exit | MISSING = MISSING
     """If the projectile left."""
     protrusion: Protrusion | MISSING = MISSING
@@ -278,8 +279,8 @@ class ThicknessTrial(PerforationTrial):
 
     model_config = with_examples(THICKNESS_TRIAL)
 
-    thickness_m: Annotated[Num, Of("value"), Described("thickness tried")]
-    """[m]"""
+    thickness_m: Annotated[Num, Of("value")]
+    """Thickness tried. [m]"""
 
 
 class SpeedTrial(PerforationTrial):
@@ -287,8 +288,8 @@ class SpeedTrial(PerforationTrial):
 
     model_config = with_examples(SPEED_TRIAL)
 
-    velocity_m_s: Annotated[Num, Of("value"), Described("speed tried")]
-    """[m/s]"""
+    velocity_m_s: Annotated[Num, Of("value")]
+    """Speed tried. [m/s]"""
 
 
 class ThicknessAnswer(Part):
@@ -296,10 +297,10 @@ class ThicknessAnswer(Part):
 
     model_config = with_examples(THICKNESS | VERSIONED)
 
-    status: Annotated[PerforationStatus, Described("how the search ended")]
-    least_thickness_m: Annotated[
-        Num | MISSING, Of("value"), Described("least thickness of a wall that is not perforated")
-    ] = MISSING
+    solved = solver.PerforationLimit
+
+    status: PerforationStatus
+    least_thickness_m: Annotated[Num | MISSING, Of("value")] = MISSING
     """Least thickness seen to stop the projectile, if there is one from a tenth to a thousand diameters. Unless
     `resistance` has a `rear_plug` and a `crater`, the wall has neither, and a real one has to be thicker. [m]"""
     bracket_m: Annotated[
@@ -333,8 +334,10 @@ class LimitSpeedAnswer(Part):
 
     model_config = with_examples(SPEED | VERSIONED)
 
-    status: Annotated[PerforationStatus, Described("how the search ended")]
-    limit_speed_m_s: Annotated[Num | MISSING, Of("value"), Described("least speed that perforates")] = MISSING
+    solved = solver.PerforationLimit
+
+    status: PerforationStatus
+    limit_speed_m_s: Annotated[Num | MISSING, Of("value")] = MISSING
     """Least speed seen to perforate, if there is one from 1 to 2,000 m/s. Unless `resistance` has a `rear_plug` and a
     `crater`, the wall has neither, and slower projectiles perforate real ones. [m/s]"""
     bracket_m_s: Annotated[

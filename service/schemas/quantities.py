@@ -1,13 +1,10 @@
 """Building blocks of the contract: numbers as JSON knows them, and the base of every model."""
 
-import ast
 import math
-import sys
-from collections.abc import Mapping
+from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
 from functools import cache
-from inspect import cleandoc, getsource
-from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 from pydantic import (
@@ -22,8 +19,9 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema
 
-from service.columns import unit_end
+from service.columns import unit_end, unit_of
 from solver.checks import BOUNDS
+from solver.quantities import Quantity, field_docstrings, quantities
 
 Num = Annotated[FiniteFloat, Strict()]
 """A JSON number, 13 as good as 13.0. No text, no truth value, nothing infinite."""
@@ -41,31 +39,17 @@ WHOLE = BeforeValidator(_whole)
 """With a `Count`, after its bounds: a JSON integer, 12000.0 as good as 12000."""
 
 
-@cache
-def _field_docstrings(module: str) -> Mapping[str, Mapping[str, str]]:
-    """Read the docstrings of the fields of the classes of a module, each on one line."""
-    classes = [node for node in ast.parse(getsource(sys.modules[module])).body if isinstance(node, ast.ClassDef)]
-    return {
-        each.name: {
-            field.target.id: cleandoc(text.value.value).replace("\n", " ")
-            for field, text in pairwise(each.body)
-            if isinstance(field, ast.AnnAssign)
-            and isinstance(field.target, ast.Name)
-            and isinstance(text, ast.Expr)
-            and isinstance(text.value, ast.Constant)
-            and isinstance(text.value.value, str)
-        }
-        for each in classes
-    }
+@dataclass(frozen=True, slots=True)
+class Of:
+    """Where the solver has the value of a field, if not in an attribute with the name of the field without its unit.
 
+    Parameters
+    ----------
+    source
+        Path of attributes, or a function of what the solver returns; None if the value is not from there.
+    """
 
-def short_description(model: type[BaseModel], field: str) -> str:
-    """Return the first sentence of the description of a field, without its unit."""
-    parts = [base for base in model.__mro__ if issubclass(base, Part)]
-    texts = [_field_docstrings(base.__module__).get(base.__name__, {}).get(field) for base in parts]
-    text = next(filter(None, texts), model.model_fields[field].description or "")
-    sentence = text.partition(". ")[0].partition(" [")[0].rstrip(".")
-    return sentence[:1].lower() + sentence[1:]
+    source: str | Callable[[Any], Any] | None
 
 
 class Part(BaseModel):
@@ -73,14 +57,19 @@ class Part(BaseModel):
 
     An optional field that is null in a request is absent too, as some generated clients send what they leave out.
 
-    The docstring of a field is its description in the contract. It is read when a schema is made: pydantic's
-    `use_attribute_docstrings` reads it when the class is made, which adds a fifth of a second to every start. Fields
-    named in `answered_last` come behind the others in an answer, whose order is otherwise that of the model.
+    The description of a field in the contract is its docstring or, without one, that of the field of the solver, in the
+    unit of the name. It is read when a schema is made: pydantic's `use_attribute_docstrings` reads it when the class is
+    made, which adds a fifth of a second to every start. Fields named in `answered_last` come behind the others in an
+    answer, whose order is otherwise that of the model.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
+    solved: ClassVar[type | None] = None
+    """Class of the solver that has the same fields."""
     answered_last: ClassVar[tuple[str, ...]] = ()
+    tabled: ClassVar[tuple[str, ...]] = ()
+    """Fields that are columns of tables, in their order; all numbers and texts, in that of the answer, unless given."""
 
     @model_validator(mode="before")
     @classmethod
@@ -92,16 +81,50 @@ class Part(BaseModel):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler, /) -> dict[str, Any]:
-        """Return the schema with the docstrings of the fields."""
+        """Return the schema with the descriptions of the fields."""
         schema = handler(core_schema)
         properties = handler.resolve_ref_schema(schema).get("properties", {})
-        for base in reversed(cls.__mro__):
-            if issubclass(base, Part):
-                for name, text in _field_docstrings(base.__module__).get(base.__name__, {}).items():
-                    properties[name]["description"] = text
+        for name in cls.model_fields.keys() & properties.keys():
+            text = _docstring_of(cls, name) or properties[name].get("description") or _solver_description(cls, name)
+            if text:
+                properties[name]["description"] = text
         return schema
 
 
+def description_of(model: type[Part], name: str) -> str:
+    """Return the description of a field, with its unit; empty without one."""
+    return _docstring_of(model, name) or model.model_fields[name].description or _solver_description(model, name)
+
+
+def _docstring_of(model: type[Part], name: str) -> str:
+    bases = [base for base in model.__mro__ if issubclass(base, Part)]
+    texts = (field_docstrings(base.__module__).get(base.__name__, {}).get(name, "") for base in bases)
+    return next(filter(None, texts), "")
+
+
+def _solver_description(model: type[Part], name: str) -> str:
+    """Return the description that the solver has of a field, in the unit of its name."""
+    marks = [mark.source for mark in model.model_fields[name].metadata if isinstance(mark, Of)]
+    source = marks[-1] if marks else name.removesuffix(unit_end(name))
+    kind = solver_class(model)
+    if not isinstance(kind, type) or not isinstance(source, str):
+        return ""
+    found = quantities(kind).get(source, Quantity("", ""))
+    if not found.text:
+        return ""
+    unit = unit_of(name) or found.unit
+    gravity = f" In standard gravity, {STANDARD_GRAVITY} m/s²." if name.endswith("_g") else ""
+    text = found.text.replace("``", "`")  # Markdown instead of reStructuredText
+    return f"{text}{gravity}" + (f" [{unit}]" if unit else "")
+
+
+def short_description(model: type[Part], name: str) -> str:
+    """Return the first sentence of the description of a field, without its unit."""
+    return Quantity.of(description_of(model, name)).short
+
+
+STANDARD_GRAVITY = 9.80665
+"""Unit of accelerations. [m/s²]"""
 KINDS = frozenset({"model", "shape", "type"})
 """Fields that say which of several models a part is; the solver has a class for each."""
 Solved = TypeVar("Solved")
@@ -141,15 +164,20 @@ class SolverPart(Part, Generic[Solved]):
 
     def to_solver(self) -> Solved:
         """Return the solver's object."""
-        found: Solved = _solver_class(type(self))(**solver_arguments(self))
+        kind: Any = solver_class(type(self))
+        found: Solved = kind(**solver_arguments(self))
         return found
 
 
 @cache
-def _solver_class(model: type[SolverPart[Any]]) -> Any:
-    """Return the class of the solver that a model, or one that it inherits from, names in brackets."""
+def solver_class(model: type[Part]) -> type | None:
+    """Return the class of the solver that has the same fields as a model, if there is one.
+
+    A `SolverPart`, or one that it inherits from, names it in brackets.
+    """
     bases = [base for base in model.__mro__ if issubclass(base, SolverPart)]
-    return next(filter(None, (base.__pydantic_generic_metadata__["args"] for base in bases)))[0]
+    named = [kind for base in bases for kind in base.__pydantic_generic_metadata__["args"]]
+    return named[0] if named else model.solved
 
 
 def with_examples(*examples: Any) -> ConfigDict:

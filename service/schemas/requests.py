@@ -1,5 +1,6 @@
 """The requests: one trajectory, one critical angle, the same under other laws, and the report of one strike."""
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from enum import StrEnum
@@ -325,6 +326,12 @@ class ReportRequest(CriticalAngleRequest):
     flight: FlightInput | MISSING = MISSING
     """How the face stands, for where a body lands that is turned away at the angle to judge; level with the ground
     unless given."""
+
+    @property
+    def oblique_angle(self) -> float | None:
+        """Angle to judge, if any. [rad]"""
+        angle = self.impact.oblique_angle_deg
+        return None if angle is MISSING else math.radians(angle)
 
     @property
     def has_own_law(self) -> bool:

@@ -59,7 +59,6 @@ class ConstantStrengthFactor(SolverPart[solver.ConstantStrengthFactor]):
 
     model: Literal["constant"]
     value: Annotated[Num, Field(gt=0.0, le=1000.0)]
-    """[1] Measured ones lie between some 5 and 25."""
 
 
 class ObliquityPolynomial(SolverPart[solver.ObliquityPolynomial]):
@@ -80,8 +79,6 @@ class ObliquityPolynomial(SolverPart[solver.ObliquityPolynomial]):
     ]
     covariance: CovarianceMatrix | MISSING = MISSING
     held_from_deg: Annotated[Num, Field(ge=0.0, le=90.0)] | MISSING = MISSING
-    """Oblique angle from which S stays what it is there. Not given, it is 60 for the default coefficients, written or
-    not, and others are not held; 90 holds none, 0 makes S a constant. [°]"""
 
 
 class ObliquityShape(StrEnum):
@@ -106,15 +103,10 @@ class StrengthPowerLaw(SolverPart[solver.StrengthPowerLaw]):
 
     model: Literal["strength_power_law"]
     coefficient: Annotated[Num, Field(gt=0.0, le=1e6)] = POWER_LAW.coefficient
-    """82.6 with -0.544 (Frew et al. 1998), 72 with -0.5 (Li and Chen). [1]"""
     exponent: Annotated[Num, Field(ge=-10.0, le=10.0)] = POWER_LAW.exponent
-    """Exponent of the strength. [1]"""
     reference_strength_pa: Annotated[Num, Field(ge=1e5, le=1e9)] = POWER_LAW.reference_strength
-    """[Pa]"""
     diameter_exponent: Annotated[Num, Field(ge=-10.0, le=10.0)] = POWER_LAW.diameter_exponent
-    """[1]"""
     reference_diameter_m: Annotated[Num, Field(ge=1e-4, le=100.0)] = POWER_LAW.reference_diameter
-    """[m]"""
     obliquity_shape: ObliquityShape = ObliquityShape.CONSTANT
 
 
@@ -137,13 +129,9 @@ class OwnShot(SolverPart[solver.Shot]):
     model_config = with_examples(SHOT)
 
     velocity_m_s: Annotated[Num, Field(**within("impact.velocity"))]
-    """At first contact. [m/s]"""
     depth_m: Annotated[Num, Field(**within("shot.depth"))]
-    """Of the nose tip at rest, one that takes a strength factor of 2 to 60. [m]"""
     mass_kg: Annotated[Num, Field(**within("projectile.mass"))] | MISSING = MISSING
-    """That of the projectile when not given. [kg]"""
     diameter_m: Annotated[Num, Field(**within("projectile.diameter"))] | MISSING = MISSING
-    """That of the projectile when not given; a nose of another diameter has the same shape. [m]"""
 
 
 class OwnTests(SolverPart[solver.OwnTests]):
@@ -153,7 +141,6 @@ class OwnTests(SolverPart[solver.OwnTests]):
 
     model: Literal["own_tests"]
     shots: Annotated[list[OwnShot], Field(min_length=1, max_length=MOST_SHOTS, fail_fast=True)]
-    """Each takes an S of 2 to 60. One on the law narrows the standard deviation of ln S from 0.48 to 0.12."""
     obliquity_shape: ObliquityShape = ObliquityShape.EQUATION_9
 
 
@@ -207,7 +194,7 @@ class FreeSurface(SolverPart[SolverFreeSurface]):
         return laws[self.model]
 
 
-InertiaFactor = Annotated[Num, Field(ge=0.0, le=10.0, description="Scales density times velocity squared. [1]")]
+InertiaFactor = Annotated[Num, Field(ge=0.0, le=10.0)]
 Decay = Annotated[
     FreeSurface,
     Field(
@@ -227,8 +214,6 @@ class Crater(SolverPart[solver.Crater]):
     model_config = with_examples({"depth_diameters": 2.0})
 
     depth_diameters: Annotated[Num, Field(gt=0.0, le=20.0)] = CRATER.depth_diameters
-    """Depth over the diameter of the projectile: 2 (Forrestal et al. 1994), or 0.707 and the length of the nose over
-    the diameter (Li and Chen 2003). [1]"""
 
 
 class ShearPlug(SolverPart[solver.ShearPlug]):
@@ -237,7 +222,6 @@ class ShearPlug(SolverPart[solver.ShearPlug]):
     model_config = with_examples({"cone_angle_deg": 66.1})
 
     cone_angle_deg: Annotated[Num, Field(ge=10.0, le=85.0)] = round(math.degrees(PLUG.cone_angle), 9)
-    """Between the axis of the cone and its side. [°]"""
 
 
 class Resistance(SolverPart[solver.Resistance]):
@@ -256,6 +240,4 @@ class Resistance(SolverPart[solver.Resistance]):
     inertia_factor: InertiaFactor = 1.0
     free_surface: Decay
     crater: Crater | MISSING = MISSING
-    """None when not given."""
     rear_plug: ShearPlug | MISSING = MISSING
-    """Shear plug of a wall; none when not given. Without effect on a half-space."""

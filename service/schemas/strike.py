@@ -29,14 +29,7 @@ PROJECTILE = {
     "mass_kg": PAPER_PROJECTILE.mass,
 }
 
-CaliberRadiusHead = Annotated[
-    Num,
-    Field(
-        **within("projectile.nose.caliber_radius_head"),
-        description="Radius of the nose arc over the shank diameter; 0.5 is a hemisphere. [1] "
-        "100 is a nose ten times as long as the shank is wide.",
-    ),
-]
+CaliberRadiusHead = Annotated[Num, Field(**within("projectile.nose.caliber_radius_head"))]
 Coordinate = Annotated[Num, Field(ge=0.0, le=BOUNDS["projectile.length"].upper)]
 ProfilePoint = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
 
@@ -57,7 +50,6 @@ class ConicalNose(SolverPart[solver.Conical]):
 
     shape: Literal["conical"]
     length_to_diameter: Annotated[Num, Field(**within("projectile.nose.length_to_diameter"))]
-    """Height of the cone over the shank diameter. [1]"""
 
 
 class SphericalNose(SolverPart[solver.Spherical]):
@@ -103,9 +95,7 @@ class BoatTail(SolverPart[solver.BoatTail]):
     model_config = with_examples(BOAT_TAIL)
 
     length_m: Annotated[Num, Field(**within("projectile.boat_tail.length"))]
-    """Part of the length of the projectile that tapers, at most what is behind the nose. [m]"""
     base_diameter_m: Annotated[Num, Field(**within("projectile.boat_tail.base_diameter"))]
-    """Diameter of the flat base, at most that of the shank. [m]"""
 
 
 Nose = TypeAliasType(
@@ -124,19 +114,11 @@ class Projectile(SolverPart[solver.Projectile]):
 
     nose: Nose
     diameter_m: Annotated[Num, Field(**within("projectile.diameter"))]
-    """Diameter of the shank. [m] A pellet to far above any gun or bomb."""
     length_m: Annotated[Num, Field(**within("projectile.length"))]
-    """From the nose tip to the base, at least the length of the nose. [m]"""
     mass_kg: Annotated[Num, Field(**within("projectile.mass"))]
-    """[kg] At most that of uranium 5 m wide and 20 m long."""
     center_of_gravity_m: Annotated[Num, Field(**within("projectile.center_of_gravity"))] | MISSING = MISSING
-    """Distance behind the nose tip, less than the length; that of the homogeneous solid of the outer shape when not
-    given. [m]"""
     moment_of_inertia_kg_m2: Annotated[Num, Field(**within("projectile.moment_of_inertia"))] | MISSING = MISSING
-    """About a transverse axis through the centre of gravity; that of the homogeneous solid of the outer shape when not
-    given. [kg m²]"""
     boat_tail: BoatTail | MISSING = MISSING
-    """Taper behind the shank; a cylinder up to the base when not given."""
 
 
 TARGET = {"compressive_strength_pa": PAPER_TARGET.compressive_strength, "density_kg_m3": PAPER_TARGET.density}
@@ -149,60 +131,29 @@ class Target(SolverPart[solver.Target]):
     model_config = with_examples(TARGET, TARGET | {"youngs_modulus_pa": 29.5e9, "poissons_ratio": 0.2})
 
     compressive_strength_pa: Annotated[Num, Field(**within("target.compressive_strength"))]
-    """Unconfined compressive strength. [Pa] From the weakest foam to above any concrete; the tests behind the model
-    used 13 to 97 MPa."""
     density_kg_m3: Annotated[Num, Field(**within("target.density"))]
-    """[kg/m³] From foam to above any heavy concrete."""
     youngs_modulus_pa: Annotated[Num, Field(**within("target.youngs_modulus"))] | MISSING = MISSING
-    """Taken from the strength by ACI 318-19, 4700 MPa times the square root of the strength in MPa, when not given.
-    [Pa]"""
     poissons_ratio: Annotated[Num, Field(**within("target.poissons_ratio"))] = PAPER_TARGET.poissons_ratio
-    """0.5 is an incompressible solid. [1]"""
     thickness_m: Annotated[Num, Field(**within("target.thickness"))] | MISSING = MISSING
-    """Thickness of a wall, at least a tenth of the diameter of the projectile; a half-space when not given. [m]"""
     characteristic_strength_pa: Annotated[Num, Field(**within("target.characteristic_strength"))] | MISSING = MISSING
-    """Strength that 95 % of the concrete has, as of a strength class. Design values of walls rest on it where it is
-    given; all else takes `compressive_strength_pa`, which is the mean. [Pa]"""
     reinforcement_ratio_percent: Annotated[Num, Field(**within("target.reinforcement_ratio_percent"))] | MISSING = (
         MISSING
     )
-    """Reinforcement, steel over concrete each way and each face. Neither the model nor a formula here takes it: it
-    changes nothing, and a ratio above 0 brings the warning `reinforcement_not_counted`. [%]"""
 
 
-AngleOfAttack = Annotated[
-    Num,
-    Field(
-        ge=-90.0,
-        le=90.0,
-        description="Axis angle minus velocity angle, positive with the nose turned toward the face. [°]",
-    ),
-]
-AngularVelocity = Annotated[
-    Num,
-    Field(
-        **within("impact.angular_velocity"),
-        description="Rate of the axis angle, positive with the nose turning toward the face. [rad/s] Faster than "
-        "any tumbling body holds together.",
-    ),
-]
-ObliqueAngle = Annotated[
-    Num,
-    Field(
-        ge=0.0,
-        lt=90.0,
-        description="From the inward normal of the face to the velocity: 0 is normal impact, 90 would graze. [°]",
-    ),
-]
+AngleOfAttack = Annotated[Num, Field(ge=-90.0, le=90.0)]
+AngularVelocity = Annotated[Num, Field(**within("impact.angular_velocity"))]
+ObliqueAngle = Annotated[Num, Field(ge=0.0, lt=90.0)]
 
 
 class Strike(Part):
     """The motion at first contact but for the oblique angle."""
 
+    solved = solver.Impact
+
     model_config = with_examples(STRIKE, STRIKE | {"angle_of_attack_deg": 1.5, "angular_velocity_rad_s": -4.0})
 
     velocity_m_s: Annotated[Num, Field(**within("impact.velocity"))]
-    """Speed of the centre of gravity. [m/s] Bodies stay rigid up to some 800 m/s."""
     angle_of_attack_deg: AngleOfAttack = 0.0
     angular_velocity_rad_s: AngularVelocity = 0.0
 
@@ -225,6 +176,8 @@ class Impact(Strike, SolverPart[solver.Impact]):
 
 class Approach(Part):
     """The motion at first contact but for the speed."""
+
+    solved = solver.Impact
 
     model_config = with_examples({"oblique_angle_deg": 20.0})
 

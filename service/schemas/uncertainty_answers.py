@@ -9,8 +9,8 @@ from typing_extensions import TypeAliasType
 
 from service.columns import Column, unit_end
 from service.schemas.answers import EXIT, VERSIONED, WARNING, EngineVersion, Key, ModelWarning
-from service.schemas.fields import NOT_TABLED, WHOLE_ANSWER, Behind, Described, Of, walk
-from service.schemas.quantities import Count, Num, Part, degrees, with_examples
+from service.schemas.fields import NOT_TABLED, WHOLE_ANSWER, walk
+from service.schemas.quantities import Count, Num, Of, Part, degrees, with_examples
 from solver import Outcome
 from solver.uncertainty import (
     Estimate,
@@ -27,6 +27,9 @@ SAMPLED = {
     "seed": 7,
     "warnings": [WARNING],
 }
+
+TABLED = ("samples", "samples_failed", "samples_outside", "converged")
+"""Columns of the tables of both answers behind their own."""
 
 
 class EstimateAnswer(Part):
@@ -155,7 +158,6 @@ class UncertaintyAnswer(Part):
     converged: Annotated[
         bool,
         Column("converged", "whether every interval is within the half width wanted", "?"),
-        Behind("samples_outside"),
     ]
     """Whether every interval is within the half width wanted."""
     samples: Annotated[Count, Column("samples", "searches or runs", "<i8")]
@@ -219,6 +221,7 @@ class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
     )
 
     answered_last: ClassVar = ("sensitivity", *SAMPLED)
+    tabled = ("critical_angle", "method", *TABLED)
 
     probability: Annotated[ProbabilityCurve, WHOLE_ANSWER]
     critical_angle: Annotated[
@@ -229,8 +232,9 @@ class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
     ]
     sensitivity: list[SensitivityAnswer] | MISSING = MISSING
     """If wanted."""
-    method: Annotated[UncertaintyMethod, Described("surrogate or direct")]
-    """`surrogate`: a polynomial chaos of the angle; `direct`: outcomes of randomised Sobol points."""
+    method: UncertaintyMethod
+    """How it was computed. By `surrogate`, a polynomial chaos of the angle, or `direct`, from outcomes of randomised
+    Sobol points."""
     polynomial_order: Annotated[Count | MISSING, Of("order"), NOT_TABLED] = MISSING
     """Order of the surrogate."""
     surrogate_error_deg: Annotated[Num | MISSING, NOT_TABLED] = MISSING
@@ -294,6 +298,8 @@ class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
     model_config = with_examples(
         {"outcomes": [{"outcome": "ricochet"} | ESTIMATE], "maximum_depth_m": []} | SAMPLED | VERSIONED
     )
+
+    tabled = ("outcomes", *TABLED)
 
     outcomes: Annotated[
         list[OutcomeProbability],

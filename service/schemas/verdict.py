@@ -34,17 +34,24 @@ from solver import (
 )
 from solver.strength_scatter import scatter_of_strength
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
-from solver.uncertainty import AfterShots, Discrete, Estimate, Uncertain, Verdict, usual_scatter
+from solver.uncertainty import AfterShots, Discrete, Uncertain, Verdict, usual_scatter
 from solver.uncertainty.results import RANGE
 from solver.uncertainty.strikes import THEORY
 from solver.uncertainty.usual import THEORIES, THEORY_LAWS
-from solver.uncertainty.verdict import next_shot_advice, probability_text, range_with, with_those_of_strike
-from solver.uncertainty.weighed_warnings import HELD, MOVES, range_held_earlier, weighed
+from solver.uncertainty.verdict import (
+    Ended,
+    Found,
+    Question,
+    Spread,
+    Steps,
+    conclude,
+    next_shot_advice,
+    probability_text,
+)
+from solver.uncertainty.verdict import verdict_steps as solver_verdict_steps
 
 CENTRES = {"normal": "mean", "lognormal": "median", "log_student_t": "median"}
 """Parameter of a distribution that is the value of the case."""
-CURVE = ("oblique_angle_deg", "ricochet_probability", "lower", "upper")
-"""Columns of the probability of ricochet in an answer of `/cra/uncertainty`: angle, value and its interval."""
 THEORY_MODELS = tuple(law.name for law in THEORY_LAWS)
 
 
@@ -222,65 +229,52 @@ class VerdictAnswer(Part):
     engine_version: EngineVersion
 
 
+def verdict_steps(request: ReportRequest) -> Steps:
+    """Return the steps of the verdict on a strike, without a range by the routes of the paper, which take seconds."""
+    case = request.resolved()
+    return solver_verdict_steps(
+        **case.shared_arguments(),
+        search=case.search.to_solver(),
+        oblique_angle=request.oblique_angle,
+        ranged=not request.by_panels,
+    )
+
+
 def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
     """Return the verdict that answers of the service give.
 
     Parameters
     ----------
     answers
-        By name, an object with a `problem` where there is none: to `cra`, and perhaps to `uncertainty`, `judged` and
-        the searches that weigh the warnings.
+        By the names of the questions, an object with a `problem` where there is none; only `cra` is needed.
     """
-    found, judged = answers["cra"], answers.get("judged", {})
-    study = answers.get("uncertainty", {})
-    angle = request.impact.oblique_angle_deg
-    search = request.resolved().search
-    critical = study.get("critical_angle", {"quantiles": [], "share_without_angle": {"value": 0.0}})
-    curve = study.get("probability", {name: [] for name in CURVE})
-    near = (
-        []
-        if angle is MISSING
-        else [
-            Estimate(*estimate)
-            for each, *estimate in zip(*(curve[name] for name in CURVE), strict=True)
-            if abs(each - angle) < 1e-7
-        ]
+    return conclude(
+        verdict_steps(request),
+        lambda asked: {name: found_in(request, each, answers.get(name, {})) for name, each in asked.items()},
     )
-    central, moved = angle_in(found), _moved(answers)
-    held = next(iter(moved[HELD]), None)
-    spread = range_held_earlier(range_with(_range_in(study), central), central, held)
-    own_law, oblique = request.has_own_law, None if angle is MISSING else math.radians(angle)
-    over_theories = answers.get("theories", {}) if own_law else study
-    wall = answers.get("wall", {})
-    return Verdict(
-        status=SearchStatus(found["status"]),
-        angle=central,
-        searched=search.to_solver().bounds,
-        spread=spread,
-        share_without=critical["share_without_angle"]["value"],
-        theories=tuple(_radians(each.get("critical_angle_deg")) for each in _theories(over_theories)),
-        own_law=own_law,
-        held_angle=held,
-        theory_spread=_range_in(over_theories) if own_law else None,
-        standard_error=_radians(found.get("critical_angle_standard_error_deg")),
-        other_crossings=tuple(map(math.radians, found["other_crossings_deg"])),
-        oblique_angle=oblique,
-        outcome=Outcome(judged["outcome"]) if "outcome" in judged else None,
-        protrusion=protrusion_in(judged),
-        flight=_flight_in(request, judged),
-        probability=near[0] if near else None,
-        wall=wall_in(request, wall, oblique or 0.0) if "sentence" in wall else None,
-        wall_failed="problem" in wall,
-        warnings=with_those_of_strike(
-            [_warning(each) for each in judged.get("warnings", ())],
-            weighed([_warning(each) for each in found["warnings"]], angle=central, spread=spread, moved=moved),
-        ),
+
+
+def found_in(request: ReportRequest, question: Question, answer: Mapping[str, Any]) -> Found:
+    """Return an answer of the service as a verdict takes it; None if it is a problem or not there."""
+    if not answer or "problem" in answer:
+        return None
+    if question.kind == "search":
+        return _search_in(answer)
+    if question.kind == "study":
+        return _spread_in(answer, request.oblique_angle)
+    if question.kind == "wall":
+        return wall_in(request, answer, request.oblique_angle or 0.0)
+    return Ended(
+        Outcome(answer["outcome"]),
+        protrusion_in(answer),
+        tuple(map(_warning, answer["warnings"])),
+        _flight_in(request, answer),
     )
 
 
 def _flight_in(request: ReportRequest, judged: Mapping[str, Any]) -> solver.Flight | None:
     """Return the flight of a body that is turned away, from an answer of `/trajectory`; None without one."""
-    if judged.get("outcome") != Outcome.RICOCHET:
+    if judged["outcome"] != Outcome.RICOCHET:
         return None
     conditions = solver.FlightConditions() if request.flight is MISSING else request.flight.to_solver()
     elevation = solver.launch_elevation(
@@ -291,10 +285,29 @@ def _flight_in(request: ReportRequest, judged: Mapping[str, Any]) -> solver.Flig
     return solver.Flight(**in_solver_units(judged["exit"]["flight"]), elevation=elevation)
 
 
-def _range_in(study: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Return the 90 % range of an answer of `/cra/uncertainty`; None if it has none. [rad]"""
-    levels = {each["level"]: each["value"] for each in study.get("critical_angle", {}).get("quantiles", ())}
-    return (math.radians(levels[RANGE[0]]), math.radians(levels[RANGE[1]])) if levels else None
+def _search_in(answer: Mapping[str, Any]) -> solver.CriticalAngle:
+    return solver.CriticalAngle(
+        SearchStatus(answer["status"]),
+        angle_in(answer),
+        bracket=None,
+        iterations=(),
+        other_crossings=tuple(map(math.radians, answer["other_crossings_deg"])),
+        warnings=tuple(map(_warning, answer["warnings"])),
+        standard_error=_radians(answer.get("critical_angle_standard_error_deg")),
+    )
+
+
+def _spread_in(study: Mapping[str, Any], oblique_angle: float | None) -> Spread:
+    critical, curve = study["critical_angle"], study["probability"]
+    by_theory = next((each["swing"] for each in study.get("sensitivity", ()) if each["field"] == THEORY), ())
+    angles = map(math.radians, curve["oblique_angle_deg"])
+    return Spread.of(
+        {each["level"]: math.radians(each["value"]) for each in critical["quantiles"]},
+        critical["share_without_angle"]["value"],
+        [angle_in(each) for each in by_theory],
+        zip(angles, curve["ricochet_probability"], curve["lower"], curve["upper"], strict=True),
+        oblique_angle,
+    )
 
 
 def _warning(found: Mapping[str, Any]) -> solver.ModelWarning:
@@ -305,13 +318,6 @@ def _warning(found: Mapping[str, Any]) -> solver.ModelWarning:
         standing=found.get("standing", False),
         angle_shift=_radians(found.get("angle_shift_deg")),
     )
-
-
-def _moved(answers: Mapping[str, Any]) -> dict[str, list[float | None]]:
-    """Return the critical angles by the searches that weigh warnings, by code."""
-    return {
-        code: [angle_in(found) for name, found in answers.items() if name.split()[0] == code] for code in (*MOVES, HELD)
-    }
 
 
 def next_shot_advice_in(study: Mapping[str, Any]) -> str:
@@ -391,11 +397,6 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
 
 def _likely_angles(spread: tuple[float, float]) -> dict[str, float]:
     return dict(zip(("lower_deg", "upper_deg"), map(degrees, spread), strict=True))
-
-
-def _theories(study: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the critical angle by each theory, as a study with the usual scatter has them."""
-    return next((each["swing"] for each in study.get("sensitivity", ()) if each["field"] == THEORY), [])
 
 
 def angle_in(found: Mapping[str, Any]) -> float | None:

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from solver.checks import require, require_angle, require_between
-from solver.display import Axes, Columns, DataFrame, Figure, card, dataframe, line, plot_search
+from solver.display import Axes, Columns, DataFrame, Figure, Row, card, dataframe, line, plot_search
 from solver.prepared import Exit, Outcome
 from solver.resistance import StrengthPosterior
 from solver.warnings import ModelWarning
@@ -32,12 +32,14 @@ class Search:
     Parameters
     ----------
     method
-        ``"outcome"`` brackets the change of outcome. ``"bisection"`` and ``"secant"`` are the paper's, on the depth
-        of the nose tip at the termination time (eqs. 7 and 8).
-    lower, upper
-        Ends of the range; left open, 5° and 85°, or 40° and 60° for the searches of the paper. [rad]
+        ``outcome`` brackets the change of outcome. ``bisection`` and ``secant`` are the paper's, on the depth of the
+        nose tip at the termination time (eqs. 7 and 8).
+    lower
+        Lower end of the range; left open, 5°, or 40° for the searches of the paper. [rad]
+    upper
+        Upper end of the range; left open, 85°, or 60° for the searches of the paper. [rad]
     tolerance
-        Width of the final bracket of ``"outcome"``. [rad]
+        Width of the final bracket of ``outcome``. [rad]
     relative_tolerance
         The searches of the paper end when two angles in a row differ by less than this fraction. [1]
     scan_interval
@@ -89,13 +91,14 @@ class Trial:
     """One angle tried."""
 
     oblique_angle: float
-    """[rad]"""
+    """Angle tried, from the inward normal of the face to the velocity. [rad]"""
     final_position: float
-    """Depth of the nose tip at the end of the run, or at the termination time in the searches of the paper. [m]"""
+    """Depth of the nose tip at the end of the trial, or at the termination time in the searches of the paper. [m]"""
     outcome: Outcome
+    """How the trial ended."""
     fine: bool = True
-    """Whether it was computed as finely as requested, or finer where that left a doubt. The others only show a
-    search by outcome where to look: they are rougher, and may be wrong within a degree of the critical angle."""
+    """Whether it was computed at the final resolution, or only to see where to look. The latter are rougher, and may be
+    wrong within a degree of the critical angle."""
     exit: Exit | None = None
     """How the projectile left, if it did."""
     turned: float = 0.0
@@ -108,8 +111,9 @@ class OutcomeInterval:
 
     outcome: Outcome
     lower: float
+    """Lower end, known to the tolerance of the search or an end of its range. [rad]"""
     upper: float
-    """Ends, each known to the tolerance of the search or an end of its range. [rad]"""
+    """Upper end, as the lower one. [rad]"""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -117,8 +121,10 @@ class CriticalAngle:
     """Answer of a search."""
 
     status: SearchStatus
+    """How the search ended."""
     angle: float | None
-    """The critical angle; with ``"outcome"`` the upper end of the final bracket, which was seen to ricochet. [rad]"""
+    """Smallest oblique angle, from the normal, at which the projectile is turned away, if there is one. In a search by
+    outcome it is the upper end of the final bracket, which was seen to ricochet. [rad]"""
     bracket: tuple[float, float] | None
     """Angles between which the change was last pinned down. [rad]"""
     iterations: tuple[Trial, ...]
@@ -127,14 +133,15 @@ class CriticalAngle:
     """Other angles in the range at which the outcome changes, either way. [rad]"""
     warnings: tuple[ModelWarning, ...]
     standard_error: float | None = None
-    """Standard error of the angle, from the covariance of the strength factor; None without one. [rad]"""
+    """Standard error of the critical angle, from the covariance of the strength factor, if that was given. [rad]"""
     energy_fraction_below: float | None = None
+    """Share of the initial kinetic energy left half a degree below the critical angle, 0 if it is less than a tenth of
+    the retention energy. Not known without an angle, and in the searches of the paper. [1]"""
     energy_fraction_above: float | None = None
-    """Share of the initial kinetic energy left half a degree below and above the angle, 0 if it is less than a tenth of
-    the retention energy: the more slowly it grows, the more the angle depends on that threshold. None without an angle,
-    and in the searches of the paper. [1]"""
+    """Share of the initial kinetic energy left half a degree above the critical angle: the less it is, the more the
+    threshold decides. [1]"""
     strength_factor: float | None = None
-    """S at the critical angle; None without one. [1]"""
+    """Strength factor in use at the critical angle, if there is one. [1]"""
     strength_factor_dispersion: float | None = None
     """Of S of a next shot in the same concrete: by own shots, or by the law of the published tests; None without an
     angle. [ln]"""
@@ -145,6 +152,18 @@ class CriticalAngle:
     outcomes: tuple[OutcomeInterval, ...] = ()
     """Intervals of the outcome over the whole range, in order, for a target with a thickness in a search by outcome;
     empty otherwise."""
+
+    def row(self) -> Row:
+        """Return what was found, by the names of the columns of `solver.columns`."""
+        low, high = self.bracket or (None, None)
+        return {
+            "status": self.status.value,
+            "angle": self.angle,
+            "standard_error": self.standard_error,
+            "bracket_low": low,
+            "bracket_high": high,
+            "strength_factor": self.strength_factor,
+        }
 
     def columns(self) -> Columns:
         """Return the trials as arrays by name, in order: angles in radians, positions in metres."""
@@ -158,7 +177,7 @@ class CriticalAngle:
 
     def to_dataframe(self) -> DataFrame:
         """Return the trials as a ``pandas.DataFrame``, which has to be installed."""
-        return dataframe(self.columns())
+        return dataframe(self.columns(), Trial)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
         """Return the trials and the angle as a ``matplotlib.figure.Figure``, of pyplot unless axes are given."""

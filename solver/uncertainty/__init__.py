@@ -1,7 +1,7 @@
 """How sure an angle is: uncertain inputs, the probability of ricochet, and what the critical angle is sensitive to."""
 
 from solver.checks import name_keywords
-from solver.uncertainty.critical_angles import AngleStudy, Batch
+from solver.uncertainty.critical_angles import AngleStudy
 from solver.uncertainty.distributions import (
     Discrete,
     Distribution,
@@ -16,6 +16,7 @@ from solver.uncertainty.next_shot import RESIDUAL
 from solver.uncertainty.results import (
     AfterShots,
     AngleUncertainty,
+    Batch,
     Change,
     Crossings,
     Round,
@@ -23,8 +24,8 @@ from solver.uncertainty.results import (
     TrajectoryUncertainty,
 )
 from solver.uncertainty.sampling import Estimate, Sampling, Uncertain
-from solver.uncertainty.strikes import critical_angle_uncertainty, scaled, trajectory_uncertainty
-from solver.uncertainty.trajectories import Ending, TrajectoryBatch, TrajectoryStudy
+from solver.uncertainty.strikes import compute_study, critical_angle_uncertainty, scaled, trajectory_uncertainty
+from solver.uncertainty.trajectories import Ending, TrajectoryStudy
 from solver.uncertainty.usual import usual_scatter
 from solver.uncertainty.verdict import Verdict, verdict
 from solver.uncertainty.walls import (
@@ -58,7 +59,6 @@ __all__ = [
     "Round",
     "Sampling",
     "Sensitivity",
-    "TrajectoryBatch",
     "TrajectoryStudy",
     "TrajectoryUncertainty",
     "Triangular",
@@ -67,6 +67,7 @@ __all__ = [
     "Uniform",
     "Verdict",
     "WallVerdict",
+    "compute_study",
     "critical_angle_uncertainty",
     "judge_wall",
     "limit_speed_spread",

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Literal
 
@@ -17,6 +17,7 @@ from solver.uncertainty.results import (
     RANGE,
     AfterShots,
     AngleUncertainty,
+    Batch,
     Change,
     Crossings,
     Round,
@@ -29,7 +30,6 @@ from solver.uncertainty.sampling import (
     Accepts,
     Design,
     Estimate,
-    Point,
     Sampling,
     Uncertain,
     check_inputs,
@@ -54,23 +54,7 @@ true first-order indices of Ishigami's function in 89 or 90 of 100 seeds (`tests
 MOST_ANGLES = 2001
 
 
-@dataclass(frozen=True, slots=True)
-class Batch:
-    """Points to compute, in any order and in parts of any size.
-
-    Parameters
-    ----------
-    points
-        Values of the inputs, in their order.
-    so_far
-        The answer from what was computed before; None in the first batch.
-    """
-
-    points: list[Point]
-    so_far: AngleUncertainty | None
-
-
-Steps = Generator[Batch, Sequence[Crossings], AngleUncertainty]
+Steps = Generator[Batch[AngleUncertainty], Sequence[Crossings], AngleUncertainty]
 
 
 class AngleStudy:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from html import escape
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Generic, Literal, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,8 @@ from solver.checks import ParameterError, RicochetError
 from solver.display import Axes, Columns, DataFrame, Figure, card, dataframe, line, plot_endings, plot_probability
 from solver.prepared import Exit, Outcome
 from solver.search.types import CriticalAngle, SearchStatus
-from solver.uncertainty.sampling import SCRAMBLINGS, Design, Estimate
+from solver.strike import Impact
+from solver.uncertainty.sampling import SCRAMBLINGS, Design, Estimate, Point
 from solver.warnings import ModelWarning
 
 LEVELS = (0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975)
@@ -225,7 +226,7 @@ class AngleUncertainty(ComparedByFields):
 
     def to_dataframe(self) -> DataFrame:
         """Return the curve as a ``pandas.DataFrame``, which has to be installed."""
-        return dataframe(self.columns())
+        return dataframe(self.columns(), Impact)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
         """Return the curve as a ``matplotlib.figure.Figure``, of pyplot unless axes are given."""
@@ -330,3 +331,16 @@ class TrajectoryUncertainty:
         rows = {name.replace("_", " "): _share(estimate) for name, estimate in self.outcomes}
         rows |= {"samples": str(self.samples), "converged": "yes" if self.converged else "no"}
         return card("probability of each outcome", rows, self.warnings)
+
+
+Study = TypeVar("Study", AngleUncertainty, TrajectoryUncertainty)
+
+
+@dataclass(frozen=True, slots=True)
+class Batch(Generic[Study]):
+    """Points of a study to compute, in any order and in parts of any size."""
+
+    points: list[Point]
+    """Values of the inputs, in their order."""
+    so_far: Study | None
+    """The answer from what was computed before; None in the first batch."""

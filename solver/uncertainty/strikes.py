@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -33,13 +33,13 @@ from solver.trajectory import simulate
 from solver.uncertainty.critical_angles import AngleStudy
 from solver.uncertainty.distributions import Discrete
 from solver.uncertainty.next_shot import RESIDUAL, next_shots
-from solver.uncertainty.results import AngleUncertainty, Crossings, TrajectoryUncertainty
+from solver.uncertainty.results import AngleUncertainty, Batch, Crossings, TrajectoryUncertainty
 from solver.uncertainty.sampling import Point, Sampling, Uncertain, check_inputs, check_values
 from solver.uncertainty.trajectories import Ending, TrajectoryStudy
 from solver.warnings import body_warnings
 
 Result = TypeVar("Result")
-Answer = TypeVar("Answer")
+Answer = TypeVar("Answer", AngleUncertainty, TrajectoryUncertainty)
 
 USUAL_ANGLES = np.radians(np.linspace(5.0, 85.0, 161))
 
@@ -270,7 +270,7 @@ def critical_angle_uncertainty(
         except RicochetError as error:
             return Crossings.of(error)
 
-    return _run(study.steps(), evaluate, threads)
+    return compute_study(study.steps(), evaluate, threads)
 
 
 def trajectory_uncertainty(
@@ -321,7 +321,7 @@ def trajectory_uncertainty(
         return Ending.of(found, flight_after(found.exit, projectile=sample["projectile"], conditions=flight, rear=rear))
 
     study = TrajectoryStudy(uncertain, sampling or Sampling(), warnings=body_warnings(projectile))
-    return _run(study.steps(), evaluate, threads)
+    return compute_study(study.steps(), evaluate, threads)
 
 
 def _named_in_full(uncertain: Sequence[Uncertain], parts: Mapping[str, Any]) -> list[Uncertain]:
@@ -334,20 +334,37 @@ def _named_in_full(uncertain: Sequence[Uncertain], parts: Mapping[str, Any]) -> 
     ]
 
 
-class _Batch(Protocol):
-    @property
-    def points(self) -> list[Point]: ...
-
-
-def _run(
-    steps: Generator[_Batch, Sequence[Result], Answer], evaluate: Callable[[Point], Result], threads: int
+def compute_study(
+    steps: Generator[Batch[Answer], Sequence[Result], Answer],
+    evaluate: Callable[[Point], Result],
+    threads: int = 1,
+    report: Callable[[int, float | None], None] = lambda *_: None,
 ) -> Answer:
-    """Evaluate every point of the batches of a study, some at a time; return its answer."""
+    """Evaluate every point of the batches of a study here; return its answer.
+
+    Parameters
+    ----------
+    steps
+        Of the study.
+    evaluate
+        Returns what the study keeps of a sample.
+    threads
+        How many samples are computed at a time.
+    report
+        Called with the number of samples done and the half width reached, None before there is one.
+    """
     with ComputingThreads(threads) as pool:
-        batch = next(steps)
+        batch, done = next(steps), 0
         while True:
+            half_width = None if batch.so_far is None else batch.so_far.convergence[-1].half_width
+            report(done, half_width)
+            found = []
+            for each in pool.map(evaluate, batch.points):
+                found.append(each)
+                done += 1
+                report(done, half_width)
             try:
-                batch = steps.send(list(pool.map(evaluate, batch.points)))
+                batch = steps.send(found)
             except StopIteration as end:
                 answer: Answer = end.value
                 return answer

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ from solver.uncertainty.results import (
     EXIT_QUANTITIES,
     FLIGHT_QUANTITIES,
     LEVELS,
+    Batch,
     ExitQuantiles,
     FlightQuantiles,
     Problem,
@@ -28,7 +28,6 @@ from solver.uncertainty.sampling import (
     SCRAMBLINGS,
     Design,
     Estimate,
-    Point,
     Sampling,
     Uncertain,
     check_inputs,
@@ -61,15 +60,7 @@ class Ending(NamedTuple):
         return cls(found.outcome.value, depth, found.exit, **distances)
 
 
-@dataclass(frozen=True, slots=True)
-class TrajectoryBatch:
-    """Points to compute; `so_far` is the answer from what was computed before."""
-
-    points: list[Point]
-    so_far: TrajectoryUncertainty | None
-
-
-TrajectorySteps = Generator[TrajectoryBatch, Sequence[Ending], TrajectoryUncertainty]
+TrajectorySteps = Generator[Batch[TrajectoryUncertainty], Sequence[Ending], TrajectoryUncertainty]
 
 
 class TrajectoryStudy:
@@ -106,7 +97,7 @@ class TrajectoryStudy:
         count, points = 0, FIRST_POINTS
         while True:
             new = design.unit(points)[:, count:points, :inputs].reshape(-1, inputs)
-            results = yield TrajectoryBatch(design.points(new), answer)
+            results = yield Batch(design.points(new), answer)
             share = (points - count) * design.alternatives
             if len(results) != SCRAMBLINGS * share:
                 raise ParameterError("results", "must be one for each point")

@@ -1,9 +1,9 @@
 """The verdict on a strike in one sentence: outcome, probability, and critical angle with its range."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -18,9 +18,9 @@ from solver.strength_scatter import ScatterSource
 from solver.strike import USUAL, Impact, Numerics
 from solver.target import Target
 from solver.trajectory import simulate
-from solver.uncertainty.results import RANGE, AfterShots, AngleUncertainty
+from solver.uncertainty.results import RANGE, AfterShots
 from solver.uncertainty.sampling import Estimate, Sampling
-from solver.uncertainty.strikes import critical_angle_uncertainty
+from solver.uncertainty.strikes import THEORY, critical_angle_uncertainty
 from solver.uncertainty.usual import THEORIES, has_own_law, usual_scatter
 from solver.uncertainty.walls import WallVerdict, embedded_words, judge_wall
 from solver.uncertainty.weighed_warnings import (
@@ -56,6 +56,66 @@ LIKELY, UNLIKELY = 0.9, 0.1
 ROUNDED_AWAY = 0.005
 """Probability that would be written as 0 %. [1]"""
 THEORY_NAMES = ("elastic-plastic", "Mohr-Coulomb")
+
+
+class Question(NamedTuple):
+    """A computation that a verdict rests on."""
+
+    kind: Literal["search", "study", "run", "wall"]
+    """A search for the critical angle, a study of it with the usual scatter, a run or a judgement of the wall at the
+    angle to judge."""
+    theories: bool = False
+    """Whether the theories of the decay scatter in a study, even if a law of one's own was chosen."""
+    probe: tuple[str, float] | None = None
+    """What a search has instead of the inputs as given, as in `with_probe`."""
+    optional: bool = False
+    """Whether a failure must not cost the verdict."""
+
+
+class Spread(NamedTuple):
+    """What a verdict takes from a study."""
+
+    range: tuple[float, float] | None
+    """90 % range of the critical angle; None if no sample has one. [rad]"""
+    share_without: float
+    """Share of the samples without a critical angle. [1]"""
+    theories: tuple[float | None, ...]
+    """Critical angle by each theory of the decay; empty if they do not scatter. [rad]"""
+    probability: Estimate | None
+    """Of ricochet at the angle to judge; None if it is not in the curve. [1]"""
+
+    @classmethod
+    def of(
+        cls,
+        quantiles: Mapping[float, float],
+        share_without: float,
+        theories: Sequence[float | None],
+        curve: Iterable[tuple[float, float, float, float]],
+        oblique_angle: float | None,
+    ) -> "Spread":
+        """Return it from the quantiles of the critical angle and the rows of the probability over the angle. [rad]"""
+        near = [
+            Estimate(*estimate)
+            for angle, *estimate in curve
+            if oblique_angle is not None and abs(angle - oblique_angle) < SAME_ANGLE
+        ]
+        spread = (quantiles[RANGE[0]], quantiles[RANGE[1]]) if quantiles else None
+        return cls(spread, share_without, tuple(theories), near[0] if near else None)
+
+
+class Ended(NamedTuple):
+    """What a verdict takes from the run at the angle to judge."""
+
+    outcome: Outcome | None = None
+    protrusion: Protrusion | None = None
+    warnings: tuple[ModelWarning, ...] = ()
+    flight: Flight | None = None
+    """From where the body leaves, if it is turned away."""
+
+
+Found: TypeAlias = CriticalAngle | Spread | Ended | WallVerdict | None
+"""Answer to a question by its kind; None if there is none."""
+Steps: TypeAlias = Generator[Mapping[str, Question], Mapping[str, Found], "Verdict"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -315,82 +375,155 @@ def verdict(
     lower, upper = search.bounds
     ends = math.degrees(lower), math.degrees(upper)
     start, stop, count = probability_angles(None if oblique_angle is None else math.degrees(oblique_angle), *ends)
+    laws: dict[str, Any] = {"resistance": usual_unless_given(resistance), "numerics": numerics or USUAL}
 
-    def study(*, theories: bool) -> AngleUncertainty:
-        return critical_angle_uncertainty(
+    def spread(*, theories: bool) -> Spread:
+        uncertain = usual_scatter(
+            projectile=projectile,
+            target=target,
+            velocity=velocity,
+            angle_of_attack=angle_of_attack,
+            resistance=resistance,
+            theories=theories,
+            strength_scatter=strength_scatter,
+        )
+        study = critical_angle_uncertainty(
             **case,
             **motion,
             search=search,
-            uncertain=usual_scatter(
-                projectile=projectile,
-                target=target,
-                velocity=velocity,
-                angle_of_attack=angle_of_attack,
-                resistance=resistance,
-                theories=theories,
-                strength_scatter=strength_scatter,
-            ),
+            uncertain=uncertain,
             oblique_angles=np.radians(np.linspace(start, stop, count)),
             sampling=Sampling(max_samples=SAMPLES, half_width=HALF_WIDTH),
             threads=threads,
         )
+        by_theory = next((each.swing for each in study.sensitivity if each.field == THEORY), ())
+        return Spread.of(
+            {level: estimate.value for level, estimate in study.quantiles},
+            study.share_without.value,
+            [each.angle for each in by_theory],
+            np.column_stack((study.oblique_angles, study.probability, study.lower, study.upper)).tolist(),
+            oblique_angle,
+        )
 
-    own_law = has_own_law(resistance)
-    judging = study(theories=not own_law)
-    over_theories = study(theories=True) if own_law else judging
-    found = critical_angle(**case, **motion, search=search, strength_scatter=strength_scatter)
-    moved = _moved(found, case, motion, search)
-    held = next(iter(moved.get(HELD, ())), None)
-    spread = range_held_earlier(range_with(_range_of(judging), found.angle), found.angle, held)
-    judged: dict[str, Any] = {}
-    of_strike: tuple[ModelWarning, ...] = ()
-    if oblique_angle is not None:
-        impact = Impact(oblique_angle=oblique_angle, **motion)
-        run = simulate(**case, impact=impact, sample_interval=None)
-        judged |= {"outcome": run.outcome, "protrusion": run.protrusion}
-        of_strike = run.warnings
-        if run.outcome is Outcome.RICOCHET and run.exit is not None:
-            judged["flight"] = flight_after(run.exit, projectile=projectile, conditions=flight)
-        place = int(np.abs(judging.oblique_angles - oblique_angle).argmin())
-        if abs(judging.oblique_angles[place] - oblique_angle) < SAME_ANGLE:
-            judged["probability"] = Estimate(
-                *(float(each[place]) for each in (judging.probability, judging.lower, judging.upper))
-            )
-    if target.thickness is not None:
+    def found(question: Question) -> Found:
+        if question.kind == "study":
+            return spread(theories=question.theories)
+        if question.kind == "search":
+            changed = with_probe(*question.probe, **laws) if question.probe else {}
+            return critical_angle(**case | changed, **motion, search=search, strength_scatter=strength_scatter)
         impact = Impact(oblique_angle=oblique_angle or 0.0, **motion)
+        if question.kind == "wall":
+            return judge_wall(**case, impact=impact)
+        run = simulate(**case, impact=impact, sample_interval=None)
+        landing = None
+        if run.outcome is Outcome.RICOCHET and run.exit is not None:
+            landing = flight_after(run.exit, projectile=projectile, conditions=flight)
+        return Ended(run.outcome, run.protrusion, run.warnings, landing)
+
+    def answer(question: Question) -> Found:
         try:
-            judged["wall"] = judge_wall(**case, impact=impact)
-        except RicochetError:  # must not cost the rest of the verdict
-            judged["wall_failed"] = True
+            return found(question)
+        except RicochetError:
+            if question.optional:
+                return None
+            raise
+
+    steps = verdict_steps(projectile=projectile, target=target, **laws, search=search, oblique_angle=oblique_angle)
+    return conclude(steps, lambda asked: {name: answer(question) for name, question in asked.items()})
+
+
+def verdict_steps(
+    *,
+    projectile: Projectile,
+    target: Target,
+    resistance: Resistance,
+    numerics: Numerics,
+    search: Search,
+    oblique_angle: float | None,
+    ranged: bool = True,
+) -> Steps:
+    """Yield the questions of a verdict by name, take the answers, and return the verdict.
+
+    It computes nothing of a strike itself: the caller answers the questions here, in worker processes or on a cluster,
+    all that are yielded together at the same time.
+
+    Parameters
+    ----------
+    projectile, target, resistance, numerics, search, oblique_angle
+        As for `verdict`, what was left open filled in.
+    ranged
+        Whether there is a range, for which hundreds of searches are computed.
+    """
+    own_law = has_own_law(resistance)
+    asked = {"cra": Question("search")}
+    if ranged:
+        asked["uncertainty"] = Question("study", theories=not own_law)
+    if ranged and own_law:
+        asked["theories"] = Question("study", theories=True)
+    if oblique_angle is not None:
+        asked["judged"] = Question("run")
+    if target.thickness is not None:
+        asked["wall"] = Question("wall", optional=True)
+    found: Mapping[str, Any] = yield asked
+    searched: CriticalAngle = found["cra"]
+    values = probes(
+        [each.code for each in searched.warnings],
+        angle=searched.angle,
+        projectile=projectile,
+        target=target,
+        resistance=resistance,
+        numerics=numerics,
+    )
+    weighing = {
+        f"{code} {index}": Question("search", probe=(code, value), optional=True)
+        for code, tried in values.items()
+        for index, value in enumerate(tried)
+    }
+    again: Mapping[str, Any] = (yield weighing) if ranged and weighing else {}
+    moved: dict[str, list[float | None]] = {code: [] for code in values}
+    for name in weighing:
+        answer = again.get(name)
+        moved[name.split()[0]].append(None if answer is None else answer.angle)
+    nothing = Spread(None, 0.0, (), None)
+    judging: Spread = found.get("uncertainty") or nothing
+    over_theories: Spread = (found.get("theories") or nothing) if own_law else judging
+    ended: Ended = found.get("judged") or Ended()
+    held = next(iter(moved.get(HELD, ())), None)
+    spread = range_held_earlier(range_with(judging.range, searched.angle), searched.angle, held)
     return Verdict(
-        status=found.status,
-        angle=found.angle,
+        status=searched.status,
+        angle=searched.angle,
         searched=search.bounds,
         spread=spread,
-        share_without=judging.share_without.value,
-        theories=tuple(change.angle for change in over_theories.sensitivity[-1].swing),
+        share_without=judging.share_without,
+        theories=over_theories.theories,
         own_law=own_law,
         held_angle=held,
-        theory_spread=_range_of(over_theories) if own_law else None,
-        standard_error=found.standard_error,
-        other_crossings=found.other_crossings,
+        theory_spread=over_theories.range if own_law else None,
+        standard_error=searched.standard_error,
+        other_crossings=searched.other_crossings,
         oblique_angle=oblique_angle,
+        outcome=ended.outcome,
+        protrusion=ended.protrusion,
+        flight=ended.flight,
+        probability=judging.probability,
+        wall=found.get("wall"),
+        wall_failed="wall" in asked and found.get("wall") is None,
         warnings=with_those_of_strike(
-            of_strike,
-            weighed(
-                found.warnings,
-                angle=found.angle,
-                spread=spread,
-                moved=moved,
-            ),
+            ended.warnings, weighed(searched.warnings, angle=searched.angle, spread=spread, moved=moved)
         ),
-        **judged,
     )
 
 
-def _range_of(study: AngleUncertainty) -> tuple[float, float] | None:
-    levels = {level: estimate.value for level, estimate in study.quantiles}
-    return (levels[RANGE[0]], levels[RANGE[1]]) if levels else None
+def conclude(steps: Steps, answer: Callable[[Mapping[str, Question]], Mapping[str, Found]]) -> "Verdict":
+    """Return the verdict of `verdict_steps`, whose questions a function answers."""
+    asked = next(steps)
+    try:
+        while True:
+            asked = steps.send(answer(asked))
+    except StopIteration as end:
+        found: Verdict = end.value
+        return found
 
 
 def range_with(spread: tuple[float, float] | None, angle: float | None) -> tuple[float, float] | None:
@@ -418,21 +551,3 @@ def with_those_of_strike(strike: Sequence[ModelWarning], search: Sequence[ModelW
         if not any(other.detail.startswith(each.detail) for other in search)
     ]
     return (*kept, *search)
-
-
-def _moved(
-    searched: CriticalAngle, case: Mapping[str, Any], motion: Mapping[str, Any], search: Search
-) -> dict[str, list[float | None]]:
-    """Return the critical angles by the probes of a search, None where there is none."""
-    laws: dict[str, Any] = {"resistance": usual_unless_given(case["resistance"]), "numerics": case["numerics"] or USUAL}
-    bodies = {name: case[name] for name in ("projectile", "target")}
-
-    def angle(code: str, value: float) -> float | None:
-        changed = with_probe(code, value, **laws)
-        try:
-            return critical_angle(**bodies, **changed, **motion, search=search).angle
-        except RicochetError:  # must not cost the verdict itself
-            return None
-
-    found = probes([each.code for each in searched.warnings], angle=searched.angle, **bodies, **laws)
-    return {code: [angle(code, value) for value in values] for code, values in found.items()}

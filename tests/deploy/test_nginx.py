@@ -261,7 +261,7 @@ def test_answer_for_a_service_that_is_down_is_a_problem(tmp_path: Path) -> None:
         running_nginx(tmp_path, text, port),
         httpx.Client(base_url=f"https://127.0.0.1:{port}", verify=certificate.trusted(), trust_env=False) as client,
     ):
-        assert problem_of(client.get("/livez"), 503).headers["Retry-After"] == "5"
+        assert problem_of(client.get("/livez"), 502).headers["Retry-After"] == "5"
         quoted = client.get('/a"b\\c?d="')
         assert Problem.model_validate(quoted.json()).instance.startswith("/a")
 

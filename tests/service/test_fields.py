@@ -10,8 +10,8 @@ import pytest
 from pydantic import MISSING, Field
 
 from service.columns import Column
-from service.schemas.fields import GIVEN, NOT_TABLED, Behind, Described, Of, columns_of, in_solver_units, walk
-from service.schemas.quantities import Count, Num, Part
+from service.schemas.fields import GIVEN, NOT_TABLED, columns_of, in_solver_units, walk
+from service.schemas.quantities import Count, Num, Of, Part
 from solver.arrays import FloatArray
 
 
@@ -26,7 +26,11 @@ class Try:
     """One of several tries."""
 
     value: float
+    """Speed that was tried. [m/s] Two at least."""
     ending: Ending = Ending.DONE
+    """How it ended."""
+    slope: float | None = None
+    """Slope. [rad]"""
 
 
 @dataclass
@@ -54,25 +58,32 @@ class EndingPart(Part):
 class TryAnswer(EndingPart):
     """One of several tries."""
 
+    solved = Try
+
     speed_m_s: Annotated[Num, Of("value")]
+    slope_deg: Annotated[Num | MISSING, NOT_TABLED] = MISSING
+    weight_kg: Annotated[Num | MISSING, GIVEN, NOT_TABLED] = MISSING
 
 
 class FoundAnswer(Part):
     """An answer."""
+
+    tabled = ("angle_deg", "bracket_deg", "ending", "fastest_m_s", "steps", "first_m", "seconds_s")
 
     angle_deg: Num | MISSING = MISSING
     """Smallest angle of all. Others are left out. [°]"""
     bracket_deg: Annotated[
         list[Num], Field(min_length=2), Column("low_deg", "lower angle"), Column("high_deg", "upper angle")
     ]
-    first_m: Annotated[Num, Of("length"), Described("as it was first"), Behind("steps")]
+    first_m: Annotated[Num, Of("length")]
+    """As it was first. [m]"""
     ending: Ending
     angles_deg: list[Num] | MISSING = MISSING
     tries: list[TryAnswer] | MISSING = MISSING
     fastest_m_s: Annotated[Num | MISSING, Of(lambda found: max((each.value for each in found.tries), default=None))] = (
         MISSING
     )
-    note: Annotated[str | MISSING, NOT_TABLED] = MISSING
+    note: str | MISSING = MISSING
     steps: Count
     seconds_s: Annotated[Num | MISSING, GIVEN] = MISSING
 
@@ -136,7 +147,16 @@ def test_columns_are_the_numbers_and_texts_of_an_answer() -> None:
         Column("first_m", "as it was first"),
         Column("seconds_s", ""),
     )
-    assert columns_of(TryAnswer, "try_", "; rough")[0] == Column("try_speed_m_s", "; rough")
+    assert columns_of(TryAnswer, "try_", "; rough") == (
+        Column("try_speed_m_s", "speed that was tried; rough"),
+        Column("try_ending", "how it ended; rough", "S32"),
+    )
+
+
+def test_field_is_described_by_the_solver_in_the_unit_of_its_name() -> None:
+    properties = TryAnswer.model_json_schema()["properties"]
+    assert properties["speed_m_s"]["description"] == "Speed that was tried. Two at least. [m/s]"
+    assert properties["slope_deg"]["description"] == "Slope. [°]"
 
 
 def test_solver_gets_the_values_of_an_answer_in_its_own_units() -> None:

@@ -1,0 +1,123 @@
+"""Descriptions of quantities: text and unit of each field of a dataclass, as its documentation has them.
+
+A field is described once, where it is defined: by the docstring below it or under *Parameters* in that of its class,
+with the unit in brackets. The manual and editors show that text; the contract of the service, the columns of tables and
+the labels of axes take it from here.
+"""
+
+import ast
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
+from inspect import cleandoc, getsource
+from itertools import pairwise
+from typing import NamedTuple, get_args, get_origin, get_type_hints
+
+UNIT = re.compile(r"\s*\[([^\]]+)\]")
+"""A unit, at the end of a description or of one of its sentences."""
+PARAMETER = re.compile(r"^ {4}(\w+(?:, \w+)*)\n((?: {8}.*\n?)+)", re.MULTILINE)
+"""Names under *Parameters*, and what is said of them."""
+
+
+class Quantity(NamedTuple):
+    """Description of a field."""
+
+    text: str
+    """What it is, without the unit."""
+    unit: str
+    """Unit of its numbers in the solver; empty if it has none, ``1`` for a pure number."""
+
+    @property
+    def short(self) -> str:
+        """First sentence, as the description of a column or the label of an axis."""
+        sentence = self.text.partition(". ")[0].rstrip(".")
+        return sentence[:1].lower() + sentence[1:]
+
+    @classmethod
+    def of(cls, docstring: str) -> "Quantity":
+        """Return the description in a docstring."""
+        units = [found for found in UNIT.findall(docstring) if " or " not in found]
+        return cls(UNIT.sub("", docstring).strip(), "".join(units[:1]))
+
+
+@cache
+def field_docstrings(module: str) -> Mapping[str, Mapping[str, str]]:
+    """Return what the classes of a module say of their fields, by class and field, each on one line.
+
+    It is read from the source, which is there wherever Python runs it: an interpreter keeps no docstrings of fields.
+    """
+    classes = [node for node in ast.parse(getsource(sys.modules[module])).body if isinstance(node, ast.ClassDef)]
+    return {node.name: dict(_parameters(node)) | dict(_attributes(node)) for node in classes}
+
+
+def _parameters(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
+    lines = ast.get_docstring(node, clean=False) or ""
+    _, _, section = lines.partition("    Parameters\n    ----------\n")
+    section, *_ = re.split(r"\n\n    \w+\n    -+\n", section)
+    for names, text in PARAMETER.findall(section):
+        for name in names.split(", "):
+            yield name, " ".join(text.split())
+
+
+def _attributes(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
+    for field, text in pairwise(node.body):
+        if (
+            isinstance(field, ast.AnnAssign)
+            and isinstance(field.target, ast.Name)
+            and isinstance(text, ast.Expr)
+            and isinstance(text.value, ast.Constant)
+            and isinstance(text.value.value, str)
+        ):
+            yield field.target.id, cleandoc(text.value.value).replace("\n", " ")
+
+
+@cache
+def quantities(kind: type) -> Mapping[str, Quantity]:
+    """Return the descriptions of the fields of a dataclass."""
+    found: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        if is_dataclass(base):
+            found |= field_docstrings(base.__module__).get(base.__name__, {})
+    return {field.name: Quantity.of(found.get(field.name, "")) for field in fields(kind)}
+
+
+@cache
+def columns_of(kind: type) -> Mapping[str, Quantity]:
+    """Return the descriptions of the columns that objects of a class are in tables.
+
+    Those of an object in a field begin with the name of the field, and a pair of numbers is two columns.
+    """
+    found: dict[str, Quantity] = {}
+    for name, quantity in quantities(kind).items():
+        found[name] = quantity
+        for part in _parts_in(kind, name):
+            found |= {f"{name}_{inner}": each for inner, each in columns_of(part).items()}
+        found |= {f"{name}_low": quantity, f"{name}_high": quantity}
+    return found
+
+
+def _parts_in(kind: type, name: str) -> list[type]:
+    """Return the dataclasses of which one may be in a field."""
+    hint = get_type_hints(kind)[name]
+    known = [get_origin(each) or each for each in (hint, *get_args(hint))]
+    return [each for each in known if isinstance(each, type) and is_dataclass(each)]
+
+
+def described(name: str, *kinds: type) -> Quantity:
+    """Return the description of a column of objects of some classes or of their parts; an empty one if none has it.
+
+    Parameters
+    ----------
+    name
+        Name of a column, or a dotted name, of which the last part counts.
+    """
+    name = name.rpartition(".")[2]
+    return next(filter(None, (_described(name, kind) for kind in kinds)), Quantity("", ""))
+
+
+def _described(name: str, kind: type) -> Quantity | None:
+    known = columns_of(kind)
+    parts = (part for field in quantities(kind) for part in _parts_in(kind, field))
+    return known.get(name) or next(filter(None, (_described(name, part) for part in parts)), None)
