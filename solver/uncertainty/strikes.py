@@ -15,7 +15,6 @@ from solver.free_surface import ElasticPlastic, MohrCoulomb, decay_laws
 from solver.prepared import Outcome, check_case
 from solver.projectile import Projectile
 from solver.resistance import (
-    EQUATION_9,
     ConstantStrengthFactor,
     ObliquityPolynomial,
     OwnTests,
@@ -24,6 +23,7 @@ from solver.resistance import (
     StrengthFactor,
     held_from,
     shaped_as_finite_elements,
+    usual_unless_given,
 )
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, Search
@@ -256,7 +256,7 @@ def critical_angle_uncertainty(
         bounds=search.bounds,
         accepts=strike.accepts,
         warnings=body_warnings(projectile),
-        shots=next_shots(uncertain, projectile=projectile, target=target, resistance=resistance or EQUATION_9),
+        shots=next_shots(uncertain, projectile=projectile, target=target, resistance=usual_unless_given(resistance)),
     )
 
     def find(parts: dict[str, Any]) -> Crossings:

@@ -11,7 +11,7 @@ from solver.checks import RicochetError
 from solver.flight import Flight, FlightConditions, flight_after
 from solver.prepared import Outcome, Protrusion
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, Resistance
+from solver.resistance import Resistance, usual_unless_given
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, CriticalAngle, Search, SearchStatus
 from solver.strength_scatter import ScatterSource
@@ -375,7 +375,7 @@ def verdict(
     lower, upper = search.bounds
     ends = math.degrees(lower), math.degrees(upper)
     start, stop, count = probability_angles(None if oblique_angle is None else math.degrees(oblique_angle), *ends)
-    laws: dict[str, Any] = {"resistance": resistance or EQUATION_9, "numerics": numerics or USUAL}
+    laws: dict[str, Any] = {"resistance": usual_unless_given(resistance), "numerics": numerics or USUAL}
 
     def spread(*, theories: bool) -> Spread:
         uncertain = usual_scatter(
