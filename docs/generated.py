@@ -3,18 +3,17 @@
 A page has a comment `<!-- generated: NAME -->` where the text goes; nothing of it is written to a file.
 """
 
-import argparse
 import ast
 import json
 import re
 from collections.abc import Iterator, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from docs.figures import manual
 from service import cli
-from service.cli.arguments import Formatter
+from service.cli.parser import Parser
+from service.errors import problem_types
 from service.names import CHOICES, FORMULAS, QUANTITIES
 
 ROOT = Path(__file__).parents[1]
@@ -171,13 +170,11 @@ def commands() -> str:
     """Return the help of every command and its subcommands, as Markdown."""
     texts = []
     for command in cli.COMMANDS:
-        parser = argparse.ArgumentParser(prog=f"ricochet {command.name}", formatter_class=Formatter)
-        getattr(import_module(command.module), f"add_{command.name.replace('-', '_')}")(parser)
+        parser = Parser(prog=f"ricochet {command.name}")
+        cli.define(command, parser)
         texts += [f"## {command.name}", f"```text\n{parser.format_help()}```"]
-        for action in parser._actions:  # noqa: SLF001 (subcommands are nowhere else)
-            if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
-                for name, subparser in action.choices.items():
-                    texts += [f"### {command.name} {name}", f"```text\n{subparser.format_help()}```"]
+        for name, subparser in parser.subcommands.items():
+            texts += [f"### {command.name} {name}", f"```text\n{subparser.format_help()}```"]
     return "\n\n".join(texts)
 
 
@@ -226,6 +223,12 @@ def terms() -> str:
     return "\n\n".join(texts)
 
 
+def problems() -> str:
+    """Return the types of problems with their statuses and titles, as Markdown."""
+    rows = [(f"`{each.type}`", str(int(each.status)), each.title) for each in problem_types()]
+    return table(("type", "status", "title"), rows)
+
+
 TEXTS = {
     "terms": terms,
     "routes": routes,
@@ -233,4 +236,5 @@ TEXTS = {
     "commands": commands,
     "names": names,
     "warning-codes": warning_codes,
+    "problems": problems,
 }

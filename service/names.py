@@ -67,6 +67,7 @@ QUANTITIES: Final[Mapping[str, str]] = {
     "target.poissons_ratio": "Poisson's ratio",
     "target.thickness_m": "Thickness",
     "target.characteristic_strength_pa": "Characteristic strength",
+    "target.reinforcement_ratio_percent": "Reinforcement each way and face",
     "resistance.strength_factor.model": "Strength factor",
     "resistance.strength_factor.shots": "Shots: speed, depth",
     "resistance.strength_factor.value": "Value of S",

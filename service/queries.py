@@ -90,9 +90,9 @@ class Rate:
             return 0.0
         return self._count / max(now - self._entries[0][0], STEP_SECONDS)
 
-    def seconds_for(self, count: int) -> int:
-        """Whole seconds until so many more cases are done, at least 1."""
-        rate = self.per_second or self._cores() / CASE_SECONDS
+    def seconds_for(self, count: int, weight: int = 1) -> int:
+        """Whole seconds until so many more cases are done, at least 1; `weight` counts if no rate has been measured."""
+        rate = self.per_second or self._cores() / (CASE_SECONDS * weight)
         return min(LONGEST_WAIT_SECONDS, max(1, math.ceil(count / rate)))
 
     def _forget(self, now: float) -> None:
@@ -156,6 +156,8 @@ class QueryService:
         self._rate = Rate(lambda: executor.single_capacity)
         self._work = 0
         """Work of the single queries that wait or run, in ordinary cases."""
+        self._submitted = 0
+        """Number of single queries that wait or run."""
         self._in_flight: dict[str, asyncio.Future[Answered]] = {}
         self._running: set[asyncio.Future[Answered]] = set()
         """Single queries that a worker has."""
@@ -172,8 +174,13 @@ class QueryService:
         return self.executor.queue.singles
 
     def seconds_until_done(self) -> int:
-        """Whole seconds until the single queries that wait or run now are likely to be done."""
-        return self._rate.seconds_for(self._work)
+        """Whole seconds until the single queries that wait or run now are likely to be done, at least 1.
+
+        By the measured rate, but no query runs beyond its time limit. The second matters for large queries that all
+        end at the limit: none of them counts as done, so that their work seems to take hours at the assumed rate.
+        """
+        longest = math.ceil(self._submitted * self.executor.task_seconds / max(1, self.executor.single_capacity))
+        return max(1, min(self._rate.seconds_for(self._work), longest))
 
     async def answer(self, operation: str, request: KeyedRequest, owner: str = "") -> Answered:
         """Return the record of the request, and whether it was there already.
@@ -346,6 +353,7 @@ class QueryService:
         if queue.singles >= self._max_waiting and not queue.make_room(owner, busy):
             raise busy
         self._work += cost
+        self._submitted += 1
         try:
             return await self.executor.submit(
                 function, *arguments, owner=owner, cost=cost, begun=begun, longest_wait=self._queue_seconds
@@ -354,6 +362,7 @@ class QueryService:
             raise QueriesWaitingError(self.seconds_until_done()) from None
         finally:
             self._work -= cost
+            self._submitted -= 1
 
     def _put(
         self, operation: str, cases: Sequence[KeyedRequest], results: Sequence[CallResult]

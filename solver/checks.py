@@ -192,6 +192,8 @@ BOUNDS: Mapping[str, Bound] = {
     "target.youngs_modulus": Bound(1e6, 1e12, "Pa", "pascals", (("GPa", 1e9), ("MPa", 1e6))),
     "target.poissons_ratio": Bound(0.0, 0.5, "", "a ratio"),
     "target.thickness": Bound(0.0, 1e3, "m", "metres", MILLIMETRES, above=True),
+    # Slabs of plants have up to some 2 % each way and face; ten leave room for every wall that can be cast.
+    "target.reinforcement_ratio_percent": Bound(0.0, 10.0, "%", "percent"),
     "shot.depth": Bound(1e-6, 100.0, "m", "metres", MILLIMETRES),
     "impact.velocity": Bound(0.1, 1e4, "m/s", "m/s"),
     "impact.angular_velocity": Bound(-1e5, 1e5, "rad/s", "rad/s"),

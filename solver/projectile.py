@@ -156,11 +156,11 @@ class Spherical:
     Parameters
     ----------
     caliber_radius_head
-        Radius of the sphere over the shank diameter; 0.5 is a hemisphere. [1]
+        Radius of the sphere over the shank diameter; 0.5, a hemisphere, when not given. [1]
     """
 
     name: ClassVar[str] = "spherical"
-    caliber_radius_head: float
+    caliber_radius_head: float = 0.5
 
     def __post_init__(self) -> None:
         require_bounds("projectile.nose.caliber_radius_head", self.caliber_radius_head)

@@ -25,7 +25,7 @@ from solver.prepared import (
     protrusion_of,
 )
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, Resistance, StrengthPosterior
+from solver.resistance import Resistance, StrengthPosterior, usual_unless_given
 from solver.strength_scatter import ScatterSource, known_strength
 from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
@@ -249,7 +249,7 @@ def simulate(
     prepared = prepare(
         projectile=projectile,
         target=target,
-        resistance=resistance or EQUATION_9,
+        resistance=usual_unless_given(resistance),
         numerics=numerics.resolved(termination_time=end_time),
     )
     return run_prepared(prepared, impact, sample_interval, strength_scatter)

@@ -102,6 +102,20 @@ def body_warnings(projectile: Projectile) -> tuple[ModelWarning, ...]:
     )
 
 
+def reinforcement_warnings(target: Target) -> tuple[ModelWarning, ...]:
+    """Warning that a reinforcement ratio changes nothing, if the target has one above 0."""
+    ratio = target.reinforcement_ratio_percent
+    if not ratio:
+        return ()
+    return (
+        ModelWarning(
+            "reinforcement_not_counted",
+            f"reinforcement of {ratio:g} % each way and each face changes nothing here: neither the model nor any of "
+            "the formulas takes it, so that answers are those of plain concrete",
+        ),
+    )
+
+
 def input_warnings(
     *,
     projectile: Projectile,
@@ -124,6 +138,7 @@ def input_warnings(
             )
         )
     found += body_warnings(projectile)
+    found += reinforcement_warnings(target)
     found += _mass_properties_assumed(projectile, angle_shift)
     return tuple(found)
 

@@ -145,8 +145,13 @@ def live_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def hurried_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of a service that gives no query more than 2 s, and answers no study of more than 300 samples at once."""
-    with running_service(tmp_path_factory.mktemp("hurried"), task_seconds="2", small_samples="300") as service:
+    """Address of a service that gives no query more than 2 s, and answers no study of more than 300 samples at once.
+
+    Queries wait for a worker as long as they have to: clients with few requests at a time are not told that it is busy.
+    """
+    with running_service(
+        tmp_path_factory.mktemp("hurried"), task_seconds="2", small_samples="300", queue_seconds="100"
+    ) as service:
         yield service.url
 
 

@@ -345,10 +345,11 @@ def _difference(strike: Strike, one: End, other: End) -> str:
         error = abs(one.speed - other.speed) / strike.impact.velocity
         if error > SPEED_TOLERANCE:
             return f"exit speed: by {100.0 * error:.2g} % of the striking speed"
-    drifts = one.outcome is Outcome.EMBEDDED and not one.at_rest and one.protrusion is not None
+    on_wall = strike.target.thickness is not None
+    drifts = on_wall and one.outcome is Outcome.EMBEDDED and not one.at_rest
     if one.outcome is Outcome.PERFORATED or drifts:
-        # How far a body flies behind a wall says nothing, and as little where one that drifts out of the rear face,
-        # with too little energy to count as having perforated, touches its hole for the last time.
+        # How far a body flies behind a wall says nothing, and as little where one that drifts through the hole of its
+        # plug, with too little energy to count as having perforated, touches it for the last time.
         return ""
     size = max(one.depth, strike.projectile.diameter)
     error = abs(one.depth - other.depth) / size

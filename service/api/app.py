@@ -16,9 +16,16 @@ from starlette.types import ASGIApp
 
 from service import telemetry
 from service.api import downloads, health, jobs, mcp, operations, page, queries, studies, umbridge
-from service.api.body import KnownBodies
-from service.api.contract import declare_access, declare_bodies, declare_defaults, declare_events, declare_problems
-from service.api.job_models import JobChange
+from service.api.contract import (
+    declare_access,
+    declare_answers,
+    declare_bodies,
+    declare_defaults,
+    declare_events,
+    declare_formats,
+    declare_problems,
+)
+from service.api.examples import declare_examples
 from service.api.middleware import (
     AuthMiddleware,
     CompressionMiddleware,
@@ -39,7 +46,6 @@ from service.jobs.store import JobStore
 from service.operations import OPERATIONS, SCHEMA_VERSION
 from service.problems import install_problem_handlers
 from service.queries import QueryService
-from service.schemas import ReportRequest
 from service.schemas.explanations import known_fields
 from service.settings import Settings
 from service.workers.executor import Executor
@@ -74,7 +80,16 @@ RESOURCES = (studies, umbridge, queries, jobs, health, page)
 CORS: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD", "POST", "PATCH", "DELETE"],
     "allow_headers": ["Authorization", "Content-Type", "Idempotency-Key", "If-None-Match", "Last-Event-ID", "Prefer"],
-    "expose_headers": ["Cache-Status", "Content-Location", "ETag", "Location", "Preference-Applied", "Retry-After"],
+    "expose_headers": [
+        "Cache-Status",
+        "Content-Location",
+        "ETag",
+        "Location",
+        "Preference-Applied",
+        "RateLimit",
+        "RateLimit-Policy",
+        "Retry-After",
+    ],
 }
 """What pages of the origins that are allowed may send and see."""
 
@@ -96,9 +111,11 @@ class Application(FastAPI):
     def _openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:
             contract = super().openapi()
-            bodies = operations.bodies_of(OPERATIONS.values())
-            declare_bodies(contract["components"]["schemas"], [*bodies, ReportRequest, JobChange])
+            declare_bodies(contract["components"]["schemas"], operations.bodies_of(OPERATIONS.values()))
             declare_defaults(contract["components"]["schemas"])
+            declare_examples(contract["components"]["schemas"], OPERATIONS.values())
+            declare_answers(contract)
+            declare_formats(contract)
             for methods in contract["paths"].values():
                 for operation in methods.values():
                     declare_access(operation)
@@ -152,6 +169,7 @@ def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastA
         docs_url=None,
         redoc_url=None,
         redirect_slashes=False,
+        separate_input_output_schemas=False,
         generate_unique_id_function=lambda route: route.name,
         telemetry=telemetry.tracing_config(traces),
     )
@@ -166,7 +184,6 @@ def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastA
         owner_queries=ConcurrencyLimit(
             settings.max_owner_queries, lambda _: OwnerQueriesError(app.state.services.queries.seconds_until_done())
         ),
-        bodies=KnownBodies(settings.memory_cache_bytes),
         traces=traces,
     )
     install_problem_handlers(app)

@@ -1,4 +1,4 @@
-"""Bodies of requests: reading them within their limits, JSON, and which bodies have which results.
+"""Bodies of requests: `CheckedRoute` reads and bounds them before FastAPI validates them as the parameter of a route.
 
 Every body is read here, whatever the route. Its length, its depth, the number of its fields and values, and that no
 field is there twice are checked before it is validated, as the time of validation grows with all of them and what is
@@ -7,24 +7,26 @@ wrong with a million fields takes seconds to list.
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
-from cachetools import LRUCache
-from fastapi import HTTPException, Request
+from anyio.to_thread import run_sync
+from fastapi import HTTPException, Request, Response
+from fastapi.dependencies.models import Dependant
+from fastapi.routing import APIRoute
+from fastapi.security import SecurityScopes
 from pydantic_core import from_json
 from starlette.requests import ClientDisconnect
 
+from service.api.negotiation import JSON
+from service.api.services import services_of
+from service.auth.dependencies import authorize
 from service.errors import InvalidBodyError
 from service.schemas.problems import json_pointer
 from service.settings import Settings
 
-REMEMBERED_BYTES = 8 * 1024
-"""Longest body that is remembered; few are longer."""
-REMEMBERED_SHARE = 1 / 8
-"""Memory for remembered bodies over that for results: some 20,000 of the usual bodies by default."""
 MAX_FIELDS = 30
 """Fields of one object: the largest of the contract has half as many."""
 MAX_LISTED_FIELDS = 10_000
@@ -39,8 +41,6 @@ MAX_SERIES_VALUES = 250_000
 """Items and fields of a batch, a calibration or a sweep: an axis may have 100,000 values, and 20 runs with four columns
 of 3,000 rows are 240,000. Parsing and validation take some 20 ms, in a thread."""
 CONTAINERS = (dict, list)
-OVERHEAD = 300
-"""Memory of an entry beside its body, about. [bytes]"""
 
 
 MARKS = {
@@ -87,32 +87,105 @@ class BodyLimits:
         return cls(settings.max_batch_bytes, settings.max_body_depth, MAX_SERIES_FIELDS, MAX_SERIES_VALUES)
 
 
-class KnownBody(NamedTuple):
-    """The result of a body, the cases it counts as, and its length."""
-
-    key: str
-    cases: int
-    length: int
-
-
-class KnownBodies(LRUCache[tuple[str, bytes], KnownBody]):
-    """Which bodies have which results: the same bytes to the same path mean the same key.
+class BoundedRequest(Request):
+    """A request whose body has been read and found within its limits; FastAPI takes body and content from here.
 
     Parameters
     ----------
-    memory_bytes
-        Memory for results.
+    request
+        As it came.
+    text, content
+        Body, and what it holds.
     """
 
-    def __init__(self, memory_bytes: int) -> None:
-        super().__init__(REMEMBERED_SHARE * memory_bytes, getsizeof=lambda known: known.length + OVERHEAD)
+    def __init__(self, request: Request, text: bytes, content: Any) -> None:
+        super().__init__(request.scope, request.receive)
+        self._text = text
+        self._content = content
 
-    def remember(self, path: str, body: bytes, key: str, cases: int) -> KnownBody:
-        """Note the result of this body, and the cases it counts as."""
-        known = KnownBody(key, cases, len(body))
-        if len(body) <= min(REMEMBERED_BYTES, self.maxsize - OVERHEAD):
-            self[path, body] = known
-        return known
+    async def body(self) -> bytes:
+        """Return the body."""
+        return self._text
+
+    async def json(self) -> Any:
+        """Return the content of the body."""
+        return self._content
+
+
+class CheckedRoute(APIRoute):
+    """A route that refuses query parameters it does not have, and bounds a JSON body before FastAPI validates it.
+
+    FastAPI reads a body before it runs dependencies, and would parse those of strangers: the key is checked here too.
+    """
+
+    long = False
+    """Whether the body may hold long lists."""
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """Return the handler of requests."""
+        handle = super().get_route_handler()
+        known = sorted(query_parameters(self.dependant))
+
+        async def handle_checked(request: Request) -> Response:
+            if self.body_field is not None:
+                await authorize(request, SecurityScopes(["run"]))
+            if request.scope["query_string"]:
+                refuse_unknown(request, known)
+            return await handle(request if self.body_field is None else await bounded(request, long=self.long))
+
+        return handle_checked
+
+
+def query_parameters(dependant: Dependant) -> set[str]:
+    """Return the names of the query parameters of a route and of what it depends on."""
+    own = {parameter.alias for parameter in dependant.query_params}
+    return own.union(*map(query_parameters, dependant.dependencies))
+
+
+def refuse_unknown(request: Request, known: Sequence[str]) -> None:
+    """Refuse query parameters that a route does not have: a misspelt one would be without effect.
+
+    Raises
+    ------
+    InvalidBodyError
+        If there is one.
+    """
+    takes = f"; there is {', '.join(known)}" if known else "; there is none here"
+    unknown = [name for name in request.query_params if name not in known]
+    if unknown:
+        raise InvalidBodyError(
+            [{"pointer": json_pointer([name[:100]]), "detail": f"unknown query parameter{takes}"} for name in unknown]
+        )
+
+
+class LongBodyRoute(CheckedRoute):
+    """A route whose JSON body may hold long lists."""
+
+    long = True
+
+
+async def bounded(request: Request, *, long: bool) -> BoundedRequest:
+    """Read a JSON body within the limits; that of a long one is parsed in a thread.
+
+    Raises
+    ------
+    HTTPException
+        400, 413 or 415.
+    InvalidBodyError
+        If it holds no object, or one with too many fields.
+    """
+    services = services_of(request)
+    require_type(request, JSON)
+    limits = (BodyLimits.of_series if long else BodyLimits.of_one)(services.settings)
+    text = await read_body(request, limits)
+    if not text:
+        raise InvalidBodyError([{"pointer": "", "detail": "is missing"}])
+    if long:
+        content = await run_sync(parse_json, text, limits, limiter=services.reading)
+    else:
+        await next_turn(services.parsing)
+        content = parse_json(text, limits)
+    return BoundedRequest(request, text, content)
 
 
 async def read_body(request: Request, limits: BodyLimits) -> bytes:

@@ -13,8 +13,8 @@ from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from service.api.batch_response import job_json, job_response, retry_after, root_of, to_job, until
-from service.api.body import BodyLimits, parse_json, read_body, require_type
-from service.api.contract import RETRY_LATER, Responses, one_body, problems
+from service.api.body import CheckedRoute
+from service.api.contract import RETRY_LATER, Responses, problems
 from service.api.job_models import Job, JobChange, JobResults, Jobs
 from service.api.middleware import client_of
 from service.api.negotiation import CSV, HDF5, JSON, JSONL, PARQUET, choose
@@ -30,12 +30,11 @@ from service.api.results import (
 from service.api.services import services_of, unless_left
 from service.auth.dependencies import ReadContext, RunContext
 from service.cache.record import CaseResult
-from service.errors import validated_as
 from service.jobs.manager import JobManager
 from service.jobs.models import JobState
 from service.settings import missing_package
 
-router = APIRouter(tags=["jobs"])
+router = APIRouter(tags=["jobs"], route_class=CheckedRoute)
 
 FORMS = (JSON, JSONL, CSV, HDF5, PARQUET)
 PAGE = 200
@@ -272,13 +271,11 @@ async def cancel_job(request: Request, job_id: JobId, jobs: CurrentManager, cont
     response_model=Job,
     response_description="The job.",
     responses=problems(400, 404, 413, 415, 422, 500, 507),
-    openapi_extra=one_body(JobChange),
 )
-async def change_job(request: Request, job_id: JobId, jobs: CurrentManager, context: RunContext) -> Response:
+async def change_job(
+    request: Request, job_id: JobId, jobs: CurrentManager, context: RunContext, change: JobChange
+) -> Response:
     """Give a job another title."""
-    limits = BodyLimits.of_one(services_of(request).settings)
-    require_type(request, JSON)
-    change = validated_as(JobChange, parse_json(await read_body(request, limits), limits))
     state = known(await jobs.rename(job_id, change.title, context.principal.visible_owner))
     context.job = state.id
     return job_response(root_of(request), state)

@@ -14,7 +14,7 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Header, HTTPException, Request, Response
 from fastapi import Path as PathParameter
 
-from service.api.body import BodyLimits, next_turn, parse_json, read_body, require_type
+from service.api.body import CheckedRoute
 from service.api.contract import Responses, problems
 from service.api.job_models import Result
 from service.api.negotiation import CSV, HDF5, JSON, choose, matches
@@ -24,14 +24,14 @@ from service.cache.hdf5 import to_hdf5
 from service.cache.record import Record
 from service.cache.tables import residuals_of
 from service.columns import csv_cells, summarize, trial_columns
-from service.errors import InvalidBodyError, ProblemType, problem_of, validated_as
+from service.errors import ProblemType, problem_of, validated_as
 from service.jobs.scheduler import problem_name
 from service.operations import OPERATIONS, KeyedRequest, Operation, study_of
 from service.queries import Answered, CacheStatus, check_work
 from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
 from service.telemetry import BEGUN
 
-router = APIRouter(tags=["results"], dependencies=[READ])
+router = APIRouter(tags=["results"], dependencies=[READ], route_class=CheckedRoute)
 
 
 def to_csv(record: Record) -> bytes:
@@ -94,31 +94,19 @@ class Resolved(NamedTuple):
     status: CacheStatus
 
 
-def single_route(operation: Operation) -> Callable[[Request], Awaitable[Response]]:
-    """Return the handler for one request: from memory if its very bytes were answered before, else by its content."""
+def single_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
+    """Return the handler for one request."""
 
-    async def handle(request: Request) -> Response:
-        services, path, begun = services_of(request), request.scope["path"], request.scope[BEGUN]
-        require_type(request, JSON)
+    async def handle(request: Request, case: operation.request) -> Response:  # type: ignore[name-defined] # by row
+        check_work(case, services_of(request).settings.max_panel_steps)
         form = form_of(request)
-        long = operation.long
-        limits = (BodyLimits.of_series if long else BodyLimits.of_one)(services.settings)
-        body = await read_body(request, limits)
-        known = services.bodies.get((path, body))
-        record = None if known is None else services.cache.recall(known.key)
-        if known is not None and record is not None:
-            return await recalled(request, operation, record, known.cases, form)
-        if long:
-            case = await run_sync(validated_long, body, limits, operation, services, limiter=services.reading)
+        if operation.long:
             query = await run_sync(KeyedRequest.of, operation.name, case)
         else:
-            case = await read_request(services, body, operation)
             query = KeyedRequest.of(operation.name, case)
         read = time.perf_counter()
         found = await resolve(request, operation, case, query)
-        if not alternatives_in(case):
-            services.bodies.remember(path, body, query.key, context_in(request.scope).cases)
-        return await reply(form, found.record, found.status, begun, read, found.content)
+        return await reply(form, found.record, found.status, request.scope[BEGUN], read, found.content)
 
     return handle
 
@@ -200,19 +188,12 @@ async def computed(services: Services, context: RequestContext, operation: str, 
         raise
 
 
-async def recalled(request: Request, operation: Operation, record: Record, cases: int, form: str) -> Response:
-    """Return a result that is there as the answer; charge and count it."""
-    context_in(request.scope).take(cases)
-    services_of(request).metrics.count(operation.name, record.outcome, "hit", 1)
-    return await reply(form, record, "hit", request.scope[BEGUN])
-
-
 async def reply(
     form: str,
     record: Record,
     status: CacheStatus,
     begun: float,
-    read: float | None = None,
+    read: float,
     content: bytes | None = None,
 ) -> Response:
     """Return a result as the answer, with how it came about.
@@ -229,28 +210,10 @@ async def reply(
     if form != JSON or content is None:
         content = record.json if form == JSON else await run_sync(REPRESENTATIONS[form], record)
     now = time.perf_counter()
-    parts = [] if read is None else [("validate", read - begun), ("compute", now - read)]
-    timing = ", ".join(f"{name};dur={1e3 * seconds:.2f}" for name, seconds in (*parts, ("total", now - begun)))
+    parts = (("validate", read - begun), ("compute", now - read), ("total", now - begun))
+    timing = ", ".join(f"{name};dur={1e3 * seconds:.2f}" for name, seconds in parts)
     headers = {"Cache-Status": "ricochet; hit" if status == "hit" else "ricochet; fwd=miss", "Server-Timing": timing}
     return Response(content, headers={**headers, "Vary": "Accept"}, media_type=form)
-
-
-async def read_request(services: Services, body: bytes, operation: Operation) -> Any:
-    """Return a body as a request."""
-    return validated(await read_content(services, body), operation, services)
-
-
-async def read_content(services: Services, body: bytes) -> Any:
-    """Return the JSON of a body, which must not be empty, when it is its turn to be parsed."""
-    if not body:
-        raise InvalidBodyError([{"pointer": "", "detail": "is missing"}])
-    await next_turn(services.parsing)
-    return parse_json(body, BodyLimits.of_one(services.settings))
-
-
-def validated_long(body: bytes, limits: BodyLimits, operation: Operation, services: Services) -> Any:
-    """Parse and validate a body that may be long."""
-    return validated(parse_json(body, limits), operation, services)
 
 
 def validated(content: Any, operation: Operation, services: Services) -> Any:

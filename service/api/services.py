@@ -13,7 +13,6 @@ from opentelemetry.trace import TracerProvider
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info, disable_created_metrics
 from starlette.types import ASGIApp
 
-from service.api.body import KnownBodies
 from service.api.downloads import Downloads
 from service.auth.api_keys import ApiKeyStore
 from service.auth.audit_log import AuditLog
@@ -148,7 +147,6 @@ class Services:
     audit: AuditLog
     streams: ConcurrencyLimit
     owner_queries: ConcurrencyLimit
-    bodies: KnownBodies
     traces: TracerProvider | None
     clock: Clock
 

@@ -17,11 +17,11 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 
 from service.api.batch_response import IdempotencyKey, JobResponse, WantedPreference
-from service.api.body import BodyLimits, read_body, require_type
-from service.api.contract import one_body, problems
+from service.api.body import CheckedRoute
+from service.api.contract import problems
 from service.api.negotiation import JSON
 from service.api.page import REPORT_POLICY
-from service.api.queries import form_of, read_content, read_request, recalled, reply, resolve, validated
+from service.api.queries import form_of, reply, resolve, validated
 from service.api.services import in_time, services_of, unless_left
 from service.assessment import (
     Query,
@@ -33,45 +33,43 @@ from service.assessment import (
     write_page,
 )
 from service.auth.dependencies import RUN, context_in
-from service.errors import ProblemType, problem_of, validated_as
+from service.errors import ProblemType, problem_of
 from service.jobs.models import JobCase
 from service.operations import OPERATIONS, KeyedRequest, Operation, study_of
 from service.queries import check_work
 from service.schemas import ReportRequest, VerdictAnswer, verdict_answer
 from service.telemetry import BEGUN, path_of
 
-router = APIRouter(dependencies=[RUN])
+router = APIRouter(dependencies=[RUN], route_class=CheckedRoute)
 
 
 def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
     """Return the handler for a study of uncertainty: from the cache, by its samples, or with a job."""
 
-    async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
-        services, path, begun = services_of(request), path_of(request.scope), request.scope[BEGUN]
-        require_type(request, JSON)
+    async def handle(
+        request: Request,
+        case: operation.request,  # type: ignore[name-defined] # by row
+        preference: WantedPreference,
+        idempotency_key: IdempotencyKey = "",
+    ) -> Response:
+        services = services_of(request)
+        check_work(case, services.settings.max_panel_steps)
         form = form_of(request)
-        body = await read_body(request, BodyLimits.of_one(services.settings))
-        known, case = services.bodies.get((path, body)), None
-        if known is None:
-            case = await read_request(services, body, operation)
-            known = services.bodies.remember(path, body, KeyedRequest.of(operation.name, case).key, 1)
+        query = KeyedRequest.of(operation.name, case)
         read = time.perf_counter()
-        record = None if preference.respond_async else await services.queries.result(known.key)
-        if record is not None:
-            return await recalled(request, operation, record, known.cases, form)
-        case = case or await read_request(services, body, operation)
         most = case.sampling.max_samples
-        if preference.respond_async or most > services.settings.small_samples:
+        large = most > services.settings.small_samples and await services.queries.result(query.key) is None
+        if preference.respond_async or large:
             study = study_of(operation.name)
             base = await run_sync(study.base, case)
             check_work(base, services.settings.max_panel_steps)
-            digest = hashlib.sha256(f"{path} {JSON}\n".encode() + body).hexdigest()
+            digest = hashlib.sha256(f"{path_of(request.scope)} {JSON}\n".encode() + await request.body()).hexdigest()
             job = JobResponse(request, operation.name, preference, idempotency_key)
             return await answer_with_job(
                 job, request, operation, case, digest, most * OPERATIONS[study.sample].work(base)
             )
-        found = await resolve(request, operation, case)
-        return await reply(form, found.record, found.status, begun, read)
+        found = await resolve(request, operation, case, query)
+        return await reply(form, found.record, found.status, request.scope[BEGUN], read)
 
     return handle
 
@@ -86,6 +84,7 @@ async def answer_with_job(
     services, context = services_of(request), context_in(request.scope)
     query = KeyedRequest.of(operation.name, case)
     await run_sync(case.study)  # refuses inputs that do not go together
+    read = time.perf_counter()
     try:
         charge = context.charge(most)
         state = await response.accept(one_block(JobCase(query)), digest, charge=charge)
@@ -96,7 +95,7 @@ async def answer_with_job(
     record = await services.queries.result(query.key) if answered else None
     if record is None:
         return response.accepted(state, headers)
-    answer = await reply(form_of(request), record, "hit" if state.cached else "miss", request.scope[BEGUN])
+    answer = await reply(form_of(request), record, "hit" if state.cached else "miss", request.scope[BEGUN], read)
     answer.headers.update(headers | {"Content-Location": f"{response.root}/results/{query.key}"})
     return answer
 
@@ -117,17 +116,15 @@ NEEDED = "cra"
     response_model=VerdictAnswer,
     response_description="The verdict, and the queries it rests on.",
     responses=problems(400, 413, 415, 422, 429, 500, 503),
-    openapi_extra=one_body(ReportRequest),
     tags=["critical ricochet angle"],
 )
-async def judge_strike(request: Request) -> Response:
+async def judge_strike(request: Request, strike: ReportRequest) -> Response:
     """Judge a strike in one sentence: outcome, probability of ricochet, critical angle with its 90 % range.
 
     The page, the report and the command line print the same sentence. It takes some 530 cases, most of them samples of
     the usual scatter, and twice as many with a law of one's own, beside which the theories stand; each is kept and
     counted like any other. A target with a thickness is judged as a wall too.
     """
-    strike, _ = await read_report(request)
     limit = 2.0 * services_of(request).settings.study_seconds
     answers = await unless_left(request, in_time(verdict_answers(request, strike), limit))
     return Response(orjson.dumps(verdict_answer(strike, answers)), media_type=JSON)
@@ -137,14 +134,6 @@ async def verdict_answers(request: Request, strike: ReportRequest) -> dict[str, 
     """Return the answers that a verdict is made from by name, an object with a `problem` where there is none."""
     found = await answer_all(request, verdict_queries(strike))
     return found | await answer_all(request, weighing_queries(strike, found[NEEDED]))
-
-
-async def read_report(request: Request) -> tuple[ReportRequest, Any]:
-    """Return the strike of a body, and the body as JSON data."""
-    services = services_of(request)
-    require_type(request, JSON)
-    given = await read_content(services, await read_body(request, BodyLimits.of_one(services.settings)))
-    return validated_as(ReportRequest, given), given
 
 
 @router.post(
@@ -157,22 +146,18 @@ async def read_report(request: Request) -> tuple[ReportRequest, Any]:
         },
         **problems(400, 413, 415, 422, 429, 500, 501, 503),
     },
-    openapi_extra=one_body(ReportRequest),
     tags=["critical ricochet angle"],
 )
-async def make_report(request: Request) -> HTMLResponse:
+async def make_report(request: Request, strike: ReportRequest) -> HTMLResponse:
     """Write the report of one strike: critical angle and spread, other models, runs, limits of validity, formulas.
 
     It takes some 550 cases, most of them samples of the usual scatter; each is kept and counted like any other. With
     `impact.oblique_angle_deg` the strike at that angle is judged too.
     """
     require_extra()
-    services = services_of(request)
-    strike, given = await read_report(request)
     strike.check()
-    page = await unless_left(
-        request, in_time(write_report(request, strike, given), 2.0 * services.settings.study_seconds)
-    )
+    given, limit = await request.json(), 2.0 * services_of(request).settings.study_seconds
+    page = await unless_left(request, in_time(write_report(request, strike, given), limit))
     return HTMLResponse(page, headers={"Cache-Control": "no-store", "Content-Security-Policy": REPORT_POLICY})
 
 

@@ -5,7 +5,7 @@ import difflib
 import re
 import shutil
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, NoReturn
 
@@ -43,6 +43,14 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, *args: Any, **options: Any) -> None:
         layout = partial(argparse.RawDescriptionHelpFormatter, max_help_position=28)
         super().__init__(*args, **{"formatter_class": layout, **options, "allow_abbrev": False})
+        self.subcommands: Mapping[str, Parser] = {}
+        """Parsers of the actions of this command, by name."""
+
+    def add_subparsers(self, **options: Any) -> Any:
+        """Add the actions of this command."""
+        added: Any = super().add_subparsers(**options)
+        self.subcommands = added.choices
+        return added
 
     def format_help(self) -> str:
         """Return the help text, its description wrapped to the terminal."""

@@ -15,14 +15,15 @@ export class TurnHandle {
 
   /**
    * @param {HTMLElement} root of the side view
-   * @param {{onTurn: (angle: number) => void, onRelease: () => void}} listeners
+   * @param {{onTurn: (angle: number) => void, onHold: (isHeld: boolean) => void}} listeners `onHold` is called as the handle is
+   *   taken and let go
    */
-  constructor(root, { onTurn, onRelease }) {
+  constructor(root, { onTurn, onHold }) {
     Object.assign(this, { plotRoot: root, onTurn });
-    const end = () => {
-      if (!this.isHeld) return;
-      this.isHeld = false;
-      onRelease();
+    const hold = (isHeld) => {
+      if (this.isHeld === isHeld) return;
+      this.isHeld = isHeld;
+      onHold(isHeld);
     };
     this.root = element("div.handle", {
       role: "slider",
@@ -32,12 +33,12 @@ export class TurnHandle {
       "aria-valuemin": LEAST_DEG,
       "aria-valuemax": MOST_DEG,
       onpointerdown: (event) => {
-        this.isHeld = true;
+        hold(true);
         this.root.setPointerCapture(event.pointerId);
       },
       onpointermove: (event) => this.isHeld && this.#turn(this.#angleAt(event)),
-      onpointerup: end,
-      onpointercancel: end,
+      onpointerup: () => hold(false),
+      onpointercancel: () => hold(false),
       onkeydown: (event) => {
         if (!(event.key in STEPS)) return;
         event.preventDefault();

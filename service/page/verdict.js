@@ -129,6 +129,12 @@ export class Verdict {
     clearParts(this.card, this.warnings, this.strip, this.spread);
   }
 
+  /** Keep the height that it has, or take what its words need: a picture below must not move under the pointer that drags in it. */
+  keepHeight(isKept) {
+    const kept = { height: `${this.root.offsetHeight}px`, overflow: "clip" };
+    Object.assign(this.root.style, isKept ? kept : { height: "", overflow: "" });
+  }
+
   stop() {
     this.updateAngle.stop();
     this.updateJudged.stop();

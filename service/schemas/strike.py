@@ -143,6 +143,9 @@ class Target(SolverPart[solver.Target]):
     poissons_ratio: Annotated[Num, Field(**within("target.poissons_ratio"))] = PAPER_TARGET.poissons_ratio
     thickness_m: Annotated[Num, Field(**within("target.thickness"))] | MISSING = MISSING
     characteristic_strength_pa: Annotated[Num, Field(**within("target.characteristic_strength"))] | MISSING = MISSING
+    reinforcement_ratio_percent: Annotated[Num, Field(**within("target.reinforcement_ratio_percent"))] | MISSING = (
+        MISSING
+    )
 
 
 AngleOfAttack = Annotated[Num, Field(ge=-90.0, le=90.0)]

@@ -149,7 +149,7 @@ def test_problem_of_a_run_names_its_place(client: httpx.Client, pointer: str, va
 @pytest.mark.parametrize(
     ("content", "status", "pointer"),
     [
-        (b"", 400, ""),
+        (b"", 422, ""),
         (b"null", 422, ""),
         (b"[]", 422, ""),
         (b"{", 400, ""),

@@ -103,10 +103,11 @@ def test_id_that_is_none_is_replaced(client: httpx.Client, given: str) -> None:
 def test_answer_says_how_long_it_took(client: httpx.Client) -> None:
     (case,) = searches(1)
     computed, known = client.post("/cra", json=case), client.post("/cra", json=case)
-    parts = dict(part.split(";dur=") for part in computed.headers["Server-Timing"].split(", "))
-    assert list(parts) == ["validate", "compute", "total"]
-    assert float(parts["validate"]) + float(parts["compute"]) == pytest.approx(float(parts["total"]), abs=0.02)
-    assert float(known.headers["Server-Timing"].removeprefix("total;dur=")) < 1e3 * computed.elapsed.total_seconds()
+    for answer in (computed, known):
+        parts = dict(part.split(";dur=") for part in answer.headers["Server-Timing"].split(", "))
+        assert list(parts) == ["validate", "compute", "total"]
+        assert float(parts["validate"]) + float(parts["compute"]) == pytest.approx(float(parts["total"]), abs=0.02)
+        assert float(parts["total"]) < 1e3 * answer.elapsed.total_seconds()
 
 
 def test_log_has_a_line_of_json_for_each_request(own: Own) -> None:

@@ -129,7 +129,7 @@ def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
         assert value == pytest.approx(expected, abs=0.01)
 
 
-def test_study_of_the_usual_scatter_is_computed_once(page: Page) -> None:
+def test_study_of_the_usual_scatter_is_computed_once(page: Page, client: httpx.Client) -> None:
     asked: list[Any] = []
 
     def hear(request: Request) -> None:
@@ -140,7 +140,14 @@ def test_study_of_the_usual_scatter_is_computed_once(page: Page) -> None:
     with page.expect_response("**/verdict") as judged:
         page.goto("/#/how-sure?impact.velocity_m_s=251")
     wait(page)
-    assert [body["uncertain"] for body in asked] == [judged.value.json()["usual_scatter"]]
+    verdict = judged.value.json()
+    study = client.get(f"/results/{verdict['keys']['uncertainty']}").json()
+    sampling = client.get("/openapi.json").json()["components"]["schemas"]["SamplingSettings"]["properties"]
+    is_enough = study["convergence"]["half_width"][-1] <= sampling["half_width"]["x-default"]
+    # The study of the verdict is shown; more samples are computed only where its sampling error is too large.
+    assert [body["uncertain"] for body in asked] == ([] if is_enough else [verdict["usual_scatter"]])
+    if is_enough:
+        assert drawn(page)[2] == study["probability"]["ricochet_probability"]
 
 
 def test_bad_distributions_are_marked_at_their_fields(page: Page, faults: list[str]) -> None:

@@ -63,6 +63,24 @@ def test_projectile_is_dragged_through_the_critical_angle(page: Page) -> None:
     assert angle == float(page.get_by_label("Oblique angle, slider").input_value())
 
 
+@pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
+def test_picture_stays_where_it_is_while_it_is_dragged_in(new_page: NewPage, size: tuple[int, int]) -> None:
+    page = new_page(width=size[0], height=size[1])
+    open_explore(page)
+    handle(page).scroll_into_view_if_needed()
+    page.mouse.move(*centre(handle(page)))
+    page.mouse.down()
+    before = contact(page)
+    for degrees in (46.0, 60.0, 75.0):
+        drag(page, degrees, distance=60.0)
+        page.wait_for_function(IDLE)  # the verdict has other words then, on more lines or fewer
+        assert contact(page) == before
+    page.mouse.up()
+    verdict = page.locator(".verdict")
+    expect(verdict).not_to_have_attribute("style", re.compile("height"))
+    assert verdict.evaluate("element => element.scrollHeight <= element.clientHeight"), "no word is cut off"
+
+
 def test_keys_turn_the_projectile(page: Page) -> None:
     open_explore(page)
     handle(page).focus()

@@ -18,6 +18,7 @@ from urllib.parse import urljoin
 import httpx
 import pytest
 
+from service.errors import ProblemType
 from service.schemas.problems import Problem
 from service.schemas.strike import PAPER
 from tests.api.certificates import Certificate, make_certificate
@@ -251,6 +252,8 @@ def problem_of(response: httpx.Response, status: int) -> httpx.Response:
     assert response.headers["Content-Type"] == "application/problem+json"
     problem = Problem.model_validate(response.json())
     assert (response.status_code, problem.status, problem.instance) == (status, status, response.request.url.path)
+    known = ProblemType.of_status(status)
+    assert status == 429 or (problem.type, problem.title) == (known.type, known.title)
     return response
 
 
@@ -261,7 +264,7 @@ def test_answer_for_a_service_that_is_down_is_a_problem(tmp_path: Path) -> None:
         running_nginx(tmp_path, text, port),
         httpx.Client(base_url=f"https://127.0.0.1:{port}", verify=certificate.trusted(), trust_env=False) as client,
     ):
-        assert problem_of(client.get("/livez"), 503).headers["Retry-After"] == "5"
+        assert problem_of(client.get("/livez"), 502).headers["Retry-After"] == "5"
         quoted = client.get('/a"b\\c?d="')
         assert Problem.model_validate(quoted.json()).instance.startswith("/a")
 

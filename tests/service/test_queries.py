@@ -242,6 +242,25 @@ async def test_query_waits_no_longer_than_it_may(pool: ProcessPool, tmp_path: Pa
     await asyncio.gather(*running)
 
 
+async def test_announced_wait_is_no_longer_than_all_queries_may_run(tmp_path: Path) -> None:
+    """Queries that end at the time limit are never counted as done, however much work they seem to be."""
+    executor = ProcessPool(workers=2, task_seconds=4.0)
+    await executor.start()
+    try:
+        cache = ResultCache(tmp_path / "data", memory_bytes=100_000_000, disk_bytes=10**9)
+        service = QueryService(cache, executor, OPERATIONS, max_waiting=4)
+        heavy = [replace(KeyedRequest.of("slow", Question(tmp_path, number)), work=12_000) for number in range(6)]
+        running = [asyncio.ensure_future(service.answer("slow", request)) for request in heavy]
+        while service.queued < 4:  # noqa: ASYNC110 (it sets no event)
+            await asyncio.sleep(0.01)
+        with pytest.raises(QueriesWaitingError) as refused:
+            await ask(service, "once", tmp_path)
+        assert refused.value.retry_after == 12
+        await asyncio.gather(*running, return_exceptions=True)
+    finally:
+        await executor.stop(1.0)
+
+
 async def test_event_loop_stays_free_while_histories_are_made_and_kept(service: QueryService, tmp_path: Path) -> None:
     """It would take several times as long to read and write each answer once; a busy machine does not change that."""
     requests = [KeyedRequest.of("trajectory", Question(tmp_path, number)) for number in range(40)]

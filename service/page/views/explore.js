@@ -44,7 +44,10 @@ class Explore {
     this.updatePicture = latest((values, signal) => this.showPicture(values, signal), fail);
     this.handle = new TurnHandle(parts.side, {
       onTurn: (angle) => this.form.setField("impact.oblique_angle_deg", angle),
-      onRelease: () => this.updatePicture(this.form.currentCase()), // the frame fits again
+      onHold: (isHeld) => {
+        this.verdict.keepHeight(isHeld); // it stands above the picture
+        if (!isHeld) this.updatePicture(this.form.currentCase()); // the frame fits again
+      },
     });
     this.scrubber = buildScrubber(parts.scrubber, (row) => this.showInstant(row));
     this.form = buildForm(parts.form, {
