@@ -63,14 +63,14 @@ class Bending:
     """
 
     peak_stress: float
-    """Bending moment over the section modulus, in the outermost fibre. [Pa]"""
+    """Largest bending stress, the moment over the section modulus in the outermost fibre. [Pa]"""
     time: float
-    """Since first contact. [s]"""
+    """Time of the largest bending stress, since first contact. [s]"""
     distance_behind_tip: float
-    """Of the cross-section. [m]"""
+    """Distance behind the tip of the cross-section with the largest bending stress. [m]"""
     normal_force: float
-    """Along the axis in that cross-section at that time, positive for tension. Its stress is not part of
-    `peak_stress`. [N]"""
+    """Force along the axis in that cross-section at that time, positive for tension; its stress is not in the largest
+    bending stress. [N]"""
     history: BendingHistory | None
     """None if the run has no history."""
 
