@@ -238,7 +238,7 @@ def follow(
     inputs = request.inputs if request else None
     writers: list[Writer] = [*(request.writers if request else ()), counts]
     if not args.parquet:
-        asked = job.get("request", {})
+        asked = client.job(job["id"]).get("request", {})  # The answer to a submission does not repeat it.
         base = asked["base"] if "axes" in asked else None
         writers.insert(0, writer_for(args, stream, job["operation"], base, inputs))
     if args.parquet:

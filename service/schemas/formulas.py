@@ -161,6 +161,6 @@ def formulas_answer(request: FormulasRequest) -> dict[str, Any]:
     """
     arguments = request.arguments()
     projectile, oblique = arguments["projectile"], arguments["impact"].oblique_angle != 0.0
-    warnings = (NORMAL_COMPONENT_ONLY,) if oblique else ()
-    warnings += body_warnings(projectile) + reinforcement_warnings(arguments["target"])
-    return walk(FormulasAnswer, formulas(**arguments), nose_class=nose_class(projectile), warnings=warnings)
+    found = [NORMAL_COMPONENT_ONLY] if oblique else []
+    found += (*body_warnings(projectile), *reinforcement_warnings(arguments["target"]))
+    return walk(FormulasAnswer, formulas(**arguments), nose_class=nose_class(projectile), warnings=found)

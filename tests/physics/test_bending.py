@@ -194,7 +194,7 @@ def test_stress_after_a_body_has_come_free_does_not_count() -> None:
 
 
 @pytest.mark.parametrize("given", [{"center_of_gravity": 0.25}, {"moment_of_inertia": 0.3}])
-def test_body_with_other_mass_properties_has_a_note_in_place_of_a_stress(given: dict[str, float]) -> None:
+def test_body_with_other_mass_properties_has_a_note_in_place_of_a_stress(given: dict[str, Any]) -> None:
     run = run_paper(strike(238.0, 45.0), projectile=replace(PAPER_PROJECTILE, **given))
     assert run.bending is None
     assert [each.standing for each in run.warnings if each.code == "bending_unknown"] == [True]
@@ -248,7 +248,7 @@ def test_body_without_a_shank_has_a_finite_stress(body: Projectile) -> None:
         ({"yield_strength": 1200.0}, "projectile.yield_strength"),
     ],
 )
-def test_bore_and_yield_strength_are_checked(given: dict[str, float], field: str) -> None:
+def test_bore_and_yield_strength_are_checked(given: dict[str, Any], field: str) -> None:
     with pytest.raises(ParameterError) as error:
         replace(PAPER_PROJECTILE, **given)
     assert error.value.field == field
