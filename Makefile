@@ -116,7 +116,8 @@ format: setup ## format the code and mend what ruff can
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
 
-openapi: setup ## write the contract, openapi/openapi.json
+openapi: setup ## compute the examples of answers and write the contract, openapi/openapi.json
+	$(BIN)/python -m service.api.examples
 	$(BIN)/ricochet openapi
 
 docs: setup ## write the tables of docs/operating.md that the code says, and build the manual into build/manual

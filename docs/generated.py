@@ -13,6 +13,7 @@ from typing import Any
 from docs.figures import manual
 from service import cli
 from service.cli.parser import Parser
+from service.errors import problem_types
 from service.names import CHOICES, FORMULAS, QUANTITIES
 
 ROOT = Path(__file__).parents[1]
@@ -222,6 +223,12 @@ def terms() -> str:
     return "\n\n".join(texts)
 
 
+def problems() -> str:
+    """Return the types of problems with their statuses and titles, as Markdown."""
+    rows = [(f"`{each.type}`", str(int(each.status)), each.title) for each in problem_types()]
+    return table(("type", "status", "title"), rows)
+
+
 TEXTS = {
     "terms": terms,
     "routes": routes,
@@ -229,4 +236,5 @@ TEXTS = {
     "commands": commands,
     "names": names,
     "warning-codes": warning_codes,
+    "problems": problems,
 }

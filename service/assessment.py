@@ -180,7 +180,7 @@ def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, 
 
 def _search_of(request: ReportRequest) -> dict[str, Any]:
     """Return the body of the search."""
-    case = request.model_dump(mode="json", exclude={"alternatives", "output"})
+    case = request.model_dump(mode="json", exclude={"alternatives", "output", "flight"})
     case["impact"].pop("oblique_angle_deg", None)
     return case
 
@@ -202,7 +202,11 @@ def _query_of(request: ReportRequest, question: Question) -> Query:
                 "uncertain": usual_inputs(request, theories=question.theories),
             },
         )
-    return Query("wall" if question.kind == "wall" else "trajectory", _strike_of(case, angle or 0.0))
+    strike = _strike_of(case, angle or 0.0)
+    if question.kind == "wall":
+        return Query("wall", strike)
+    flight = {} if request.flight is MISSING else request.flight.model_dump(mode="json")
+    return Query("trajectory", strike | {"flight": flight})
 
 
 def _with_probe(case: Mapping[str, Any], code: str, value: float) -> dict[str, Any]:

@@ -133,6 +133,8 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     row: dict[str, Any] = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
     for part in ("final", "exit", "protrusion"):
         row |= {f"{part}_{name}": value for name, value in answer.get(part, {}).items()}
+    bending = answer.get("bending", {})
+    row |= {f"bending_{name}": value for name, value in bending.items() if name != "history"}
     flight: dict[str, Any] = row.pop("exit_flight", {})
     row |= {f"exit_flight_{name}": value for name, value in flight.items()}
     for unit in ("deg", "m", "m_s"):

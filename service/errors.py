@@ -13,9 +13,10 @@ from typing import Any, ClassVar, Self, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from service.schemas.explanations import UNKNOWN, explained
+from service.schemas.explanations import explained
 from service.schemas.problems import pointer_of_location, pointer_of_parameter
 from service.schemas.sweeps import AxisError, Grid, Outline
+from service.schemas.wording import UNKNOWN
 from solver import IntegrationError, ParameterError, StepLimitError
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -146,18 +147,42 @@ class QuotaError(ServiceError):
         Cases of the key within an hour.
     count
         Cases requested.
+    left
+        Cases that are left.
     retry_after
-        When so many are allowed again or, if they never are, when the whole quota is free. [s]
+        When so many are allowed again. [s]
     """
 
     status = HTTPStatus.TOO_MANY_REQUESTS
     type = "urn:ricochet:problem:quota"
     title = "The quota of the key is used up"
 
-    def __init__(self, most: int, count: int, retry_after: int) -> None:
-        more = "" if count <= most else "; request fewer at a time"
-        super().__init__(f"{count:,} cases exceed what is left of the {most:,} an hour of this key{more}")
+    def __init__(self, most: int, count: int, left: int, retry_after: int) -> None:
+        super().__init__(f"{count:,} cases exceed the {left:,} that are left of the {most:,} an hour of this key")
         self.retry_after = retry_after
+
+
+class QuotaTooSmallError(QuotaError):
+    """A request has more cases than its key may ever have within an hour, so that waiting does not help.
+
+    Parameters
+    ----------
+    most
+        Cases of the key within an hour.
+    count
+        Cases of the request that have been counted so far.
+    """
+
+    status = HTTPStatus.FORBIDDEN
+    type = "urn:ricochet:problem:quota-too-small"
+    title = "The quota of the key never allows so many cases"
+
+    def __init__(self, most: int, count: int) -> None:
+        ServiceError.__init__(
+            self,
+            f"the request has at least {count:,} cases, of which this key may have {most:,} an hour; "
+            "send fewer at a time",
+        )
 
 
 class OwnerStreamsError(ServiceError):
@@ -293,12 +318,35 @@ class DamagedJobError(DamagedCasesError):
         ServiceError.__init__(self, f"{text}submit it again")
 
 
+STATUS_PROBLEMS = {
+    HTTPStatus.BAD_REQUEST: ("bad-request", "The request cannot be read"),
+    HTTPStatus.UNAUTHORIZED: ("key-required", "A valid API key is required"),
+    HTTPStatus.FORBIDDEN: ("forbidden", "The request is not allowed"),
+    HTTPStatus.NOT_FOUND: ("not-found", "There is nothing under this name"),
+    HTTPStatus.METHOD_NOT_ALLOWED: ("method-not-allowed", "The path does not take this method"),
+    HTTPStatus.NOT_ACCEPTABLE: ("not-acceptable", "The answer has no form that `Accept` names"),
+    HTTPStatus.REQUEST_TIMEOUT: ("body-too-slow", "The body comes too slowly"),
+    HTTPStatus.REQUEST_ENTITY_TOO_LARGE: ("body-too-long", "The body is too long"),
+    HTTPStatus.REQUEST_URI_TOO_LONG: ("target-too-long", "The target of the request is too long"),
+    HTTPStatus.UNSUPPORTED_MEDIA_TYPE: ("unsupported-media-type", "The body is of another media type"),
+    HTTPStatus.MISDIRECTED_REQUEST: ("unknown-host", "The service has no such name"),
+    HTTPStatus.UNPROCESSABLE_ENTITY: (InvalidBodyError.type.rpartition(":")[2], InvalidBodyError.title),
+    HTTPStatus.TOO_MANY_REQUESTS: ("too-many-requests", "Too many requests come from one address"),  # by nginx.conf
+    HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE: ("head-too-long", "The head of the request is too long"),
+    HTTPStatus.NOT_IMPLEMENTED: ("not-implemented", "The service cannot do this"),
+    HTTPStatus.BAD_GATEWAY: ("no-answer", "The service behind this one does not answer"),
+    HTTPStatus.SERVICE_UNAVAILABLE: ("not-ready", "The service is not ready"),
+}
+"""Type, without its prefix, and title of what is refused with an HTTP status alone. They do not follow the phrases of
+`HTTPStatus`, which differ between versions of Python."""
+
+
 class JobGoneError(StorageError):
     """The job has been deleted meanwhile: there is none with its id."""
 
     status = HTTPStatus.NOT_FOUND
-    type = "about:blank"
-    title = HTTPStatus.NOT_FOUND.phrase
+    type = f"urn:ricochet:problem:{STATUS_PROBLEMS[HTTPStatus.NOT_FOUND][0]}"
+    title = STATUS_PROBLEMS[HTTPStatus.NOT_FOUND][1]
 
 
 class ReportsMissingError(ServiceError):
@@ -376,7 +424,8 @@ class ProblemType:
     def of_status(cls, status: int) -> Self:
         """Return the type of a problem that is no more than its HTTP status."""
         found = HTTPStatus(status)
-        return cls(found, "about:blank", found.phrase)
+        name, title = STATUS_PROBLEMS.get(found, ("", ""))
+        return cls(found, f"urn:ricochet:problem:{name}" if name else "about:blank", title or found.phrase)
 
     def content(self, detail: str, errors: Sequence[dict[str, str]] = ()) -> dict[str, Any]:
         """Return a problem of this type without its `instance`, which depends on the request."""
@@ -398,6 +447,17 @@ SOLVER_ERRORS: Mapping[type, tuple[HTTPStatus, str, str]] = {
     ),
 }
 """The solver's errors, which know nothing of HTTP."""
+
+
+def problem_types() -> list[ProblemType]:
+    """Return the types of all problems, in the order of their names."""
+    errors = [ServiceError]
+    for error in errors:  # It grows on the way.
+        errors += error.__subclasses__()
+    found = {ProblemType(error.status, error.type, error.title) for error in errors}
+    found |= {ProblemType(*each) for each in SOLVER_ERRORS.values()}
+    found |= {ProblemType.of_status(status) for status in STATUS_PROBLEMS}
+    return sorted(found, key=lambda each: (each.type, each.status))
 
 
 def field_errors(exception: BaseException) -> list[dict[str, str]]:

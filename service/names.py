@@ -57,6 +57,8 @@ QUANTITIES: Final[Mapping[str, str]] = {
     "projectile.mass_kg": "Mass",
     "projectile.boat_tail.length_m": "Length of the boat-tail",
     "projectile.boat_tail.base_diameter_m": "Diameter of the base",
+    "projectile.inner_diameter_m": "Diameter of the bore",
+    "projectile.yield_strength_pa": "Yield strength of the body",
     "projectile.center_of_gravity_m": "Centre of gravity from tip",
     "projectile.moment_of_inertia_kg_m2": "Moment of inertia",
     "target.compressive_strength_pa": "Compressive strength",
@@ -65,6 +67,7 @@ QUANTITIES: Final[Mapping[str, str]] = {
     "target.poissons_ratio": "Poisson's ratio",
     "target.thickness_m": "Thickness",
     "target.characteristic_strength_pa": "Characteristic strength",
+    "target.reinforcement_ratio_percent": "Reinforcement each way and face",
     "resistance.strength_factor.model": "Strength factor",
     "resistance.strength_factor.shots": "Shots: speed, depth",
     "resistance.strength_factor.value": "Value of S",
@@ -182,6 +185,8 @@ STATUSES: Final[Mapping[str, str]] = {
 """Names of the ends of a search."""
 WARNINGS: Final[Mapping[str, str]] = {
     "base_strikes_first": "the tail strikes first",
+    "bending_unknown": "no bending stress: the mass lies otherwise than in the shape",
+    "bends": "its surface yields in bending",
     "crater_at_obliquity": "a crater of normal impact",
     "fixed_step_energy_gain": "time step too long",
     "implausible": "breaks a rule of every strike: a fault, please report",

@@ -90,9 +90,9 @@ class Rate:
             return 0.0
         return self._count / max(now - self._entries[0][0], STEP_SECONDS)
 
-    def seconds_for(self, count: int) -> int:
-        """Whole seconds until so many more cases are done, at least 1."""
-        rate = self.per_second or self._cores() / CASE_SECONDS
+    def seconds_for(self, count: int, weight: int = 1) -> int:
+        """Whole seconds until so many more cases are done, at least 1; `weight` counts if no rate has been measured."""
+        rate = self.per_second or self._cores() / (CASE_SECONDS * weight)
         return min(LONGEST_WAIT_SECONDS, max(1, math.ceil(count / rate)))
 
     def _forget(self, now: float) -> None:

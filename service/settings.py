@@ -63,7 +63,7 @@ class ServerSettings(SettingsGroup):
     """Folder of the manual that `make docs` builds in a copy of the repository, served at `/manual`; a wheel has
     none."""
     gzip: bool = True
-    """Whether answers of 1 kB and more are compressed, with zstd or gzip, for clients that accept it; streams of events
+    """Whether answers of 1 kB and more are compressed with gzip for clients that accept it; streams of events
     never are."""
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     """Least weight of what is logged; `warning` leaves out the line for each request."""

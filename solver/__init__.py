@@ -1,8 +1,27 @@
-"""Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians."""
+"""Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians.
 
+    projectile = Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.08, length=0.53, mass=13.0)
+    target = Target(compressive_strength=39e6, density=2250.0)
+    found = critical_angle(projectile=projectile, target=target, velocity=238.0)
+    math.degrees(found.angle)
+
+simulate, simulate_many                the motion of a strike, of many
+critical_angle, critical_angle_many    the angle from which on a strike is turned away
+critical_angle_sweep                   that angle over speeds, strengths, noses, laws
+least_thickness, limit_velocity        a wall that is just not perforated, the speed that just perforates one
+formulas                               the empirical formulas beside them
+flight, flight_after                   where a body lands that has left the target
+solver.uncertainty.verdict             a strike in one sentence, with the range of its angle
+solver.calibration                     strength factors from depths and motions
+warm_up                                compile all of it now: a minute, once for each installation
+
+Angles are from the inward normal of the face: 0 is a head-on strike. Arguments are given by name.
+"""
+
+from solver.bending import Bending, BendingHistory
 from solver.cancellation import Cancellation, CancelledError
 from solver.checks import IntegrationError, ParameterError, RicochetError, StepLimitError, name_keywords
-from solver.flight import Flight, flight, launch_elevation, mean_projected_area
+from solver.flight import Flight, FlightConditions, flight, flight_after, launch_elevation, mean_projected_area
 from solver.formulas import FormulaResult, OutOfRange, cea_edf_limit_speed, formulas
 from solver.free_surface import ElasticPlastic, MohrCoulomb, NoFreeSurface, decay_factor
 from solver.many import (
@@ -63,6 +82,8 @@ ENGINE_VERSION = "15"
 __all__ = [
     "ENGINE_VERSION",
     "Alternative",
+    "Bending",
+    "BendingHistory",
     "BoatTail",
     "Cancellation",
     "CancelledError",
@@ -74,6 +95,7 @@ __all__ = [
     "Exit",
     "Flat",
     "Flight",
+    "FlightConditions",
     "FormulaResult",
     "Impact",
     "IntegrationError",
@@ -123,6 +145,7 @@ __all__ = [
     "critical_angle_sweep",
     "decay_factor",
     "flight",
+    "flight_after",
     "formulas",
     "launch_elevation",
     "least_thickness",

@@ -182,6 +182,8 @@ BOUNDS: Mapping[str, Bound] = {
     "projectile.moment_of_inertia": Bound(1e-15, 1e9, "kg m²", "kg m²"),
     "projectile.boat_tail.length": Bound(1e-6, 20.0, "m", "metres", MILLIMETRES),
     "projectile.boat_tail.base_diameter": Bound(0.0, 5.0, "m", "metres", MILLIMETRES),
+    "projectile.inner_diameter": Bound(0.0, 5.0, "m", "metres", MILLIMETRES, above=True),
+    "projectile.yield_strength": Bound(1e6, 1e11, "Pa", "pascals", PRESSURES),
     "projectile.nose.caliber_radius_head": Bound(0.5, 100.0, "", "a ratio"),
     "projectile.nose.length_to_diameter": Bound(0.0, 20.0, "", "a ratio", above=True),
     "target.compressive_strength": Bound(1e5, 1e9, "Pa", "pascals", PRESSURES),
@@ -190,6 +192,8 @@ BOUNDS: Mapping[str, Bound] = {
     "target.youngs_modulus": Bound(1e6, 1e12, "Pa", "pascals", (("GPa", 1e9), ("MPa", 1e6))),
     "target.poissons_ratio": Bound(0.0, 0.5, "", "a ratio"),
     "target.thickness": Bound(0.0, 1e3, "m", "metres", MILLIMETRES, above=True),
+    # Slabs of plants have up to some 2 % each way and face; ten leave room for every wall that can be cast.
+    "target.reinforcement_ratio_percent": Bound(0.0, 10.0, "%", "percent"),
     "shot.depth": Bound(1e-6, 100.0, "m", "metres", MILLIMETRES),
     "impact.velocity": Bound(0.1, 1e4, "m/s", "m/s"),
     "impact.angular_velocity": Bound(-1e5, 1e5, "rad/s", "rad/s"),

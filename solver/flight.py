@@ -6,6 +6,7 @@ from typing import Any, Literal, TypeAlias
 
 from solver.arrays import FloatArray
 from solver.checks import ParameterError, require_between, require_bounds
+from solver.prepared import Exit
 from solver.projectile import Projectile, solid_properties
 
 AIR_DENSITY = 1.225
@@ -51,6 +52,38 @@ class Flight:
 
     def __str__(self) -> str:
         return landing_sentence(self.range, self.farthest_range, self.range_without_drag)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightConditions:
+    """How the struck face stands, for the flight of a body that leaves it.
+
+    Parameters
+    ----------
+    face_tilt
+        Angle of the impact face from level ground, 0 to 90° for a vertical wall. [rad]
+    incidence_plane
+        Whether the body travels up the face, level along it, or down it. Without effect on level ground.
+    drag_coefficient
+        On the mean projected area; 0 for no drag. [1]
+    height
+        Of the point struck above level ground, on which the body lands. [m]
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside what is accepted.
+    """
+
+    face_tilt: float = 0.0
+    incidence_plane: IncidencePlane = "up"
+    drag_coefficient: float = TUMBLING_DRAG
+    height: float = 0.0
+
+    def __post_init__(self) -> None:
+        launch_elevation(direction=0.0, face_tilt=self.face_tilt, incidence_plane=self.incidence_plane)
+        require_bounds("flight.drag_coefficient", self.drag_coefficient)
+        require_bounds("flight.height", self.height)
 
 
 def mean_projected_area(projectile: Projectile) -> float:
@@ -167,6 +200,47 @@ def flight(
         elevation=elevation,
         drag_coefficient=drag_coefficient,
         projected_area=projected_area,
+    )
+
+
+def flight_after(
+    exit: Exit,  # noqa: A002 (the name of the attribute of a trajectory that it is)
+    *,
+    projectile: Projectile,
+    conditions: FlightConditions | None = None,
+    rear: bool = False,
+) -> Flight:
+    """Flight of a body from where it leaves the target, as one that tumbles.
+
+    Parameters
+    ----------
+    exit
+        How it leaves: `Trajectory.exit`.
+    projectile
+        Its mass, and its surface for the drag.
+    conditions
+        How the face stands; level with the ground unless given.
+    rear
+        Whether it leaves through the rear face of a wall.
+
+    Returns
+    -------
+    Flight
+    """
+    conditions = conditions or FlightConditions()
+    elevation = launch_elevation(
+        direction=exit.direction,
+        face_tilt=conditions.face_tilt,
+        incidence_plane=conditions.incidence_plane,
+        rear=rear,
+    )
+    return flight(
+        speed=exit.speed,
+        elevation=elevation,
+        mass=projectile.mass,
+        projected_area=mean_projected_area(projectile),
+        drag_coefficient=conditions.drag_coefficient,
+        height=conditions.height,
     )
 
 

@@ -321,6 +321,9 @@ def ukaea(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
 
     Notes
     -----
+    Barr's formula for the perforation, which takes the reinforcement ratio, is left out: no open source was found that
+    states it with its range and a value to compare with.
+
     Barr (1990), with NDRC's G: ``x/d = 0.275 - sqrt(0.0756 - G)`` up to G = 0.0726, ``sqrt(4 G - 0.242)`` up to 1.0605
     and ``G + 0.9395`` beyond; ``h/d = 5.3 G^0.33``. For 25 to 300 m/s, 22 to 44 MPa and M/d³ from 5,000 to
     200,000 kg/m³. Constants not compared with the original.

@@ -318,6 +318,15 @@ def _cut(piece: FloatArray, motion: BodyMotion, loaded: float, cuts: FloatArray)
 @lean
 def _integrate(rows: FloatArray, count: int, points: FloatArray, law: Law, tapers: bool) -> Load:
     """Force along and across the axis, and moment, of the first `count` rings."""
+    integrate_in_wall(rows, count, points, law, tapers)
+    f, g, h = sum_rings(rows, 0, count)
+    along, across, moment = sum_rings(rows[REAR:], 0, count)
+    return along + f, across + g, moment + h
+
+
+@lean
+def integrate_in_wall(rows: FloatArray, count: int, points: FloatArray, law: Law, tapers: bool) -> None:
+    """Integrate around the first `count` rings in a wall, with the arcs that face the rear at `REAR`."""
     end, at_rear = whole(count), rows[REAR:]
     if tapers:
         _load_tapering_rings(rows, end, law)
@@ -325,9 +334,6 @@ def _integrate(rows: FloatArray, count: int, points: FloatArray, law: Law, taper
         _load_rings(rows, end, law)
     add_arcs(rows, end, points, law)
     add_arcs(at_rear, end, points, law)
-    f, g, h = sum_rings(rows, 0, count)
-    along, across, moment = sum_rings(at_rear, 0, count)
-    return along + f, across + g, moment + h
 
 
 def _ring_loader(name: str, *, tapers: bool) -> Callable[[FloatArray, np.uint64, Law], None]:

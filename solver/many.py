@@ -301,11 +301,11 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
     dict of str to array
         First the inputs that were given one for each case, objects by their fields, if the answers come straight from
         the function. For trajectories ``outcome``, ``maximum_depth``, ``protrusion_final`` and ``protrusion_greatest``
-        [m], ``strength_factor`` and ``final_time`` [s] to ``final_kinetic_energy`` [J]; for critical angles ``status``,
-        ``angle``, ``standard_error``, ``bracket_low`` and ``bracket_high`` [rad], and ``strength_factor``; for limits
-        of perforation ``status``, ``value``, ``value_low``, ``value_high`` and ``without_protrusion`` [m or m/s]. Then
-        ``warnings``, their codes with blanks between them, and ``error``, empty unless the case failed. NaN and empty
-        text stand where there is nothing.
+        [m], ``bending_peak_stress`` [Pa], ``strength_factor`` and ``final_time`` [s] to ``final_kinetic_energy`` [J];
+        for critical angles ``status``, ``angle``, ``standard_error``, ``bracket_low`` and ``bracket_high`` [rad], and
+        ``strength_factor``; for limits of perforation ``status``, ``value``, ``value_low``, ``value_high`` and
+        ``without_protrusion`` [m or m/s]. Then ``warnings``, their codes with blanks between them, and ``error``, empty
+        unless the case failed. NaN and empty text stand where there is nothing.
 
     Raises
     ------

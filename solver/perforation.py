@@ -24,7 +24,7 @@ from solver.prepared import (
     protrusion_of,
 )
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, Resistance
+from solver.resistance import Resistance, usual_unless_given
 from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
 from solver.trajectory import run_warnings
@@ -286,7 +286,7 @@ def _prepare(
     return prepare(
         projectile=projectile,
         target=target,
-        resistance=resistance or EQUATION_9,
+        resistance=usual_unless_given(resistance),
         numerics=given.resolved(
             method=method,
             termination_time=usual_termination_time(length=projectile.length, velocity=velocity, method=method),

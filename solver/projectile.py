@@ -156,11 +156,11 @@ class Spherical:
     Parameters
     ----------
     caliber_radius_head
-        Radius of the sphere over the shank diameter; 0.5 is a hemisphere. [1]
+        Radius of the sphere over the shank diameter; 0.5, a hemisphere, when not given. [1]
     """
 
     name: ClassVar[str] = "spherical"
-    caliber_radius_head: float
+    caliber_radius_head: float = 0.5
 
     def __post_init__(self) -> None:
         require_bounds("projectile.nose.caliber_radius_head", self.caliber_radius_head)
@@ -386,6 +386,12 @@ class Projectile:
         outer shape when not given. [kg m²]
     boat_tail
         Taper behind the shank; a cylinder up to the base when not given.
+    inner_diameter
+        Diameter of a bore along the whole cylindrical shank, less than the diameter; nose and boat-tail are solid, and
+        so is the shank when not given. [m]
+    yield_strength
+        Yield strength of the body, with which the bending stress is compared, 1.2 GPa when not given; the motion does
+        not depend on it. [Pa]
 
     Raises
     ------
@@ -400,6 +406,8 @@ class Projectile:
     center_of_gravity: float | None = None
     moment_of_inertia: float | None = None
     boat_tail: BoatTail | None = None
+    inner_diameter: float | None = None
+    yield_strength: float | None = None
 
     def __post_init__(self) -> None:
         require_kind("projectile.nose", self.nose, NoseShape)
@@ -430,6 +438,17 @@ class Projectile:
             )
         if self.moment_of_inertia is not None:
             require_bounds("projectile.moment_of_inertia", self.moment_of_inertia)
+        if self.inner_diameter is not None:
+            field = "projectile.inner_diameter"
+            require_bounds(field, self.inner_diameter)
+            require(
+                self.inner_diameter < self.diameter,
+                field,
+                f"must be less than the diameter, {self.diameter:g} m, got {self.inner_diameter:g} m",
+            )
+            require(self._whole is None, field, f"must be left out: the {self.nose.name} has no shank to be hollow")
+        if self.yield_strength is not None:
+            require_bounds("projectile.yield_strength", self.yield_strength)
 
     def _check_profile(self, nose: Profile) -> None:
         """Refuse a profile that does not fit the diameter or, where it is that of the whole body, the length."""
@@ -479,14 +498,19 @@ class Projectile:
         """From the tip to the shank. [m]"""
         return self.nose.length(self.radius)
 
+    @property
+    def shank_end(self) -> float:
+        """Distance behind the tip at which the boat-tail begins, or of the base. [m]"""
+        if self.boat_tail is None:
+            return self.length
+        room = self.length - self.nose_length
+        return self.length - self.boat_tail.length if self.boat_tail.length < room else self.nose_length
+
     def outline(self) -> tuple[OutlinePiece, ...]:
         """Pieces from the tip to the rear edge; the flat base is not part of it."""
-        pieces, whole, end = self.nose.outline(self.radius), self._whole, self.length
+        pieces, whole, end = self.nose.outline(self.radius), self._whole, self.shank_end
         if whole is not None:
             return (*pieces, *whole.tail(self.radius))
-        if self.boat_tail is not None:
-            room = self.length - self.nose_length
-            end = self.length - self.boat_tail.length if self.boat_tail.length < room else self.nose_length
         if end > self.nose_length:
             pieces = (*pieces, Line(self.nose_length, self.radius, end, self.radius))
         if self.boat_tail is not None:
@@ -506,7 +530,7 @@ class Projectile:
 
 @dataclass(frozen=True, slots=True)
 class SolidProperties:
-    """Geometry of the outer shape and of the homogeneous solid that fills it."""
+    """Geometry of the outer shape and of the homogeneous solid that fills it, but for a bore."""
 
     surface_area: float
     """Without the flat base. [m²]"""
@@ -544,6 +568,12 @@ def solid_properties(projectile: Projectile) -> SolidProperties:
         volume += float(disc @ dx)
         first += float((disc * x) @ dx)
         second += float((disc * (x * x + r * r / 4.0)) @ dx)
+    if projectile.inner_diameter is not None:
+        begin, end, bore = projectile.nose_length, projectile.shank_end, projectile.inner_diameter / 2.0
+        hole = math.pi * bore**2
+        volume -= hole * (end - begin)
+        first -= hole * (end**2 - begin**2) / 2.0
+        second -= hole * ((end**3 - begin**3) / 3.0 + bore**2 / 4.0 * (end - begin))
     centroid = first / volume
     return SolidProperties(area, volume, centroid, second / volume - centroid**2)
 

@@ -707,6 +707,25 @@ EQUATION_9 = Resistance()
 """The resistance of the source paper, used unless another is given."""
 
 
+def usual_unless_given(resistance: object) -> Resistance:
+    """Return a resistance as given, and the usual one for None.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither; a law by itself is named with the parameter of `Resistance` that it belongs to.
+    """
+    if resistance is None:
+        return EQUATION_9
+    if isinstance(resistance, Resistance):
+        return resistance
+    name = type(resistance).__name__
+    for parameter, laws in (("free_surface", get_args(FreeSurface)), ("strength_factor", get_args(StrengthFactor))):
+        if isinstance(resistance, laws):
+            raise ParameterError("resistance", f"must be a Resistance: give Resistance({parameter}={name}(...))")
+    raise ParameterError("resistance", f"must be a Resistance, got {name}")
+
+
 def strength_factor(*, resistance: Resistance, oblique_angle: float, target: Target, projectile: Projectile) -> float:
     """Strength factor S of one strike.
 

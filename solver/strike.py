@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeAlias
 
 from solver.checks import ParameterError, require, require_angle, require_between, require_bounds, require_positive
 from solver.projectile import Ogive, Projectile
-from solver.resistance import EQUATION_9, Resistance
+from solver.resistance import Resistance, usual_unless_given
 from solver.target import Target
 
 Method: TypeAlias = Literal["adaptive", "panels"]
@@ -185,7 +185,7 @@ def strike_parts(
         "projectile": projectile,
         "target": target,
         "impact": impact,
-        "resistance": resistance or EQUATION_9,
+        "resistance": usual_unless_given(resistance),
         "numerics": numerics or USUAL,
     }
 

@@ -24,6 +24,7 @@ from solver.resistance import (
     StrengthFactor,
     StrengthPowerLaw,
     shaped_as_finite_elements,
+    usual_unless_given,
 )
 from solver.search.types import CriticalAngle, Search
 from solver.strength_scatter import ScatterSource
@@ -327,7 +328,7 @@ def alternatives(
     """
     return tuple(
         Alternative(choice, attempt(function, case | {"resistance": choice}))
-        for choice in alternative_resistances(resistance or EQUATION_9)
+        for choice in alternative_resistances(usual_unless_given(resistance))
     )
 
 

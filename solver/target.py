@@ -34,6 +34,9 @@ class Target:
     characteristic_strength
         Strength that 95 % of the concrete has, as of a strength class. Design values of walls rest on it where it is
         given; all else takes the compressive strength, which is the mean. [Pa]
+    reinforcement_ratio_percent
+        Steel over concrete, each way and each face. Neither the model nor a formula here takes it: answers are those
+        of plain concrete, and say so. [%]
 
     Raises
     ------
@@ -47,6 +50,7 @@ class Target:
     poissons_ratio: float = 0.5
     thickness: float | None = None
     characteristic_strength: float | None = None
+    reinforcement_ratio_percent: float | None = None
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver import warnings as model_warnings
 from solver.arrays import ComparedByFields, FloatArray
+from solver.bending import Bending, bending_of, has_inertia_of_shape
 from solver.checks import ParameterError, require_one, require_positive
 from solver.display import Axes, Columns, DataFrame, Figure, Row, card, dataframe, line, plot_motion
 from solver.motion import Model, Run, Termination, sample, sample_accelerations, sample_loads
@@ -24,7 +25,7 @@ from solver.prepared import (
     protrusion_of,
 )
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, Resistance, StrengthPosterior
+from solver.resistance import Resistance, StrengthPosterior, usual_unless_given
 from solver.strength_scatter import ScatterSource, known_strength
 from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
@@ -118,6 +119,8 @@ class Trajectory:
     """Of S of a next shot in the same concrete: by own shots, or by the law of the published tests. [ln]"""
     own_tests: StrengthPosterior | None
     """What shots into the very concrete say of S; None without any."""
+    bending: Bending | None
+    """Largest bending stress; None if the centre of gravity or moment of inertia given are not those of the shape."""
 
     def row(self) -> Row:
         """Return how the run ended, by the names of the columns of `solver.columns`."""
@@ -127,6 +130,7 @@ class Trajectory:
             "maximum_depth": self.maximum_depth,
             "protrusion_final": protrusion and protrusion.final,
             "protrusion_greatest": protrusion and protrusion.greatest,
+            "bending_peak_stress": self.bending and self.bending.peak_stress,
             "strength_factor": self.strength_factor,
             **{f"final_{field.name}": getattr(self.final, field.name) for field in fields(self.final)},
         }
@@ -182,6 +186,7 @@ class Trajectory:
             "leaves at": ""
             if exit_ is None
             else f"{exit_.speed:.1f} m/s, {math.degrees(exit_.elevation):.1f}° above the face",
+            "bends at": "" if self.bending is None else str(self.bending),
             "strength factor": f"{self.strength_factor:.4g}",
             "history": "none" if self.history is None else f"{self.history.time.size} instants",
         }
@@ -244,7 +249,7 @@ def simulate(
     prepared = prepare(
         projectile=projectile,
         target=target,
-        resistance=resistance or EQUATION_9,
+        resistance=usual_unless_given(resistance),
         numerics=numerics.resolved(termination_time=end_time),
     )
     return run_prepared(prepared, impact, sample_interval, strength_scatter)
@@ -255,7 +260,7 @@ def run_prepared(
 ) -> Trajectory:
     """One strike of a prepared case."""
     model = prepared.model._replace(law=prepared.law_at(impact))
-    run, steps = integrate(prepared, model, impact, keep_steps=sample_interval is not None)
+    run, steps = integrate(prepared, model, impact, keep_steps=True)
     outcome = OUTCOMES[run.end]
     scatter, own_tests = known_strength(
         projectile=prepared.projectile,
@@ -263,7 +268,8 @@ def run_prepared(
         resistance=prepared.resistance,
         strength_scatter=strength_scatter,
     )
-    warnings = run_warnings(prepared, impact, run, outcome)
+    bending = bending_of(prepared.projectile, model, steps, with_history=sample_interval is not None)
+    warnings = run_warnings(prepared, impact, run, outcome) + _bending_warnings(prepared, bending)
     if strength_scatter == "paper_table_1":
         warnings += (model_warnings.scatter_of_table_1(prepared.projectile, prepared.target),)
     return Trajectory(
@@ -279,6 +285,19 @@ def run_prepared(
         exit=exit_of(outcome, run.state.tolist(), model.body),
         strength_factor_dispersion=scatter.dispersion,
         own_tests=own_tests,
+        bending=bending,
+    )
+
+
+def _bending_warnings(prepared: PreparedCase, bending: Bending | None) -> tuple[ModelWarning, ...]:
+    if bending is None:
+        shape_is_known = has_inertia_of_shape(prepared.projectile)
+        return () if shape_is_known else (model_warnings.BENDING_UNKNOWN,)
+    return model_warnings.bends(
+        stress=bending.peak_stress,
+        time=bending.time,
+        distance=bending.distance_behind_tip,
+        yield_strength=prepared.projectile.yield_strength,
     )
 
 

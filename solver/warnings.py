@@ -33,6 +33,8 @@ SAME_STRENGTH, SAME_DIAMETER = 0.1, 0.25
 """Relative difference from them up to which eq. 9 is used without a warning. [1]"""
 MEAN_DENSITY = (1e3, 2e4)
 """Mean densities of bodies, from hollow ones to those of tungsten or uranium. [kg/m³]"""
+USUAL_YIELD_STRENGTH = 1.2e9
+"""Yield strength of the body where none is given: the least of hardened 4340 steel, Rc 45. [Pa]"""
 SMALL_ATTACK = math.radians(5.0)
 MOST_NAMED = 5
 """Shots that a warning names."""
@@ -100,6 +102,20 @@ def body_warnings(projectile: Projectile) -> tuple[ModelWarning, ...]:
     )
 
 
+def reinforcement_warnings(target: Target) -> tuple[ModelWarning, ...]:
+    """Warning that a reinforcement ratio changes nothing, if the target has one above 0."""
+    ratio = target.reinforcement_ratio_percent
+    if not ratio:
+        return ()
+    return (
+        ModelWarning(
+            "reinforcement_not_counted",
+            f"reinforcement of {ratio:g} % each way and each face changes nothing here: neither the model nor any of "
+            "the formulas takes it, so that answers are those of plain concrete",
+        ),
+    )
+
+
 def input_warnings(
     *,
     projectile: Projectile,
@@ -122,6 +138,7 @@ def input_warnings(
             )
         )
     found += body_warnings(projectile)
+    found += reinforcement_warnings(target)
     found += _mass_properties_assumed(projectile, angle_shift)
     return tuple(found)
 
@@ -134,7 +151,8 @@ def _mass_properties_assumed(projectile: Projectile, angle_shift: float | None) 
     missing = [name for name, value in given.items() if value is None]
     if not missing:
         return ()
-    detail = f"{' and '.join(missing)} not given: those of a homogeneous solid of the outer shape are used"
+    bore = "" if projectile.inner_diameter is None else " with the bore along its shank"
+    detail = f"{' and '.join(missing)} not given: those of a homogeneous solid of the outer shape{bore} are used"
     if angle_shift is not None:
         detail += f"; a moment of inertia 10 % larger moves the angle by about {math.degrees(angle_shift):+.1g}°"
     return (ModelWarning("mass_properties_assumed", detail, standing=True, angle_shift=angle_shift),)
@@ -432,6 +450,32 @@ def shallow(*, depth: float, diameter: float) -> tuple[ModelWarning, ...]:
         ),
     )
 
+
+def bends(*, stress: float, time: float, distance: float, yield_strength: float | None) -> tuple[ModelWarning, ...]:
+    """Warning of a projectile whose surface yields in bending, so that it does not stay rigid."""
+    limit = USUAL_YIELD_STRENGTH if yield_strength is None else yield_strength
+    if stress <= limit:
+        return ()
+    given = "its yield strength" if yield_strength is not None else "that of hardened steel, as none is given"
+    return (
+        ModelWarning(
+            BENDS,
+            f"its surface yields in bending: {stress / 1e6:.4g} MPa, {1e3 * distance:.0f} mm behind the tip, "
+            f"{1e3 * time:.2f} ms after first contact, are above {limit / 1e6:.4g} MPa, {given}; from there on the "
+            "motion of a rigid body says less",
+        ),
+    )
+
+
+BENDS = "bends"
+"""Code of the warnings about bodies that yield in bending."""
+
+BENDING_UNKNOWN = ModelWarning(
+    "bending_unknown",
+    "the centre of gravity or the moment of inertia given are not those of the homogeneous solid of the shape: how the "
+    "mass lies along the axis is not known, so the bending stress is not computed",
+    standing=True,
+)
 
 CRATER_AT_OBLIQUITY = ModelWarning(
     "crater_at_obliquity",

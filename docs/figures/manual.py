@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Arc
+from matplotlib.patches import Arc, Circle
 
 from service.reports import style
 from service.reports.style import silhouette
@@ -26,11 +26,15 @@ from solver import (
     Numerics,
     ObliquityPolynomial,
     Ogive,
+    Projectile,
     PublishedTests,
     Resistance,
+    Spherical,
+    Target,
     critical_angle,
     critical_angle_many,
     decay_factor,
+    flight_after,
     mass_properties,
     simulate,
 )
@@ -258,6 +262,30 @@ def histories(axes: Axes) -> None:
     axes.legend(loc="lower right")
 
 
+def danger_zone(axes: Axes) -> None:
+    """Draw the plan of where the fragment of the tutorial lands: as computed, at any elevation, without drag."""
+    fragment = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.04, length=0.08, mass=0.65)
+    slab = Target(compressive_strength=38e6, density=2400.0)
+    impact = Impact(velocity=250.0, oblique_angle=math.radians(70.0))
+    resistance = Resistance(strength_factor=PublishedTests())
+    left = simulate(projectile=fragment, target=slab, impact=impact, resistance=resistance, sample_interval=None).exit
+    assert left is not None, "the fragment of the tutorial has to be turned away"  # noqa: S101
+    landed = flight_after(left, projectile=fragment)
+    for distance, line, words in (
+        (landed.farthest_range, "-", "farthest at any elevation"),
+        (landed.range_without_drag, "--", "without drag"),
+    ):
+        axes.add_patch(Circle((0.0, 0.0), distance, fill=False, linestyle=line))
+        text = f"{words}: {distance:,.0f} m"
+        axes.annotate(text, (0.0, distance), xytext=(0.0, 3.0), textcoords="offset points", ha="center")
+    axes.annotate("", (landed.range, 0.0), (0.0, 0.0), arrowprops={"arrowstyle": "->"})
+    axes.annotate(f"as computed: {landed.range:,.0f} m", (0.0, 0.0), xytext=(0.0, -12.0), textcoords="offset points")
+    reach = 1.1 * landed.range_without_drag
+    axes.set(
+        xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="along the face [m]", ylabel="across [m]"
+    )
+
+
 FIGURES: dict[str, tuple[Callable[[Axes], None], tuple[float, float]]] = {
     "angles": (angles, (7.0, 4.2)),
     "decay": (decay, (6.0, 3.4)),
@@ -266,6 +294,7 @@ FIGURES: dict[str, tuple[Callable[[Axes], None], tuple[float, float]]] = {
     "map": (angle_map, (6.0, 3.8)),
     "probability": (probability, (6.0, 3.2)),
     "histories": (histories, (6.0, 3.4)),
+    "danger-zone": (danger_zone, (5.0, 5.0)),
 }
 
 

@@ -16,7 +16,16 @@ from starlette.types import ASGIApp
 
 from service import telemetry
 from service.api import downloads, health, jobs, mcp, operations, page, queries, studies, umbridge
-from service.api.contract import declare_access, declare_bodies, declare_defaults, declare_events, declare_problems
+from service.api.contract import (
+    declare_access,
+    declare_answers,
+    declare_bodies,
+    declare_defaults,
+    declare_events,
+    declare_formats,
+    declare_problems,
+)
+from service.api.examples import declare_examples
 from service.api.middleware import (
     AuthMiddleware,
     CompressionMiddleware,
@@ -71,7 +80,16 @@ RESOURCES = (studies, umbridge, queries, jobs, health, page)
 CORS: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD", "POST", "PATCH", "DELETE"],
     "allow_headers": ["Authorization", "Content-Type", "Idempotency-Key", "If-None-Match", "Last-Event-ID", "Prefer"],
-    "expose_headers": ["Cache-Status", "Content-Location", "ETag", "Location", "Preference-Applied", "Retry-After"],
+    "expose_headers": [
+        "Cache-Status",
+        "Content-Location",
+        "ETag",
+        "Location",
+        "Preference-Applied",
+        "RateLimit",
+        "RateLimit-Policy",
+        "Retry-After",
+    ],
 }
 """What pages of the origins that are allowed may send and see."""
 
@@ -95,6 +113,9 @@ class Application(FastAPI):
             contract = super().openapi()
             declare_bodies(contract["components"]["schemas"], operations.bodies_of(OPERATIONS.values()))
             declare_defaults(contract["components"]["schemas"])
+            declare_examples(contract["components"]["schemas"], OPERATIONS.values())
+            declare_answers(contract)
+            declare_formats(contract)
             for methods in contract["paths"].values():
                 for operation in methods.values():
                     declare_access(operation)

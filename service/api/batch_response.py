@@ -1,7 +1,6 @@
 """Answers requests for many cases: with the results if they are few, else with a job, or as the client prefers."""
 
 import asyncio
-import math
 import re
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Iterable, Sequence
 from contextlib import aclosing, suppress
@@ -26,7 +25,8 @@ from service.operations import OPERATIONS, Many, Operation
 
 FORMS = (JSON, JSONL, CSV)
 VARY = {"Vary": "Prefer, Accept"}
-SHORTEST_RETRY, LONGEST_RETRY = 1, 60  # [s]
+LONGEST_RETRY = 60
+"""Longest time until a job is worth another look: one that ends early is noticed within a minute. [s]"""
 
 Result = TypeVar("Result")
 
@@ -337,8 +337,7 @@ async def closing(content: AsyncIterator[bytes], source: AsyncGenerator[Any, Non
 
 def retry_after(state: JobState, jobs: JobManager) -> dict[str, str]:
     """Return the header that says when a job is worth asking about again."""
-    left = max(jobs.queued_cases, state.total - state.done) / max(jobs.rate, 1.0)
-    return {"Retry-After": str(min(LONGEST_RETRY, max(SHORTEST_RETRY, math.ceil(left))))}
+    return {"Retry-After": str(min(LONGEST_RETRY, jobs.seconds_until_done(state)))}
 
 
 def root_of(request: Request) -> str:

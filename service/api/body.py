@@ -1,4 +1,4 @@
-"""Bodies of requests: `BodyRoute` reads and bounds them before FastAPI validates them as the parameter of a route.
+"""Bodies of requests: `CheckedRoute` reads and bounds them before FastAPI validates them as the parameter of a route.
 
 Every body is read here, whatever the route. Its length, its depth, the number of its fields and values, and that no
 field is there twice are checked before it is validated, as the time of validation grows with all of them and what is
@@ -7,13 +7,14 @@ wrong with a million fields takes seconds to list.
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any, Self
 
 from anyio.to_thread import run_sync
 from fastapi import HTTPException, Request, Response
+from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute
 from fastapi.security import SecurityScopes
 from pydantic_core import from_json
@@ -111,8 +112,8 @@ class BoundedRequest(Request):
         return self._content
 
 
-class BodyRoute(APIRoute):
-    """A route with a JSON body, whose limits are checked before FastAPI validates it.
+class CheckedRoute(APIRoute):
+    """A route that refuses query parameters it does not have, and bounds a JSON body before FastAPI validates it.
 
     FastAPI reads a body before it runs dependencies, and would parse those of strangers: the key is checked here too.
     """
@@ -123,17 +124,41 @@ class BodyRoute(APIRoute):
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Return the handler of requests."""
         handle = super().get_route_handler()
-        if self.body_field is None:
-            return handle
+        known = sorted(query_parameters(self.dependant))
 
-        async def handle_bounded(request: Request) -> Response:
-            await authorize(request, SecurityScopes(["run"]))
-            return await handle(await bounded(request, long=self.long))
+        async def handle_checked(request: Request) -> Response:
+            if self.body_field is not None:
+                await authorize(request, SecurityScopes(["run"]))
+            if request.scope["query_string"]:
+                refuse_unknown(request, known)
+            return await handle(request if self.body_field is None else await bounded(request, long=self.long))
 
-        return handle_bounded
+        return handle_checked
 
 
-class LongBodyRoute(BodyRoute):
+def query_parameters(dependant: Dependant) -> set[str]:
+    """Return the names of the query parameters of a route and of what it depends on."""
+    own = {parameter.alias for parameter in dependant.query_params}
+    return own.union(*map(query_parameters, dependant.dependencies))
+
+
+def refuse_unknown(request: Request, known: Sequence[str]) -> None:
+    """Refuse query parameters that a route does not have: a misspelt one would be without effect.
+
+    Raises
+    ------
+    InvalidBodyError
+        If there is one.
+    """
+    takes = f"; there is {', '.join(known)}" if known else "; there is none here"
+    unknown = [name for name in request.query_params if name not in known]
+    if unknown:
+        raise InvalidBodyError(
+            [{"pointer": json_pointer([name[:100]]), "detail": f"unknown query parameter{takes}"} for name in unknown]
+        )
+
+
+class LongBodyRoute(CheckedRoute):
     """A route whose JSON body may hold long lists."""
 
     long = True
@@ -154,7 +179,7 @@ async def bounded(request: Request, *, long: bool) -> BoundedRequest:
     limits = (BodyLimits.of_series if long else BodyLimits.of_one)(services.settings)
     text = await read_body(request, limits)
     if not text:
-        raise InvalidBodyError([{"pointer": "", "detail": "Field required"}])
+        raise InvalidBodyError([{"pointer": "", "detail": "is missing"}])
     if long:
         content = await run_sync(parse_json, text, limits, limiter=services.reading)
     else:

@@ -34,12 +34,24 @@ RESULT_LINK = {
 
 
 PREFERENCE_APPLIED = {"Preference-Applied": {"description": "RFC 7240.", "schema": {"type": "string"}}}
+RATE_LIMIT = {
+    "RateLimit-Policy": {
+        "description": "Cases an hour of the key, if they are limited: `q` in `w` seconds "
+        "(draft-ietf-httpapi-ratelimit-headers-10).",
+        "schema": {"type": "string"},
+    },
+    "RateLimit": {
+        "description": "Cases left (`r`), and seconds until more are free (`t`).",
+        "schema": {"type": "string"},
+    },
+}
 RETRY_AFTER = {
+    **RATE_LIMIT,
     "Retry-After": {
         "description": "When to send the request again. [s]",
         "schema": {"type": "integer"},
         "required": True,
-    }
+    },
 }
 RETRY_LATER: dict[str, Any] = {
     "headers": {
@@ -61,7 +73,10 @@ PROBLEMS: Responses = {
         "description": "A key is needed, or this one is not, or no longer, good.",
         "headers": {"WWW-Authenticate": {"description": "`Bearer`.", "schema": {"type": "string"}, "required": True}},
     },
-    403: {"description": "The key is not good for this, or the request comes from the page of another site."},
+    403: {
+        "description": "The key is not good for this or never allows so many cases, or the request comes from the page "
+        "of another site."
+    },
     408: {"description": "The body comes too slowly."},
     429: {"description": "Too many cases wait, or were requested with this key.", "headers": RETRY_AFTER},
     500: {"description": "The service failed."},
@@ -163,6 +178,50 @@ def declare_bodies(schemas: dict[str, Any], models: Sequence[type[BaseModel]]) -
         schemas[name] = schemas.pop(name)
 
 
+def declare_answers(contract: dict[str, Any]) -> None:
+    """Let answers have fields that a client does not know: generated clients then survive a new one."""
+    schemas = contract["components"]["schemas"]
+    sent = {
+        name
+        for operations in contract["paths"].values()
+        for operation in operations.values()
+        for name in components_in(operation.get("requestBody"), schemas)
+    }
+    for name in schemas.keys() - sent:
+        if schemas[name].get("additionalProperties") is False:
+            del schemas[name]["additionalProperties"]
+
+
+def components_in(node: Any, schemas: dict[str, Any], found: set[str] | None = None) -> set[str]:
+    """Return the names of all components that a part of the contract refers to, also by others."""
+    found = set() if found is None else found
+    if isinstance(node, dict):
+        name = str(node.get("$ref", "")).rpartition("/")[2]
+        if name in schemas and name not in found:
+            found.add(name)
+            components_in(schemas[name], schemas, found)
+    for each in node.values() if isinstance(node, dict) else node if isinstance(node, list) else ():
+        components_in(each, schemas, found)
+    return found
+
+
+FORMATS = {"number": "double", "integer": "int64"}
+"""Formats of numbers: without them some generators take 32 bits."""
+
+
+def declare_formats(node: Any) -> None:
+    """Give every number in a part of the contract its format."""
+    if isinstance(node, dict) and isinstance(kind := node.get("type"), str) and kind in FORMATS:
+        node["format"] = FORMATS[kind]
+    if isinstance(node, dict):
+        for name, each in node.items():
+            if name not in {"example", "examples"}:
+                declare_formats(each)
+    elif isinstance(node, list):
+        for each in node:
+            declare_formats(each)
+
+
 def declare_access(operation: dict[str, Any]) -> None:
     """Declare that a key is optional, as a service may be open, and how an operation is refused without one."""
     if "security" not in operation:
@@ -172,7 +231,8 @@ def declare_access(operation: dict[str, Any]) -> None:
     operation["security"] = [{}, {scheme: []}]  # A scheme other than OAuth has no scopes to list.
     refused = problems(400, 401, 403, *([408] if "requestBody" in operation else []))
     refused[403]["description"] = (
-        f"The key lacks the scope `{scope}`, or the request comes from the page of another site."
+        f"The key lacks the scope `{scope}` or never allows so many cases, or the request comes from the page of "
+        "another site."
     )
     for status, response in refused.items():
         declared = {name: value for name, value in response.items() if name != "model"}

@@ -13,7 +13,7 @@ from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from service.api.batch_response import job_json, job_response, retry_after, root_of, to_job, until
-from service.api.body import BodyRoute
+from service.api.body import CheckedRoute
 from service.api.contract import RETRY_LATER, Responses, problems
 from service.api.job_models import Job, JobChange, JobResults, Jobs
 from service.api.middleware import client_of
@@ -34,7 +34,7 @@ from service.jobs.manager import JobManager
 from service.jobs.models import JobState
 from service.settings import missing_package
 
-router = APIRouter(tags=["jobs"], route_class=BodyRoute)
+router = APIRouter(tags=["jobs"], route_class=CheckedRoute)
 
 FORMS = (JSON, JSONL, CSV, HDF5, PARQUET)
 PAGE = 200

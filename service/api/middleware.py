@@ -9,15 +9,13 @@ from contextlib import suppress
 from functools import lru_cache
 from http import HTTPStatus
 from ipaddress import ip_address
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
-from anyio.to_thread import run_sync
 from fastapi import HTTPException, Request
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipResponder, IdentityResponder
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
-from zstandard import COMPRESSOBJ_FLUSH_BLOCK, COMPRESSOBJ_FLUSH_FINISH, ZstdCompressor
 
 from service.api.negotiation import HDF5, PARQUET, coding_of
 from service.auth.api_keys import PREFIX, ApiKeyStore
@@ -28,9 +26,6 @@ from service.errors import ProblemType
 from service.problems import problem_response
 from service.settings import Settings
 from service.telemetry import path_of
-
-if TYPE_CHECKING:
-    from zstandard import ZstdCompressionObj
 
 DRAIN_BYTES = 64 * 1024 * 1024
 """Most that is read of the body of a refused request: half a second of work."""
@@ -164,7 +159,7 @@ LEAST_BYTES = 1024
 THREAD_BYTES = 8 * 1024
 """Shortest answer that is compressed in a thread: a shorter one takes less time than the change of threads."""
 LEVEL = 1
-"""Effort of both: level 6 of gzip takes four times as long and saves 3 % more."""
+"""Effort of gzip: level 6 takes four times as long and saves 3 % more."""
 EXCLUDED = (*DEFAULT_EXCLUDED_CONTENT_TYPES, HDF5, PARQUET)
 """Media types that are compressed already, and event streams."""
 
@@ -197,32 +192,14 @@ class CompressionMiddleware:
             await send(message)
 
         coding = coding_of(",".join(Headers(scope=scope).getlist("accept-encoding")))
-        responder: IdentityResponder
-        if coding == "gzip":
-            responder = GZipResponder(
+        responder = (
+            GZipResponder(
                 self._app, LEAST_BYTES, LEVEL, thread_minimum_size=THREAD_BYTES, exclude_content_types=EXCLUDED
             )
-        else:
-            kind = ZstdResponder if coding == "zstd" else IdentityResponder
-            responder = kind(self._app, LEAST_BYTES, exclude_content_types=EXCLUDED)
+            if coding == "gzip"
+            else IdentityResponder(self._app, LEAST_BYTES, exclude_content_types=EXCLUDED)
+        )
         await responder(scope, receive, send_weak)
-
-
-class ZstdResponder(IdentityResponder):
-    """Compresses an answer with zstd, as Starlette's responder does with gzip."""
-
-    content_encoding = "zstd"
-    _compressor: "ZstdCompressionObj | None" = None
-
-    async def apply_compression(self, body: bytes, *, more_body: bool) -> bytes:
-        """Return a part of the answer compressed, so that the client can read all of it at once."""
-        compressor = self._compressor = self._compressor or ZstdCompressor(LEVEL).compressobj()
-        mode = COMPRESSOBJ_FLUSH_BLOCK if more_body else COMPRESSOBJ_FLUSH_FINISH
-
-        def compress() -> bytes:
-            return compressor.compress(body) + compressor.flush(mode)
-
-        return await run_sync(compress) if len(body) >= THREAD_BYTES else compress()
 
 
 PROBES = frozenset({"/livez", "/readyz"})
@@ -308,6 +285,8 @@ class AuthMiddleware:
                 nonlocal status
                 status = message["status"]
                 message["headers"] = secured(message.get("headers", []), tls=tls)
+                if context.principal.quota is not None:
+                    MutableHeaders(scope=message).update(context.principal.quota.fields())
             await send(message)
 
         try:

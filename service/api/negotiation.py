@@ -19,7 +19,7 @@ def choose(accept: str, offered: tuple[str, ...]) -> str | None:
 
 
 @remembered
-def coding_of(accept_encoding: str, offered: tuple[str, ...] = ("zstd", "gzip")) -> str:
+def coding_of(accept_encoding: str, offered: tuple[str, ...] = ("gzip",)) -> str:
     """Return the coding that the client likes best, the first of several; identity if it takes none of those offered.
 
     What is not listed is not taken, but identity, which is then liked least (RFC 9110, section 12.5.3).

@@ -7,12 +7,28 @@ from fastapi import APIRouter, Response
 from pydantic import BaseModel
 
 from service.api.batch_response import batch_route, sweep_route
-from service.api.body import BodyRoute, LongBodyRoute
+from service.api.body import CheckedRoute, LongBodyRoute
 from service.api.contract import COMPUTED, MANY, STUDIED, many_bodies, one_body
 from service.api.queries import single_route
 from service.api.studies import study_route
 from service.auth.dependencies import RUN
 from service.operations import Many, Operation
+
+PREFERENCES = (
+    "`Prefer: respond-async` makes a job in any case. `Prefer: wait=10` waits so many seconds for a job, 30 at most "
+    "unless the service is set otherwise, and is answered with 200 if it has ended well by then, else with 202."
+)
+ANSWERED = (
+    "\n\nUp to 100 cases are answered at once with 200; more make a job, which is answered with 202 and has its "
+    "results at `/jobs/{job_id}/results`. A search for perforation counts as 20 cases, and a service may be set to "
+    f"another number than 100. {PREFERENCES}"
+)
+"""How requests for many cases are answered."""
+STUDY_ANSWERED = (
+    "\n\nIt is answered with 200 once it has its samples. With more than 16,384 samples at most, or as many as the "
+    f"service is set to, it makes a job and is answered with 202, unless the answer is there. {PREFERENCES}"
+)
+"""How studies are answered."""
 
 
 def add_routes(router: APIRouter, operations: Mapping[str, Operation]) -> None:
@@ -48,9 +64,9 @@ def add(router: APIRouter, operation: Operation, handle: Callable[..., Awaitable
         handle,
         methods=["POST"],
         name=operation.route,
-        description=operation.description,
+        description=operation.description + (STUDY_ANSWERED if operation.study is not None else ""),
         response_model=operation.answer,
-        route_class_override=LongBodyRoute if operation.long else BodyRoute,
+        route_class_override=LongBodyRoute if operation.long else CheckedRoute,
         tags=[operation.tag],
         dependencies=[RUN],
         **options,
@@ -76,6 +92,7 @@ def add_many(
         description=f"{names[1]}{description}",
         response_model=models.results,
         responses=MANY,
+        route_class_override=CheckedRoute,
         openapi_extra=many_bodies(models.batch, models.case) if kind == "batch" else one_body(models.sweep),
         tags=[operation.tag],
         dependencies=[RUN],
@@ -90,6 +107,7 @@ def batch_description(many: Many) -> str:
         "A case that is no request refuses the whole batch, and the problem names it: `/cases/17/...` in JSON, counted "
         "from 0; the line in JSONL, counted from 1 in words and from 0 in the pointer. What only the solver finds "
         "of a line is the problem of that case alone."
+        f"{ANSWERED}"
     )
 
 
@@ -97,5 +115,6 @@ SWEEP_DESCRIPTION = (
     " for every combination of the values of the axes, the last axis fastest."
     "\n\nUp to 100,000 points. Each has to be a request: the first that is not refuses the sweep, and the problem "
     "names the values of its axes. What only the solver finds of a point is the problem of that point alone."
+    f"{ANSWERED}"
 )
 """What all sweeps are, behind the first words."""

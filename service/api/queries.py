@@ -14,6 +14,7 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Header, HTTPException, Request, Response
 from fastapi import Path as PathParameter
 
+from service.api.body import CheckedRoute
 from service.api.contract import Responses, problems
 from service.api.job_models import Result
 from service.api.negotiation import CSV, HDF5, JSON, choose, matches
@@ -30,7 +31,7 @@ from service.queries import Answered, CacheStatus, check_work
 from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
 from service.telemetry import BEGUN
 
-router = APIRouter(tags=["results"], dependencies=[READ])
+router = APIRouter(tags=["results"], dependencies=[READ], route_class=CheckedRoute)
 
 
 def to_csv(record: Record) -> bytes:

@@ -17,7 +17,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 
 from service.api.batch_response import IdempotencyKey, JobResponse, WantedPreference
-from service.api.body import BodyRoute
+from service.api.body import CheckedRoute
 from service.api.contract import problems
 from service.api.negotiation import JSON
 from service.api.page import REPORT_POLICY
@@ -40,7 +40,7 @@ from service.queries import check_work
 from service.schemas import ReportRequest, VerdictAnswer, verdict_answer
 from service.telemetry import BEGUN, path_of
 
-router = APIRouter(dependencies=[RUN], route_class=BodyRoute)
+router = APIRouter(dependencies=[RUN], route_class=CheckedRoute)
 
 
 def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:

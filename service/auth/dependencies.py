@@ -117,7 +117,7 @@ class RequestContext:
             If the key has fewer left.
         """
         if self.principal.quota is not None:
-            self.principal.quota.take(count)
+            self.principal.quota.take(count, self.cases)
         self.cases += count
 
     def charge(self, count: int) -> Charge | None:
@@ -131,7 +131,7 @@ class RequestContext:
         charge: Charge | None = None
         principal = self.principal
         if principal.quota is not None and principal.key is not None:
-            charge = Charge(principal.key.id, count, principal.quota.take(count))
+            charge = Charge(principal.key.id, count, principal.quota.take(count, self.cases))
         self.cases += count
         return charge
 

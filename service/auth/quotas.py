@@ -12,7 +12,7 @@ from anyio import to_thread
 
 from service.auth.api_keys import connected
 from service.clock import SYSTEM, Clock
-from service.errors import QuotaError
+from service.errors import QuotaError, QuotaTooSmallError
 
 WINDOW = 3600
 """Time that counts. [s]"""
@@ -56,18 +56,27 @@ class Quota:
         self.entries = deque((began, count) for began, count in entries or () if began <= now)
         self._count = sum(count for _, count in self.entries)
 
-    def take(self, count: int) -> int:
+    def take(self, count: int, before: int = 0) -> int:
         """Count cases; return the begin of the entry that has them.
+
+        Parameters
+        ----------
+        before
+            Cases of the same request that have been counted.
 
         Raises
         ------
         QuotaError
             If they are more than are left; none is counted then.
+        QuotaTooSmallError
+            If the quota could never hold the request.
         """
         now = self._time()
         self._forget(now)
+        if self.most is not None and before + count > self.most:
+            raise QuotaTooSmallError(self.most, before + count)
         if self.most is not None and self._count + count > self.most:
-            raise QuotaError(self.most, count, self._seconds_until(count, now))
+            raise QuotaError(self.most, count, max(0, self.most - self._count), self._seconds_until(count, now))
         began = int(now) // STEP * STEP
         if self.entries and self.entries[-1][0] >= began:
             began, before = self.entries.pop()
@@ -104,6 +113,20 @@ class Quota:
                 return max(1, math.ceil(began + STEP + WINDOW - now))
         last = self.entries[-1][0] + STEP + WINDOW - now if self.entries else WINDOW
         return max(1, math.ceil(last))
+
+    def fields(self) -> dict[str, str]:
+        """Return the header fields that tell a client its quota (draft-ietf-httpapi-ratelimit-headers-10).
+
+        The policy is named after what it counts: cases, not requests. Empty if there is no limit.
+        """
+        if self.most is None:
+            return {}
+        now = self._time()
+        self._forget(now)
+        begins = self.entries[0][0] if self.entries else now - STEP
+        seconds = math.ceil(begins + STEP + WINDOW - now)
+        left = max(0, self.most - self._count)
+        return {"RateLimit-Policy": f'"cases";q={self.most};w={WINDOW}', "RateLimit": f'"cases";r={left};t={seconds}'}
 
     def _forget(self, now: float) -> None:
         while self.entries and self.entries[0][0] + STEP + WINDOW <= now:

@@ -118,7 +118,10 @@ def _estimates(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
     for name in ("maximum_depth_m", "exit_speed_m_s", "exit_angle_deg", "residual_speed_m_s"):
         rows += [{"quantity": name, **each} for each in answer.get(name, ())]
     for part in ("ricochet_exit", "perforation_exit"):
-        for name, quantiles in answer.get(part, {}).items():
+        quantities = dict(answer.get(part, {}))
+        flight = quantities.pop("flight", {})
+        quantities |= {f"flight_{name}": quantiles for name, quantiles in flight.items()}
+        for name, quantiles in quantities.items():
             rows += [{"quantity": f"{part}_{name}", **each} for each in quantiles]
     return {name: [row[name] for row in rows] for name in ("quantity", "level", "value", "lower", "upper")}
 

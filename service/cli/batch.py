@@ -168,12 +168,12 @@ def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
     CommandError
         If the file is no table or, unless bad rows are skipped, a row is no case.
     """
-    base = without_sought(read_body(args.case, args, ()), args.operation).content
     from service.cli.case_table import CUSTOM_ID, UnknownColumnsError, read_cases
     from service.cli.local import wrong_cases
 
+    base = without_sought(read_body(args.case, args, ()), args.operation)
     try:
-        table = read_cases(Path(args.file), args.operation, base, args.keep)
+        table = read_cases(Path(args.file), args.operation, base.content, args.keep)
     except UnknownColumnsError as error:
         raise CommandError(f"{error}\nfields of a case: {', '.join(error.fields)}") from None
     numbers = [number for number, row in enumerate(table.rows) if not row.error]
@@ -181,7 +181,7 @@ def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
     errors = {number: [{"pointer": "", "detail": row.error}] for number, row in enumerate(table.rows) if row.error}
     errors |= {numbers[place]: found for place, found in wrong.items()}
     if errors and not args.skip_bad:
-        raise bad_rows(_described(table, errors), some_good=len(errors) < len(table.rows))
+        raise bad_rows(_described(table, errors, base), some_good=len(errors) < len(table.rows))
     names = {number: str(table.rows[number].case.get(CUSTOM_ID, "")) for number in errors}
     sent = [number for number in range(len(table.rows)) if number not in errors]
     headers = [column.header for column in table.columns]
@@ -189,16 +189,22 @@ def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
     return [json.dumps(table.rows[number].case).encode() for number in sent], inputs
 
 
-def _described(table: "CaseTable", errors: Mapping[int, Sequence[Mapping[str, str]]]) -> Iterator[str]:
-    """Yield what is wrong with the rows of a table; what every row lacks once."""
+def _described(
+    table: "CaseTable", errors: Mapping[int, Sequence[Mapping[str, str]]], base: RequestBody
+) -> Iterator[str]:
+    """Yield what is wrong with the rows of a table and with the file beside it; what every row lacks once."""
     lacking = [{each["pointer"] for each in found if each["detail"] == MISSING} for found in errors.values()]
     everywhere = set.intersection(*lacking) if len(errors) == len(table.rows) else set()
     for pointer in sorted(everywhere):
         yield f"{table.path}: {pointer}: is missing in every row; add a column of it, or a file with it by --case"
     for number in sorted(errors):
         for each in errors[number]:
-            if each["pointer"] not in everywhere:
-                yield table.described(table.rows[number], each["pointer"], each["detail"])
+            pointer, detail = each["pointer"], each["detail"]
+            if pointer not in everywhere:
+                row = table.rows[number]
+                in_file = base.describe(pointer, detail) if pointer and base.value_at(pointer) is not None else ""
+                place = f"{table.path}:{row.line}: {pointer}".removesuffix(": ")
+                yield table.described(row, pointer, detail) or in_file or f"{place}: {detail}"
 
 
 def _cases_of_lines(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
@@ -227,7 +233,7 @@ def _left_out(
 
 def bad_rows(errors: Iterable[str], *, some_good: bool) -> CommandError:
     """Return an error that lists what is wrong, up to `MAX_LISTED`, and says what to do if some rows are good."""
-    found = list(errors)
+    found = list(dict.fromkeys(errors))  # Every row has what is wrong with the file beside the table.
     lines = found[:MAX_LISTED]
     if len(found) > MAX_LISTED:
         lines.append(f"and {len(found) - MAX_LISTED:,} more")
@@ -302,7 +308,7 @@ def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: S
     from service.cli.client import JSON, dumps
 
     body = dumps(content)
-    return run_batch(args, BatchRequest(f"/{args.operation}/sweep", lambda: body, JSON, writers, base=content["base"]))
+    return run_batch(args, BatchRequest(f"/{args.operation}/sweep", lambda: body, JSON, writers))
 
 
 def read_axis(text: str) -> SweepAxis:

@@ -106,12 +106,11 @@ class CaseTable:
     rows: Sequence[Row]
 
     def described(self, row: Row, pointer: str, detail: str) -> str:
-        """Return what is wrong with a field of a row, beginning with its cell."""
-        place = f"{self.path}:{row.line}"
+        """Return what is wrong with a field of a row, beginning with its cell; empty if no cell gives it."""
         for column, cell in zip(self.columns, row.cells, strict=True):
             if column.steps and column.pointer == pointer and cell:
-                return f"{place}: {column.header}: {detail}{decimal_hint(cell)}"
-        return f"{place}: {pointer or '/'}: {detail}"
+                return f"{self.path}:{row.line}: {column.header}: {detail}{decimal_hint(cell)}"
+        return ""
 
 
 class UnknownColumnsError(CommandError):

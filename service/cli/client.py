@@ -32,7 +32,7 @@ PROXIES = ("ALL_PROXY", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY")
 CERTIFICATES = ("SSL_CERT_FILE", "SSL_CERT_DIR")
 """Variables that httpx reads."""
 PAGE_SIZE = 1000
-JSON, CSV, PARQUET = "application/json", "text/csv", "application/vnd.apache.parquet"
+JSON, PARQUET = "application/json", "application/vnd.apache.parquet"
 
 Content: TypeAlias = Callable[[], "bytes | Iterable[bytes]"]
 """Returns a request body; called again when the request is repeated."""
@@ -167,11 +167,6 @@ class Client:
     def page(self, job_id: str, cursor: str) -> dict[str, Any]:
         """Return a page of the finished results of a job; it has `next` if more can follow."""
         return parse(self._send("GET", f"{path_of(job_id)}/results?limit={PAGE_SIZE}&cursor={cursor}"))
-
-    def table(self, job_id: str, cursor: str, limit: int) -> str:
-        """Return the summaries of at most `limit` results of a job, as CSV with line feeds at the ends of lines."""
-        path = f"{path_of(job_id)}/results?limit={limit}&cursor={cursor}"
-        return self._send("GET", path, headers={"Accept": CSV}).text.replace("\r\n", "\n")
 
     def parquet(self, job_id: str, limit: int | None = None) -> bytes:
         """Return the summaries of the finished results of a job, or of the first of them, as a Parquet file."""

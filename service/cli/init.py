@@ -114,7 +114,7 @@ def add_completion(parser: argparse.ArgumentParser) -> None:
 
 def run_completion(args: argparse.Namespace) -> int:
     """Print the script of argcomplete, which asks this command at each completion."""
-    import argcomplete
+    from argcomplete.shell_integration import shellcode
 
-    print(argcomplete.shellcode(["ricochet"], shell=args.shell))
+    print(shellcode(["ricochet"], shell=args.shell))
     return 0

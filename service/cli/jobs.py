@@ -1,18 +1,15 @@
 """`ricochet jobs`, and how batches and sweeps run as jobs: submitted, followed, and written as results become ready."""
 
 import argparse
-import csv
-import io
 import json
 import os
-import re
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 from uuid import uuid4
 
 from service.cli.arguments import (
@@ -43,9 +40,6 @@ if TYPE_CHECKING:
 DEFAULT_URL = "http://127.0.0.1:8000"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.05, 0.5
 """Bounds of the pause between two requests for the results of a job. [s]"""
-GIVEN = frozenset({"index", "custom_id", "key"})
-"""Columns of the table of a service that are not computed."""
-COMPUTED = re.compile(r"-?\d+\.\d+(e[+-]?\d+)?")
 ACTIONS = (
     ("list", "list the jobs, the newest first", "ricochet jobs list"),
     ("show", "print the state of a job", "ricochet jobs show ID --json"),
@@ -130,8 +124,6 @@ class BatchRequest:
         Further writers of the results, such as a plot.
     inputs
         Rows that the cases come from, if some are not sent or a table carries them to the output.
-    base
-        Base of a sweep.
     """
 
     path: str
@@ -139,7 +131,6 @@ class BatchRequest:
     media_type: str
     writers: Sequence[Writer] = ()
     inputs: Inputs | None = None
-    base: Mapping[str, Any] | None = None
 
 
 def run_batch(args: argparse.Namespace, request: BatchRequest) -> int:
@@ -222,13 +213,6 @@ def service_for(args: argparse.Namespace) -> AbstractContextManager["Client"]:
     return local_server(data_dir)
 
 
-class Page(NamedTuple):
-    """Consecutive results of a job, and the cursor of the first."""
-
-    cursor: str
-    items: Sequence[Item]
-
-
 def follow(
     client: "Client",
     job: dict[str, Any],
@@ -241,8 +225,7 @@ def follow(
     Parameters
     ----------
     stream
-        Receives the results, in the format of the flags. Parquet is a table of the service, and so is CSV unless it
-        carries rows of the input.
+        Receives the results, in the format of the flags. Parquet is a table of the service.
     request
         The request, if this command has made it.
 
@@ -252,10 +235,11 @@ def follow(
         If the job fails or is cancelled.
     """
     counts = Counts()
-    inputs, base = (request.inputs, request.base) if request else (None, None)
-    as_sent, served = args.csv and inputs is None, ServedTable(stream, args.digits)
+    inputs = request.inputs if request else None
     writers: list[Writer] = [*(request.writers if request else ()), counts]
-    if not (as_sent or args.parquet):
+    if not args.parquet:
+        asked = client.job(job["id"]).get("request", {})  # The answer to a submission does not repeat it.
+        base = asked["base"] if "axes" in asked else None
         writers.insert(0, writer_for(args, stream, job["operation"], base, inputs))
     if args.parquet:
         client.parquet(job["id"], limit=1)  # A service without Parquet refuses before the work.
@@ -263,10 +247,7 @@ def follow(
         try:
             with progress("computing") as report:
                 for page in pages(client, job["id"], report):
-                    if as_sent:
-                        table = client.table(job["id"], page.cursor, len(page.items))
-                        served.write(table)
-                    items = list(inputs.placed(page.items)) if inputs else page.items
+                    items = list(inputs.placed(page)) if inputs else page
                     for writer in writers:
                         writer.write(items)
         except KeyboardInterrupt:
@@ -287,13 +268,13 @@ def follow(
     return counts.status
 
 
-def pages(client: "Client", job_id: str, report: ProgressReport) -> Iterator[Page]:
+def pages(client: "Client", job_id: str, report: ProgressReport) -> Iterator[Sequence[Item]]:
     """Yield the results of a job in order as they become ready, until it ends."""
     cursor, pause = "", SHORTEST_PAUSE
     while True:
         page = client.page(job_id, cursor)
         if page["results"]:
-            yield Page(cursor, page["results"])
+            yield page["results"]
         if "next" not in page:
             return
         counts = client.job(job_id)["counts"]
@@ -302,50 +283,6 @@ def pages(client: "Client", job_id: str, report: ProgressReport) -> Iterator[Pag
             time.sleep(pause)
             pause = min(2.0 * pause, LONGEST_PAUSE)
         cursor = page["next"]
-
-
-def without_header(table: str) -> str:
-    """Return the rows of a CSV table without the comment lines and column names above them."""
-    lines = table.splitlines(keepends=True)
-    names = next(i for i, line in enumerate(lines) if not line.startswith("#"))
-    return "".join(lines[names + 1 :])
-
-
-class ServedTable:
-    """CSV of the service, written page by page with fewer digits.
-
-    Parameters
-    ----------
-    digits
-        Significant digits of the numbers that are computed; None keeps all.
-    """
-
-    def __init__(self, stream: TextIO, digits: int | None) -> None:
-        self._stream = stream
-        self._digits = digits
-        self._names: list[str] = []
-
-    def write(self, table: str) -> None:
-        """Write the rows of a page, the first time with the header above."""
-        rows = without_header(table)
-        if not self._names:
-            header = table.removesuffix(rows)
-            self._stream.write(header)
-            self._names = next(csv.reader(header.splitlines()[-1:]))
-        if self._digits is None:
-            self._stream.write(rows)
-        else:
-            csv.writer(self._stream, lineterminator="\n").writerows(
-                [self._rounded(*named) for named in zip(self._names, row, strict=True)]
-                for row in csv.reader(io.StringIO(rows))
-            )
-        self._stream.flush()
-
-    def _rounded(self, name: str, text: str) -> str:
-        """Return a cell; names and values of the input, whose columns have a dot in their names, stay as they are."""
-        if name in GIVEN or "." in name or not COMPUTED.fullmatch(text):
-            return text
-        return repr(float(f"{float(text):.{self._digits}g}"))
 
 
 def how_to_continue(job: dict[str, Any], args: argparse.Namespace) -> str:

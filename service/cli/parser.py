@@ -43,11 +43,12 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, *args: Any, **options: Any) -> None:
         layout = partial(argparse.RawDescriptionHelpFormatter, max_help_position=28)
         super().__init__(*args, **{"formatter_class": layout, **options, "allow_abbrev": False})
-        self.subcommands: Mapping[str, argparse.ArgumentParser] = {}
+        self.subcommands: Mapping[str, Parser] = {}
+        """Parsers of the actions of this command, by name."""
 
     def add_subparsers(self, **options: Any) -> Any:
-        """Add subcommands, and keep their parsers by name: argparse lists them in no public place."""
-        added = super().add_subparsers(**options)
+        """Add the actions of this command."""
+        added: Any = super().add_subparsers(**options)
         self.subcommands = added.choices
         return added
 

@@ -145,16 +145,16 @@ def answer_one(operation: str, args: argparse.Namespace) -> tuple[RequestBody, b
         from service.cli.plots import check_plot
 
         check_plot()
-    return body, answer_of(operation, without_angle(body) if operation == "cra" else body, args.url)
+    return body, answer_of(operation, of_search(body) if operation == "cra" else body, args.url)
 
 
-def without_angle(body: RequestBody) -> RequestBody:
-    """Return the body of a search, which has no oblique angle: the one given is for the verdict."""
-    impact = body.content.get("impact")
-    if not isinstance(impact, dict):
-        return body
-    rest = {name: value for name, value in impact.items() if name != "oblique_angle_deg"}
-    return replace(body, content=body.content | {"impact": rest})
+def of_search(body: RequestBody) -> RequestBody:
+    """Return the body of a search, which has no oblique angle and no flight: those given are for the verdict."""
+    content = {name: value for name, value in body.content.items() if name != "flight"}
+    impact = content.get("impact")
+    if isinstance(impact, dict):
+        content["impact"] = {name: value for name, value in impact.items() if name != "oblique_angle_deg"}
+    return replace(body, content=content)
 
 
 def answer_of(operation: str, body: RequestBody, url: str | None) -> bytes:

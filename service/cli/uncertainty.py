@@ -23,7 +23,7 @@ from service.cli.arguments import (
 from service.cli.outputs import OutputFile, add_formats, add_plot
 from service.cli.plots import check_plot, figure_file
 from service.cli.request_body import RequestBody, read_body
-from service.cli.single import print_json, without_angle
+from service.cli.single import of_search, print_json
 from service.cli.writers import cell, heading, print_csv, print_table, print_values, print_warnings, progress
 from service.names import QUANTITIES, named
 
@@ -88,9 +88,9 @@ def run_uncertainty(args: argparse.Namespace) -> int:
     for text in args.uncertain:
         inputs = body.content.setdefault("uncertain", [])
         inputs.append(uncertain_input(text))
-        place = f"/uncertain/{len(inputs) - 1}"
-        parts = ("field", "distribution", *(f"distribution/{name}" for name in inputs[-1]["distribution"]))
-        given |= dict.fromkeys([place, *(f"{place}/{part}" for part in parts)], f"--uncertain {text}")
+        place, flag = f"/uncertain/{len(inputs) - 1}", f"--uncertain {text}"
+        given |= dict.fromkeys((place, f"{place}/field", f"{place}/distribution"), flag)
+        given |= {f"{place}/distribution/{name}": f"{flag}: {name}" for name in inputs[-1]["distribution"]}
     body = replace(body, given=given)
     strike = "oblique_angle_deg" in body.content.get("impact", {})
     if args.plot:
@@ -129,7 +129,7 @@ def with_usual_scatter(body: RequestBody) -> None:
 
     if "uncertain" not in body.content:
         try:
-            body.content["uncertain"] = usual_scatter(without_angle(body).content)
+            body.content["uncertain"] = usual_scatter(of_search(body).content)
         except RefusedError as error:
             raise body.explain(error) from None
         names = ", ".join(named(QUANTITIES, each["field"]) for each in body.content["uncertain"])

@@ -42,6 +42,12 @@ EXIT = {
     "lateral_m": 0.5723,
 }
 PROTRUSION = {"final_m": 0.0402, "greatest_m": 0.0402}
+BENDING = {
+    "peak_stress_pa": 1.829e9,
+    "time_s": 0.001615,
+    "distance_behind_tip_m": 0.2954,
+    "normal_force_n": -437000.0,
+}
 WARNING = {
     "code": "mass_properties_assumed",
     "detail": "moment of inertia not given: that of a homogeneous solid of the outer shape is used",
@@ -65,6 +71,7 @@ RUN = {
     "maximum_depth_m": 0.128313,
     "strength_factor": 6.507,
     **STRENGTH,
+    "bending": BENDING,
     "warnings": [WARNING],
 }
 FOUND = {
@@ -221,13 +228,42 @@ class Protrusion(Part):
     greatest_m: Num
 
 
+class BendingHistory(Part):
+    """Largest bending stress in the body over time, at the instants at which it was computed."""
+
+    model_config = with_examples({"time_s": [0.0, 0.001615], "stress_pa": [0.0, 1.829e9]})
+
+    solved = solver.BendingHistory
+
+    time_s: list[Num]
+    stress_pa: list[Num]
+
+
+class Bending(Part):
+    """Largest bending stress over a run, until the projectile first comes free or has lost 95 % of its energy.
+
+    By D'Alembert: the loads of the model against the inertia of the body, a solid of its outer shape, or a tube.
+    """
+
+    model_config = with_examples(BENDING)
+
+    solved = solver.Bending
+
+    peak_stress_pa: Num
+    time_s: Num
+    distance_behind_tip_m: Num
+    normal_force_n: Num
+    history: BendingHistory | MISSING = MISSING
+    """If a history is requested."""
+
+
 class Trajectory(Part):
     """One run: how it ended, and how it went."""
 
     model_config = with_examples(RUN)
 
     solved = solver.Trajectory
-    tabled = ("outcome", "maximum_depth_m", "protrusion", "strength_factor", "final", "exit")
+    tabled = ("outcome", "maximum_depth_m", "protrusion", "strength_factor", "final", "exit", "bending")
 
     outcome: Outcome
     final: Annotated[MotionState, columns_of(MotionState, "final_", "; at the event that ended the run")]
@@ -236,6 +272,8 @@ class Trajectory(Part):
     maximum_depth_m: Num | MISSING = MISSING
     protrusion: Annotated[Protrusion | MISSING, columns_of(Protrusion, "protrusion_")] = MISSING
     """In a wall, if anything of the projectile ever comes out of the rear face, and it does not perforate."""
+    bending: Annotated[Bending | MISSING, columns_of(Bending, "bending_")] = MISSING
+    """Unless a given centre of gravity or moment of inertia is not that of the homogeneous solid of the shape."""
     strength_factor: Num
     strength_factor_dispersion: StrengthDispersion
     own_tests: OwnTestsAnswer | MISSING = MISSING

@@ -9,11 +9,17 @@ from pydantic import BaseModel
 
 from service import schemas
 from service.columns import unit_end, unit_of
+from service.schemas.batches import MOST_CASES, MOST_LINES
 from service.schemas.similar_names import field_names, meant_as
 from service.schemas.sweeps import schema_of
 from service.schemas.wording import UNKNOWN, worded
 from solver.checks import BOUNDS, ParameterError, require_bounds
 
+SEARCHED = {
+    "impact.oblique_angle_deg": "; the angle is what is searched for here: `/trajectory` takes a strike at one angle",
+    "impact.velocity_m_s": "; the speed is what is searched for here: `/thickness` and `/trajectory` take one speed",
+}
+"""Ends of the errors for fields that a search varies, which its request does not have."""
 OUT_OF_BOUNDS = {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}
 """Types of the errors of numbers outside their bounds."""
 LONGEST_MISSPELT = 200
@@ -30,6 +36,8 @@ def explained(pointer: str, error: Mapping[str, Any], *, suggest: bool = True) -
     """
     if error["type"] == UNKNOWN:
         return worded(error) + (suggestion(pointer) if suggest and len(pointer) <= LONGEST_MISSPELT else "")
+    if error["type"] == "too_long" and pointer == "/cases":
+        return f"may have {MOST_CASES:,} cases at most; send JSON lines (`application/jsonl`), up to {MOST_LINES:,}"
     if error["type"] not in OUT_OF_BOUNDS:
         return worded(error)
     field = pointer.strip("/").replace("/", ".").removesuffix(unit_end(pointer))
@@ -46,7 +54,7 @@ def suggestion(pointer: str) -> str:
     field = ".".join(step for step in pointer.split("/") if step and not step.isdigit())
     known = known_fields()
     if field in known:  # The field belongs to another request.
-        return ""
+        return SEARCHED.get(field, "")
     if meant := meant_as(field, known):
         return f"; did you mean `{meant}`?"
     holder, _, _ = field.rpartition(".")

@@ -7,7 +7,7 @@ from pydantic import MISSING, Field
 
 import solver
 from service.schemas.fields import NOT_TABLED, walk
-from service.schemas.quantities import Num, Part, solver_arguments, with_examples, within
+from service.schemas.quantities import Num, Part, SolverPart, solver_arguments, with_examples, within
 from solver.flight import TUMBLING_DRAG
 
 LAUNCH = {"speed_m_s": 101.1, "elevation_deg": 19.18, "mass_kg": 13.0, "projected_area_m2": 0.032076}
@@ -44,7 +44,7 @@ class IncidencePlane(StrEnum):
     DOWN = "down"
 
 
-class FlightInput(Part):
+class FlightInput(SolverPart[solver.FlightConditions]):
     """How the struck face stands, for the flight of a body that leaves it."""
 
     model_config = with_examples(FACE)
@@ -112,19 +112,6 @@ def flight_of(
     """Return the flight of a body that has left the target; None if it is not wanted or the body has not left."""
     if wanted is MISSING or found.exit is None:
         return None
-    given = solver_arguments(wanted)
-    elevation = solver.launch_elevation(
-        direction=found.exit.direction,
-        face_tilt=given["face_tilt"],
-        incidence_plane=given["incidence_plane"],
-        rear=found.outcome is solver.Outcome.PERFORATED,
-    )
-    landed = solver.flight(
-        speed=found.exit.speed,
-        elevation=elevation,
-        mass=projectile.mass,
-        projected_area=solver.mean_projected_area(projectile),
-        drag_coefficient=given["drag_coefficient"],
-        height=given["height"],
-    )
+    rear = found.outcome is solver.Outcome.PERFORATED
+    landed = solver.flight_after(found.exit, projectile=projectile, conditions=wanted.to_solver(), rear=rear)
     return walk(FlightResult, landed)

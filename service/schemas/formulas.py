@@ -11,7 +11,7 @@ from service.schemas.problems import pointer_of_parameter
 from service.schemas.quantities import Num, Of, Part, solver_arguments, with_examples
 from service.schemas.strike import PAPER, STRIKE, Impact, Projectile, Target
 from solver.formulas import PERFORATION_MARGIN, SCABBING_MARGIN, Limit, formulas, nose_class, spread
-from solver.warnings import NORMAL_COMPONENT_ONLY, body_warnings
+from solver.warnings import NORMAL_COMPONENT_ONLY, body_warnings, reinforcement_warnings
 
 REQUEST = {name: PAPER[name] for name in ("projectile", "target")} | {"impact": STRIKE}
 NOT_FITTED = {
@@ -146,7 +146,7 @@ class FormulasAnswer(Part):
     perforation_margin: Annotated[Num, Of(lambda _: PERFORATION_MARGIN), NOT_TABLED]
     """Factor on a perforation thickness that DOE-STD-3014-2006 requires in a design. [1]"""
     warnings: Annotated[list[ModelWarning], GIVEN]
-    """`normal_component_only` for an oblique strike, and `mean_density_unusual`."""
+    """`normal_component_only` for an oblique strike, `mean_density_unusual` and `reinforcement_not_counted`."""
     key: Key
     engine_version: EngineVersion
 
@@ -161,5 +161,6 @@ def formulas_answer(request: FormulasRequest) -> dict[str, Any]:
     """
     arguments = request.arguments()
     projectile, oblique = arguments["projectile"], arguments["impact"].oblique_angle != 0.0
-    warnings = ((NORMAL_COMPONENT_ONLY,) if oblique else ()) + body_warnings(projectile)
-    return walk(FormulasAnswer, formulas(**arguments), nose_class=nose_class(projectile), warnings=warnings)
+    found = [NORMAL_COMPONENT_ONLY] if oblique else []
+    found += (*body_warnings(projectile), *reinforcement_warnings(arguments["target"]))
+    return walk(FormulasAnswer, formulas(**arguments), nose_class=nose_class(projectile), warnings=found)

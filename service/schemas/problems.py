@@ -95,7 +95,7 @@ class Problem(Part):
     model_config = with_examples(INVALID)
 
     type: str
-    """Stable, for programs; `about:blank` where the status says it all."""
+    """Stable, for programs; the manual lists all of them."""
     title: str
     """Title of the type."""
     status: Annotated[int, Field(ge=400, le=599)]

@@ -323,6 +323,9 @@ class ReportRequest(CriticalAngleRequest):
     model_config = with_examples(PAPER, PAPER_AT_45)
 
     impact: ReportedStrike
+    flight: FlightInput | MISSING = MISSING
+    """How the face stands, for where a body lands that is turned away at the angle to judge; level with the ground
+    unless given."""
 
     @property
     def oblique_angle(self) -> float | None:

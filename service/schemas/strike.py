@@ -110,7 +110,12 @@ Nose = TypeAliasType(
 class Projectile(SolverPart[solver.Projectile]):
     """A rigid body of revolution: a nose and a cylindrical shank with a flat base, or a body that tapers behind."""
 
-    model_config = with_examples(PROJECTILE, PROJECTILE | {"nose": PROFILE}, PROJECTILE | {"boat_tail": BOAT_TAIL})
+    model_config = with_examples(
+        PROJECTILE,
+        PROJECTILE | {"nose": PROFILE},
+        PROJECTILE | {"boat_tail": BOAT_TAIL},
+        PROJECTILE | {"inner_diameter_m": 0.05, "yield_strength_pa": 1.4e9},
+    )
 
     nose: Nose
     diameter_m: Annotated[Num, Field(**within("projectile.diameter"))]
@@ -119,6 +124,8 @@ class Projectile(SolverPart[solver.Projectile]):
     center_of_gravity_m: Annotated[Num, Field(**within("projectile.center_of_gravity"))] | MISSING = MISSING
     moment_of_inertia_kg_m2: Annotated[Num, Field(**within("projectile.moment_of_inertia"))] | MISSING = MISSING
     boat_tail: BoatTail | MISSING = MISSING
+    inner_diameter_m: Annotated[Num, Field(**within("projectile.inner_diameter"))] | MISSING = MISSING
+    yield_strength_pa: Annotated[Num, Field(**within("projectile.yield_strength"))] | MISSING = MISSING
 
 
 TARGET = {"compressive_strength_pa": PAPER_TARGET.compressive_strength, "density_kg_m3": PAPER_TARGET.density}
@@ -136,6 +143,9 @@ class Target(SolverPart[solver.Target]):
     poissons_ratio: Annotated[Num, Field(**within("target.poissons_ratio"))] = PAPER_TARGET.poissons_ratio
     thickness_m: Annotated[Num, Field(**within("target.thickness"))] | MISSING = MISSING
     characteristic_strength_pa: Annotated[Num, Field(**within("target.characteristic_strength"))] | MISSING = MISSING
+    reinforcement_ratio_percent: Annotated[Num, Field(**within("target.reinforcement_ratio_percent"))] | MISSING = (
+        MISSING
+    )
 
 
 AngleOfAttack = Annotated[Num, Field(ge=-90.0, le=90.0)]

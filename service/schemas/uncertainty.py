@@ -7,10 +7,11 @@ from functools import partial
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import MISSING, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from service.schemas.fields import in_solver_units
+from service.schemas.flight import FlightInput
 from service.schemas.numerics import Search
 from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, SolverPart, with_examples
 from service.schemas.requests import Case, CriticalAngleBase, TrajectoryFields
@@ -26,6 +27,7 @@ from solver.uncertainty import (
     TrajectoryStudy,
 )
 from solver.uncertainty.next_shot import next_shots
+from solver.uncertainty.results import FLIGHT_QUANTITIES
 from solver.uncertainty.sampling import FEWEST_SAMPLES
 from solver.warnings import body_warnings
 
@@ -142,11 +144,13 @@ class TrajectoryUncertaintyRequest(UncertainCase):
     model_config = with_examples({**PAPER_AT_45, "uncertain": SCATTER})
 
     impact: Impact
+    flight: FlightInput | MISSING = MISSING
+    """How the face stands: then the distances that the bodies fly have quantiles too."""
 
     @property
     def base(self) -> dict[str, Any]:
         """The request of a sample before its values are set; no history is computed."""
-        names = {"projectile", "target", "resistance", "numerics", "impact"}
+        names = {"projectile", "target", "resistance", "numerics", "impact", "flight"}
         return without_shots(self, self.model_dump(mode="json", include=names) | {"output": {"history": False}})
 
     def study(self) -> TrajectoryStudy:
@@ -174,6 +178,8 @@ def crossings_in(answer: Mapping[str, Any]) -> Crossings:
 
 def ending_in(answer: Mapping[str, Any]) -> Ending:
     """Return what a study keeps of the answer to a trajectory."""
-    left = {name: value for name, value in answer.get("exit", {}).items() if name != "flight"}
+    left = dict(answer.get("exit", {}))
+    flight = left.pop("flight", {})
+    distances = {name: flight[f"{name}_m"] for name in FLIGHT_QUANTITIES if flight}
     depth = answer.get("maximum_depth_m", math.nan)
-    return Ending(answer["outcome"], depth, Exit(**in_solver_units(left)) if left else None)
+    return Ending(answer["outcome"], depth, Exit(**in_solver_units(left)) if left else None, **distances)

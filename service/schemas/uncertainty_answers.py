@@ -249,6 +249,17 @@ class OutcomeProbability(EstimateAnswer):
     outcome: Outcome
 
 
+class FlightQuantilesAnswer(Part):
+    """Quantiles of how far projectiles fly that leave the target, each as in the `flight` of an exit."""
+
+    model_config = with_examples({"range_m": [], "farthest_range_m": []})
+
+    range_m: list[QuantileAnswer]
+    """Where each lands if it tumbles as computed. [m]"""
+    farthest_range_m: list[QuantileAnswer]
+    """Over all elevations at the speed of each. [m]"""
+
+
 class ExitQuantilesAnswer(Part):
     """Quantiles of how projectiles leave the target, each quantity as in the `exit` of a trajectory."""
 
@@ -261,12 +272,24 @@ class ExitQuantilesAnswer(Part):
     angular_velocity_rad_s: list[QuantileAnswer]
     kinetic_energy_j: list[QuantileAnswer]
     lateral_m: list[QuantileAnswer]
+    flight: FlightQuantilesAnswer | MISSING = MISSING
+    """How far they fly, in the answer to a study with `flight`."""
 
 
-def exit_answer(found: Mapping[str, Sequence[tuple[float, Estimate]]]) -> dict[str, Any]:
+QuantilesByName = Mapping[str, Sequence[tuple[float, Estimate]]]
+
+
+def exit_answer(found: QuantilesByName, flight: QuantilesByName | None = None) -> dict[str, Any]:
     """Return the quantiles of exits by their names in the contract; nothing if no projectile left."""
-    names = {name: name.removesuffix(unit_end(name)) for name in ExitQuantilesAnswer.model_fields if found}
-    return {name: quantile_answers(found[own], angle=name.endswith("_deg")) for name, own in names.items()}
+    flown = _by_contract(FlightQuantilesAnswer, flight or {})
+    return _by_contract(ExitQuantilesAnswer, found) | ({"flight": flown} if flown else {})
+
+
+def _by_contract(model: type[Part], found: QuantilesByName) -> dict[str, Any]:
+    names = {name: name.removesuffix(unit_end(name)) for name in model.model_fields}
+    return {
+        name: quantile_answers(found[own], angle=name.endswith("_deg")) for name, own in names.items() if own in found
+    }
 
 
 class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
@@ -285,12 +308,12 @@ class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
     ]
     maximum_depth_m: Annotated[list[QuantileAnswer], Of(lambda found: quantile_answers(found.maximum_depth))]
     """Greatest depth of the deepest point: quantiles over the runs that do not perforate. [m]"""
-    ricochet_exit: Annotated[ExitQuantilesAnswer | MISSING, Of(lambda found: exit_answer(found.ricochet_exit))] = (
-        MISSING
-    )
+    ricochet_exit: Annotated[
+        ExitQuantilesAnswer | MISSING, Of(lambda found: exit_answer(found.ricochet_exit, found.ricochet_flight))
+    ] = MISSING
     """Exit of those turned away, if any."""
     perforation_exit: Annotated[
-        ExitQuantilesAnswer | MISSING, Of(lambda found: exit_answer(found.perforation_exit))
+        ExitQuantilesAnswer | MISSING, Of(lambda found: exit_answer(found.perforation_exit, found.perforation_flight))
     ] = MISSING
     """Exit of those that perforated, if any."""
     exit_speed_m_s: Annotated[

@@ -17,7 +17,8 @@ from service.schemas.answers import (
     OwnTestsAnswer,
     Protrusion,
 )
-from service.schemas.fields import walk
+from service.schemas.fields import in_solver_units, walk
+from service.schemas.flight import LANDING, FlightResult
 from service.schemas.problems import pointer_of_parameter
 from service.schemas.quantities import Flag, Num, Part, degrees, with_examples
 from service.schemas.requests import CriticalAngleBase, ReportRequest
@@ -119,6 +120,7 @@ VERDICT = {
     "theories": [THEORY_ANGLE],
     "oblique_angle_deg": 55.0,
     "outcome": "ricochet",
+    "flight": LANDING,
     "ricochet_probability": 0.998,
     "ricochet_probability_interval": {"lower": 0.978, "upper": 1.0},
     "probability_text": "above 97 %",
@@ -203,6 +205,8 @@ class VerdictAnswer(Part):
     """Of the strike at that angle, with the inputs as given."""
     protrusion: Protrusion | MISSING = MISSING
     """If anything of the projectile then comes out of the rear face of a wall, without going through."""
+    flight: FlightResult | MISSING = MISSING
+    """Where it then lands, if it is turned away."""
     ricochet_probability: Annotated[Num, Field(ge=0.0, le=1.0)] | MISSING = MISSING
     """At that angle, with the usual scatter."""
     ricochet_probability_interval: ProbabilityInterval | MISSING = MISSING
@@ -260,7 +264,25 @@ def found_in(request: ReportRequest, question: Question, answer: Mapping[str, An
         return _spread_in(answer, request.oblique_angle)
     if question.kind == "wall":
         return wall_in(request, answer, request.oblique_angle or 0.0)
-    return Ended(Outcome(answer["outcome"]), protrusion_in(answer), tuple(map(_warning, answer["warnings"])))
+    return Ended(
+        Outcome(answer["outcome"]),
+        protrusion_in(answer),
+        tuple(map(_warning, answer["warnings"])),
+        _flight_in(request, answer),
+    )
+
+
+def _flight_in(request: ReportRequest, judged: Mapping[str, Any]) -> solver.Flight | None:
+    """Return the flight of a body that is turned away, from an answer of `/trajectory`; None without one."""
+    if judged["outcome"] != Outcome.RICOCHET:
+        return None
+    conditions = solver.FlightConditions() if request.flight is MISSING else request.flight.to_solver()
+    elevation = solver.launch_elevation(
+        direction=math.radians(judged["exit"]["direction_deg"]),
+        face_tilt=conditions.face_tilt,
+        incidence_plane=conditions.incidence_plane,
+    )
+    return solver.Flight(**in_solver_units(judged["exit"]["flight"]), elevation=elevation)
 
 
 def _search_in(answer: Mapping[str, Any]) -> solver.CriticalAngle:
@@ -348,6 +370,8 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
         answer["outcome"] = found.outcome.value
     if found.protrusion is not None:
         answer["protrusion"] = walk(Protrusion, found.protrusion)
+    if found.flight is not None:
+        answer["flight"] = answers["judged"]["exit"]["flight"]
     if found.probability is not None:
         answer["ricochet_probability"] = found.probability.value
         interval = {"lower": found.probability.lower, "upper": found.probability.upper}

@@ -23,7 +23,7 @@ from solver.prepared import (
     prepare,
 )
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, ObliquityPolynomial, Resistance, positive_up_to
+from solver.resistance import ObliquityPolynomial, Resistance, positive_up_to, usual_unless_given
 from solver.search.outcome import HALF_DEGREE, MORE_INERTIA, search_outcome
 from solver.search.paper import search_bisection, search_secant
 from solver.search.trials import ANGLE, END, ENERGY_FLOOR, Strength, TrialInputs, search_levels
@@ -102,7 +102,7 @@ def critical_angle(
     with the change of sign is kept.
     """
     search = search or USUAL_SEARCH
-    resistance = resistance or EQUATION_9
+    resistance = usual_unless_given(resistance)
     require_one("projectile", projectile, Projectile)
     require_bounds("impact.velocity", velocity)
     numerics, paper = numerics or USUAL, search.method != "outcome"

@@ -7,6 +7,7 @@ from typing import TypeAlias
 from solver.search.types import Change, Search, SearchStatus, Trial
 
 MOST_TRIALS = 100
+"""At the finest tolerance, 1e-8, bisection of the paper's range takes 26 trials; secants that wander are given up."""
 
 Try: TypeAlias = Callable[[float], Trial]
 

@@ -27,6 +27,9 @@ Quantiles: TypeAlias = tuple[tuple[float, Estimate], ...]
 """Probabilities, each with the value that is not exceeded with it."""
 ExitQuantiles: TypeAlias = Mapping[str, Quantiles]
 EXIT_QUANTITIES = tuple(each.name for each in fields(Exit))
+FlightQuantiles: TypeAlias = Mapping[str, Quantiles]
+FLIGHT_QUANTITIES = ("range", "farthest_range")
+"""Distances of `solver.Flight` that a study keeps: as computed, and over all elevations."""
 
 Problem = Literal["", "failed", "outside"]
 """Why a sample has no outcome: it could not be computed, or is outside what the model accepts."""
@@ -276,6 +279,10 @@ class TrajectoryUncertainty:
     perforation_exit: ExitQuantiles
     """Quantiles of the exit of those turned away, and of those that perforated: by the names of `solver.Exit`, empty
     where there is none. [1, unit of the quantity]"""
+    ricochet_flight: FlightQuantiles
+    perforation_flight: FlightQuantiles
+    """Quantiles of how far these fly, by the names ``range`` and ``farthest_range`` of `solver.Flight`; empty unless a
+    flight was wanted. [1, m]"""
     convergence: tuple[Round, ...]
     converged: bool
     samples: int

@@ -95,6 +95,8 @@ class Basis:
 
 def _orthonormal(nodes: FloatArray, weights: FloatArray, order: int) -> FloatArray:
     """Coefficients, a column for each order, of the polynomials orthonormal under this quadrature."""
+    # Weighted columns of powers are those of orthonormal polynomials times a triangle, whose inverse so holds the
+    # coefficients. QR finds it from the powers themselves: the condition of their moments is theirs squared.
     powers = np.vander(nodes, order + 1, increasing=True)
     _, triangle = np.linalg.qr(np.sqrt(weights)[:, None] * powers)
     inverse = np.linalg.inv(triangle)

@@ -1,21 +1,25 @@
 """Probability of each outcome of one strike at a given angle, and quantiles of how it ends."""
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from solver.arrays import FloatArray
 from solver.checks import ParameterError, RicochetError
+from solver.flight import Flight
 from solver.prepared import Exit, Outcome
 from solver.trajectory import Trajectory
 from solver.uncertainty.results import (
     EXIT_QUANTITIES,
+    FLIGHT_QUANTITIES,
     LEVELS,
     Batch,
     ExitQuantiles,
+    FlightQuantiles,
     Problem,
+    Quantiles,
     Round,
     TrajectoryUncertainty,
 )
@@ -42,14 +46,18 @@ class Ending(NamedTuple):
     exit: Exit | None = None
     """None if it stays."""
     problem: Problem = ""
+    range: float = math.nan
+    farthest_range: float = math.nan
+    """Distances of its flight; NaN if it stays, or no flight is wanted. [m]"""
 
     @classmethod
-    def of(cls, found: Trajectory | RicochetError) -> "Ending":
-        """Return what to keep of an answer of `simulate`."""
+    def of(cls, found: Trajectory | RicochetError, flight: Flight | None = None) -> "Ending":
+        """Return what to keep of an answer of `simulate`, and of the flight from there."""
         if isinstance(found, RicochetError):
             return cls(problem="outside" if isinstance(found, ParameterError) else "failed")
         depth = math.nan if found.maximum_depth is None else found.maximum_depth
-        return cls(found.outcome.value, depth, found.exit)
+        distances = {} if flight is None else {name: getattr(flight, name) for name in FLIGHT_QUANTITIES}
+        return cls(found.outcome.value, depth, found.exit, **distances)
 
 
 TrajectorySteps = Generator[Batch[TrajectoryUncertainty], Sequence[Ending], TrajectoryUncertainty]
@@ -124,6 +132,8 @@ class TrajectoryStudy:
             maximum_depth=self._quantiles([[each.maximum_depth for each in row] for row in found], weights),
             ricochet_exit=self._exits(found, weights, Outcome.RICOCHET),
             perforation_exit=self._exits(found, weights, Outcome.PERFORATED),
+            ricochet_flight=self._flights(found, weights, Outcome.RICOCHET),
+            perforation_flight=self._flights(found, weights, Outcome.PERFORATED),
             convergence=(*history, Round(samples, widest)),
             converged=widest <= sampling.half_width,
             samples=samples,
@@ -140,7 +150,25 @@ class TrajectoryStudy:
             left = each.outcome == outcome.value and each.exit is not None
             return getattr(each.exit, name) if left else math.nan
 
-        rows = {name: [[quantity(each, name) for each in row] for row in found] for name in EXIT_QUANTITIES}
+        return self._quantiles_by_name(found, weights, EXIT_QUANTITIES, quantity)
+
+    def _flights(self, found: list[list[Ending]], weights: FloatArray, outcome: Outcome) -> FlightQuantiles:
+        """Return the quantiles of the distances of the flights with this outcome."""
+
+        def quantity(each: Ending, name: str) -> float:
+            return getattr(each, name) if each.outcome == outcome.value else math.nan
+
+        return self._quantiles_by_name(found, weights, FLIGHT_QUANTITIES, quantity)
+
+    def _quantiles_by_name(
+        self,
+        found: list[list[Ending]],
+        weights: FloatArray,
+        names: Sequence[str],
+        quantity: Callable[[Ending, str], float],
+    ) -> dict[str, Quantiles]:
+        """Return the quantiles of quantities of endings, NaN where an ending has none."""
+        rows = {name: [[quantity(each, name) for each in row] for row in found] for name in names}
         known = {name: self._quantiles(row, weights) for name, row in rows.items()}
         return {name: quantiles for name, quantiles in known.items() if quantiles}
 

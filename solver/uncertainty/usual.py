@@ -6,7 +6,6 @@ from dataclasses import replace
 from solver.free_surface import ElasticPlastic, MohrCoulomb
 from solver.projectile import Projectile
 from solver.resistance import (
-    EQUATION_9,
     EQUATION_9_COEFFICIENTS,
     HELD_FROM,
     PLAUSIBLE_FACTORS,
@@ -15,6 +14,7 @@ from solver.resistance import (
     Resistance,
     StrengthPowerLaw,
     held_from,
+    usual_unless_given,
 )
 from solver.strength_scatter import ScatterSource, StrengthScatter, scatter_of_strength
 from solver.target import Target
@@ -95,7 +95,7 @@ def usual_scatter(
     of it: see `StrengthScatter`. Its tails are heavy, so it is cut off where S would be beyond `PLAUSIBLE_FACTORS`:
     without, a sample in a thousand would have an S of no concrete.
     """
-    resistance = resistance or EQUATION_9
+    resistance = usual_unless_given(resistance)
     factor = resistance.strength_polynomial(target=target, projectile=projectile)[0]
     scatter = scatter_of_strength(
         projectile=projectile, target=target, resistance=resistance, strength_scatter=strength_scatter

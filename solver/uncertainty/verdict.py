@@ -8,9 +8,10 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from solver.checks import RicochetError
+from solver.flight import Flight, FlightConditions, flight_after
 from solver.prepared import Outcome, Protrusion
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, Resistance
+from solver.resistance import Resistance, usual_unless_given
 from solver.search.critical_angle import critical_angle
 from solver.search.types import USUAL_SEARCH, CriticalAngle, Search, SearchStatus
 from solver.strength_scatter import ScatterSource
@@ -108,6 +109,8 @@ class Ended(NamedTuple):
     outcome: Outcome | None = None
     protrusion: Protrusion | None = None
     warnings: tuple[ModelWarning, ...] = ()
+    flight: Flight | None = None
+    """From where the body leaves, if it is turned away."""
 
 
 Found: TypeAlias = CriticalAngle | Spread | Ended | WallVerdict | None
@@ -148,6 +151,8 @@ class Verdict:
     """Of the strike at that angle, with the inputs as given; None without an angle or an outcome."""
     protrusion: Protrusion | None = None
     """How far the body then comes out of the rear face of a wall, without going through; None if it does not."""
+    flight: Flight | None = None
+    """From where the body leaves, if it is turned away."""
     probability: Estimate | None = None
     """Of ricochet at that angle, with the usual scatter and the interval of its sampling; None without one. [1]"""
     wall: WallVerdict | None = None
@@ -167,7 +172,8 @@ class Verdict:
     def sentence(self) -> str:
         """The verdict in words."""
         angle = "; ".join([self._angle(), *self._more()]) + "."
-        return " ".join(filter(None, (self._judged(), angle, self._over_theories(), self._wall())))
+        flight = "" if self.flight is None else str(self.flight)
+        return " ".join(filter(None, (self._judged(), flight, angle, self._over_theories(), self._wall())))
 
     def __str__(self) -> str:
         return self.sentence
@@ -321,6 +327,7 @@ def verdict(
     numerics: Numerics | None = None,
     search: Search | None = None,
     strength_scatter: ScatterSource = "law",
+    flight: FlightConditions | None = None,
     threads: int = 1,
 ) -> Verdict:
     """Judge a strike: its outcome, the probability of ricochet, and the critical angle with its range.
@@ -331,6 +338,9 @@ def verdict(
         As for `critical_angle`. [SI, rad]
     oblique_angle
         Angle to judge, if any. [rad]
+    flight
+        How the face stands, for where a body lands that is turned away at that angle; level with the ground unless
+        given.
     threads
         How many searches run at a time.
 
@@ -365,7 +375,7 @@ def verdict(
     lower, upper = search.bounds
     ends = math.degrees(lower), math.degrees(upper)
     start, stop, count = probability_angles(None if oblique_angle is None else math.degrees(oblique_angle), *ends)
-    laws: dict[str, Any] = {"resistance": resistance or EQUATION_9, "numerics": numerics or USUAL}
+    laws: dict[str, Any] = {"resistance": usual_unless_given(resistance), "numerics": numerics or USUAL}
 
     def spread(*, theories: bool) -> Spread:
         uncertain = usual_scatter(
@@ -405,7 +415,10 @@ def verdict(
         if question.kind == "wall":
             return judge_wall(**case, impact=impact)
         run = simulate(**case, impact=impact, sample_interval=None)
-        return Ended(run.outcome, run.protrusion, run.warnings)
+        landing = None
+        if run.outcome is Outcome.RICOCHET and run.exit is not None:
+            landing = flight_after(run.exit, projectile=projectile, conditions=flight)
+        return Ended(run.outcome, run.protrusion, run.warnings, landing)
 
     def answer(question: Question) -> Found:
         try:
@@ -492,6 +505,7 @@ def verdict_steps(
         oblique_angle=oblique_angle,
         outcome=ended.outcome,
         protrusion=ended.protrusion,
+        flight=ended.flight,
         probability=judging.probability,
         wall=found.get("wall"),
         wall_failed="wall" in asked and found.get("wall") is None,

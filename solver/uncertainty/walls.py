@@ -20,7 +20,7 @@ from solver.formulas import (
 from solver.perforation import MOST_DIAMETERS, PerforationLimit, PerforationStatus, least_thickness, limit_velocity
 from solver.prepared import Outcome, Protrusion
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9, Resistance
+from solver.resistance import Resistance, usual_unless_given
 from solver.strength_scatter import ScatterSource, known_strength
 from solver.strike import Impact, Numerics
 from solver.target import Crater, ShearPlug, Target
@@ -230,7 +230,7 @@ def judge_wall(
     --------
     >>> print(judge_wall(projectile=projectile, target=wall, impact=Impact(velocity=136.0, oblique_angle=0.0)))
     """
-    own, infinite = resistance or EQUATION_9, replace(target, thickness=None)
+    own, infinite = usual_unless_given(resistance), replace(target, thickness=None)
     if numerics is not None and numerics.method == "panels":
         numerics = None  # The paper's route takes seconds a run, and the searches below take a hundred runs.
     characteristic = target.characteristic_strength
@@ -359,7 +359,7 @@ def thickness_spread(
             projectile=projectile, target=target, impact=impact, resistance=law, numerics=numerics
         ).value
 
-    return _spread(find, projectile, target, resistance or EQUATION_9, strength_scatter)
+    return _spread(find, projectile, target, usual_unless_given(resistance), strength_scatter)
 
 
 def limit_speed_spread(
@@ -394,7 +394,7 @@ def limit_speed_spread(
             numerics=numerics,
         ).value
 
-    return _spread(find, projectile, target, resistance or EQUATION_9, strength_scatter)
+    return _spread(find, projectile, target, usual_unless_given(resistance), strength_scatter)
 
 
 def _spread(

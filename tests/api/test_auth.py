@@ -24,7 +24,14 @@ from service.auth.quotas import STEP, WINDOW, Quota, QuotaStore
 from service.cli.arguments import CommandError
 from service.cli.serve import check_access
 from service.clock import Clock, ClockWatch
-from service.errors import PoolUnavailableError, QueriesWaitingError, QuotaError, TaskTimeoutError, WorkerCrashedError
+from service.errors import (
+    PoolUnavailableError,
+    QueriesWaitingError,
+    QuotaError,
+    QuotaTooSmallError,
+    TaskTimeoutError,
+    WorkerCrashedError,
+)
 from service.jobs.store import JobStore
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.settings import Settings
@@ -189,7 +196,7 @@ def test_panel_steps_count_as_ordinary_cases(guarded: Guarded) -> None:
             assert (path, statuses) == (path, [200, 429])
     with guarded.with_key("ida", cases_per_hour=300) as ida:
         for headers in ({}, ASYNC):
-            problem_of(ida.post("/trajectory/uncertainty", json=scattered, headers=headers), 429)
+            problem_of(ida.post("/trajectory/uncertainty", json=scattered, headers=headers), 403)
 
 
 class SetClock:
@@ -668,8 +675,38 @@ def test_window_frees_what_was_requested_an_hour_ago() -> None:
 
 
 def test_more_than_the_limit_is_never_allowed_and_says_so() -> None:
-    with pytest.raises(QuotaError, match="fewer at a time"):
+    with pytest.raises(QuotaTooSmallError, match="at least 11 cases, of which this key may have 10 an hour"):
         Quota(10).take(11)
+    with pytest.raises(QuotaTooSmallError, match="at least 12 cases"):
+        Quota(10).take(3, before=9)
+
+
+def test_quota_that_is_used_up_names_the_true_numbers() -> None:
+    quota = Quota(10)
+    quota.take(7)
+    with pytest.raises(QuotaError, match="5 cases exceed the 3 that are left of the 10 an hour"):
+        quota.take(5)
+
+
+def test_client_is_told_its_quota(guarded: Guarded) -> None:
+    with guarded.with_key("rita", cases_per_hour=10) as rita:
+        for left in (9, 8):
+            answer = rita.post("/cra", json=PAPER)
+            assert answer.headers["RateLimit-Policy"] == f'"cases";q=10;w={WINDOW}'
+            name, remaining, reset = answer.headers["RateLimit"].split(";")
+            assert (name, remaining) == ('"cases"', f"r={left}")
+            assert WINDOW - STEP <= int(reset.removeprefix("t=")) <= WINDOW + STEP
+        assert rita.get("/jobs").headers["RateLimit"].startswith('"cases";r=8;')
+    assert "RateLimit" not in guarded.anna.get("/jobs").headers
+
+
+def test_request_that_no_quota_of_the_key_can_hold_is_not_to_be_sent_again(guarded: Guarded) -> None:
+    with guarded.with_key("rosa", cases_per_hour=4) as rosa:
+        for body in ({"json": {"cases": searches(5)}}, {"content": lines(searches(5)), "headers": LINES}):
+            answer = rosa.post("/cra/batch", **body)
+            assert problem_of(answer, 403).type == "urn:ricochet:problem:quota-too-small"
+            assert "Retry-After" not in answer.headers
+        assert rosa.post("/cra/batch", json={"cases": searches(4)}).status_code == 200
 
 
 @pytest.mark.anyio

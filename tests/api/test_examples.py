@@ -7,11 +7,15 @@ from typing import Any
 import httpx
 import pytest
 
+from service.api.examples import first_request, shortened
 from service.api.health import Version
+from service.operations import OPERATIONS, Operation
 from service.schemas import answers
 from service.schemas.quantities import Part
 from service.schemas.strike import PAPER, PAPER_AT_45
 from tests.conftest import ROOT
+
+from .test_golden_answers import as_text, differences
 
 CONTRACT = json.loads((ROOT / "openapi" / "openapi.json").read_text(encoding="utf-8"))
 SCHEMAS: dict[str, dict[str, Any]] = CONTRACT["components"]["schemas"]
@@ -147,6 +151,18 @@ def leaves(value: Any, steps: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any,
             yield from leaves(item, (*steps, step))
     else:
         yield steps, value
+
+
+@pytest.mark.parametrize(
+    "operation", [each for each in OPERATIONS.values() if each.study is None], ids=lambda each: each.name
+)
+def test_example_of_an_answer_is_that_to_the_example_of_the_request(client: httpx.Client, operation: Operation) -> None:
+    """As `make openapi` computes it; the contract shows it for one case and for many."""
+    answer = client.post(operation.path, json=first_request(operation)).json()
+    example = SCHEMAS[operation.answer.__name__]["examples"][0]
+    assert differences(as_text(example), as_text(shortened(answer))) == []
+    if operation.many is not None:
+        assert SCHEMAS[operation.many.models.results.__name__]["examples"][0]["results"][0]["result"] == example
 
 
 def test_example_of_a_problem_is_answered(client: httpx.Client) -> None:

@@ -1,5 +1,6 @@
 """Flights over HTTP: alone, and of a body that leaves the target."""
 
+import math
 from typing import Any
 
 import httpx
@@ -7,8 +8,18 @@ import pytest
 
 from service.schemas.flight import LAUNCH
 from service.schemas.strike import PAPER_AT_45
+from solver import FlightConditions, Impact
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
+from solver.uncertainty import Sampling, Uncertain, Uniform, trajectory_uncertainty
 
 STEEP = PAPER_AT_45 | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": 55.0}, "output": {"history": False}}
+
+STRAY = {name: value for name, value in STEEP.items() if name != "output"} | {
+    "uncertain": [
+        {"field": "impact.oblique_angle_deg", "distribution": {"type": "uniform", "lower": 45.0, "upper": 60.0}}
+    ],
+    "sampling": {"max_samples": 256, "half_width": 0.2},
+}
 
 
 def run(client: httpx.Client, body: dict[str, Any]) -> dict[str, Any]:
@@ -66,12 +77,46 @@ def test_body_through_a_slab_falls_to_the_floor_below(client: httpx.Client) -> N
     assert answer["exit"]["flight"]["apex_m"] == pytest.approx(3.0)
 
 
+def test_study_has_quantiles_of_the_distances(client: httpx.Client) -> None:
+    answer = client.post("/trajectory/uncertainty", json=STRAY | {"flight": {}}).raise_for_status().json()
+    flight = answer["ricochet_exit"]["flight"]
+    assert list(flight) == ["range_m", "farthest_range_m"]
+    for near, far in zip(*flight.values(), strict=True):
+        assert 0.0 < near["value"] <= far["value"]
+    plain = client.post("/trajectory/uncertainty", json=STRAY).raise_for_status().json()
+    assert "flight" not in plain["ricochet_exit"]
+    table = client.get(f"/results/{answer['key']}", headers={"Accept": "text/csv"}).text
+    assert "ricochet_exit_flight_farthest_range_m,0.95," in table
+
+
+def test_study_in_python_has_the_distances_of_http(client: httpx.Client) -> None:
+    answer = (
+        client.post("/trajectory/uncertainty", json=STRAY | {"flight": {"height_m": 5.0}}).raise_for_status().json()
+    )
+    angle = Uncertain("impact.oblique_angle", Uniform(lower=math.radians(45.0), upper=math.radians(60.0)))
+    found = trajectory_uncertainty(
+        projectile=PAPER_PROJECTILE,
+        target=PAPER_TARGET,
+        impact=Impact(velocity=238.0, oblique_angle=math.radians(55.0)),
+        uncertain=[angle],
+        flight=FlightConditions(height=5.0),
+        sampling=Sampling(max_samples=256, half_width=0.2),
+    )
+    for name, quantiles in answer["ricochet_exit"]["flight"].items():
+        expected = [estimate.value for _, estimate in found.ricochet_flight[name.removesuffix("_m")]]
+        assert [each["value"] for each in quantiles] == pytest.approx(expected, rel=1e-6)
+
+
 @pytest.mark.parametrize(
     ("path", "body", "pointer"),
     [
         ("/trajectory", STEEP | {"flight": {"face_tilt_deg": 91.0}}, "/flight/face_tilt_deg"),
         ("/trajectory", STEEP | {"flight": {"height_m": -1.0}}, "/flight/height_m"),
         ("/trajectory", STEEP | {"flight": {"incidence_plane": "sideways"}}, "/flight/incidence_plane"),
+        ("/verdict", STEEP | {"flight": {"face_tilt_deg": 91.0}}, "/flight/face_tilt_deg"),
+        ("/report", STEEP | {"flight": {"height_m": -0.1}}, "/flight/height_m"),
+        ("/trajectory/uncertainty", STRAY | {"flight": {"face_tilt_deg": 91.0}}, "/flight/face_tilt_deg"),
+        ("/trajectory/uncertainty", STRAY | {"flight": {"drag_coefficient": -1.0}}, "/flight/drag_coefficient"),
         ("/flight", LAUNCH | {"height_m": -0.1}, "/height_m"),
         ("/flight", LAUNCH | {"speed_m_s": 0.0}, "/speed_m_s"),
         ("/flight", LAUNCH | {"elevation_deg": 90.5}, "/elevation_deg"),

@@ -136,3 +136,15 @@ def test_result_is_kept_as_json_csv_and_hdf5(client: httpx.Client) -> None:
 )
 def test_wrong_field_is_named(client: httpx.Client, change: dict[str, Any], pointer: str) -> None:
     refused_at(client.post("/formulas", json=BODY | change), pointer)
+
+
+def test_reinforcement_that_changes_nothing_is_said(client: httpx.Client) -> None:
+    plain, zero, reinforced = (
+        answered(client, "/formulas", BODY | {"target": BODY["target"] | extra})
+        for extra in ({}, {"reinforcement_ratio_percent": 0.0}, {"reinforcement_ratio_percent": 10.0})
+    )
+    assert plain["formulas"] == zero["formulas"] == reinforced["formulas"]
+    codes = [[each["code"] for each in answer["warnings"]] for answer in (plain, zero, reinforced)]
+    assert codes == [[], [], ["reinforcement_not_counted"]]
+    too_much = BODY | {"target": BODY["target"] | {"reinforcement_ratio_percent": 10.5}}
+    refused_at(client.post("/formulas", json=too_much), "/target/reinforcement_ratio_percent")

@@ -78,8 +78,8 @@ def test_refusal_of_a_head_has_the_headers_of_every_answer(client: httpx.Client)
     assert refused.status_code == 431
     assert {name: refused.headers[name] for name in ALWAYS} == ALWAYS
     assert refused.json() | {"detail": ""} == {
-        "type": "about:blank",
-        "title": "Request Header Fields Too Large",
+        "type": "urn:ricochet:problem:head-too-long",
+        "title": "The head of the request is too long",
         "status": 431,
         "detail": "",
         "errors": [],

@@ -319,7 +319,7 @@ def test_tool_that_does_not_exist_is_a_problem_with_a_type(live_url: str) -> Non
     [result] = converse(over_http(live_url), ("ballistics", {})).results
     assert result.is_error
     problem = problem_of(result)
-    assert (problem["type"], problem["status"]) == ("about:blank", 404)
+    assert (problem["type"], problem["status"]) == ("urn:ricochet:problem:not-found", 404)
     assert "no tool 'ballistics'" in text_of(result)
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from service import cli
 from service.api.app import create_app
+from service.api.contract import components_in
 from service.cli import serve
 from service.cli.arguments import MANY
 from service.schemas.problems import TAGGED
@@ -35,6 +36,10 @@ def nodes(value: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
     elif isinstance(value, list):
         for index, item in enumerate(value):
             yield from nodes(item, f"{place}/{index}")
+
+
+REQUESTED = components_in([operation.get("requestBody") for operation in OPERATIONS.values()], SCHEMAS)
+"""Components of requests."""
 
 
 def test_committed_contract_is_that_of_the_application() -> None:
@@ -112,7 +117,8 @@ def test_objects_and_enumerations_are_components() -> None:
 
 
 def test_requests_refuse_unknown_fields_and_bound_every_number() -> None:
-    for name, schema in SCHEMAS.items():
+    for name in REQUESTED:
+        schema = SCHEMAS[name]
         assert schema.get("type") != "object" or schema["additionalProperties"] is False, name
     for name, operation in OPERATIONS.items():
         if "requestBody" not in operation or name.endswith("/uncertainty"):  # whose discrete values are any number
@@ -124,6 +130,25 @@ def test_requests_refuse_unknown_fields_and_bound_every_number() -> None:
                 assert {"maximum", "exclusiveMaximum"} & node.keys(), place
             if node.get("type") == "array":
                 assert "maxItems" in node, place
+
+
+def test_answers_may_have_more_fields_than_a_client_knows() -> None:
+    for name in SCHEMAS.keys() - REQUESTED:
+        assert SCHEMAS[name].get("additionalProperties") is not False, name
+    assert {"CriticalAngleAnswer", "Problem", "Job", "TrajectoryResults"}.isdisjoint(REQUESTED)
+
+
+def test_every_number_has_a_format_of_64_bits() -> None:
+    for place, node in nodes(CONTRACT):
+        if node.get("type") in ("number", "integer"):  # or the field of this name
+            assert node["format"] == {"number": "double", "integer": "int64"}[node["type"]], place
+
+
+@pytest.mark.parametrize("path", [f"/{operation}/{kind}" for operation in MANY for kind in ("batch", "sweep")])
+def test_contract_says_when_many_cases_are_answered_and_what_preferences_do(path: str) -> None:
+    text = OPERATIONS[f"POST {path}"]["description"]
+    for words in ("Up to 100 cases are answered at once with 200", "202", "respond-async", "wait=10"):
+        assert words in text, words
 
 
 def nodes_of_component(name: str) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -1,14 +1,20 @@
 """Every exception is answered by the table. Each is raised in a route of its own; the application is the real one."""
 
+from typing import Any
+
 import httpx
 import pytest
 from starlette.requests import Request
 from starlette.responses import Response
 
+from docs import generated
 from service import errors
 from service.api.app import create_app
 from service.schemas.problems import Problem
 from solver import IntegrationError, ParameterError, StepLimitError
+from tests.conftest import ROOT
+
+from .refused import TEXT
 
 pytestmark = pytest.mark.anyio
 
@@ -65,6 +71,36 @@ async def test_names_of_problems_are_unique() -> None:
     }
     titles = {(error.type, error.title) for error in found}
     assert len(titles) == len({error.type for error in found}) > 10
+
+
+@pytest.mark.parametrize(
+    ("request_", "status", "name"),
+    [
+        (("POST", "/cra", {"content": "{", "headers": TEXT}), 400, "bad-request"),
+        (("GET", "/nothing", {}), 404, "not-found"),
+        (("GET", f"/results/{'0' * 64}", {"headers": {"Accept": "image/png"}}), 406, "not-acceptable"),
+        (("PUT", "/cra", {}), 405, "method-not-allowed"),
+        (("POST", "/cra", {"content": " " * 10_000_000, "headers": TEXT}), 413, "body-too-long"),
+        (("POST", "/cra", {"content": "{}", "headers": {"Content-Type": "text/plain"}}), 415, "unsupported-media-type"),
+        (("GET", "/jobs", {"headers": {"Host": "elsewhere.example"}}), 421, "unknown-host"),
+        (("GET", "/jobs", {"params": {"cursor": "?"}}), 422, "invalid-request"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else None,
+)
+def test_status_has_a_type(
+    client: httpx.Client, request_: tuple[str, str, dict[str, Any]], status: int, name: str
+) -> None:
+    method, path, arguments = request_
+    answer = client.request(method, path, **arguments)
+    assert (answer.status_code, answer.json()["type"]) == (status, f"urn:ricochet:problem:{name}")
+    assert answer.json()["title"] in {each.title for each in errors.problem_types() if each.status == status}
+
+
+async def test_manual_lists_every_type_of_problem() -> None:
+    page = generated.filled((ROOT / "docs/reference/http.md").read_text(encoding="utf-8"))
+    types = errors.problem_types()
+    assert [each for each in types if f"| `{each.type}` | {int(each.status)} | {each.title} |" not in page] == []
+    assert "about:blank" not in {each.type for each in types}
 
 
 async def test_problem_of_many_cases_gives_the_line() -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from service import cli
 from service.schemas import ReportRequest
+from service.schemas.flight import FlightInput
 from service.schemas.strike import PAPER
 from solver.uncertainty import verdict
 from tests.odd_strikes import KINDS, odd_strikes
@@ -20,6 +21,10 @@ from .calibrations import answered
 from .refused import refused_at
 
 AT_50 = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 50.0}}
+OFF_A_WALL = PAPER | {
+    "impact": PAPER["impact"] | {"oblique_angle_deg": 55.0},
+    "flight": {"face_tilt_deg": 90.0, "incidence_plane": "level", "height_m": 3.0},
+}
 
 
 def check_is_the_same_everywhere(
@@ -29,8 +34,11 @@ def check_is_the_same_everywhere(
     found = answered(client, "/verdict", body)
     request, angle = ReportRequest.model_validate(body), body["impact"].get("oblique_angle_deg")
     arguments, _ = request.arguments()
-    by_python = verdict(**arguments, oblique_angle=None if angle is None else math.radians(angle), threads=2)
+    flight = FlightInput.model_validate(body.get("flight", {})).to_solver()
+    oblique_angle = None if angle is None else math.radians(angle)
+    by_python = verdict(**arguments, oblique_angle=oblique_angle, flight=flight, threads=2)
     assert str(by_python) == found["sentence"]
+    assert ("Lands about" in found["sentence"]) is ("flight" in found) is (found.get("outcome") == "ricochet")
     if by_python.spread is not None:
         spread = [math.degrees(each) for each in by_python.spread]
         # A sample whose last bit differs, as degrees become radians there, may end a search one bracket apart.
@@ -56,7 +64,7 @@ def check_is_the_same_everywhere(
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("body", [AT_50, *odd_strikes(len(KINDS), seed=5)], ids=["paper", *KINDS])
+@pytest.mark.parametrize("body", [AT_50, OFF_A_WALL, *odd_strikes(len(KINDS), seed=5)], ids=["paper", "wall", *KINDS])
 def test_verdict_is_the_same_by_http_python_command_line_and_report(
     client: httpx.Client, live_url: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], body: dict[str, Any]
 ) -> None:

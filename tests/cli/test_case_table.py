@@ -109,7 +109,7 @@ def test_headers_are_as_people_write_them(served: Path, capsys: pytest.CaptureFi
         ("Length (mm)\n50\n", ["cases.csv:2: Length (mm): must be at least the length of the nose"]),
         (
             "nose.shape,caliber_radius_head\nconical,3\n",
-            ["cases.csv:2: /: --caliber-radius-head: is of ogive or spherical"],
+            ["cases.csv:2: --caliber-radius-head: is of ogive or spherical"],
         ),
         ("velocity_m_s\n" + "-1\n" * 60, ["cases.csv:51: velocity_m_s", "\nand 10 more\n"]),
         ("", ["cases.csv: the file is empty"]),
@@ -207,4 +207,4 @@ def test_walls_leave_out_what_is_sought(served: Path, capsys: pytest.CaptureFixt
 def test_a_case_beside_json_lines_is_refused(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_cases(served / "cases.jsonl", case_at(238.0))
     assert cli.main(["batch", "cases.jsonl", "--case", "strike.toml"]) == 2
-    assert "--case needs a table" in capsys.readouterr().err
+    assert "--case: goes with a table of cases" in capsys.readouterr().err

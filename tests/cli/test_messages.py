@@ -97,6 +97,7 @@ batch rows.csv --case strike.toml
 batch bare.csv
 batch strike.toml --keep remark
 batch missing.csv
+batch bare.csv --case words.toml
 calibrate obliquity points.csv --order x
 calibrate obliquity missing.csv
 keys add --owner a --cases-per-hour many

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import pytest
 
 from service import cli
-from service.cli.arguments import Parser
+from service.cli.parser import Parser
 from tests.cli.commands import COMMAND, LIMIT_S, STRIKE_TOML, case_at, environment, run, write_cases
 from tests.conftest import until
 from tests.physics.strikes import known
@@ -70,9 +70,10 @@ WRITTEN = (
     ),
     Written("out.jsonl", "jobs results 1 -o", ()),
     Written("out.toml", "init", ()),
+    Written("out.csv", "init --table", ()),
 )
 """Every command and flag that writes, the flag last."""
-REPLACED = [each for each in WRITTEN if each.words != "init" and not each.words.startswith("jobs")]
+REPLACED = [each for each in WRITTEN if not each.words.startswith(("init", "jobs"))]
 """Those that replace an earlier file, and need no service."""
 REFUSED = ("--mass", "-1")
 """Flags that the model refuses."""
@@ -93,14 +94,12 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def arguments_of(parser: argparse.ArgumentParser, words: tuple[str, ...]) -> Iterator[tuple[str, argparse.Action]]:
+def arguments_of(parser: Parser, words: tuple[str, ...]) -> Iterator[tuple[str, argparse.Action]]:
     """Every flag and argument of a command and of its actions, with their words."""
     for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for name, subparser in action.choices.items():
-                yield from arguments_of(subparser, (*words, name))
-        else:
-            yield " ".join(words), action
+        yield " ".join(words), action
+    for name, subparser in parser.subcommands.items():
+        yield from arguments_of(subparser, (*words, name))
 
 
 def test_the_table_above_has_all_that_commands_write_and_each_file_is_read_or_written() -> None:

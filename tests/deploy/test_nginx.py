@@ -18,6 +18,7 @@ from urllib.parse import urljoin
 import httpx
 import pytest
 
+from service.errors import ProblemType
 from service.schemas.problems import Problem
 from service.schemas.strike import PAPER
 from tests.api.certificates import Certificate, make_certificate
@@ -251,6 +252,8 @@ def problem_of(response: httpx.Response, status: int) -> httpx.Response:
     assert response.headers["Content-Type"] == "application/problem+json"
     problem = Problem.model_validate(response.json())
     assert (response.status_code, problem.status, problem.instance) == (status, status, response.request.url.path)
+    known = ProblemType.of_status(status)
+    assert status == 429 or (problem.type, problem.title) == (known.type, known.title)
     return response
 
 

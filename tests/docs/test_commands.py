@@ -148,6 +148,7 @@ def test_pages_have_blocks_that_run() -> None:
     assert counts["docs/how-to/back-up.md"] >= 2
     assert counts["docs/tutorial/first-map.md"] >= 4
     assert counts["docs/tutorial/assessment.md"] >= 5
+    assert counts["docs/tutorial/danger-zone.md"] >= 3
 
 
 def test_links_between_pages_lead_somewhere() -> None:

@@ -1,6 +1,7 @@
 """What the model does not accept is refused by the name of the field."""
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import solver
 from service.schemas import FlightRequest, TrajectoryRequest
 from solver import (
     BoatTail,
@@ -16,6 +18,7 @@ from solver import (
     Crater,
     Flat,
     Impact,
+    MohrCoulomb,
     Numerics,
     ObliquityPolynomial,
     Ogive,
@@ -33,10 +36,13 @@ from solver import (
     Target,
     closed_form_depth,
     critical_angle,
+    least_thickness,
+    limit_velocity,
     simulate,
 )
 from solver.checks import BOUNDS
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+from solver.uncertainty import judge_wall, verdict
 
 from .strikes import CASE, paper_run
 
@@ -310,3 +316,42 @@ def test_bounds_are_those_of_the_contract() -> None:
                 assert ends == {low: bound.lower, "exclusiveMaximum" if bound.below else high: bound.upper}, path
                 found += 1
     assert found == len([path for path in BOUNDS if path.count(".") == 1])
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (MohrCoulomb(), r"give Resistance\(free_surface=MohrCoulomb\(\.\.\.\)\)"),
+        (PublishedTests(), r"give Resistance\(strength_factor=PublishedTests\(\.\.\.\)\)"),
+        ("mohr_coulomb", "must be a Resistance, got str"),
+        ([Resistance()], "must be a Resistance, got list"),
+    ],
+)
+def test_what_is_no_resistance_is_refused_with_what_to_give(given: Any, message: str) -> None:
+    case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "resistance": given}
+    impact = Impact(velocity=238.0, oblique_angle=0.5)
+    wall = case | {"target": replace(PAPER_TARGET, thickness=0.2)}
+    calls: list[Callable[[], object]] = [
+        lambda: critical_angle(**case, velocity=238.0),
+        lambda: simulate(**case, impact=impact),
+        lambda: least_thickness(**case, impact=impact),
+        lambda: limit_velocity(**wall, oblique_angle=0.0),
+        lambda: judge_wall(**wall, impact=impact),
+        lambda: verdict(**case, velocity=238.0),
+    ]
+    for call in calls:
+        with pytest.raises(ParameterError, match=f"resistance: {message}|resistance: must be a Resistance: {message}"):
+            call()
+
+
+def test_spherical_nose_is_a_hemisphere_unless_given() -> None:
+    assert Spherical() == Spherical(caliber_radius_head=0.5)
+
+
+def test_help_begins_with_a_page_that_fits_a_screen() -> None:
+    lines = (solver.__doc__ or "").splitlines()
+    assert len(lines) <= 24
+    assert max(map(len, lines)) <= 120
+    named = {name for line in lines for name in re.findall(r"^[a-z_, ]+?(?=  )", line) for name in name.split(", ")}
+    assert {"critical_angle", "simulate", "formulas", "flight", "warm_up"} <= named
+    assert all(hasattr(solver, name) for name in named)

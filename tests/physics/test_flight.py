@@ -2,16 +2,20 @@
 
 import math
 import random
+from typing import Any
 
 import pytest
 
 from solver import (
     Conical,
+    Exit,
     Flight,
+    FlightConditions,
     ParameterError,
     Projectile,
     Sphere,
     flight,
+    flight_after,
     launch_elevation,
     mean_projected_area,
 )
@@ -177,3 +181,27 @@ def test_distances_are_rounded_up_in_words() -> None:
     assert str(found) == (
         "Lands about 410 m away if it tumbles as computed, up to 520 m at any elevation, at most 1,050 m without drag."
     )
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"face_tilt": math.radians(91.0)}, r"face_tilt: must be between 0 and 1\.5708"),
+        ({"face_tilt": -0.1}, "face_tilt: must be between"),
+        ({"incidence_plane": "sideways"}, "incidence_plane: must be one of up, level, down"),
+        ({"drag_coefficient": -0.5}, "flight.drag_coefficient: must be 0 to 10"),
+        ({"height": -0.1}, r"flight.height: must be 0 to 10000 m, got -0\.1 m"),
+    ],
+)
+def test_bad_conditions_of_a_flight_are_refused(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        FlightConditions(**given)
+
+
+def test_flight_after_an_exit_is_that_of_its_speed_and_direction() -> None:
+    left = Exit(101.1, math.radians(70.82), math.radians(19.18), 1.8, 40.0, 7e4, 0.6)
+    level = flight_after(left, projectile=PAPER_PROJECTILE)
+    assert level.range == pytest.approx(405.8, abs=0.1)
+    wall = FlightConditions(face_tilt=math.radians(90.0), incidence_plane="down", height=5.0)
+    assert flight_after(left, projectile=PAPER_PROJECTILE, conditions=wall).range < 2.0
+    assert flight_after(left, projectile=PAPER_PROJECTILE, rear=True).range == 0.0  # through a slab, into the ground

@@ -18,6 +18,7 @@ from solver import (
     cea_edf_limit_speed,
     closed_form_depth,
     formulas,
+    simulate,
 )
 from solver.formulas import (
     NDRC_CONSTANT,
@@ -359,3 +360,24 @@ def test_spread_is_over_different_answers_in_range() -> None:
 def test_strike_along_the_face_is_refused() -> None:
     with pytest.raises(ParameterError, match="oblique_angle"):
         formulas(projectile=PAPER, target=PAPER_TARGET, impact=Impact(velocity=238.0, oblique_angle=math.pi / 2.0))
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.4, 10.0])
+def test_reinforcement_changes_no_formula_and_no_run(ratio: float) -> None:
+    """No formula here takes it: UKAEA's for the perforation has no open source."""
+    plain: dict[str, Any] = {"projectile": PAPER, "impact": Impact(velocity=238.0, oblique_angle=0.0)}
+    reinforced = replace(PAPER_TARGET, thickness=0.2, reinforcement_ratio_percent=ratio)
+    wall = replace(PAPER_TARGET, thickness=0.2)
+    assert formulas(**plain, target=reinforced) == formulas(**plain, target=wall)
+    found, without = (simulate(**plain, target=target, sample_interval=None) for target in (reinforced, wall))
+    assert found.final == without.final
+    said = [each.detail for each in found.warnings if each.code == "reinforcement_not_counted"]
+    assert [text.partition(":")[0] for text in said] == [
+        f"reinforcement of {ratio:g} % each way and each face changes nothing here"
+    ] * (ratio > 0.0)
+
+
+@pytest.mark.parametrize("ratio", [-0.1, 10.1, math.nan])
+def test_reinforcement_beyond_any_wall_is_refused(ratio: float) -> None:
+    with pytest.raises(ParameterError, match=r"target\.reinforcement_ratio_percent: must be"):
+        replace(PAPER_TARGET, reinforcement_ratio_percent=ratio)

@@ -16,7 +16,7 @@ from service.cache.record import CaseResult, Record
 from service.cache.tables import trial_table_columns
 from service.errors import DamagedFileError
 from service.operations import OPERATIONS
-from service.schemas.answers import Exit, MotionState, Trial
+from service.schemas.answers import Bending, Exit, MotionState, Trial
 from service.schemas.perforation import SpeedTrial, ThicknessTrial
 from tests.service.records import (
     COLUMNS,
@@ -114,6 +114,7 @@ def test_tables_have_the_columns_of_the_contract() -> None:
         "maximum_depth_m",
         "protrusion_final_m",
         "protrusion_greatest_m",
+        *(f"bending_{name}" for name in Bending.model_fields if name != "history"),
         "strength_factor",
         *(f"final_{name}" for name in MotionState.model_fields),
         *(f"exit_{name}" for name in Exit.model_fields if name != "flight"),

@@ -158,7 +158,7 @@ async def test_study_goes_on_for_the_others_when_the_first_client_cannot(thread:
     request, study = request_of(STRIKE)
 
     def refuse(count: int) -> None:
-        raise QuotaError(10, count, 60)
+        raise QuotaError(10, count, 4, 60)
 
     async with running(tmp_path, thread) as manager:
         poor = asyncio.ensure_future(manager.answer_study(STRIKE, request, study, take=refuse))

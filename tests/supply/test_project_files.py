@@ -3,8 +3,10 @@
 import re
 import tomllib
 
+import pytest
 import yaml
 
+from requirements.public_names import FOLDERS
 from service.version import VERSION
 from solver import ENGINE_VERSION
 from tests.conftest import ROOT
@@ -44,3 +46,20 @@ def test_templates_name_goals_and_files_that_there_are() -> None:
         goals = {word for each in re.findall(r"`make ([a-z -]+)`", text) for word in each.split()}
         assert goals <= set(re.findall(r"(?m)^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8")))
         assert all((ROOT / name).exists() for name in re.findall(r"\b([A-Z]+\.md)\b", text))
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/explanation/architecture.md"])
+def test_files_and_names_that_a_contributor_is_sent_to_are_there(page: str) -> None:
+    """A constant or a class in backquotes is somewhere in the sources, a file at the end of some path."""
+    files = [path for folder in (*FOLDERS, "openapi") for path in (ROOT / folder).rglob("*") if path.is_file()]
+    paths = [path.relative_to(ROOT).as_posix() for path in [*files, *ROOT.iterdir()]]
+    sources = "\n".join(path.read_text(encoding="utf-8") for path in files if path.suffix in {".py", ".js"})
+    text = (ROOT / page).read_text(encoding="utf-8")
+    named = re.findall(r"`([\w/.-]+)`", text)
+    missing = [each for each in named if re.search(r"\w\.(py|js|csv|md|toml|json)$", each) and not ends(paths, each)]
+    names = [each for each in named if re.fullmatch(r"[A-Z][A-Za-z]+|[A-Z_]{4,}", each)]
+    assert missing + [each for each in names if not re.search(rf"\b{each}\b", sources)] == []
+
+
+def ends(paths: list[str], name: str) -> bool:
+    return any(f"/{path}".endswith(f"/{name}") for path in paths)

@@ -244,6 +244,28 @@ def test_samples_without_an_outcome_widen_the_interval() -> None:
     assert {"samples_outside", "samples_failed", "no_indices"} <= {warning.code for warning in answer.warnings}
 
 
+def test_flights_have_quantiles_by_outcome_if_they_are_wanted() -> None:
+    """Turned away for x above 0.25, through the wall below 0.1; flies 100 x, at most 200 x."""
+    inputs = [Uncertain("x", Uniform(lower=0.0, upper=1.0))]
+    left = Exit(100.0, 0.8, 0.7, 0.1, 5.0, 1e3, 0.5)
+
+    def ending(x: float) -> Ending:
+        flown = {"range": 100.0 * x, "farthest_range": 200.0 * x}
+        if x > 0.25:
+            return Ending("ricochet", x, left, **flown)  # type: ignore[arg-type]
+        return Ending("perforated", exit=left, **flown) if x < 0.1 else Ending("embedded", x)  # type: ignore[arg-type]
+
+    sampling = Sampling(half_width=0.02)
+    answer = answer_of(TrajectoryStudy(inputs, sampling), lambda points: [ending(x) for (x,) in points])
+    for flights, middle in ((answer.ricochet_flight, 62.5), (answer.perforation_flight, 5.0)):
+        near, far = (dict(flights[name])[0.5] for name in ("range", "farthest_range"))
+        assert near.lower <= middle <= near.upper
+        assert far.value == pytest.approx(2.0 * near.value)
+    study = TrajectoryStudy(inputs, sampling)
+    without = answer_of(study, lambda points: [Ending("ricochet", x, left) for (x,) in points])
+    assert without.ricochet_flight == {}
+
+
 def test_outcomes_of_a_strike_and_quantiles_of_how_it_ends() -> None:
     """Turned away for x above 0.25, at a speed of 100 x; the depth is x."""
     inputs = [Uncertain("x", Uniform(lower=0.0, upper=1.0))]

@@ -14,6 +14,7 @@ from service.schemas import ReportRequest
 from solver import (
     ConstantStrengthFactor,
     ElasticPlastic,
+    Flight,
     ModelWarning,
     MohrCoulomb,
     NoFreeSurface,
@@ -324,10 +325,31 @@ OVER_THEORIES = "Over the theories: 90 % range 43° to 51°"
 AT_50: dict[str, Any] = {"oblique_angle": math.radians(50.0), "outcome": Outcome.EMBEDDED}
 
 
+LANDING = (
+    "Lands about 410 m away if it tumbles as computed, up to 520 m at any elevation, at most 1,050 m without drag."
+)
+LANDED = Flight(
+    range=405.8,
+    flight_time=5.92,
+    impact_speed=57.3,
+    apex=43.3,
+    farthest_range=514.3,
+    farthest_elevation=0.69,
+    range_without_drag=1042.3,
+    elevation=0.335,
+    drag_coefficient=1.0,
+    projected_area=0.032,
+)
+
+
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
         ({}, f"{FIRST}."),
+        (
+            AT_50 | {"outcome": Outcome.RICOCHET, "flight": LANDED},
+            f"At 50° from the normal, with the inputs as given: ricochet. {LANDING} {FIRST}.",
+        ),
         (
             {"spread": (math.radians(48.0), math.radians(50.01))},
             "Critical angle 48.63° from the normal, 90 % range 48.0° to 50.0°.",
