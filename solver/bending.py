@@ -63,14 +63,14 @@ class Bending:
     """
 
     peak_stress: float
-    """Bending moment over the section modulus, in the outermost fibre. [Pa]"""
+    """Largest bending stress, the moment over the section modulus in the outermost fibre. [Pa]"""
     time: float
-    """Since first contact. [s]"""
+    """Time of the largest bending stress, since first contact. [s]"""
     distance_behind_tip: float
-    """Of the cross-section. [m]"""
+    """Distance behind the tip of the cross-section with the largest bending stress. [m]"""
     normal_force: float
-    """Along the axis in that cross-section at that time, positive for tension. Its stress is not part of
-    `peak_stress`. [N]"""
+    """Force along the axis in that cross-section at that time, positive for tension; its stress is not in the largest
+    bending stress. [N]"""
     history: BendingHistory | None
     """None if the run has no history."""
 
@@ -97,6 +97,8 @@ class _Beam(NamedTuple):
 
 def has_inertia_of_shape(projectile: Projectile) -> bool:
     """Whether the mass properties in use are those of the homogeneous solid of the shape, which a beam needs."""
+    if projectile.center_of_gravity is None and projectile.moment_of_inertia is None:
+        return True
     used, shape = mass_properties(projectile), _shape_properties(projectile)
     center = abs(used.center_of_gravity - shape.center_of_gravity)
     inertia = abs(used.moment_of_inertia - shape.moment_of_inertia)
@@ -141,7 +143,9 @@ def bending_of(
     stress, force = _stress(steps[rows], beam, model)
     peak = int(stress.max(axis=1).argmax())
     before, after = rows[max(peak - 1, 0)], rows[min(peak + 1, rows.size - 1)]
-    near = np.setdiff1d(np.linspace(before, after, INSTANTS_NEAR_PEAK + 2).astype(np.int64), rows)
+    apart = max(1, math.ceil((after - before) / (INSTANTS_NEAR_PEAK + 1)))
+    near = np.arange(before + 1, after, apart)
+    near = near[near != rows[peak]]
     if near.size:
         more_stress, more_force = _stress(steps[near], beam, model)
         rows = np.concatenate((rows, near))

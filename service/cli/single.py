@@ -222,6 +222,8 @@ def print_motion(answer: Mapping[str, Any], *, verbose: bool) -> None:
     values = {"outcome": named(OUTCOMES, answer["outcome"])}
     values |= {heading(name): answer[name] for name in ("maximum_depth_m", "strength_factor") if name in answer}
     values |= {f"protrusion {heading(name)}": length for name, length in answer.get("protrusion", {}).items()}
+    bending = answer.get("bending", {})
+    values |= {f"bending {heading(name)}": bending[name] for name in bending if name != "history"}
     print_values(values | {f"final {name}": value for name, value in final.items()})
     print_alternatives(answer)
     print_warnings(answer["warnings"], verbose=verbose)

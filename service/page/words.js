@@ -115,7 +115,7 @@ function outcomesShown(outcomes, decimals) {
 }
 
 /** Codes of warnings, the worst first; what is not here comes after, but before those at the end. */
-const WORST = ["implausible", "base_strikes_first", "velocity_beyond_rigid", "undecided", "tumbling", "range_clipped", "rear_face_unconservative", "retention_decides", "shallow_penetration"];
+const WORST = ["implausible", "base_strikes_first", "velocity_beyond_rigid", "bends", "undecided", "tumbling", "range_clipped", "rear_face_unconservative", "retention_decides", "shallow_penetration"];
 
 /**
  * Return warnings in a line, with how many there are and the worst, and the standing notes in another; both unfold to all of
