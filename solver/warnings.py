@@ -219,12 +219,17 @@ def _rear_face(*, projectile: Projectile, target: Target, resistance: Resistance
     strike = f"{impact.velocity:.4g} m/s at {math.degrees(abs(impact.oblique_angle)):.4g}° from the normal"
     answers = formulas(projectile=projectile, target=target, impact=impact)
     if required := spread(answers, "perforation_thickness"):
-        thicknesses = sorted({f"{1e3 * each:.3g}" for each in (required.lowest, required.highest)}, key=float)
+        thicknesses = [_millimetres(each) for each in sorted({required.lowest, required.highest})]
         by = "formula within its range requires" if required.count == 1 else "formulas within their range require"
-        detail += f"; against {strike} {required.count} {by} {' to '.join(thicknesses)} mm"
+        detail += f"; against {strike} {required.count} {by} {' to '.join(dict.fromkeys(thicknesses))} mm"
     else:
         detail += f"; no formula is within its range for {strike}"
     return ModelWarning(code, detail)
+
+
+def _millimetres(length: float) -> str:
+    """Length with three significant digits and never an exponent: 1170, not 1.17e+03. [mm]"""
+    return f"{float(f'{1e3 * length:.3g}'):.15g}"
 
 
 def _plug_through_wall(projectile: Projectile, target: Target, resistance: Resistance) -> tuple[ModelWarning, ...]:
@@ -235,7 +240,7 @@ def _plug_through_wall(projectile: Projectile, target: Target, resistance: Resis
     return (
         ModelWarning(
             "plug_through_wall",
-            f"the plug would be {1e3 * height:.3g} mm high in thicker concrete, and the wall is "
+            f"the plug would be {_millimetres(height)} mm high in thicker concrete, and the wall is "
             f"{1e3 * target.thickness:.4g} mm thick: the plug is taken as {100.0 * MOST_PLUG:g} % of the wall, and how "
             "such a wall holds is a guess",
         ),

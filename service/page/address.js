@@ -1,7 +1,7 @@
 // Addresses that can be shared: `#/<view>?<query>`, where the query holds what differs from the paper's case.
 
 import { valueAt, withValue } from "./case.js";
-import { nodeAt, paperCase, tagOf } from "./contract.js";
+import { isVariant, nodeAt, paperCase, requiredOf, tagOf } from "./contract.js";
 
 const PARTS = ["projectile", "target", "impact", "resistance", "numerics", "search", "strength_scatter"];
 const LEAST_MS = 250;
@@ -16,7 +16,9 @@ export function readCase(query) {
   for (const [path, text] of given) {
     const [, holder, name] = path.match(/^(.+)\.(.+)$/) ?? [];
     const part = holder && valueAt(values, holder);
-    if (part && name === tagOf(part) && part[name] !== text) values = withValue(values, holder, { [name]: text });
+    if (part && name === tagOf(part) && part[name] !== text && isVariant(holder, text)) {
+      values = withValue(values, holder, { ...requiredOf(holder, text), [name]: text });
+    }
   }
   for (const [path, text] of given) {
     const value = readParameter(path, text, values);
@@ -95,7 +97,7 @@ function parse(text, { type, enum: names, const: only }) {
   if (type === "string") return (names ?? [only ?? text]).includes(text) ? text : undefined;
   try {
     const value = JSON.parse(text);
-    const isRight = type === "array" ? Array.isArray(value) : typeof value === (type === "integer" ? "number" : type);
+    const isRight = type === "array" ? Array.isArray(value) && !value.includes(null) : typeof value === (type === "integer" ? "number" : type);
     return isRight ? value : undefined;
   } catch {
     return undefined;

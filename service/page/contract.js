@@ -40,6 +40,17 @@ export function exampleOf(path, tag) {
   return structuredClone(resolved({ $ref: discriminator.mapping[tag] }).examples[0]);
 }
 
+/** Return whether a part of a case has a variant of this name. */
+export function isVariant(path, tag) {
+  return Object.hasOwn(nodeAt(path, {})?.discriminator?.mapping ?? {}, tag);
+}
+
+/** Return what a variant needs as its first example has it, but for shots: they would count as evidence. */
+export function requiredOf(path, tag) {
+  const { required = [] } = resolved({ $ref: nodeAt(path, {}).discriminator.mapping[tag] });
+  return Object.fromEntries(Object.entries(exampleOf(path, tag)).filter(([name]) => required.includes(name) && name !== "shots"));
+}
+
 /**
  * Return the schema of the field at a dotted path, in a case that says which variants it is in.
  *

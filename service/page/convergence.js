@@ -4,7 +4,7 @@ import { table } from "./elements.js";
 import { fieldAt } from "./fields.js";
 import { axis, colour, csvOf, draw, heading } from "./plots.js";
 import { unitOf } from "./units.js";
-import { degreesShown, digits, outcomeShown, statusShown } from "./words.js";
+import { degreesShown, numberShown, outcomeShown, statusShown } from "./words.js";
 
 /** Return the names of the searches, in the order they are shown. */
 export const searches = () => fieldAt("search.method").choices;
@@ -30,7 +30,7 @@ export function trialTable(method, { iterations }) {
   const rows = iterations.map((trial, i) => [
     String(i + 1),
     trial.oblique_angle_deg.toFixed(3),
-    digits(trial.final_position_m / unitOf("mm").factor),
+    numberShown(trial.final_position_m, "mm"),
     outcomeShown(trial.outcome) + (trial.fine ? "" : ", roughly"),
   ]);
   return table("table", { caption: searches()[method], heads: ["Trial", "Angle [°]", `Final depth [${unitOf("mm").unit}]`, "Outcome"], rows });

@@ -50,6 +50,11 @@ export function table(name, { heads, rows, caption, label, isNamed = false, isNu
   return element("div.wide", label ? { tabindex: 0, role: "group", "aria-label": label } : {}, made);
 }
 
+/** Return a group of buttons that act on the case, which a form disables while it has none. */
+export function caseActions(name, ...children) {
+  return element("fieldset.of-case", { "aria-label": name }, ...children);
+}
+
 /** Offer content as a file. */
 export function save(content, name, type) {
   const url = URL.createObjectURL(new Blob([content], { type }));

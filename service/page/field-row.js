@@ -31,7 +31,8 @@ export function buildRow(field, values, { accept, hold, refuse }) {
     timer = act && setTimeout(act, REST_MS);
   };
   const read = (given) => {
-    const { value, wrong } = readValue(field, given, values);
+    const { value, wrong, note = "" } = readValue(field, given, values);
+    understood.textContent = note;
     later(wrong && (() => refuse(wrong)));
     if (wrong) hold();
     else accept(value);
@@ -41,10 +42,12 @@ export function buildRow(field, values, { accept, hold, refuse }) {
   input.addEventListener("change", () => {
     settle?.();
     later();
-    const { value } = field.kind === "number" ? readValue(field, input.value, values) : {};
-    if (value !== undefined && !Number.isFinite(Number(input.value))) input.value = shownNumber(field, value); // as it was understood
+    if (field.kind !== "number" || Number.isFinite(Number(input.value))) return;
+    const { value, wrong } = readValue(field, input.value, values);
+    if (!wrong) input.value = value === undefined ? "" : shownNumber(field, value); // as it was understood
   });
   input.id = id;
+  const understood = element("output.note.understood", { id: `${id}-understood`, for: id });
   const notes = [
     field.unit && element("span.unit", { id: `${id}-unit` }, field.unit),
     field.slider && buildSlider(field, values, input, read),
@@ -54,7 +57,7 @@ export function buildRow(field, values, { accept, hold, refuse }) {
   const problem = element("p.problem", { id: `${id}-problem`, hidden: true });
   const described = notes.map((note) => note.id).filter(Boolean).join(" ");
   const kind = field.kind === "flag" ? "div.field.flag" : "div.field";
-  const root = element(kind, {}, element("label", { for: id }, field.label), input, ...notes, problem);
+  const root = element(kind, {}, element("label", { for: id }, field.label), input, ...notes, understood, problem);
   const row = { field, root, input, problem, described, later };
   showProblem(row, "");
   return row;

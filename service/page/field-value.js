@@ -3,14 +3,18 @@
 import { boundsOf, withUnit } from "./fields.js";
 import { readQuantity, unitOf } from "./units.js";
 
+const WORDS = ["∞", "none", "auto"]; // that an empty field shows
+
 /**
  * Read a field.
  *
- * @returns {{value?: any, wrong?: string}} the value, undefined if the field is left open, or what is wrong with it
+ * @returns {{value?: any, wrong?: string, note?: string}} the value, undefined if the field is left open, or what is wrong with
+ *   it; `note` says how it was understood where that may be a surprise
  */
 export function readValue(field, given, values) {
   if (field.kind === "flag" || field.kind === "choice") return { value: given };
   const text = given.trim();
+  if (field.optional && WORDS.includes(text.toLowerCase())) return { value: undefined };
   if (!text && field.kind !== "shots") return field.optional ? { value: undefined } : { wrong: `${field.label} must be a number.` };
   if (field.kind === "number") return readNumber(text, field, values);
   if (field.kind === "shots") return readShots(text, field);
@@ -18,10 +22,10 @@ export function readValue(field, given, values) {
 }
 
 function readNumber(text, field, values) {
-  const { value, wrong } = readQuantity(text, field.si);
+  const { value, wrong, note } = readQuantity(text, field.si);
   if (wrong) return { wrong: `${field.label}: ${wrong}.` };
   const broken = outside(value / field.factor, boundsOf(field, values));
-  return broken ? { wrong: `${field.label} must be ${broken[0]} ${withUnit(broken[1], field.unit)}.` } : { value };
+  return broken ? { wrong: `${field.label} must be ${broken[0]} ${withUnit(broken[1], field.unit)}.` } : { value, note };
 }
 
 /** Return how a value in the unit shown is beyond bounds of fields.js, as in ["at least", 5]; undefined if it is not. */

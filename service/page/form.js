@@ -6,6 +6,7 @@ import { announce, element } from "./elements.js";
 import { buildRow, showProblem } from "./field-row.js";
 import { GROUPS, inUnit, isThere } from "./fields.js";
 import { clearParts, markStale } from "./stale.js";
+import { keep, kept } from "./storage.js";
 
 const MOST_UNDONE = 100;
 const DESCRIBES = "ricochet-describe"; // whether every field is described, in this browser
@@ -15,20 +16,22 @@ const DESCRIBES = "ricochet-describe"; // whether every field is described, in t
  *
  * @param {HTMLElement} root
  * @param {{case: object, onChange: (values: object, path: string) => void, include?: string[],
- *   problem: HTMLElement, parts?: () => HTMLElement[], panels?: object[], onHold?: () => void, groups?: object[], without?: string[], open?: string[]}} options
+ *   problem: HTMLElement, parts?: () => HTMLElement[], panels?: object[], actions?: HTMLFieldSetElement[], onHold?: () => void, groups?: object[], without?: string[], open?: string[]}} options
  *   `onChange` is called with a case only if all its fields are in their bounds, `onHold` while one is not; `problem` is where
  *   there is a word on what is wrong elsewhere than at a field; `parts` are marked as of the inputs before while a field may
  *   still be typed into, and once its value is not accepted are cleared of all but pictures, as are `panels`, by their `hold` and
- *   `clear`; `include` names the groups of fields.js, all if none, `groups` others instead; `without` are fields to leave out by
+ *   `clear`; `actions` hold the buttons that act on the case, which are disabled as long; `include` names the groups of fields.js, all if none, `groups` others instead; `without` are fields to leave out by
  *   their paths, `open` the groups that are not folded
- * @returns {{setCase: (values: object) => void, setField: (path: string, value: number) => void, fail: (error: Error) => void, currentCase: () => object}}
- *   `setField` fills in a field as if a value in SI were typed; `fail` shows an error: at the fields it points to, if it does
+ * @returns {{setCase: (values: object) => void, setField: (path: string, value: number) => void, fail: (error: Error) => void, currentCase: () => object, isHeld: () => boolean}}
+ *   `setField` fills in a field as if a value in SI were typed; `fail` shows an error: at the fields it points to, if it does; `isHeld` returns whether a field is not
+ *   accepted, so that the fields have no case
  */
 export function buildForm(root, options) {
   const form = new CaseForm(root, options);
   form.rebuild();
   return {
     currentCase: () => form.values,
+    isHeld: () => form.isHeld,
     setCase(values) {
       form.values = values;
       form.rebuild();
@@ -41,12 +44,13 @@ export function buildForm(root, options) {
 class CaseForm {
   rows = [];
   wrong = new Set(); // paths of fields whose text is not accepted
+  isHeld = false; // whether the service or the form does not accept a field
   undone = []; // cases before each edit, with the field that was edited
 
-  constructor(root, { case: values, onChange, onHold, problem, parts = () => [], panels = [], include, groups, without = [], open = include }) {
-    Object.assign(this, { root, values, onChange, onHold, problem, parts, panels, without, open });
-    const describes = element("input", { type: "checkbox", checked: localStorage.getItem(DESCRIBES) === "yes" });
-    describes.addEventListener("change", () => localStorage.setItem(DESCRIBES, describes.checked ? "yes" : "no"));
+  constructor(root, { case: values, onChange, onHold, problem, parts = () => [], panels = [], actions = [], include, groups, without = [], open = include }) {
+    Object.assign(this, { root, values, onChange, onHold, problem, parts, panels, actions, without, open });
+    const describes = element("input", { type: "checkbox", checked: kept(DESCRIBES) === "yes" });
+    describes.addEventListener("change", () => keep(DESCRIBES, describes.checked ? "yes" : "no"));
     this.help = element("label.describe", {}, describes, " Describe every field");
     this.undoButton = element("button", { type: "button", disabled: true, onclick: () => this.undo() }, "Undo");
     this.groups = groups ?? include?.map((given) => GROUPS.find(({ name }) => name === given)) ?? GROUPS;
@@ -103,11 +107,22 @@ class CaseForm {
     else this.values = withValue(this.values, field.path, value);
     if (this.wrong.size) return;
     this.problem.textContent = "";
-    this.onChange(this.values, field.path);
+    this.change(field.path);
+  }
+
+  change(path) {
+    this.setHeld(false);
+    this.onChange(this.values, path);
+  }
+
+  setHeld(isHeld) {
+    this.isHeld = isHeld;
+    for (const each of this.actions) each.disabled = isHeld;
   }
 
   /** What is shown belongs to the inputs before, while a field is typed into. */
   hold() {
+    this.setHeld(true);
     this.onHold?.();
     for (const panel of this.panels) panel.hold();
     markStale(...this.parts());
@@ -140,7 +155,7 @@ class CaseForm {
     this.values = values;
     this.rebuild();
     if (this.wrong.size) return this.hold();
-    this.onChange(values, path);
+    this.change(path);
     return announce(`${this.rows.find(({ field }) => field.path === path)?.field.label ?? "The change"} is as before.`);
   }
 

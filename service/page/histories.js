@@ -5,6 +5,7 @@ import { axis, colour, csvOf, draw, heading, relayout } from "./plots.js";
 import { unitOf } from "./units.js";
 
 const NARROW = 640; // px
+const [NOISE, DIGITS] = [1e-6, 9]; // in units shown, and of values that are drawn
 const DASHES = ["solid", "dash"];
 const PANELS = [
   { title: "Depth", si: "mm", columns: { center_of_gravity_depth_m: "centre of gravity", nose_tip_depth_m: "tip" } },
@@ -45,7 +46,7 @@ function tracesOf({ run: { history }, name }, index, isCompared) {
   return PANELS.flatMap(({ columns, si }, panel) =>
     Object.entries(columns).map(([column, quantity], i) => ({
       x: time,
-      y: history[column].map((value) => value / unitOf(si).factor),
+      y: withoutNoise(history[column].map((value) => value / unitOf(si).factor)),
       name: isCompared ? name : quantity,
       meta: index,
       mode: "lines",
@@ -56,6 +57,12 @@ function tracesOf({ run: { history }, name }, index, isCompared) {
       hovertemplate: isCompared ? `${name}: %{y:.4~g}<extra></extra>` : "%{y:.4~g}",
     })),
   );
+}
+
+/** Return values as they are drawn: what rounding leaves of a constant would stretch its axis over 1e-11°. */
+function withoutNoise(values) {
+  const isNothing = values.every((value) => Math.abs(value) < NOISE);
+  return values.map((value) => (isNothing ? 0 : Number(value.toPrecision(DIGITS))));
 }
 
 function rowsOf({ run: { history }, name }) {

@@ -72,7 +72,7 @@ export function cellWords(cell) {
   const label = endingShown(cell.ending);
   if (cell.ending === "failed") return `${label}: ${cell.detail}`;
   if (cell.probability !== undefined) return `ricochet with a probability of ${cell.probability.toFixed(2)}`;
-  if (cell.thickness !== undefined) return `stopped by ${lengthShown(cell.thickness)}`;
+  if (cell.thickness !== undefined) return `stopped by ${lengthShown(cell.thickness)} by this model, not a design value`;
   const words = cell.angle === undefined ? label : `ricochet from ${cell.angle.toFixed(2)}° on`;
   return cell.depth === undefined || cell.ending === "perforated" ? words : `${words}, ${lengthShown(cell.depth)} deep`;
 }

@@ -8,7 +8,7 @@ import { cellsCsv, countWords, QUANTITIES } from "./map-cells.js";
 import { mapLayout, mapTraces } from "./map-plot.js";
 import { endWords, progressWords } from "./map-run.js";
 import { draw, purge } from "./plots.js";
-import { markFresh, markStale, markUntilRun } from "./stale.js";
+import { markFresh, markPending, markSettled, markStale, markUntilRun } from "./stale.js";
 import { QUICK, inputField, usualInputs } from "./scatter.js";
 import { hasAngle, isStudied, numbers, OPERATIONS } from "./sweep.js";
 import { valueAt } from "./case.js";
@@ -60,6 +60,7 @@ export class MapPicture {
     this.#isDrawn = false;
     this.#isSame = true;
     markFresh(this.heading);
+    markPending(this.words);
     markStale(...this.#ofCells);
   }
 
@@ -75,8 +76,14 @@ export class MapPicture {
   /** Show how the job has ended. */
   showEnd(job) {
     this.words.textContent = endWords(job);
+    markSettled(this.words);
     this.bar.max = job.counts.total;
     this.bar.value = job.counts.done;
+  }
+
+  /** Show that no more comes: something is wrong, which is said elsewhere. */
+  giveUp() {
+    markSettled(this.words, "");
   }
 
   /** Mark the results as those of the inputs, or of previous ones; hide them where a field is not accepted. */
@@ -193,7 +200,9 @@ function scatterWords(values) {
 function titleOf({ operation, values, ...map }, axes) {
   const isVaried = [map.x, map.y].some(({ field }) => field === "impact.oblique_angle_deg");
   const name = nameOf(operation, axes);
-  return hasAngle({ operation }) && !isVaried ? `${name}, at ${valueAt(values, "impact.oblique_angle_deg")}°` : name;
+  const at = hasAngle({ operation }) && !isVaried ? `, at ${valueAt(values, "impact.oblique_angle_deg")}°` : "";
+  const isOfWall = operation === "thickness" || (operation === "trajectory" && values.target.thickness_m !== undefined);
+  return `${name}${at}${isOfWall ? ", by this model: not a design value" : ""}`;
 }
 
 function nameOf(operation, [x, y]) {

@@ -3,6 +3,7 @@
 import { address, caseOf, caseQuery, readAddress } from "./address.js";
 import { paperCase } from "./contract.js";
 import { announce, element } from "./elements.js";
+import { keep, kept } from "./storage.js";
 
 const STORED = "ricochet-cases";
 /**
@@ -30,14 +31,14 @@ export function presetLinks(view) {
   const links = Object.entries(PRESETS).map(([name, parts]) =>
     element("a", { href: address(view, caseQuery({ ...paperCase(), ...parts })) }, name),
   );
-  const kept = element("span.kept");
+  const list = element("span.kept");
   const name = element("input", { type: "text", required: true, "aria-label": "Name of the case", placeholder: "Name" });
   const write = (cases, words) => {
-    localStorage.setItem(STORED, JSON.stringify(cases));
+    keep(STORED, JSON.stringify(cases));
     announce(words);
-    list();
+    show();
   };
-  const keep = (event) => {
+  const save = (event) => {
     event.preventDefault();
     const text = name.value.trim();
     write({ ...read(), [text]: caseOf(readAddress(location.hash).query).toString() }, `Saved as ${text} in this browser.`);
@@ -47,7 +48,7 @@ export function presetLinks(view) {
     const { [each]: _, ...others } = read();
     write(others, `${each} is forgotten.`);
   };
-  const list = () => {
+  const show = () => {
     const lines = Object.entries(read()).map(([each, query]) =>
       element(
         "span",
@@ -56,14 +57,20 @@ export function presetLinks(view) {
         element("button", { type: "button", "aria-label": `Forget ${each}`, onclick: () => forget(each) }, "×"),
       ),
     );
-    kept.replaceChildren(...lines);
+    list.replaceChildren(...lines);
   };
-  list();
-  const form = element("form.actions", { onsubmit: keep, "aria-label": "Save this case" }, name, element("button", {}, "Save"));
-  const saved = element("details.saved", {}, element("summary", {}, "Saved cases"), kept, form);
+  show();
+  const form = element("form.actions", { onsubmit: save, "aria-label": "Save this case" }, name, element("button", {}, "Save"));
+  const saved = element("details.saved", {}, element("summary", {}, "Saved cases"), list, form);
   return element("div", {}, element("p.presets", { role: "group", "aria-label": "Start from" }, "Start from: ", ...links), saved);
 }
 
+/** Return the queries of the cases that are kept, by name; what is damaged is left out. */
 function read() {
-  return JSON.parse(localStorage.getItem(STORED) ?? "{}");
+  try {
+    const cases = JSON.parse(kept(STORED) ?? "{}");
+    return Object.fromEntries(Object.entries(cases ?? {}).filter(([, query]) => typeof query === "string"));
+  } catch {
+    return {};
+  }
 }

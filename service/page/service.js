@@ -1,5 +1,7 @@
 // Requests to the service: relative addresses, the key if there is one, problems as errors.
 
+import { keep, kept } from "./storage.js";
+
 const KEY = "ricochet-key";
 
 /** Fires `needed` when an answer was 401. */
@@ -20,7 +22,7 @@ export function locate(path) {
 
 /** Keep the API key until the tab is closed. */
 export function useKey(key) {
-  sessionStorage.setItem(KEY, key);
+  keep(KEY, key.trim(), "sessionStorage");
 }
 
 /**
@@ -34,8 +36,8 @@ export function useKey(key) {
  * @throws {Problem} for a status from 400 on, or if there is no answer (status 0)
  */
 export async function request(path, { method, body, headers = {}, signal, as = "data" } = {}) {
-  const key = sessionStorage.getItem(KEY);
-  const authorization = key ? { Authorization: `Bearer ${key}` } : {};
+  const key = kept(KEY, "sessionStorage");
+  const authorization = /^[\x21-\x7e]+$/.test(key ?? "") ? { Authorization: `Bearer ${key}` } : {};
   const response = await reach(path, {
     method: method ?? (body === undefined ? "GET" : "POST"),
     headers: { ...authorization, ...(body === undefined ? {} : { "Content-Type": "application/json" }), ...headers },

@@ -3,7 +3,7 @@
 
 import { closedOutline, centreOfGravity, placed } from "./outline.js";
 import { colour } from "./plots.js";
-import { degreesShown, digits, lengthShown, quantityShown } from "./words.js";
+import { degreesShown, lengthShown, quantityShown } from "./words.js";
 
 const RADIAN = Math.PI / 180;
 const SWEPT = 48; // instants whose outlines together are the hole
@@ -75,7 +75,7 @@ export function exitMark({ exit, final, path, projectile: { length_m: length } }
   const tip = [path.lateral.at(-1), path.depth.at(-1)];
   const reach = (RADII.exit * length) / exit.speed_m_s;
   const direction = [reach * final.lateral_velocity_m_s, reach * final.depth_velocity_m_s];
-  const text = `exit ${quantityShown(exit.speed_m_s, "m/s")}${isNarrow ? "" : `\n${digits(exit.elevation_deg)}° from the face`}`;
+  const text = `exit ${quantityShown(exit.speed_m_s, "m/s")}${isNarrow ? "" : `\n${quantityShown(exit.elevation_deg, "°")} from the face`}`;
   const side = final.depth_velocity_m_s < 0 ? "above" : isNarrow ? "left" : "right";
   const end = tip.map((value, i) => value + direction[i] - (i && side === "above" ? 0.05 * length : 0)); // of the words
   return [arrow(tip, direction, colour("accent"), "exit"), { at: end, text, side, color: colour("accent") }];

@@ -13,7 +13,7 @@ import { digits, endingShown, lengthShown } from "./words.js";
 
 const OUTLINES = [6, 3]; // of a run by itself, and of each that is compared
 const SEGMENTS = 36; // of the first path, each in the colour of its speed
-const NARROW = 640; // px
+const [NARROW, CAPTIONED] = [640, 490]; // px
 const NEAR = 2; // a rear face is in view up to this many times the depth that is reached
 const GRID_M = 0.1; // ends of the picture, so that it does not tremble while a slider moves
 const MARGIN = { left: 48, right: 12, top: 26, bottom: 38 }; // px
@@ -30,8 +30,9 @@ const scenes = new WeakMap(); // what is drawn, by the element it is drawn into
  * @param {{run: object, name: string}[]} runs as `computeRun` returns them; the first has a movable outline and the colours of
  *   its speed, the others a colour each
  * @param {number} row of the first run's history at which its outline is emphasised
- * @param {{critical?: number, turns?: boolean, isHeld?: boolean}} options `critical` is the critical angle to mark [°];
- *   with `turns` there is room for every oblique angle, so that the scale stays while it changes; `isHeld` keeps the frame
+ * @param {{critical?: number, turns?: boolean, isHeld?: boolean, beside?: object[], caption?: string}} options `critical` is the critical angle to mark
+ *   [°]; with `turns` there is room for every oblique angle, so that the scale stays while it changes; `isHeld` keeps the frame;
+ *   `caption` stands above the picture; `beside` are runs of a picture beside this one, for which there is room too, so that both have one scale
  */
 export function drawSideView(root, runs, row, options = {}) {
   if (!root.isConnected) return;
@@ -78,13 +79,15 @@ function render(root, scene) {
   const isNarrow = size.width < NARROW;
   const range = [0, Math.max(...own.path.speed)];
   const count = OUTLINES[Math.min(others.length, 1)];
-  const marks = [...arcMarks(own, isNarrow), ...criticalMark(own, options.critical, isNarrow), ...exitMark(own, isNarrow), ...protrusionMark(own)];
+  const marksOf = (run) => [...arcMarks(run, isNarrow), ...criticalMark(run, options.critical, isNarrow), ...exitMark(run, isNarrow), ...protrusionMark(run)];
+  const marks = marksOf(own);
   const outlines = evenRows(own, count).map((each) => outlineAt(own, each));
   const compared = others.flatMap(({ run }) => evenRows(run, count).map((each) => outlineAt(run, each)));
   const moving = outlineAt(own, row);
   const time = own.history.time_s[row];
   const besides = others.map(({ run }) => outlineAt(run, rowAt(run, time))); // strikes move together
-  const lines = [...outlines, ...compared, ...runs.map(({ run }) => pathOf(run)), ...marks.map(({ points }) => points ?? [])];
+  const beside = (options.beside ?? []).flatMap((run) => [pathOf(run), ...evenRows(run, count).map((each) => outlineAt(run, each)), ...marksOf(run).map(({ points }) => points ?? [])]);
+  const lines = [...outlines, ...compared, ...runs.map(({ run }) => pathOf(run)), ...marks.map(({ points }) => points ?? []), ...beside];
   scene.frame ??= frameOf(size, lines.flat(), own, options.turns ? own.projectile.length_m : 0);
   const { frame } = scene;
   const parts = [
@@ -114,7 +117,7 @@ function render(root, scene) {
     ...axes(frame),
     svg("g", { "clip-path": "url(#frame)" }, drawing),
     ...words,
-    ...legend(runs, range, size),
+    ...legend(runs, range, size, options.caption),
   );
   place(root, picture, {
     title: `Side view: ${runs.map(({ run }) => endingShown(run)).join(", ")}`,
@@ -215,7 +218,7 @@ function axes({ box, origin, scale }) {
 }
 
 /** The colours of the speed, and the names of what is compared. */
-function legend(runs, range, { width }) {
+function legend(runs, range, { width }, caption) {
   const { unit, factor } = unitOf("m/s");
   const stops = VIRIDIS.map(([offset, stop]) => svg("stop", { offset, "stop-color": stop }));
   const x = width - MARGIN.right - 150;
@@ -227,7 +230,8 @@ function legend(runs, range, { width }) {
     svg("text", { x: x + 105, y: 16 }, `${digits(range[1] / factor)} ${unit}`),
   ];
   return [
-    ...(names.length && width < NARROW ? [] : scale), // there is no room for both
+    ...(width < (names.length ? NARROW : caption ? CAPTIONED : 0) ? [] : scale), // there is no room for both
+    ...(caption ? [svg("text", { class: "caption", x: MARGIN.left, y: 16, "font-weight": "bold" }, caption)] : []),
     ...names.flatMap((name, i) => [
       svg("line", { x1: MARGIN.left + i * 92, x2: MARGIN.left + 16 + i * 92, y1: 12, y2: 12, stroke: colour(i ? `run-${i}` : "accent"), "stroke-width": 3 }),
       svg("text", { class: "legend", x: MARGIN.left + 20 + i * 92, y: 16 }, name),

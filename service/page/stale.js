@@ -19,8 +19,25 @@ export function markUntilRun(...parts) {
 function mark(parts) {
   for (const part of parts) {
     part.setAttribute("aria-busy", "true");
+    setDownloads(part, false);
     stale.add(part);
   }
+}
+
+/** Files of a picture are offered only while it is of the inputs. */
+function setDownloads(part, isOffered) {
+  for (const button of part.querySelectorAll(".downloads button")) button.disabled = !isOffered;
+}
+
+/** Note that a view waits for a study or a job, which a part of it stands for: it is not up to date, whatever else is. */
+export function markPending(part) {
+  stale.add(part);
+}
+
+/** Note that a study or a job has ended, or was given up. */
+export function markSettled(part, words = "Up to date.") {
+  stale.delete(part);
+  if (!stale.size) announce(words);
 }
 
 /** Take the marks away: the parts are of the inputs that are shown. */
@@ -28,6 +45,7 @@ export function markFresh(...parts) {
   for (const part of parts) {
     part.removeAttribute("aria-busy");
     part.classList.remove("cleared");
+    setDownloads(part, true);
     stale.delete(part);
   }
   for (const part of stale) if (!part.isConnected) stale.delete(part); // of a view that was left
@@ -38,7 +56,10 @@ export function markFresh(...parts) {
 export function clearParts(...parts) {
   for (const part of parts) {
     part.classList.add("cleared");
-    if (part.querySelector(".drawing, input")) continue;
+    if (part.querySelector(".drawing, input")) {
+      mark([part]);
+      continue;
+    }
     part.removeAttribute("aria-busy");
     stale.delete(part);
     part.replaceChildren(element("p.quiet", {}, "No result: a field is not accepted."));

@@ -18,6 +18,7 @@ const AT_ONCE = 100; // cases that the service answers without a job
 const COARSE = 8; // rows and columns of what is seen of a large map first
 const THICKNESS = "target.thickness_m";
 const ANGLE = "impact.oblique_angle_deg";
+const MOST_READ = 1000; // values of an axis in an address: far more than a map takes, and few enough to hold
 const COUNT = 9; // values of an axis unless others are chosen
 const [SPEED, STRENGTH] = ["impact.velocity_m_s", "target.compressive_strength_pa"];
 
@@ -161,7 +162,7 @@ export function caseAt({ values, x, y }, { column, row }, angle) {
 export function readAxis(text) {
   const [field, ...rest] = (text ?? "").split(",");
   const [start, stop, count] = rest.map(Number);
-  const isRight = fieldAt(field)?.kind === "number" && Number.isInteger(count) && count >= 1;
+  const isRight = fieldAt(field)?.kind === "number" && Number.isInteger(count) && count >= 1 && count <= MOST_READ;
   return isRight && Number.isFinite(start) && Number.isFinite(stop) ? { field, start, stop, count } : undefined;
 }
 

@@ -1,5 +1,7 @@
 // Light or dark: as the system has it, or as chosen.
 
+import { keep, kept } from "./storage.js";
+
 const STORED = "ricochet-theme";
 
 /** Fires `change` when the colours are others. */
@@ -13,9 +15,10 @@ export function followTheme(select) {
     document.documentElement.dataset.theme = theme;
     themeChanges.dispatchEvent(new Event("change"));
   };
-  select.value = localStorage.getItem(STORED) ?? "system";
+  const before = kept(STORED);
+  select.value = ["light", "dark"].includes(before) ? before : "system";
   select.addEventListener("change", () => {
-    localStorage.setItem(STORED, select.value);
+    keep(STORED, select.value);
     apply();
   });
   dark.addEventListener("change", apply);

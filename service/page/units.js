@@ -1,5 +1,7 @@
 // Units: those shown, SI or US customary, and those understood where a number is typed.
 
+import { keep, kept } from "./storage.js";
+
 const STORED = "ricochet-units";
 const KINDS = {
   speed: { "m/s": 1, "km/s": 1e3, "km/h": 1 / 3.6, "ft/s": 0.3048, fps: 0.3048, mph: 0.44704 },
@@ -16,18 +18,19 @@ const KINDS = {
 };
 /** What is shown in US customary units instead. */
 const US = { "m/s": "ft/s", m: "ft", mm: "in", kg: "lb", MPa: "psi", GPa: "ksi", "kg/m³": "lb/ft³", "kg m²": "lb ft²", kN: "kip", kJ: "ft lbf", J: "ft lbf", N: "lbf", Pa: "psi" };
-const QUANTITY = /(-?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?)[ \u00a0](m\/s|mm|m|kg\/m³|kg m²|kg|MPa|GPa|Pa|kN|kJ|N|J)(?![\w²³/])/g;
+/** A quantity in a sentence of the service, which is in SI: perhaps a range, as in `473 to 629 mm`. */
+const QUANTITY = /(?:(-?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?) to )?(-?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?)[ \u00a0](m\/s|mm|m|kg\/m³|kg m²|kg|MPa|GPa|Pa|kN|kJ|N|J)(?![\w²³/])/g;
 const COLUMN = /_(m_s|kg_m3|kg_m2|m|kg|pa|n_m|n|j)$/;
 const COLUMNS = { m_s: ["ft_s", 0.3048], kg_m3: ["lb_ft3", 16.018463373960142], kg_m2: ["lb_ft2", 0.042140110093804], m: ["in", 0.0254], kg: ["lb", 0.45359237], pa: ["psi", 6894.757293168], n_m: ["ft_lbf", 1.3558179483314], n: ["lbf", 4.4482216152605], j: ["ft_lbf", 1.3558179483314] };
 
-let isUs = localStorage.getItem(STORED) === "us";
+let isUs = kept(STORED) === "us";
 
 /** Follow a <select> of the units; `onChange` is called when others are chosen. */
 export function followUnits(select, onChange) {
   select.value = isUs ? "us" : "si";
   select.addEventListener("change", () => {
     isUs = select.value === "us";
-    localStorage.setItem(STORED, select.value);
+    keep(STORED, select.value);
     onChange();
   });
 }
@@ -46,28 +49,33 @@ export function unitOf(si) {
 /**
  * Read a number with a decimal point or comma and, if it has one, a unit: `250,5`, `5656 psi`, `1,200.5 mm`.
  *
- * @returns {{value?: number, wrong?: string}} in SI; without a unit it is in the one shown
+ * A comma before three digits, as in `2,500`, divides thousands; any other by itself is a decimal one.
+ *
+ * @returns {{value?: number, wrong?: string, note?: string}} in SI; without a unit it is in the one shown; `note` says how what
+ *   may be read in two ways was read
  */
 export function readQuantity(text, si) {
   const [, digits, name] = text.replaceAll("−", "-").trim().match(/^([-+]?[\d.,'\s]*(?:e[-+]?\d+)?)\s*(.*)$/i);
   const bare = digits.replace(/['\s]/g, "");
-  const isGrouped = /,.*[,.]/.test(bare); // as 1,200.5 is; a comma by itself is a decimal one
+  const isThousands = /^[-+]?[1-9]\d{0,2},\d{3}$/.test(bare);
+  const isGrouped = isThousands || /,.*[,.]/.test(bare); // as 1,200.5 is
   const value = Number(isGrouped ? bare.replaceAll(",", "") : bare.replace(/,(?=\d*(e|$))/i, "."));
   if (!bare || !Number.isFinite(value)) return { wrong: `${JSON.stringify(text)} is not a number` };
   const known = kindOf(si) ?? {};
   const unit = name.trim().replaceAll("·", " ").replaceAll("^", "") || unitOf(si).unit;
   const found = Object.keys(known).find((each) => each === unit) ?? Object.keys(known).find((each) => each.toLowerCase() === unit.toLowerCase());
   if (unit && !found) return { wrong: `${JSON.stringify(name.trim())} is not a unit here${si ? `, as ${unitOf(si).unit} is` : ""}` };
-  return { value: Number((value * (known[found] ?? 1)).toPrecision(15)) };
+  const note = isThousands ? `${bare} is read as ${bare.replace(",", "")}; for a fraction type ${bare.replace(",", ".")}` : undefined;
+  return { value: Number((value * (known[found] ?? 1)).toPrecision(15)), note };
 }
 
 /** Return text with its quantities in the units shown. */
 export function inShownUnits(text) {
   if (!isUs) return text;
-  return text.replace(QUANTITY, (_, number, si) => {
-    const value = Number(number.replaceAll(",", "")) * kindOf(si)[si];
+  return text.replace(QUANTITY, (_, least, most, si) => {
     const { unit, factor } = unitOf(si);
-    return `${Number((value / factor).toPrecision(4))} ${unit}`;
+    const shown = (number) => Number(((Number(number.replaceAll(",", "")) * kindOf(si)[si]) / factor).toPrecision(4));
+    return `${least === undefined ? "" : `${shown(least)} to `}${shown(most)} ${unit}`;
   });
 }
 

@@ -99,7 +99,7 @@ export class Verdict {
     this.link.setAttribute("href", address("how-sure", caseQuery(values)));
     markStale(this.card, this.warnings, this.strip);
     this.updateJudged.cancel();
-    if (!this.isOf(values)) markStale(this.spread);
+    if (!this.isOf(values)) markStale(this.spread, this.fit);
     this.updateAngle(values);
   }
 
@@ -120,13 +120,16 @@ export class Verdict {
     this.updateAngle.cancel();
     this.updateJudged.cancel();
     this.#key = undefined;
-    markStale(this.card, this.warnings, this.strip, this.spread);
+    markStale(this.card, this.warnings, this.strip, this.spread, this.fit);
   }
 
   /** Show none, as a field is not accepted. */
   clear() {
     this.hold();
-    clearParts(this.card, this.warnings, this.strip, this.spread);
+    const others = [this.warnings, this.strip, this.spread, this.fit];
+    for (const part of others) part.replaceChildren();
+    markFresh(...others);
+    clearParts(this.card); // says so once
   }
 
   /** Keep the height that it has, or take what its words need: a picture below must not move under the pointer that drags in it. */
@@ -167,6 +170,17 @@ export class Verdict {
     this.#show();
   }
 
+  /**
+   * Return the warnings of the search and of the verdict that belong beside those of the run: not one that the run has of its own
+   * angle, and those of the search with a word on that.
+   */
+  #warningsBeside(run) {
+    const own = new Set(run.warnings.map(({ code }) => code));
+    const searched = new Set(this.found.warnings.map(({ detail }) => detail));
+    const others = [...this.found.warnings, ...(this.#judged?.warnings ?? [])].filter(({ code, standing }) => standing || !own.has(code));
+    return others.map((each) => (each.standing || !searched.has(each.detail) ? each : { ...each, detail: `at the critical angle: ${each.detail}` }));
+  }
+
   #show() {
     const [values, run] = [this.#values, this.#run];
     if (!run || !this.isOf(values)) return;
@@ -176,14 +190,14 @@ export class Verdict {
     if (hasShots && !this.#hadShots) this.about.open = true; // it says what they did to S
     this.#hadShots = hasShots;
     this.spread.replaceChildren([describeAngle(this.found, decimalsOf(this.#judged)), this.#judged ? describeRange(this.#judged) : ""].join(" "));
-    this.warnings.replaceChildren(...warningList(run.warnings, this.found.warnings, this.#judged?.warnings ?? []));
+    this.warnings.replaceChildren(...warningList(run.warnings, this.#warningsBeside(run)));
     // One card shows one critical angle: beside that of a law of one's own, the theories stand in words alone.
     const theories = (this.#judged?.own_law ? [] : this.#judged?.theories ?? []).map((each) => each.critical_angle_deg).filter((angle) => angle !== undefined);
     const { lower_deg: lower, upper_deg: upper } = this.#judged?.range ?? {};
     const range = lower === undefined ? [] : [lower, upper];
     const { oblique_angle_deg: mine } = values.impact;
     this.strip.replaceChildren(stripOf(mine, this.found.critical_angle_deg, theories, range, this.strip.clientWidth, decimalsOf(this.#judged)));
-    markFresh(this.card, this.strip);
+    markFresh(this.card, this.strip, this.fit);
     // Until the verdict is there, a warning may turn out to be a standing note.
     if (this.#judged?.oblique_angle_deg === mine) markFresh(this.warnings);
   }
@@ -198,7 +212,7 @@ function decimalsOf(judged) {
 /** Return where a run has ended in a few words. */
 function endOf({ outcome, final, exit, protrusion, maximum_depth_m: depth }) {
   if (outcome === "perforated") return `goes on at ${quantityShown(exit?.speed_m_s ?? final.depth_velocity_m_s, "m/s")}`;
-  if (exit) return `at ${quantityShown(exit.speed_m_s, "m/s")}, ${digits(exit.elevation_deg)}° from the face`;
+  if (exit) return `at ${quantityShown(exit.speed_m_s, "m/s")}, ${quantityShown(exit.elevation_deg, "°")} from the face`;
   const out = outcome === "embedded" && protrusion?.final_m ? `its nose ${lengthShown(protrusion.final_m)} out of the rear face, ` : "";
   return `${out}${lengthShown(depth)} deep after ${digits(final.time_s * 1e3)} ms`;
 }

@@ -10,6 +10,9 @@ const STATUSES = {
   not_converged: "The search did not converge.",
 };
 
+/** Quantities below these are noise of the computation, not results: a tenth of the unit that SI shows. */
+const NOISE = { mm: 1e-4, "m/s": 0.1, "°": 0.1 };
+
 /** Return a number as text with so many significant digits, without a trailing exponent where it can be. */
 export function digits(value, count = 3) {
   if (value === 0) return "0";
@@ -20,9 +23,16 @@ export function digits(value, count = 3) {
 
 /** Return a quantity in SI as text, as in `238 m/s`; `si` is the unit in which SI shows it. What is given has 4 digits and more. */
 export function quantityShown(value, si, count = 3) {
-  const { unit, factor } = unitOf(si);
-  const shown = count > 3 ? String(Number((value / factor).toPrecision(count))) : digits(value / factor, count);
-  return `${Number(shown) >= 1e3 ? Number(shown).toLocaleString("en") : shown} ${unit}`;
+  const { unit } = unitOf(si);
+  return `${numberShown(value, si, count)}${unit === "°" ? "" : " "}${unit}`;
+}
+
+/** Return the number of a quantity in SI as text, in the unit shown, as a column has it whose head names the unit. */
+export function numberShown(value, si, count = 3) {
+  if (Math.abs(value) < NOISE[si]) return "0";
+  const shown = value / unitOf(si).factor;
+  const text = count > 3 ? String(Number(shown.toPrecision(count))) : digits(shown, count);
+  return Math.abs(Number(text)) >= 1e3 ? Number(text).toLocaleString("en") : text;
 }
 
 /** Return a length in SI as text: in millimetres, or inches. */

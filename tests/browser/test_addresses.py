@@ -2,6 +2,7 @@
 
 import re
 
+import pytest
 from playwright.sync_api import Page, expect
 
 from .conftest import NewPage, all_computed, run_map
@@ -61,3 +62,40 @@ def test_parameters_that_cannot_be_read_are_named(page: Page) -> None:
     page.goto("/#/explore?projectile.mass_kg=14")
     expect(page.get_by_label("Mass")).to_have_value("14")
     expect(note).to_have_count(0)
+
+
+@pytest.mark.parametrize(
+    "part",
+    ["projectile.nose.shape=bogus", "resistance.strength_factor.model=bogus", "resistance.free_surface.model=bogus"],
+)
+@pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "walls", "map"])
+def test_variant_that_there_is_not_is_that_of_the_paper_in_the_form_too(page: Page, view: str, part: str) -> None:
+    page.goto(f"/#/{view}?{part}")
+    note = page.get_by_role("alert").filter(has_text="Not understood in the address")
+    expect(note).to_have_text(f"Not understood in the address, and left out: {part}.")
+    page.locator("details").evaluate_all("folds => folds.forEach(fold => { fold.open = true; })")
+    expect(page.get_by_label("Nose", exact=True)).to_have_value("ogive")
+    expect(page.get_by_label("Caliber radius head ψ")).to_have_value("3")
+    expect(page.get_by_role("heading", level=1)).to_have_count(1)
+
+
+@pytest.mark.parametrize(
+    ("view", "part"),
+    [
+        ("map", "x=impact.velocity_m_s,100,300,1000000000"),
+        ("how-sure", "scatter=impact.velocity_m_s,bogus,mean:3"),
+        ("critical-angle", "offset_deg=far"),
+    ],
+)
+def test_view_is_shown_without_what_cannot_be_read(page: Page, view: str, part: str) -> None:
+    page.goto(f"/#/{view}?{part}")
+    note = page.get_by_role("alert").filter(has_text="Not understood in the address")
+    expect(note).to_have_text(f"Not understood in the address, and left out: {part}.")
+    expect(page.locator("main .panel").first).to_be_visible()
+
+
+def test_variant_without_its_numbers_has_those_of_its_example(page: Page) -> None:
+    page.goto("/#/explore?projectile.nose.shape=conical")
+    expect(page.get_by_label("Nose", exact=True)).to_have_value("conical")
+    expect(page.locator(".angle")).to_be_visible()
+    expect(page).to_have_url(re.compile(r"projectile\.nose\.length_to_diameter=1\.5"))

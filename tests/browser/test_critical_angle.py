@@ -144,3 +144,14 @@ def test_warnings_of_most_cases_are_one_standing_note(page: Page) -> None:
     expect(page.locator(".verdict .standing summary")).to_have_text(re.compile("^Standing notes: .*no measured angle"))
     expect(page.locator(".warnings [data-code='no_measured_angle']")).to_have_count(0)
     expect(page.get_by_role("contentinfo")).to_contain_text("no test of the critical angle is known")
+
+
+def test_just_below_and_just_above_have_one_scale_and_captions(page: Page) -> None:
+    page.goto("/#/critical-angle")
+    captions = page.locator(".side-view .caption")
+    expect(captions.first).to_have_text(re.compile(r"^Just below, at 48\.\d\d°: embedded$"))
+    expect(captions.last).to_have_text(re.compile(r"^Just above, at 49\.\d\d°: ricochet$"))
+    drawings = page.locator(".pair .side-view .metres")
+    expect(drawings).to_have_count(2)
+    below, above = (each.get_attribute("transform") for each in drawings.all())
+    assert below == above

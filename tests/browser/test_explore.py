@@ -257,6 +257,18 @@ def test_help_of_a_field_is_seen_while_it_is_used_or_on_request(page: Page) -> N
     expect(page.locator("form [title]")).to_have_count(0)
 
 
+def test_help_of_a_field_moves_no_other(page: Page) -> None:
+    open_explore(page)
+    fields = page.locator("form .field input[type=text]")
+    places = "inputs => inputs.map(input => input.getBoundingClientRect().top)"
+    before = fields.evaluate_all(places)
+    for label in ("Length", "Mass", "Speed", "Density", "Thickness"):
+        page.get_by_label(label, exact=True).click()
+        expect(page.get_by_label(label, exact=True)).to_be_focused()
+        page.evaluate("() => scrollTo(0, 0)")
+        assert fields.evaluate_all(places) == before
+
+
 def test_no_unit_is_a_bare_one(page: Page) -> None:
     open_explore(page)
     assert "1" not in page.locator(".unit").all_inner_texts()

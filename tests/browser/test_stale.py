@@ -1,6 +1,7 @@
 """No number stands beside inputs that it does not belong to, unless it is marked."""
 
 import json
+import re
 from typing import Any
 
 import pytest
@@ -28,6 +29,59 @@ def test_field_that_is_not_accepted_takes_the_numbers_away(page: Page) -> None:
     expect(page.locator(".side-view .drawing")).to_be_visible()
     expect(page.get_by_label("Instant")).to_be_visible()
     expect(page.locator("#status")).to_have_text("Up to date.")
+
+
+@pytest.mark.parametrize("wrong", ["-3", "heavy"])
+def test_nothing_is_pinned_reported_copied_or_exported_without_a_case(page: Page, wrong: str) -> None:
+    open_explore(page)
+    page.get_by_role("button", name="Pin to compare").click()
+    page.get_by_label("Mass").fill("14")
+    page.wait_for_function(IDLE)
+    page.get_by_label("Mass").fill(wrong)
+    acts = page.get_by_role("button", name=re.compile("^(Pin to|Report$|Copy |Download )"))
+    assert acts.count() >= 11
+    for act in acts.all():
+        expect(act).to_be_disabled()
+    picture = page.locator(".side-view.cleared[aria-busy=true]")
+    expect(picture.locator(".drawing")).to_be_visible()
+    expect(page.locator(".verdict")).to_contain_text("No result: a field is not accepted.")
+    expect(page.locator(".verdict").get_by_text("No result")).to_have_count(1)
+    page.get_by_label("Mass").fill("15")
+    page.wait_for_function(IDLE)
+    for act in acts.all():
+        expect(act).to_be_enabled()
+
+
+def test_shots_that_are_not_accepted_take_their_bars_away(page: Page) -> None:
+    shots = '[{"velocity_m_s":250,"depth_m":0.31},{"velocity_m_s":300,"depth_m":0.42}]'
+    open_explore(page, f"?resistance.strength_factor.model=own_tests&resistance.strength_factor.shots={shots}")
+    bars = page.get_by_role("group", name="Own depth tests").locator("svg")
+    expect(bars).to_be_visible()
+    page.get_by_label("Shots: speed, depth").fill("250, deep")
+    expect(page.locator(".verdict")).to_contain_text("No result: a field is not accepted.")
+    expect(bars).to_have_count(0)
+
+
+def test_page_is_not_up_to_date_while_a_study_or_a_map_is_computed(page: Page) -> None:
+    status = page.locator("#status")
+    page.route("**/cra/uncertainty", lambda route: None)  # it never answers
+    with page.expect_response("**/verdict"):
+        page.goto("/#/how-sure?scatter=impact.velocity_m_s,normal,coefficient_of_variation:0.02&sampling.seed=4")
+    expect(page.locator(".verdict [aria-busy=true]")).to_have_count(0)
+    expect(status).not_to_have_text("Up to date.")
+    page.route("**/cra/sweep", lambda route: None)
+    page.goto("/#/map?x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,2")
+    expect(page.locator(".verdict .figures")).to_be_visible()
+    expect(page.locator(".verdict > [aria-busy=true]")).to_have_count(0)
+    expect(status).not_to_have_text("Up to date.")
+
+
+def test_warning_of_another_angle_says_so(page: Page) -> None:
+    open_explore(page, "?target.thickness_m=0.5&impact.oblique_angle_deg=30")
+    page.locator("details.warnings").evaluate("fold => { fold.open = true; }")
+    for warning in page.locator(".verdict .warning").all_text_contents():
+        angles = re.findall(r"([\d.]+)° from the normal", warning)
+        assert all(angle == "30" for angle in angles) or warning.startswith("At the critical angle"), warning
 
 
 def test_lost_service_is_said_beside_the_picture_and_tried_again(page: Page, faults: list[str]) -> None:

@@ -6,7 +6,7 @@ import { angleRequest, withValue } from "../case.js";
 import { ANGLES, POSITIONS, drawTrials, searches, summary, trialTable } from "../convergence.js";
 import { copyButtons, linkButton } from "../copy-as.js";
 import { drawCurves, requestCurves } from "../curves.js";
-import { element } from "../elements.js";
+import { caseActions, element } from "../elements.js";
 import { buildFold } from "../fold.js";
 import { buildForm } from "../form.js";
 import { latest } from "../latest.js";
@@ -64,7 +64,10 @@ export async function show(root, query) {
       }),
     );
     if (signal.aborted) return;
-    runs.forEach((each, i) => drawSideView(parts.sides[i], [each], each.run.history.time_s.length - 1));
+    runs.forEach((each, i) => {
+      const caption = `Just ${["below", "above"][i]}, at ${each.name}`;
+      drawSideView(parts.sides[i], [each], each.run.history.time_s.length - 1, { beside: [runs[1 - i].run], caption });
+    });
     if (!signal.aborted && !updateSides.isBehind()) markFresh(...parts.sides);
   }, fail, { supersede: true });
 
@@ -91,6 +94,7 @@ export async function show(root, query) {
     replaceAddress("critical-angle", next);
   };
 
+  const actions = caseActions("This case");
   const form = buildForm(parts.form, {
     case: readCase(query),
     include: ["Strike", "Projectile", "Target", "Model"],
@@ -100,10 +104,12 @@ export async function show(root, query) {
     problem: parts.problem,
     parts: () => ofCase,
     panels: [verdict, searches, laws],
+    actions: [actions, parts.copy],
   });
   const copy = copyButtons(form.currentCase);
   parts.copy.append(copy.root);
-  parts.problem.before(element("p.actions", {}, reportButton(form.currentCase, fail), linkButton()));
+  actions.append(element("p.actions", {}, reportButton(form.currentCase, fail), linkButton()));
+  parts.problem.before(actions);
   parts.offset.addEventListener("change", () => {
     markStale(...parts.sides);
     if (foundFor === form.currentCase()) updateSides(foundFor);
@@ -158,7 +164,7 @@ function build(root, offset, verdict, folds) {
   });
   const parts = {
     form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
-    copy: element("div", {}),
+    copy: caseActions("Copy"),
     problem: element("p.problem", { role: "alert" }),
     offset: element("select", { id: "offset" }, ...options),
     sides: [0, 1].map(() => element("div.side-view", {})),

@@ -4,7 +4,7 @@ import { address, caseOf, caseQuery, readAddress, readCase, replaceAddress } fro
 import { alternativesTable, requestAngles, requestOutcomes } from "../alternatives.js";
 import { Compare, readPins, writePins } from "../compare.js";
 import { copyButtons, linkButton } from "../copy-as.js";
-import { element } from "../elements.js";
+import { caseActions, element } from "../elements.js";
 import { buildFold } from "../fold.js";
 import { buildForm } from "../form.js";
 import { drawHistories, moveInstant } from "../histories.js";
@@ -46,7 +46,7 @@ class Explore {
       onTurn: (angle) => this.form.setField("impact.oblique_angle_deg", angle),
       onHold: (isHeld) => {
         this.verdict.keepHeight(isHeld); // it stands above the picture
-        if (!isHeld) this.updatePicture(this.form.currentCase()); // the frame fits again
+        if (!isHeld && !this.form.isHeld()) this.updatePicture(this.form.currentCase()); // the frame fits again
       },
     });
     this.scrubber = buildScrubber(parts.scrubber, (row) => this.showInstant(row));
@@ -58,10 +58,11 @@ class Explore {
       problem: parts.problem,
       parts: () => [...this.ofStrike, parts.scrubber],
       panels: [this.verdict, this.laws],
+      actions: [parts.actions, parts.copy],
     });
     this.copy = copyButtons(this.form.currentCase);
     parts.copy.append(this.copy.root);
-    parts.actions.append(this.compare.button, reportButton(this.form.currentCase, fail), linkButton());
+    parts.actions.append(element("p.actions", {}, this.compare.button, reportButton(this.form.currentCase, fail), linkButton()));
     parts.side.addEventListener("pointermove", (event) => this.point(event));
     this.follower = new ResizeObserver(() => this.run && this.drawSide());
     this.follower.observe(parts.side);
@@ -141,10 +142,10 @@ class Explore {
   }
 
   changePins() {
-    const values = this.form.currentCase();
-    markStale(this.parts.side, this.parts.histories, this.parts.scrubber);
-    this.updatePicture(values);
     this.readdress();
+    if (this.form.isHeld()) return; // what is pinned is compared once the fields have a case
+    markStale(this.parts.side, this.parts.histories, this.parts.scrubber);
+    this.updatePicture(this.form.currentCase());
   }
 
   /** Take what is pinned along to another case of this view. */
@@ -187,8 +188,8 @@ class Explore {
 function build(root, verdict, compare, laws) {
   const parts = {
     form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
-    actions: element("p.actions"),
-    copy: element("div", {}),
+    actions: caseActions("This case"),
+    copy: caseActions("Copy"),
     problem: element("p.problem", { role: "alert" }),
     outcome: element("p.quiet", { role: "group", "aria-label": "Outcome" }),
     side: element("div.side-view", {}),

@@ -10,7 +10,7 @@ import { purge } from "../plots.js";
 import { readInputs, usualInputs, writeInput } from "../scatter.js";
 import { buildScatterForm } from "../scatter-form.js";
 import { isAbort } from "../service.js";
-import { markFresh, markStale } from "../stale.js";
+import { markFresh, markPending, markSettled, markStale } from "../stale.js";
 import { computeStudy } from "../study.js";
 import { describeStudy, drawCurve, drawTornado, sensitivityTable } from "../study-plots.js";
 import { Verdict } from "../verdict.js";
@@ -108,9 +108,11 @@ class HowSure {
     clearTimeout(this.#timer);
     this.study = undefined;
     const { parts } = this;
+    markPending(parts.run);
     parts.problem.textContent = "";
     const isRight = Boolean(this.scatter.inputs()?.length) && !this.#refused.size;
     parts.run.disabled = !isRight;
+    if (!isRight) announce("A field is not accepted. Nothing is computed.");
     if (!isRight) parts.results.hidden = parts.toResults.hidden = true; // nothing belongs to a field that is not accepted
     if (!parts.results.hidden) {
       parts.progress.textContent = "Results are for the previous inputs.";
@@ -192,6 +194,7 @@ class HowSure {
     this.parts.stop.disabled = true;
     if (text) this.parts.progress.textContent = text;
     announce("");
+    if (text) markSettled(this.parts.run, text === "Done." ? undefined : "");
   }
 
   #fail(error) {

@@ -202,6 +202,7 @@ class MapView {
   #fail(error) {
     if (isAbort(error)) return;
     announce("");
+    this.picture.giveUp();
     const isGone = error.status === 404;
     this.problem.textContent = isGone ? "The job of this map is gone: it has expired. Run it again." : error.message;
     if (error.errors) this.axes.showProblem(error);

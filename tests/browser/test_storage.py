@@ -1,0 +1,50 @@
+"""What the browser keeps for the page: it may keep nothing, or something damaged."""
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from .side_view import IDLE, open_explore
+
+BLOCKED = """for (const area of ["localStorage", "sessionStorage"]) {
+    Object.defineProperty(window, area, { get() { throw new DOMException("blocked", "SecurityError"); } });
+}"""
+OFF = """for (const area of ["localStorage", "sessionStorage"]) Object.defineProperty(window, area, { value: null });"""
+DAMAGED = """for (const name of ["cases", "units", "theme", "describe"]) {
+    localStorage.setItem(`ricochet-${name}`, '{"half": 3, ');
+}
+sessionStorage.setItem("ricochet-key", "not\\na key");"""
+VIEWS = ("explore", "critical-angle", "how-sure", "walls", "map", "jobs")
+
+
+def save_case(page: Page, name: str) -> None:
+    page.get_by_text("Saved cases").click()
+    page.get_by_label("Name of the case").fill(name)
+    page.get_by_role("button", name="Save", exact=True).click()
+
+
+@pytest.mark.parametrize("script", [BLOCKED, OFF, DAMAGED], ids=["blocked", "off", "damaged"])
+def test_every_view_works_with_what_the_browser_keeps(page: Page, script: str) -> None:
+    page.add_init_script(script)
+    open_explore(page)
+    page.get_by_label("Units").select_option("US")
+    page.wait_for_function(IDLE)
+    expect(page.get_by_label("Mass")).to_have_value("28.6601")
+    page.get_by_label("Theme").select_option("Dark")
+    save_case(page, "Mine")
+    expect(page.get_by_role("link", name="Mine")).to_be_visible()
+    for view in VIEWS:
+        page.goto(f"/#/{view}")
+        expect(page.get_by_role("heading", level=1)).to_have_count(1)
+        expect(page.locator(".view > .problem:not(:empty)")).to_have_count(0)
+        if view != "jobs":
+            expect(page.locator("main .panel").first).to_be_visible()
+
+
+def test_damaged_values_are_dropped_and_the_rest_is_kept(page: Page) -> None:
+    page.add_init_script("""localStorage.setItem("ricochet-cases", '{"Bad": 7, "Good": "projectile.mass_kg=15"}');""")
+    open_explore(page)
+    expect(page.get_by_label("Theme")).to_have_value("system")
+    page.get_by_text("Saved cases").click()
+    expect(page.get_by_role("link", name="Bad")).to_have_count(0)
+    page.get_by_role("link", name="Good").click()
+    expect(page.get_by_label("Mass")).to_have_value("15")
