@@ -235,7 +235,12 @@ def test_encoding_that_json_does_not_have_is_named(client: httpx.Client, path: s
             "did you mean `projectile.nose.caliber_radius_head`?",
         ),
         ("/cra", "/velocity_m_s", 238.0, "did you mean `impact.velocity_m_s`?"),
-        ("/cra", "/impact/oblique_angle_deg", 45.0, "unknown field"),
+        (
+            "/cra",
+            "/impact/oblique_angle_deg",
+            45.0,
+            "unknown field; the angle is what is searched for here: `/trajectory` takes a strike at one angle",
+        ),
         ("/calibration/depth", "/tests/0/velocity", 238.0, "did you mean `tests.velocity_m_s`?"),
         ("/calibration/depth", "/tests/0/velocity_m_s", -1.0, "m/s"),
     ],
