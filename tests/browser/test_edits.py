@@ -74,7 +74,8 @@ def test_values_inside_their_bounds_are_never_an_error_however_they_are_typed(
             text = f"{value / size:.{chance.choice((3, 4, 5))}g}"
             if not least <= float(text) * size <= most or "e" in text:
                 text, unit = f"{least:g}", next(iter(units))
-            text = text.replace(".", chance.choice(".,"))
+            if len(text.rpartition(".")[2]) != 3:  # A comma before three digits separates thousands.
+                text = text.replace(".", chance.choice(".,"))
             if label == THICKNESS and chance.random() < 0.5:
                 text = ""
             elif size != 1.0 or chance.random() < 0.2:

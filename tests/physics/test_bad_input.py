@@ -352,6 +352,7 @@ def test_help_begins_with_a_page_that_fits_a_screen() -> None:
     lines = (solver.__doc__ or "").splitlines()
     assert len(lines) <= 24
     assert max(map(len, lines)) <= 120
-    named = {name for line in lines for name in re.findall(r"^[a-z]\w*(?:, \w+)*(?=  )", line) for name in name.split(", ")}
+    found = (re.findall(r"^[a-z]\w*(?:, \w+)*(?=  )", line) for line in lines)
+    named = {name for names in found for each in names for name in each.split(", ")}
     assert {"critical_angle", "simulate", "formulas", "flight", "warm_up"} <= named
     assert all(hasattr(solver, name) for name in named)

@@ -62,7 +62,7 @@ class TryAnswer(EndingPart):
 
     speed_m_s: Annotated[Num, Of("value")]
     slope_deg: Annotated[Num | MISSING, NOT_TABLED] = MISSING
-    weight_kg: Annotated[Num | MISSING, GIVEN, NOT_TABLED] = MISSING
+    burden_kg: Annotated[Num | MISSING, GIVEN, NOT_TABLED] = MISSING
 
 
 class FoundAnswer(Part):
