@@ -163,7 +163,7 @@ def curves(
     speed, angle, judged
         Speed of the case [m/s], its critical angle if there is one, and the angle to judge if given [°].
     """
-    figure = Figure(figsize=(PAGE, 1.6), layout="constrained")
+    figure = Figure(figsize=(PAGE, 1.55), layout="constrained")
     left, right = figure.subplots(1, 2)
     _draw_speeds(left, speeds)
     left.axvline(speed, color=style.HINT, linewidth=0.8, linestyle="--")

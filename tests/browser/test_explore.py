@@ -247,7 +247,7 @@ def test_preset_is_one_click(page: Page, name: str, diameter: str) -> None:
 
 def test_help_of_a_field_is_seen_while_it_is_used_or_on_request(page: Page) -> None:
     open_explore(page)
-    words = page.get_by_text("From the nose tip to the base, at least the length of the nose.")
+    words = page.get_by_text("Distance from the nose tip to the flat base, at least the length of the nose")
     expect(words).to_be_hidden()
     page.get_by_label("Length", exact=True).focus()
     expect(words).to_be_visible()
