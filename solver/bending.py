@@ -302,7 +302,7 @@ class _Slices(NamedTuple):
     first_panels: IntArray
     """(n + 1,) first panel of each slice, and the number of panels."""
     crater_depth: float
-    """Of the law, which is by the deepest point of the whole body. [m]"""
+    """Depth at which the law is evaluated: that of the deepest point of the whole body. [m]"""
 
 
 @lean

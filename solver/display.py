@@ -88,7 +88,7 @@ def dataframe(columns: Mapping[str, npt.NDArray[np.generic]], *kinds: type, inde
     kinds
         Classes that have the columns as fields.
     index
-        Column that is the index.
+        Name of the column that becomes the index.
     """
     pandas = optional("pandas", "to_dataframe()", "columns() gives the same as arrays")
     table: DataFrame = pandas.DataFrame(dict(columns))

@@ -387,11 +387,11 @@ class Projectile:
     boat_tail
         Taper behind the shank; a cylinder up to the base when not given.
     inner_diameter
-        Diameter of a bore along the whole cylindrical shank, less than the diameter; nose and boat-tail are solid, and
-        so is the shank when not given. [m]
+        Diameter of a bore along the whole cylindrical shank, solid when not given. Nose and boat-tail are solid. It is
+        less than the diameter. [m]
     yield_strength
-        Yield strength of the body, with which the bending stress is compared, 1.2 GPa when not given; the motion does
-        not depend on it. [Pa]
+        Yield strength of the body, 1.2 GPa when not given. The bending stress is compared with it; the motion does not
+        depend on it. [Pa]
 
     Raises
     ------

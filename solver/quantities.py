@@ -25,7 +25,7 @@ class Quantity(NamedTuple):
     """Description of a field."""
 
     text: str
-    """What it is, without the unit."""
+    """Description of the quantity, without its unit."""
     unit: str
     """Unit of its numbers in the solver; empty if it has none, ``1`` for a pure number."""
 
@@ -111,7 +111,7 @@ def described(name: str, *kinds: type) -> Quantity:
     Parameters
     ----------
     name
-        Name of a column, or a dotted name, of which the last part counts.
+        Name of a column, or a dotted name; only its last part is used.
     """
     name = name.rpartition(".")[2]
     return next(filter(None, (_described(name, kind) for kind in kinds)), Quantity("", ""))

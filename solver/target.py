@@ -28,7 +28,7 @@ class Target:
     youngs_modulus
         Young's modulus; by ACI 318-19, 4700 MPa times the square root of the strength in MPa, when not given. [Pa]
     poissons_ratio
-        Poisson's ratio; 0.5 is the incompressible solid that the decay theory of Warren et al. starts from. [1]
+        Poisson's ratio. The decay theory of Warren et al. starts from an incompressible solid, 0.5. [1]
     thickness
         Thickness of a wall, at least a tenth of the diameter of the projectile; a half-space when not given. [m]
     characteristic_strength

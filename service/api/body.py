@@ -88,7 +88,7 @@ class BodyLimits:
 
 
 class BoundedRequest(Request):
-    """A request whose body has been read and found within its limits; FastAPI takes body and content from here.
+    """Request whose body has been read and is within its limits; FastAPI gets the body and its JSON from here.
 
     Parameters
     ----------

@@ -145,8 +145,8 @@ def tools_of(operations: Iterable[Operation]) -> dict[str, ToolOperations]:
 
 KEPT = ("type", "const", "enum", "required")
 """What a list of tools has of a schema, as it is."""
-REMARK = re.compile(r"(?<=\]) .*", re.DOTALL)
-"""What follows the unit in a description: reasons for the bounds."""
+REMARK = re.compile(r"(?<=\.) (?=[A-Z`]).*?(?= \[[^\]]+\]$)|(?<=\]) .*", re.DOTALL)
+"""Sentences after the first one of a quantity, before its unit or behind it: reasons for its bounds."""
 
 
 def brief(

@@ -20,7 +20,7 @@ QUOTED = re.compile(r""""(?:[^"\\\n]|\\.)*+"?|'[^'\n]*+'?""")
 DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
 """Texts in quotes, and keys of more than 100 parts, for which tomllib takes minutes: its time is of their square."""
 MISSING = "is missing"
-"""What is said of a field that is not there."""
+"""Message for a required field that is not given."""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics", "strength_scatter"}
 SOUGHT = {"thickness": ("target", "thickness_m"), "limit-speed": ("impact", "velocity_m_s")}
 """Field that a search for perforation finds, by operation."""

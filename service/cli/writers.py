@@ -64,7 +64,7 @@ class JsonLines(Writer):
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """The rows that the cases of a batch come from: some are not sent, and a table carries its cells to the output.
+    """Rows of the input of a batch. Some are not sent, and the cells of a table are copied to the output.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ EXPECTED = {
     "bool_parsing": "true or false",
     "tuple_type": "a list",
 }
-"""What pydantic expects, by the type of its error, where its own words name what only Python has."""
+"""Expected kind of value by the type of an error of pydantic, where its own message names a Python type."""
 EXPECTED_TAGS = re.compile(r"does not match any of the expected tags: (.*)")
 LENGTH = re.compile(r"\w+ should have (.*?)(?: after validation.*)?")
 

@@ -281,8 +281,8 @@ class TrajectoryUncertainty:
     where there is none. [1, unit of the quantity]"""
     ricochet_flight: FlightQuantiles
     perforation_flight: FlightQuantiles
-    """Quantiles of how far these fly, by the names ``range`` and ``farthest_range`` of `solver.Flight`; empty unless a
-    flight was wanted. [1, m]"""
+    """Quantiles of the distance of flight of these samples, by the names ``range`` and ``farthest_range`` of
+    `solver.Flight`; empty unless a flight was wanted. [1, m]"""
     convergence: tuple[Round, ...]
     converged: bool
     samples: int

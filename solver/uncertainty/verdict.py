@@ -67,13 +67,13 @@ class Question(NamedTuple):
     theories: bool = False
     """Whether the theories of the decay scatter in a study, even if a law of one's own was chosen."""
     probe: tuple[str, float] | None = None
-    """What a search has instead of the inputs as given, as in `with_probe`."""
+    """Code of a warning and the changed value of the search that weighs it, as in `with_probe`."""
     optional: bool = False
     """Whether a failure must not cost the verdict."""
 
 
 class Spread(NamedTuple):
-    """What a verdict takes from a study."""
+    """Result of a study, as far as a verdict needs it."""
 
     range: tuple[float, float] | None
     """90 % range of the critical angle; None if no sample has one. [rad]"""
@@ -82,7 +82,7 @@ class Spread(NamedTuple):
     theories: tuple[float | None, ...]
     """Critical angle by each theory of the decay; empty if they do not scatter. [rad]"""
     probability: Estimate | None
-    """Of ricochet at the angle to judge; None if it is not in the curve. [1]"""
+    """Probability of ricochet at the angle to judge; None if the curve does not have that angle. [1]"""
 
     @classmethod
     def of(
@@ -104,7 +104,7 @@ class Spread(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """What a verdict takes from the run at the angle to judge."""
+    """Result of the run at the angle to judge, as far as a verdict needs it."""
 
     outcome: Outcome | None = None
     protrusion: Protrusion | None = None
