@@ -32,6 +32,10 @@ PROXIES = ("ALL_PROXY", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY")
 CERTIFICATES = ("SSL_CERT_FILE", "SSL_CERT_DIR")
 """Variables that httpx reads."""
 PAGE_SIZE = 1000
+UNFINISHED = frozenset({"accepted", "running"})
+"""Statuses of a job that has not ended."""
+POLL_SECONDS = 0.2
+"""Pause before the same job is asked for again. [s]"""
 JSON, PARQUET = "application/json", "application/vnd.apache.parquet"
 
 Content: TypeAlias = Callable[[], "bytes | Iterable[bytes]"]
@@ -148,6 +152,12 @@ class Client:
     def job(self, job_id: str) -> dict[str, Any]:
         """Return a job."""
         return parse(self._send("GET", path_of(job_id)))
+
+    def job_at_its_end(self, job_id: str) -> dict[str, Any]:
+        """Wait until a job has ended and return it; its last result can be read a moment before."""
+        while (job := self.job(job_id))["status"] in UNFINISHED:
+            time.sleep(POLL_SECONDS)
+        return job
 
     def jobs(self) -> list[dict[str, Any]]:
         """Return all jobs, the newest first."""

@@ -260,7 +260,7 @@ def follow(
             if inputs:
                 writer.write(list(inputs.rest()))
             writer.close()
-        state = client.job(job["id"])
+        state = client.job_at_its_end(job["id"])
         if state["status"] != "successful":
             reason = problem_text(state["problem"]) if "problem" in state else "it was cancelled"
             raise CommandError(f"job {job['id']} ended early, after {counts}: {reason}", FAILED)

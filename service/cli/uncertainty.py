@@ -38,9 +38,6 @@ PARAMETERS = {
 """Numbers of a distribution on the command line, in order."""
 BOUNDS = ("lower", "upper")
 """The last numbers of `log_student_t`, which may be left out."""
-UNFINISHED = frozenset({"accepted", "running"})
-POLL_SECONDS = 0.2
-"""Time between two requests for the state of a job. [s]"""
 WIDE = (7.0, 4.0)
 """Figure size. [in]"""
 
@@ -192,7 +189,7 @@ def estimate(operation: str, body: RequestBody, url: str) -> bytes:
     CommandError
         If there is none; it names the flag or the field of the file that is invalid.
     """
-    from service.cli.client import JSON, connect, dumps
+    from service.cli.client import JSON, POLL_SECONDS, UNFINISHED, connect, dumps
 
     content = dumps(body.content)
     with connect(url) as client, progress("sampling") as report:

@@ -15,7 +15,7 @@ from pyarrow import parquet
 
 from service import cli
 from service.cache.cache import ResultCache
-from service.cli.client import connect
+from service.cli.client import Client, connect
 from service.schemas.strike import PAPER
 from tests.api.many import searches, slow_strikes
 from tests.cli.commands import COMMAND, LIMIT_S, case_at, environment, run, run_on_terminal, write_cases
@@ -226,6 +226,26 @@ def test_jobs_are_listed_shown_cancelled_and_deleted(
     assert cli.main(["jobs", "delete", name]) == 0
     assert cli.main(["jobs", "show", name]) == 2
     assert "there is no job with this id" in capsys.readouterr().err
+
+
+def test_batch_waits_for_the_end_of_a_job_whose_results_are_all_there(
+    folder: Path, live_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last result of a job can be read a moment before the job is said to have ended."""
+    asked = Client.job
+    ended: list[dict[str, Any]] = []
+
+    def a_moment_before(client: Client, job_id: str) -> dict[str, Any]:
+        job = asked(client, job_id)
+        if job["status"] == "successful" and not ended:
+            ended.append(job)
+            return job | {"status": "running"}
+        return job
+
+    monkeypatch.setattr(Client, "job", a_moment_before)
+    write_cases(folder / "cases.jsonl", *searches(2))
+    done = run(folder, "batch", "cases.jsonl", "--url", live_url)
+    assert (done.status, len(items_of(done.out)), len(ended)) == (0, 2, 1), done.err
 
 
 def test_list_of_jobs_follows_the_pages(live_url: str, client: httpx.Client) -> None:
