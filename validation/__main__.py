@@ -30,22 +30,23 @@ def main(arguments: list[str] | None = None) -> int:
         command.set_defaults(report=report)
     args = parser.parse_args(arguments)
     try:
-        page = write(args.report, args.output)
+        page, summaries = write(args.report, args.output)
     except OSError as error:
         print(f"the report cannot be written: {error}", file=sys.stderr)
         return 1
-    print(f"wrote {page}")
+    print(*summaries, f"wrote {page}", sep="\n")
     return 0
 
 
-def write(report: Any, folder: Path) -> Path:
-    """Write the report of a module, with a progress bar on standard error; return its page.
+def write(report: Any, folder: Path) -> tuple[Path, list[str]]:
+    """Write the report of a module, with a progress bar on standard error; return its page and what to print of it.
 
     Raises
     ------
     OSError
         If a file cannot be written.
     """
+    summaries = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("warming up", total=report.COUNT)
@@ -53,9 +54,12 @@ def write(report: Any, folder: Path) -> Path:
         def sections() -> Iterator[Section]:
             for section in report.sections(lambda name: progress.update(task, description=name)):
                 yield section
+                if section.summary:
+                    summaries.append(section.summary)
                 progress.advance(task)
 
-        return write_report(folder, title=report.TITLE, introduction=report.INTRODUCTION, sections=sections())
+        page = write_report(folder, title=report.TITLE, introduction=report.INTRODUCTION, sections=sections())
+    return page, summaries
 
 
 if __name__ == "__main__":

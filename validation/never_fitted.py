@@ -71,13 +71,18 @@ def normal_half_width() -> float:
 
 def never_fitted_section() -> Section:
     """How often the intervals of the law hold the shots of articles that no fit has seen."""
-    rows = []
+    rows, lines = [], ["Shots of articles that no fit has seen, in their 90 % interval of S, mean of series:"]
     for name, without in (("all", ()), ("without articles 29, 30 and 64", PROGRAMME)):
         for each in check(without):
             shares = (each.covered, each.covered_shots, each.half_width)
             rows.append((name, each.shots_given, each.series, *(round(value, 3) for value in shares)))
+            lines.append(
+                f"  {name}, after {each.shots_given} own shots: {each.covered:.2f} of {each.series} series, "
+                f"half width {each.half_width:.2f} in ln S"
+            )
     shots, (none, one, _) = counted_rows(), check()
     growth = none.half_width / normal_half_width() - 1.0
+    lines.append(f"  without own shots {percent(growth)} wider than a normal distribution with the same data")
     text = f"""
         {len(shots)} rows of {len({shot.article for shot in shots})} further articles of the compilation may be used
         by the same rule, {none.series} series. No fit has seen them. {percent(none.covered)} of the shots of a series
@@ -94,4 +99,5 @@ def never_fitted_section() -> Section:
         title="Strength factor: articles that no fit has seen",
         text=paragraphs(text),
         tables=(ReportTable(name="never-fitted-coverage", caption=caption, columns=columns, rows=rows),),
+        summary="\n".join(lines),
     )

@@ -82,6 +82,8 @@ class Section:
     comparisons: Sequence[Comparison] = ()
     tables: Sequence[ReportTable] = ()
     figures: Sequence[Figure] = ()
+    summary: str = ""
+    """What the command prints of it as well."""
 
 
 def paragraphs(text: str) -> list[str]:

@@ -232,7 +232,9 @@ def test_page_has_every_table_and_figure_beside_it(
     tmp_path: Path, sections: list[Section], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["validate", "--output", str(tmp_path)]) == 0
-    assert str(tmp_path / "index.html") in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert str(tmp_path / "index.html") in printed
+    assert "all, after 1 own shots: 0.87 of 12 series" in printed
     tables = {table.name for section in sections for table in section.tables}
     figures = {figure.name for section in sections for figure in section.figures}
     assert {path.stem for path in (tmp_path / "tables").glob("*.csv")} == tables
