@@ -10,7 +10,7 @@ from collections.abc import Callable, Container, Generator, Iterable, Iterator, 
 from concurrent.futures import Future
 from functools import partial
 from itertools import islice, repeat
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, Protocol, TypeAlias, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -62,7 +62,7 @@ def critical_angle_many(
     search: Search | None = None,
     strength_scatter: ScatterSource = "law",
     threads: int = 1,
-) -> Iterator[CriticalAngle | RicochetError]:
+) -> Sequence[CriticalAngle | RicochetError]:
     """Critical angles of many cases.
 
     Parameters
@@ -74,10 +74,11 @@ def critical_angle_many(
     threads
         How many cases run at a time.
 
-    Yields
-    ------
-    CriticalAngle or RicochetError
-        In the order of the cases, while later ones still run; a case that failed yields its error and stops nothing.
+    Returns
+    -------
+    sequence of CriticalAngle or RicochetError
+        In the order of the cases. Each is computed when it is first asked for, so the first are there while later ones
+        still run; a case that failed has its error in its place and stops nothing.
 
     Raises
     ------
@@ -106,7 +107,7 @@ def simulate_many(
     sample_interval: float | None = None,
     strength_scatter: ScatterSource = "law",
     threads: int = 1,
-) -> Iterator[Trajectory | RicochetError]:
+) -> Sequence[Trajectory | RicochetError]:
     """Trajectories of many strikes.
 
     Parameters
@@ -118,10 +119,10 @@ def simulate_many(
     threads
         How many strikes run at a time.
 
-    Yields
-    ------
-    Trajectory or RicochetError
-        In the order of the strikes; one that failed yields its error and stops nothing.
+    Returns
+    -------
+    sequence of Trajectory or RicochetError
+        In the order of the strikes, as of `critical_angle_many`.
 
     Raises
     ------
@@ -141,7 +142,7 @@ def least_thickness_many(
     numerics: Numerics | None = None,
     tolerance: float = TOLERANCE,
     threads: int = 1,
-) -> Iterator[PerforationLimit | RicochetError]:
+) -> Sequence[PerforationLimit | RicochetError]:
     """Least thicknesses that stop many strikes.
 
     Parameters
@@ -153,10 +154,10 @@ def least_thickness_many(
     threads
         How many strikes run at a time.
 
-    Yields
-    ------
-    PerforationLimit or RicochetError
-        In the order of the strikes; one that failed yields its error and stops nothing.
+    Returns
+    -------
+    sequence of PerforationLimit or RicochetError
+        In the order of the strikes, as of `critical_angle_many`.
 
     Raises
     ------
@@ -178,7 +179,7 @@ def limit_velocity_many(
     numerics: Numerics | None = None,
     tolerance: float = TOLERANCE,
     threads: int = 1,
-) -> Iterator[PerforationLimit | RicochetError]:
+) -> Sequence[PerforationLimit | RicochetError]:
     """Least velocities that perforate many walls.
 
     Parameters
@@ -190,10 +191,10 @@ def limit_velocity_many(
     threads
         How many walls run at a time.
 
-    Yields
-    ------
-    PerforationLimit or RicochetError
-        In the order of the walls; one that failed yields its error and stops nothing.
+    Returns
+    -------
+    sequence of PerforationLimit or RicochetError
+        In the order of the walls, as of `critical_angle_many`.
 
     Raises
     ------
@@ -212,8 +213,11 @@ def limit_velocity_many(
     )
 
 
-class Answers(Iterator[Answer | RicochetError]):
-    """Answers to cases in their order, while later ones still run; each column holds one argument of the function."""
+class Answers(Sequence[Answer | RicochetError]):
+    """Answers to cases, computed in order when they are first asked for, and kept.
+
+    Each column holds one argument of the function.
+    """
 
     def __init__(self, function: Callable[..., Answer], threads: int, **columns: Any) -> None:
         self._columns = {name: plain(column) for name, column in columns.items()}
@@ -227,24 +231,51 @@ class Answers(Iterator[Answer | RicochetError]):
         for name, column in self._many.items():
             if len(column) != self._length:
                 raise ParameterError(name, f"must be one or as many as {first}, {self._length}, got {len(column)}")
-        self._found = _run(function, self._cases(), threads)
+        self._function, self._threads = function, threads
+        self._kept: list[Answer | RicochetError] = []
+        self._coming = self._begin()
+
+    def _begin(self) -> Generator[Answer | RicochetError, None, None]:
+        """Yield the answers that are not kept yet."""
+        return _run(self._function, islice(self._cases(), len(self._kept), None), self._threads)
 
     def _cases(self) -> Iterator[dict[str, Any]]:
         columns = [self._many.get(name, repeat(column, self._length)) for name, column in self._columns.items()]
         for values in zip(*columns, strict=True):
             yield dict(zip(self._columns, map(plain, values), strict=True))
 
-    def __next__(self) -> Answer | RicochetError:
-        return next(self._found)
+    def __len__(self) -> int:
+        return self._length
+
+    @overload
+    def __getitem__(self, index: int) -> Answer | RicochetError: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Answer | RicochetError]: ...
+
+    def __getitem__(self, index: int | slice) -> Answer | RicochetError | list[Answer | RicochetError]:
+        if isinstance(index, slice):
+            return [self[place] for place in range(self._length)[index]]
+        place = range(self._length)[index]
+        while len(self._kept) <= place:
+            try:
+                self._kept.append(next(self._coming))
+            except BaseException:  # After Ctrl-C, say: the generator has ended, and the rest may be asked for again.
+                self._coming = self._begin()
+                raise
+        return self._kept[place]
+
+    def __repr__(self) -> str:
+        return f"<{self._length} answers, {len(self._kept)} of them computed>"
 
     def close(self) -> None:
-        """Give up the cases that have no answer yet."""
-        self._found.close()
+        """Give up the cases that have been begun ahead of the last answer."""
+        self._coming.close()
+        self._coming = self._begin()
 
-    def inputs(self, count: int, taken: Container[str]) -> Columns:
-        """Return what was given for each of the last cases, objects by their fields, under names that are not taken."""
-        last = islice(self._cases(), self._length - count, None)
-        rows = [dict(named_values({name: case[name] for name in self._many})) for case in last]
+    def inputs(self, taken: Container[str]) -> Columns:
+        """Return what was given for each case, objects by their fields, under names that are not taken."""
+        rows = [dict(named_values({name: case[name] for name in self._many})) for case in self._cases()]
         # An object without a name is not a column, as its fields are; nor is what no case has.
         names = {
             name: None
@@ -288,21 +319,40 @@ def _run(
             yield waiting.popleft().result()
 
 
-def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError]) -> Columns:
-    """Return what `simulate_many`, `critical_angle_many` and the like yield as columns, a row for each answer.
+class Tabular(Protocol):
+    """An answer with a table of its own."""
+
+    def to_dataframe(self) -> DataFrame:
+        """Return it."""
+
+
+class Labelled(Protocol):
+    """An answer under some laws, as of `solver.alternatives`."""
+
+    @property
+    def answer(self) -> Any:
+        """Return the answer, or the error."""
+
+    def laws(self) -> Row:
+        """Return the names of the laws, as columns of a table."""
+
+
+def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError | Labelled]) -> Columns:
+    """Return what `simulate_many`, `critical_angle_many` and the like return as columns, a row for each answer.
 
     Parameters
     ----------
     answers
-        Answers from one of the functions for many cases, not from several.
+        Answers from one of the functions for many cases, not from several, or those of `solver.alternatives`.
 
     Returns
     -------
     dict of str to array
-        First the inputs that were given one for each case, objects by their fields, if the answers come straight from
-        the function. For trajectories ``outcome``, ``maximum_depth``, ``protrusion_final`` and ``protrusion_greatest``
-        [m], ``bending_peak_stress`` [Pa], ``strength_factor`` and ``final_time`` [s] to ``final_kinetic_energy`` [J];
-        for critical angles ``status``, ``angle``, ``standard_error``, ``bracket_low`` and ``bracket_high`` [rad], and
+        First the inputs that were given one for each case, objects by their fields, if the answers are what the
+        function returned and not a list of them; of alternatives their laws. For trajectories ``outcome``,
+        ``maximum_depth``, ``protrusion_final`` and ``protrusion_greatest`` [m], ``bending_peak_stress`` [Pa],
+        ``strength_factor`` and ``final_time`` [s] to ``final_kinetic_energy`` [J]; for critical angles ``status``,
+        ``angle``, ``standard_error``, ``bracket_low`` and ``bracket_high`` [rad], and
         ``strength_factor``; for limits of perforation ``status``, ``value``, ``value_low``, ``value_high`` and
         ``without_protrusion`` [m or m/s]. Then ``warnings``, their codes with blanks between them, and ``error``, empty
         unless the case failed. NaN and empty text stand where there is nothing.
@@ -312,26 +362,35 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
     ParameterError
         If there are answers of several kinds.
     """
-    given, answers = answers, list(answers)
-    kinds = {type(answer) for answer in answers if not isinstance(answer, RicochetError)}
+    given = list(answers)
+    found: list[Any] = [getattr(each, "answer", each) for each in given]
+    kinds = {type(answer) for answer in found if not isinstance(answer, RicochetError)}
     if len(kinds) > 1:
         raise ParameterError("answers", "must be of one kind, trajectories, critical angles or limits of perforation")
-    rows: list[Row] = [{} if isinstance(answer, RicochetError) else answer.row() for answer in answers]
+    rows: list[Row] = [{} if isinstance(answer, RicochetError) else answer.row() for answer in found]
     names = next(filter(None, rows), {})
-    table: Columns = {name: _column([row.get(name) for row in rows]) for name in names}
-    table["warnings"] = _texts([getattr(answer, "warnings", ()) for answer in answers])
-    table["error"] = np.array([str(answer) if isinstance(answer, RicochetError) else "" for answer in answers], str)
-    return given.inputs(len(answers), table) | table if isinstance(given, Answers) else table
+    laws = [each.laws() for each in given if hasattr(each, "laws")]
+    table: Columns = {name: _column([row[name] for row in laws]) for name in next(iter(laws), {})}
+    table |= {name: _column([row.get(name) for row in rows]) for name in names}
+    table["warnings"] = _texts([getattr(answer, "warnings", ()) for answer in found])
+    table["error"] = np.array([str(answer) if isinstance(answer, RicochetError) else "" for answer in found], str)
+    return answers.inputs(table) | table if isinstance(answers, Answers) else table
 
 
-def to_dataframe(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError]) -> DataFrame:
+def to_dataframe(
+    answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError | Labelled] | Tabular,
+) -> DataFrame:
     """Return the same as a ``pandas.DataFrame``, whose `attrs` have the units.
+
+    An object that has a table of its own, as a trajectory or a fit, gives that.
 
     Raises
     ------
     ModuleNotFoundError
         If pandas is not installed.
     """
+    if hasattr(answers, "to_dataframe"):
+        return answers.to_dataframe()
     answers = answers if isinstance(answers, Answers) else list(answers)
     return dataframe(columns(answers), *ANSWERS, *INPUTS)
 

@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from solver.checks import require, require_between
+from solver.checks import ParameterError, require, require_between
 from solver.display import Axes, Columns, DataFrame, Figure, Row, card, dataframe, line, plot_perforation
 from solver.motion import Termination
 from solver.plausibility import check_walls
@@ -150,7 +150,11 @@ def least_thickness(
     *,
     projectile: Projectile,
     target: Target,
-    impact: Impact,
+    impact: Impact | None = None,
+    velocity: float | None = None,
+    oblique_angle: float | None = None,
+    angle_of_attack: float = 0.0,
+    angular_velocity: float = 0.0,
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
     tolerance: float = TOLERANCE,
@@ -159,8 +163,12 @@ def least_thickness(
 
     Parameters
     ----------
-    projectile, impact
-        What strikes, and how.
+    projectile
+        What strikes.
+    impact
+        How it strikes.
+    velocity, oblique_angle, angle_of_attack, angular_velocity
+        The same as numbers, in place of `impact`. [m/s, rad, rad, rad/s]
     target
         The concrete, without a thickness.
     resistance
@@ -200,10 +208,12 @@ def least_thickness(
     '0.223 m'
     """
     require(target.thickness is None, "target.thickness", "must not be given to a search for it")
+    require(impact is not None or velocity is not None, "velocity", "must be given, or impact in its place")
+    given = _impact(impact, velocity, oblique_angle, angle_of_attack, angular_velocity)
 
     def strike(thickness: float) -> PreparedStrike:
         wall = replace(target, thickness=thickness)
-        return _prepare(projectile, wall, impact.velocity, resistance, numerics), impact
+        return _prepare(projectile, wall, given.velocity, resistance, numerics), given
 
     bounds = (LEAST_THICKNESS * projectile.diameter, MOST_DIAMETERS * projectile.diameter)
     return _search(strike, bounds, tolerance, perforated_at_first=True)
@@ -213,7 +223,8 @@ def limit_velocity(
     *,
     projectile: Projectile,
     target: Target,
-    oblique_angle: float,
+    impact: Impact | None = None,
+    oblique_angle: float | None = None,
     angle_of_attack: float = 0.0,
     angular_velocity: float = 0.0,
     resistance: Resistance | None = None,
@@ -228,8 +239,10 @@ def limit_velocity(
         What strikes.
     target
         The wall, with its thickness.
+    impact
+        How it strikes; its velocity is not used.
     oblique_angle, angle_of_attack, angular_velocity
-        At first contact, the same for every velocity. [rad, rad, rad/s]
+        The same as numbers, in place of `impact`. [rad, rad, rad/s]
     resistance
         Resistance of the target; eq. 9 and elastic-plastic decay unless given.
     numerics
@@ -267,15 +280,46 @@ def limit_velocity(
     """
     require(target.thickness is not None, "target.thickness", "must be given: a half-space is not perforated")
 
+    given = _impact(impact, None, oblique_angle, angle_of_attack, angular_velocity)
+
     def strike(velocity: float) -> PreparedStrike:
-        return _prepare(projectile, target, velocity, resistance, numerics), Impact(
-            velocity=velocity,
-            oblique_angle=oblique_angle,
-            angle_of_attack=angle_of_attack,
-            angular_velocity=angular_velocity,
-        )
+        return _prepare(projectile, target, velocity, resistance, numerics), replace(given, velocity=velocity)
 
     return _search(strike, VELOCITIES, tolerance, perforated_at_first=False)
+
+
+def _impact(
+    impact: Impact | None,
+    velocity: float | None,
+    oblique_angle: float | None,
+    angle_of_attack: float,
+    angular_velocity: float,
+) -> Impact:
+    """Return what was given as an object or as numbers.
+
+    Raises
+    ------
+    ParameterError
+        If it was given as both, or as neither.
+    """
+    numbers = {
+        "velocity": velocity,
+        "oblique_angle": oblique_angle,
+        "angle_of_attack": angle_of_attack or None,
+        "angular_velocity": angular_velocity or None,
+    }
+    if impact is not None:
+        for name, number in numbers.items():
+            require(number is None, name, "must not be given beside impact")
+        return impact
+    if oblique_angle is None:
+        raise ParameterError("oblique_angle", "must be given, or impact in its place")
+    return Impact(
+        velocity=VELOCITIES[0] if velocity is None else velocity,
+        oblique_angle=oblique_angle,
+        angle_of_attack=angle_of_attack,
+        angular_velocity=angular_velocity,
+    )
 
 
 def _prepare(

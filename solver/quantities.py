@@ -99,10 +99,10 @@ def columns_of(kind: type) -> Mapping[str, Quantity]:
 
 
 def _parts_in(kind: type, name: str) -> list[type]:
-    """Return the dataclasses of which one may be in a field."""
+    """Return the other dataclasses of which one may be in a field."""
     hint = get_type_hints(kind)[name]
     known = [get_origin(each) or each for each in (hint, *get_args(hint))]
-    return [each for each in known if isinstance(each, type) and is_dataclass(each)]
+    return [each for each in known if isinstance(each, type) and is_dataclass(each) and each is not kind]
 
 
 def described(name: str, *kinds: type) -> Quantity:

@@ -10,8 +10,10 @@ from dataclasses import dataclass, fields, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+import numpy as np
+
 from solver.checks import RicochetError, plain, require
-from solver.display import column_attributes, optional
+from solver.display import Row, column_attributes, optional
 from solver.free_surface import ElasticPlastic, FreeSurface, MohrCoulomb, NoFreeSurface, decay_laws
 from solver.many import ANSWERS, INPUTS, attempt, columns, critical_angle_many, simulate_many
 from solver.projectile import Projectile
@@ -40,6 +42,8 @@ ANY_VELOCITY = 1.0
 """Velocity of a strike until the axis sets it. [m/s]"""
 SWEPT = ("projectile", "target", "impact", "resistance")
 """Parts of a strike whose fields can be axes."""
+SYMBOLS = {"caliber_radius_head": "ψ"}
+"""Symbols that labels have in place of the names of fields."""
 DECAY_LAWS = {
     ElasticPlastic: "decay: theory",
     MohrCoulomb: "decay: theory, nearest to finite element motions",
@@ -71,6 +75,7 @@ def critical_angle_sweep(
     numerics: Numerics | None = None,
     search: Search | None = None,
     strength_scatter: ScatterSource = "law",
+    degrees: bool = False,
     threads: int = 1,
 ) -> "xarray.Dataset":
     """Critical angles over every combination of the values of some inputs.
@@ -82,9 +87,12 @@ def critical_angle_sweep(
     axes
         Values by field: a dotted name, as in ``target.compressive_strength``, or its last part where that is clear.
         Models, as in ``resistance.free_surface`` or ``projectile.nose``, become coordinates by their names, those of
-        one name with a number too, other objects by their text. Other labels of a DataArray stay beside its values.
+        one name with what they differ in, as in ``ogive ψ=3``; other objects by their text. Other labels of a DataArray
+        stay beside its values.
     velocity
         As for `critical_angle`; not needed where it is an axis. [m/s]
+    degrees
+        Whether the dataset has its angles in degrees, as for plots; values of axes are given in radians all the same.
     threads
         How many searches run at a time.
 
@@ -107,7 +115,9 @@ def critical_angle_sweep(
     ...     projectile=projectile, target=target,
     ...     axes={"velocity": [200.0, 250.0], "compressive_strength": [30e6, 40e6]},
     ... )
-    >>> sweep.angle.sel(velocity=250.0), sweep.angle.plot()
+    >>> sweep.angle.sel(velocity=250.0)
+
+    With ``degrees=True`` the axes of ``sweep.angle.plot()`` are in degrees.
     """
     impact = Impact(
         velocity=ANY_VELOCITY if velocity is None else velocity,
@@ -131,7 +141,8 @@ def critical_angle_sweep(
         strength_scatter=strength_scatter,
         threads=threads,
     )
-    return grid.dataset(answers, "critical angles", ["impact.oblique_angle"])
+    dataset = grid.dataset(answers, "critical angles", ["impact.oblique_angle"])
+    return _in_degrees(dataset) if degrees else dataset
 
 
 def simulate_sweep(
@@ -143,6 +154,7 @@ def simulate_sweep(
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
     strength_scatter: ScatterSource = "law",
+    degrees: bool = False,
     threads: int = 1,
 ) -> "xarray.Dataset":
     """Trajectories over every combination of the values of some inputs, each by its end.
@@ -153,6 +165,8 @@ def simulate_sweep(
         As for `simulate`. [SI, rad]
     axes
         Values by field, as for `critical_angle_sweep`.
+    degrees
+        Whether the dataset has its angles in degrees.
     threads
         How many strikes run at a time.
 
@@ -172,7 +186,8 @@ def simulate_sweep(
     strikes = grid.strikes()
     columns_of: dict[str, Any] = {name: [strike[name] for strike in strikes] for name in SWEPT}
     answers = simulate_many(**columns_of, numerics=numerics, strength_scatter=strength_scatter, threads=threads)
-    return grid.dataset(answers, "trajectories")
+    dataset = grid.dataset(answers, "trajectories")
+    return _in_degrees(dataset) if degrees else dataset
 
 
 class _Grid:
@@ -252,23 +267,52 @@ def _in_full(value: Any, name: str, instead: Mapping[str, str]) -> str:
     return f"{type(value).__name__}({', '.join(inside)})"
 
 
+def _in_degrees(dataset: "xarray.Dataset") -> "xarray.Dataset":
+    """Return the dataset with its angles, and their rates, in degrees."""
+    units = {"rad": "degree", "rad/s": "degree/s"}
+    angles = [name for name, variable in dataset.variables.items() if variable.attrs.get("units") in units]
+    changed = {
+        name: (
+            dataset[name].dims,
+            np.degrees(dataset[name].values),
+            dataset[name].attrs | {"units": units[dataset[name].attrs["units"]]},
+        )
+        for name in angles
+    }
+    return dataset.assign_coords({name: changed.pop(name) for name in angles if name in dataset.coords}).assign(changed)
+
+
 def _coordinates(name: str, field: str, values: Sequence[Any]) -> dict[str, tuple[Any, ...]]:
     """Return the labels of an axis as a coordinate.
 
-    Models of one name, and lists, are numbered, so that a label stands for one of them; a second coordinate has them in
-    full.
+    Models of one name have what they differ in behind it, or a number where that is no number itself, as lists have: so
+    that a label stands for one of them. A second coordinate has them in full.
     """
     texts = [field.rpartition(".")[2] if isinstance(value, list | tuple) else label(value) for value in values]
     if any(isinstance(each, str) for each in texts):
         texts = list(map(str, texts))
-    labels = [
-        f"{each} {texts[: place + 1].count(each)}" if isinstance(each, str) and texts.count(each) > 1 else each
-        for place, each in enumerate(texts)
-    ]
+    labels = list(texts)
+    for text in {each for each in texts if isinstance(each, str) and texts.count(each) > 1}:
+        places = [place for place, each in enumerate(texts) if each == text]
+        for place, difference in zip(places, _differences([values[place] for place in places]), strict=True):
+            labels[place] = f"{text} {difference}"
     found: dict[str, tuple[Any, ...]] = {name: (name, labels, column_attributes(field, labels, *INPUTS))}
     if labels != texts:
         found[f"{name}_in_full"] = (name, list(map(repr, values)), {"long_name": f"{name}, in full"})
     return found
+
+
+def _differences(models: Sequence[Any]) -> list[str]:
+    """Return in which of their numbers some models differ, each from all others; else the number of each."""
+    numbered = [str(number) for number in range(1, len(models) + 1)]
+    if not all(is_part(model) for model in models) or len(set(map(type, models))) > 1:
+        return numbered
+    names = [each.name for each in fields(models[0])]
+    varied = [name for name in names if any(getattr(model, name) != getattr(models[0], name) for model in models)]
+    if not all(isinstance(getattr(model, name), int | float) for model in models for name in varied):
+        return numbered
+    found = [", ".join(f"{SYMBOLS.get(name, name)}={getattr(model, name):g}" for name in varied) for model in models]
+    return found if len(set(found)) == len(found) else numbered
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,6 +322,15 @@ class Alternative(Generic[Answer]):
     resistance: Resistance
     answer: Answer | RicochetError
     """The error, if the case cannot be computed with these laws."""
+
+    def laws(self) -> Row:
+        """Return the names of its laws, as columns of a table."""
+        return {
+            "decay_law": self.free_surface,
+            "strength_law": self.strength_factor,
+            "obliquity_shape": self.obliquity_shape,
+            "fitted_to": self.fitted_to,
+        }
 
     @property
     def free_surface(self) -> str:

@@ -75,7 +75,7 @@ def run_report(args: argparse.Namespace) -> int:
     browser = find_browser() if args.output and args.output.ending() == ".pdf" else ""
     body = read_body(args.case, args, STRIKE)
     try:
-        page = _fetch_report(args.url, body.content) if args.url else _make_report(body.content)
+        page = _fetch_report(args.url, body.content) if args.url else make_report(body.content).encode()
     except RefusedError as error:
         raise body.explain(error) from None
     if args.output is None:
@@ -93,8 +93,33 @@ def _fetch_report(url: str, body: dict[str, Any]) -> bytes:
         return client.compute("report", body)
 
 
-def _make_report(body: dict[str, Any]) -> bytes:
-    """Compute a report in this process; a bar on standard error shows the searches done."""
+def make_report(case: dict[str, Any]) -> str:
+    """Compute a strike in this process and return its report as a page of HTML.
+
+    Parameters
+    ----------
+    case
+        The body of `POST /report`, in its units; `ricochet init` and the contract have its fields.
+
+    Raises
+    ------
+    RefusedError
+        If the case is invalid, or its search fails; `problem` has the fields.
+    CommandError
+        If a package of the extra `reports` is not installed.
+
+    Notes
+    -----
+    It computes some 300 cases; a bar on standard error shows how far it is, where that is a terminal.
+
+    Examples
+    --------
+    >>> import tomllib
+    >>> from pathlib import Path
+    >>> from service.cli.reports import make_report
+    >>> case = tomllib.loads(Path("strike.toml").read_text())
+    >>> Path("report.html").write_text(make_report(case))
+    """
     from datetime import UTC, datetime
 
     from service.assessment import Query, first_queries, require_extra, strike_queries, write_page
@@ -107,7 +132,7 @@ def _make_report(body: dict[str, Any]) -> bytes:
     except ReportsMissingError as error:
         raise CommandError(str(error), FAILED) from None
     with refusals():
-        request = validated_as(ReportRequest, body)
+        request = validated_as(ReportRequest, case)
         request.check()
 
     answers: dict[str, Any] = {}
@@ -123,7 +148,7 @@ def _make_report(body: dict[str, Any]) -> bytes:
         answer(first)
         answer(strike_queries(request, answers["cra"]))
     made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
-    return write_page(body, answers, made, None).encode()
+    return write_page(case, answers, made, None)
 
 
 def find_browser() -> str:

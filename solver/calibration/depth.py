@@ -19,7 +19,7 @@ from solver.calibration.strength_factor import (
     valleys,
 )
 from solver.checks import ParameterError, require, require_bounds, require_positive, rows_of
-from solver.display import Axes, DataFrame, Figure, plot_depths
+from solver.display import Axes, DataFrame, Figure, dataframe, plot_depths
 from solver.motion import Run, Termination
 from solver.prepared import PreparedCase, integrate, prepare
 from solver.projectile import Projectile
@@ -86,6 +86,12 @@ class DepthFit(ComparedByFields):
     resistance: Resistance
     """That of the fit, with the fitted S."""
     warnings: tuple[ModelWarning, ...]
+
+    def to_dataframe(self) -> DataFrame:
+        """Return measured and predicted depths and their differences as a ``pandas.DataFrame``, a row for each test."""
+        measured = self.predicted + self.residuals
+        columns = {"depth": measured, "predicted": self.predicted, "residuals": self.residuals}
+        return dataframe(columns, DepthTest, DepthFit)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
         """Return measured over predicted depths as a ``matplotlib.figure.Figure``, of pyplot unless axes are given."""

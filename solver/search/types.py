@@ -185,9 +185,17 @@ class CriticalAngle:
 
     def _summary(self) -> str:
         if self.angle is None:
-            return f"no critical angle, {self.status.replace('_', ' ')}"
+            return self._why_none()
         error = "" if self.standard_error is None else f" ± {math.degrees(self.standard_error):.2f}°"
         return f"critical angle {math.degrees(self.angle):.2f}°{error}"
+
+    def _why_none(self) -> str:
+        trials = sorted(self.iterations, key=lambda trial: trial.oblique_angle)
+        if self.status is SearchStatus.ALWAYS_RICOCHET:
+            return f"no critical angle: turned away at {math.degrees(trials[0].oblique_angle):.0f}° already"
+        if self.status is SearchStatus.NO_RICOCHET:
+            return f"no critical angle: {trials[-1].outcome} at {math.degrees(trials[-1].oblique_angle):.0f}° too"
+        return f"no critical angle: {self.status.replace('_', ' ')}"
 
     def __repr__(self) -> str:
         found = "" if self.angle is None else self.status.replace("_", " ")

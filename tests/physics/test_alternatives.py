@@ -22,6 +22,7 @@ from solver import (
     alternatives,
     critical_angle,
     simulate,
+    to_dataframe,
 )
 from solver.resistance import StrengthFactor
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
@@ -125,3 +126,16 @@ def test_each_says_in_short_what_it_was_fitted_to(law: tuple[str, str, str]) -> 
     assert found.fitted_to.startswith("S: ")
     assert "decay" in found.fitted_to
     assert len(found.fitted_to) <= 140
+
+
+def test_alternatives_are_a_table_with_their_laws() -> None:
+    pytest.importorskip("pandas")
+    found = alternatives(critical_angle, **CASE)
+    table = to_dataframe(found)
+    assert table["decay_law"].tolist() == [each.free_surface for each in found]
+    assert table["strength_law"].tolist() == [each.strength_factor for each in found]
+    angles = [getattr(each.answer, "angle", None) for each in found]
+    assert table["angle"].tolist() == pytest.approx(
+        [math.nan if angle is None else angle for angle in angles], nan_ok=True
+    )
+    assert table.attrs["units"]["angle"] == "rad"

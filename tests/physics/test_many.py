@@ -18,6 +18,7 @@ from solver import (
     ParameterError,
     Resistance,
     Search,
+    columns,
     critical_angle,
     critical_angle_many,
     least_thickness,
@@ -99,8 +100,37 @@ def test_answers_come_while_later_cases_still_run() -> None:
         threads=2,
     )
     first = list(islice(answers, 3))
-    answers.close()  # type: ignore[attr-defined] # a generator
+    answers.close()  # type: ignore[attr-defined] # a sequence that computes
     assert first[0] == first[1] == first[2]
+
+
+def test_answers_are_a_sequence_that_computes_each_once() -> None:
+    velocities = [200.0, 238.0, -1.0]
+    answers = critical_angle_many(**CASE, velocity=velocities, search=NEAR)
+    assert len(answers) == 3
+    assert isinstance(answers[-1], ParameterError)
+    assert answers[1] is answers[1]
+    assert answers[:2] == list(answers)[:2]
+    assert all(first is second for first, second in zip(answers, answers, strict=True))
+    for _ in range(2):
+        assert columns(answers)["velocity"].tolist() == velocities
+    with pytest.raises(IndexError):
+        answers[3]
+
+
+def test_answers_go_on_after_an_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
+    answers = critical_angle_many(**CASE, velocity=[200.0, 238.0, 250.0], search=NEAR)
+    first = answers[0]
+    with monkeypatch.context() as changed:
+        changed.setattr("solver.many.attempt", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            answers[2]
+    assert [isinstance(answer, CriticalAngle) for answer in answers] == [True, True, True]
+    assert answers[0] is first
+
+
+def interrupted(*_: Any) -> None:
+    raise KeyboardInterrupt
 
 
 def test_compiled_search_releases_the_interpreter_lock() -> None:

@@ -4,6 +4,7 @@ import math
 import pickle
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from html.parser import HTMLParser
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 import solver
 from solver.calibration import DepthTest, fit_depth
 from solver.display import card
-from solver.strike import PAPER_PROJECTILE, PAPER_VELOCITY, paper_impact
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
 from solver.uncertainty import Normal, Sampling, Uncertain, critical_angle_uncertainty, trajectory_uncertainty
 from solver.warnings import ModelWarning
 
@@ -211,3 +212,16 @@ def test_side_view_has_the_outline_of_the_projectile_it_is_given(trajectory: sol
 def test_motion_without_a_history_is_not_drawn(answers: dict[str, Any]) -> None:
     with pytest.raises(solver.ParameterError, match="sample_interval"):
         answers["m deep"].plot()
+
+
+@pytest.mark.parametrize(
+    ("nose", "search", "reason"),
+    [
+        (solver.Flat(), solver.Search(), "embedded at 85° too"),
+        (PAPER_PROJECTILE.nose, solver.Search(lower=math.radians(60.0)), "turned away at 60° already"),
+    ],
+)
+def test_no_angle_says_why(nose: Any, search: solver.Search, reason: str) -> None:
+    projectile = replace(PAPER_PROJECTILE, nose=nose)
+    found = solver.critical_angle(projectile=projectile, target=PAPER_TARGET, velocity=PAPER_VELOCITY, search=search)
+    assert f"no critical angle: {reason}" in repr(found)

@@ -76,6 +76,44 @@ def test_models_are_coordinates_by_name() -> None:
     assert float(found.maximum_depth.max()) > 0.0
 
 
+@pytest.mark.parametrize(
+    ("axis", "values", "labels"),
+    [
+        (
+            "nose",
+            [solver.Ogive(caliber_radius_head=3.0), solver.Ogive(caliber_radius_head=4.5)],
+            ["ogive ψ=3", "ogive ψ=4.5"],
+        ),
+        (
+            "strength_factor",
+            [
+                solver.ConstantStrengthFactor(value=6.0),
+                solver.ConstantStrengthFactor(value=9.0),
+                solver.PublishedTests(),
+            ],
+            ["constant value=6", "constant value=9", "published_tests"],
+        ),
+        ("strength_factor", 2 * [solver.PublishedTests()], ["published_tests 1", "published_tests 2"]),
+    ],
+)
+def test_models_of_one_name_are_labelled_by_what_they_differ_in(
+    axis: str, values: list[Any], labels: list[str]
+) -> None:
+    found = solver.simulate_sweep(**CASE, impact=paper_impact(oblique_angle_degrees=30.0), axes={axis: values})
+    assert found.outcome[found.outcome.dims[0]].values.tolist() == labels
+
+
+def test_angles_of_a_sweep_may_be_in_degrees() -> None:
+    axes = {"angle_of_attack": [0.0, 0.02], "velocity": [238.0]}
+    plain = solver.critical_angle_sweep(**CASE, axes=axes, search=ROUGH)
+    found = solver.critical_angle_sweep(**CASE, axes=axes, search=ROUGH, degrees=True)
+    assert found.angle_of_attack.values.tolist() == np.degrees([0.0, 0.02]).tolist()
+    np.testing.assert_array_equal(found.angle, np.degrees(plain.angle))
+    units = {name: found[name].attrs["units"] for name in ("angle", "bracket_low", "angle_of_attack", "velocity")}
+    assert units == {"angle": "degree", "bracket_low": "degree", "angle_of_attack": "degree", "velocity": "m/s"}
+    assert found.strength_factor.equals(plain.strength_factor.assign_coords(angle_of_attack=found.angle_of_attack))
+
+
 CONE, TRUNCATED = ((0.0, 0.0), (0.13, 0.04)), ((0.0, 0.01), (0.06, 0.03), (0.12, 0.04))
 
 

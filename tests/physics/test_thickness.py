@@ -27,6 +27,7 @@ from solver import (
     Trajectory,
     critical_angle,
     least_thickness,
+    limit_velocity,
     simulate,
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
@@ -91,6 +92,27 @@ def test_shorter_steps_of_panels_lead_from_the_independent_program_to_our_exit_s
     assert math.degrees(short.axis_angle) == pytest.approx(axis_angle, abs=0.3)
     no_step = 2.0 * short.axis_angle - long.axis_angle
     assert math.degrees(strike(angle).final.axis_angle) == pytest.approx(math.degrees(no_step), abs=0.1)
+
+
+def test_walls_take_an_impact_or_its_numbers() -> None:
+    impact = paper_impact(oblique_angle_degrees=20.0)
+    angle = impact.oblique_angle
+    options: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "tolerance": 0.05}
+    solid, wall = options | {"target": PAPER_TARGET}, options | {"target": replace(PAPER_TARGET, thickness=0.2)}
+    assert least_thickness(**solid, impact=impact) == least_thickness(
+        **solid, velocity=PAPER_VELOCITY, oblique_angle=angle
+    )
+    assert limit_velocity(**wall, impact=impact) == limit_velocity(**wall, oblique_angle=angle)
+    wrong: list[tuple[Any, dict[str, Any], str]] = [
+        (least_thickness, solid, "velocity"),
+        (least_thickness, solid | {"velocity": 238.0}, "oblique_angle"),
+        (limit_velocity, wall, "oblique_angle"),
+        (limit_velocity, wall | {"impact": impact, "oblique_angle": 0.0}, "oblique_angle"),
+        (least_thickness, solid | {"impact": impact, "angle_of_attack": 0.1}, "angle_of_attack"),
+    ]
+    for function, arguments, field in wrong:
+        with pytest.raises(ParameterError, match=f"^{field}: "):
+            function(**arguments)
 
 
 def test_between_perforation_and_ricochet_the_wall_keeps_the_projectile() -> None:

@@ -16,6 +16,8 @@ import pytest
 
 from service import cli
 from service.assessment import first_queries, require_extra, strike_queries
+from service.cli.arguments import RefusedError
+from service.cli.reports import make_report
 from service.errors import ReportsMissingError
 from service.reports.assessment_numbers import FIELDS, leaves, lookup
 from service.schemas import ReportRequest
@@ -307,3 +309,17 @@ def test_without_a_browser_the_command_says_what_to_do(
 def test_other_kinds_of_files_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["report", "--output", str(tmp_path / "report.doc")]) == 2
     assert "must end in .html or .pdf" in capsys.readouterr().err
+
+
+def test_report_from_python_is_that_of_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = make_report(JUDGED)
+    (tmp_path / "case.json").write_text(json.dumps(JUDGED))
+    assert cli.main(["report", str(tmp_path / "case.json"), "-o", str(tmp_path / "report.html")]) == 0, (
+        capsys.readouterr()
+    )
+    written = (tmp_path / "report.html").read_text()
+    made = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d UTC")
+    assert made.sub("", page) == made.sub("", written)
+    with pytest.raises(RefusedError) as refused:
+        make_report(JUDGED | {"impact": JUDGED["impact"] | {"oblique_angle_deg": 91.0}})
+    assert refused.value.problem["errors"][0]["pointer"] == "/impact/oblique_angle_deg"
