@@ -67,7 +67,7 @@ def check_inputs(uncertain: Sequence[Uncertain]) -> None:
     for index, (field, count) in enumerate(Counter(each.field for each in uncertain).items()):
         if count > 1:
             later = [i for i, each in enumerate(uncertain) if each.field == field][1]
-            raise ParameterError(f"uncertain.{later}.field", f"{field!r} is the field of another input, {index}")
+            raise ParameterError(f"uncertain.{later}.field", f"{field!r} is the field of input {index} too")
 
 
 def check_values(index: int, uncertain: Uncertain, check: Callable[[Any], object]) -> None:
