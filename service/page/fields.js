@@ -55,6 +55,8 @@ export const GROUPS = [
       number("projectile.mass_kg", "kg"),
       number("projectile.center_of_gravity_m", "mm", OPTIONAL),
       number("projectile.moment_of_inertia_kg_m2", "kg m²", OPTIONAL),
+      number("projectile.inner_diameter_m", "mm", { ...OPTIONAL, open: "solid" }),
+      number("projectile.yield_strength_pa", "MPa", { ...OPTIONAL, open: "1,200", note: "for bending" }),
     ],
   },
   {

@@ -14,6 +14,7 @@ const PANELS = [
   { title: "Resistance", si: "kN", columns: { depth_force_n: "inward", lateral_force_n: "along face" } },
   { title: "Acceleration", si: "g₀", columns: { axial_acceleration_g: "along axis", transverse_acceleration_g: "across" } },
   { title: "Kinetic energy", si: "kJ", columns: { kinetic_energy_j: "energy" } },
+  { title: "Largest bending stress", si: "MPa", columns: { stress_pa: "stress" }, of: ({ bending }) => bending?.history ?? { time_s: [], stress_pa: [] } },
 ];
 
 /**
@@ -36,16 +37,16 @@ export function drawHistories(root, runs, row) {
     part: "histories",
     again: () => drawHistories(root, runs, row),
     csv: () => csvOf(runs.length > 1 ? runs.flatMap(rowsOf) : run.history),
-    label: `Time histories${names}: ${PANELS.map(({ title }) => title.toLowerCase()).join(", ")}. The CSV below has them as numbers.`,
+    label: `Time histories${names}: ${PANELS.map(({ title }) => title.toLowerCase()).join(", ")}. The CSV below has the motion and the loads as numbers.`,
   });
 }
 
 /** Lines of a run: in two colours by itself, in one where it is compared. */
-function tracesOf({ run: { history }, name }, index, isCompared) {
-  const time = history.time_s.map((seconds) => seconds * 1e3);
-  return PANELS.flatMap(({ columns, si }, panel) =>
-    Object.entries(columns).map(([column, quantity], i) => ({
-      x: time,
+function tracesOf({ run, name }, index, isCompared) {
+  return PANELS.flatMap(({ columns, si, of = () => run.history }, panel) => {
+    const history = of(run);
+    return Object.entries(columns).map(([column, quantity], i) => ({
+      x: history.time_s.map((seconds) => seconds * 1e3),
       y: withoutNoise(history[column].map((value) => value / unitOf(si).factor)),
       name: isCompared ? name : quantity,
       meta: index,
@@ -55,8 +56,8 @@ function tracesOf({ run: { history }, name }, index, isCompared) {
       yaxis: axis("y", panel),
       showlegend: isCompared && panel === 0 && i === 0,
       hovertemplate: isCompared ? `${name}: %{y:.4~g}<extra></extra>` : "%{y:.4~g}",
-    })),
-  );
+    }));
+  });
 }
 
 /** Return values as they are drawn: what rounding leaves of a constant would stretch its axis over 1e-11°. */
@@ -77,12 +78,13 @@ export function moveInstant(root, run, row) {
 
 function layoutOf(run, row, isNarrow, isCompared) {
   const columns = isNarrow ? 1 : 2;
-  const rows = PANELS.length / columns;
+  const rows = Math.ceil(PANELS.length / columns);
   const layout = { shapes: linesAt(run, row), annotations: [], showlegend: isCompared, hovermode: "x", dragmode: false };
   if (isCompared) layout.legend = { orientation: "h", y: isNarrow ? -0.08 : -0.16, yanchor: "top" };
   PANELS.forEach(({ title, si, columns: lines }, panel) => {
     const [across, down] = [panel % columns, Math.floor(panel / columns)];
-    const x = [across / columns + (across ? 0.05 : 0), (across + 1) / columns - (across + 1 < columns ? 0.03 : 0)];
+    const isAlone = panel === PANELS.length - 1 && !across; // in its row, which it fills
+    const x = [across / columns + (across ? 0.05 : 0), isAlone ? 1 : (across + 1) / columns - (across + 1 < columns ? 0.03 : 0)];
     const y = [1 - (down + 1) / rows + 0.12 / rows, 1 - down / rows - 0.14 / rows];
     const isLast = down === rows - 1;
     layout[axis("xaxis", panel)] = { domain: x, anchor: axis("y", panel), title: { text: isLast ? "Time [ms]" : "" } };

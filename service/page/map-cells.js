@@ -49,8 +49,8 @@ export function endingShown(ending) {
  * Return what a map shows of one result.
  *
  * @param {{result?: object, problem?: object}} item of a job
- * @returns {{ending: string, angle?: number, probability?: number, depth?: number, thickness?: number, warnings: string[], key?: string, detail?: string}}
- *   `angle` in degrees, `depth` and `thickness` in metres
+ * @returns {{ending: string, angle?: number, probability?: number, depth?: number, thickness?: number, stress?: number, warnings: string[], key?: string, detail?: string}}
+ *   `angle` in degrees, `depth` and `thickness` in metres, `stress` the largest in bending in pascals
  */
 export function readCell({ result, problem }) {
   if (!result) return { ending: "failed", warnings: [], detail: problem?.detail };
@@ -61,6 +61,7 @@ export function readCell({ result, problem }) {
     angle: result.critical_angle_deg,
     depth: result.outcome && result.maximum_depth_m,
     thickness: result.least_thickness_m,
+    stress: result.bending?.peak_stress_pa,
     warnings: [...new Set(result.warnings.filter(({ standing }) => !standing).map(({ code }) => code))],
     key: result.key,
   };

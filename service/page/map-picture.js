@@ -10,9 +10,11 @@ import { endWords, progressWords } from "./map-run.js";
 import { draw, purge } from "./plots.js";
 import { markFresh, markPending, markSettled, markStale, markUntilRun } from "./stale.js";
 import { QUICK, inputField, usualInputs } from "./scatter.js";
-import { hasAngle, isStudied, numbers, OPERATIONS } from "./sweep.js";
+import { caseAt, hasAngle, isStudied, numbers, OPERATIONS } from "./sweep.js";
 import { valueAt } from "./case.js";
 import { unitOf } from "./units.js";
+
+const YIELD_PA = 1.2e9; // of a body whose yield strength is not given, as the service takes it
 
 /** The panels of a map. */
 export class MapPicture {
@@ -118,7 +120,7 @@ export class MapPicture {
     };
     const isNew = !this.plot.querySelector(".drawing");
     this.here ??= this.#placeOf(this.#map.values);
-    const traces = mapTraces(operation, this.#axes, cells, rough, this.#room(), this.here);
+    const traces = mapTraces(operation, this.#axes, cells, rough, this.#room(), this.here, (index) => this.#yieldOf(index));
     const map = this.#map;
     const drawn = await draw(this.plot, traces, mapLayout(this.#axes), about);
     this.#isDrawn ||= map === this.#map;
@@ -142,6 +144,13 @@ export class MapPicture {
     const [x, y] = this.here;
     window.Plotly.restyle(drawn, { x: [[x]], y: [[y]] }, [drawn.data.length - 1]);
     this.#placeHandle();
+  }
+
+  /** Return the stress above which the surface of the body of a cell yields. [Pa] */
+  #yieldOf(index) {
+    const { x } = this.#map;
+    const { projectile } = caseAt(this.#map, { column: index % x.count, row: Math.floor(index / x.count) });
+    return projectile.yield_strength_pa ?? YIELD_PA;
   }
 
   #placeOf(values) {

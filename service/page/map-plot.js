@@ -11,6 +11,7 @@ const NO_ANGLE = "#a9a9a9";
 const OUTCOMES = { embedded: "#5b7fb5", embedded_out: "#a58fc9", perforated: "#e08e5a", in_motion: "#b5b5b5", ricochet: "#fde725", failed: "#8c6d6d" };
 const FRAMES = ["square-open", "hexagon-open", "star-square-open", "octagon-open"];
 const INK = "#111111";
+const BENDS = "#c2185b";
 const PAPER = "#e8eaed"; // below the marks of the legend, in either theme
 
 /**
@@ -22,8 +23,9 @@ const PAPER = "#e8eaed"; // below the marks of the legend, in either theme
  * @param {object[]} rough cells of a coarse grid, the nearest for each place: their colours are shown where there is no result yet
  * @param {number} room for the mark of a cell [px]
  * @param {number[]} here where the case itself is, as shown
+ * @param {(index: number) => number} yieldOf the stress above which the surface of the body of a cell yields [Pa]
  */
-export function mapTraces(operation, [x, y], cells, rough, room, here) {
+export function mapTraces(operation, [x, y], cells, rough, room, here, yieldOf) {
   const cellAt = (index) => cells[index] ?? rough[index];
   const rows = (value) => y.shown.map((_, row) => x.shown.map((_, column) => value(cellAt(row * x.shown.length + column))));
   const finished = (value) => y.shown.map((_, row) => x.shown.map((_, column) => value(cells[row * x.shown.length + column]))); // for lines
@@ -39,6 +41,10 @@ export function mapTraces(operation, [x, y], cells, rough, room, here) {
   const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };
   const quantity = QUANTITIES[operation];
   const surface = quantity ? amounts(place, rows, finished, hover, quantity) : outcomes(place, rows, finished, hover);
+  if (!quantity) {
+    const shares = cells.map((cell, index) => (cell?.stress === undefined ? null : cell.stress / yieldOf(index)));
+    surface.push(...bends(place, y.shown.map((_, row) => x.shown.map((_, column) => shares[row * x.shown.length + column] ?? null))));
+  }
   return [...surface, ...marks(operation, [x, y], cells, room), ...warned([x, y], cells, room, rare), youAreHere(here)];
 }
 
@@ -100,6 +106,21 @@ function contours(place, z) {
     showlegend: false,
     hoverinfo: "skip",
   };
+}
+
+/** A line from which on the surface of the body yields in bending; none where all do, or none does. */
+function bends(place, shares) {
+  const known = shares.flat().filter((share) => share !== null);
+  if (!known.some((share) => share > 1) || !known.some((share) => share <= 1)) return [];
+  return [
+    {
+      ...contours(place, shares),
+      contours: { coloring: "none", start: 1, end: 1, size: 1 },
+      line: { color: BENDS, width: 3, dash: "dash" },
+      name: "its surface yields in bending from here on",
+      showlegend: true,
+    },
+  ];
 }
 
 /** A mark in each cell whose ending its colour alone does not show; the legend counts them. */

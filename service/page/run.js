@@ -53,7 +53,7 @@ export function requestEnd(values, signal) {
  * Request a trajectory: with fewer instants if its termination time is long, as a slow one's is, and up to where its steps end if
  * it takes too many; it is in motion then.
  */
-async function requestStrike(body, signal) {
+export async function requestStrike(body, signal) {
   const send = async (given) => (await request("trajectory", { body: given, signal })).data;
   try {
     return await send(body);

@@ -3,6 +3,7 @@
 
 import { closedOutline, centreOfGravity, placed } from "./outline.js";
 import { colour } from "./plots.js";
+import { rowAt } from "./run.js";
 import { degreesShown, lengthShown, quantityShown } from "./words.js";
 
 const RADIAN = Math.PI / 180;
@@ -86,6 +87,22 @@ export function protrusionMark({ outcome, protrusion, path, projectile: { diamet
   if (outcome !== "embedded" || !protrusion?.final_m) return [];
   const at = [path.lateral.at(-1) + diameter, path.depth.at(-1)];
   return [{ at, text: `nose ${lengthShown(protrusion.final_m)} out`, color: colour("bad") }];
+}
+
+/** The cross-section with the largest bending stress, where it is then. */
+export function bendingMark({ bending, history, path, projectile: { diameter_m: diameter } }, isNarrow) {
+  if (!bending) return [];
+  const row = rowAt({ history }, bending.time_s);
+  const angle = path.angle[row];
+  const behind = bending.distance_behind_tip_m;
+  const place = [path.lateral[row] - behind * Math.sin(angle), path.depth[row] - behind * Math.cos(angle)];
+  const across = [Math.cos(angle), -Math.sin(angle)].map((each) => 0.6 * diameter * each);
+  const ends = [-1, 1].map((sign) => place.map((value, i) => value + sign * across[i]));
+  const stress = quantityShown(bending.peak_stress_pa, "GPa");
+  return [
+    line(ends, { class: "bending", stroke: colour("bad"), "stroke-width": 2, "stroke-dasharray": "3 2" }),
+    { at: ends[1], text: isNarrow ? stress : `bends most: ${stress}`, color: colour("bad") },
+  ];
 }
 
 /** The force of the concrete on the projectile at an instant, where it acts on the axis; its length is in the greatest of the run. */

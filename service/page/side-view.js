@@ -6,7 +6,7 @@ import { svg } from "./elements.js";
 import { aboutRuns } from "./exports.js";
 import { closedOutline, placed } from "./outline.js";
 import { colour, csvOf, drawingOf, place } from "./plots.js";
-import { arcMarks, criticalMark, exitMark, faceNames, forceMarks, hole, protrusionMark } from "./side-view-marks.js";
+import { arcMarks, bendingMark, criticalMark, exitMark, faceNames, forceMarks, hole, protrusionMark } from "./side-view-marks.js";
 import { rowAt } from "./run.js";
 import { unitOf } from "./units.js";
 import { digits, endingShown, lengthShown } from "./words.js";
@@ -79,7 +79,7 @@ function render(root, scene) {
   const isNarrow = size.width < NARROW;
   const range = [0, Math.max(...own.path.speed)];
   const count = OUTLINES[Math.min(others.length, 1)];
-  const marksOf = (run) => [...arcMarks(run, isNarrow), ...criticalMark(run, options.critical, isNarrow), ...exitMark(run, isNarrow), ...protrusionMark(run)];
+  const marksOf = (run) => [...arcMarks(run, isNarrow), ...criticalMark(run, options.critical, isNarrow), ...exitMark(run, isNarrow), ...protrusionMark(run), ...bendingMark(run, isNarrow)];
   const marks = marksOf(own);
   const outlines = evenRows(own, count).map((each) => outlineAt(own, each));
   const compared = others.flatMap(({ run }) => evenRows(run, count).map((each) => outlineAt(run, each)));

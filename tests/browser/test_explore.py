@@ -284,7 +284,7 @@ def test_scrubbing_moves_the_outline_and_the_line_in_the_histories(page: Page) -
     assert [lateral[0], depth[0]] == pytest.approx([0.0, 0.0], abs=1e-9)
     assert depth[0] != last[1][0]
     times = page.locator(".histories .drawing").evaluate("plot => plot.layout.shapes.map(line => line.x0)")
-    assert times == [0] * 6
+    assert times == [0] * 7
 
 
 def test_histories_have_the_acceleration_of_the_body_in_standard_gravity(page: Page) -> None:
@@ -297,6 +297,46 @@ def test_histories_have_the_acceleration_of_the_body_in_standard_gravity(page: P
     accelerations = [math.hypot(*pair) for pair in zip(axial, across, strict=True)]
     assert accelerations == pytest.approx([force / (13.0 * 9.80665) for force in forces])
     assert -2e4 < min(axial) < -5e3
+
+
+def test_bending_is_a_curve_and_a_mark(page: Page, client: httpx.Client) -> None:
+    """Both are of the answer: the curve has its peak where the mark says it is."""
+    open_explore(page)
+    body = PAPER_AT_45 | {"output": {"history": True, "sample_interval_s": 1e-4}}
+    bending = client.post("/trajectory", json=body).json()["bending"]
+    [curve] = page.locator(".histories .drawing").evaluate(
+        "plot => plot.data.filter(({yaxis}) => yaxis === 'y7').map(({x, y}) => ({x: [...x], y: [...y]}))"
+    )
+    assert max(curve["y"]) == pytest.approx(bending["peak_stress_pa"] / 1e6, rel=0.01)
+    at = curve["x"][curve["y"].index(max(curve["y"]))]
+    assert at == pytest.approx(1e3 * bending["time_s"], abs=0.05)
+    expect(page.locator(".side-view text.mark", has_text="bends most")).to_have_text("bends most: 1.83 GPa")
+    expect(page.locator(".side-view path.bending")).to_have_count(1)
+
+
+def test_flight_after_a_ricochet_is_drawn_and_ends_where_the_service_says(page: Page, client: httpx.Client) -> None:
+    open_explore(page)
+    panel = page.get_by_role("region", name="Where it lands")
+    expect(panel).to_be_hidden()
+    strike = PAPER_AT_45 | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": 55.0}}
+    flight = client.post("/trajectory", json=strike | {"flight": {}}).json()["exit"]["flight"]
+    page.get_by_label("Oblique angle", exact=True).fill("55")
+    expect(panel.locator(".main-svg").first).to_be_visible()
+    path, *arcs, landing = panel.locator(".drawing").evaluate(
+        "plot => plot.data.map(({x, y}) => ({x: [...x], y: [...y]}))"
+    )
+    assert path["x"][-1] == pytest.approx(flight["range_m"], rel=0.002)
+    assert path["y"][-1] == pytest.approx(0.0, abs=0.02 * flight["apex_m"])
+    assert max(path["y"]) == pytest.approx(flight["apex_m"], rel=0.02)
+    radii = [math.hypot(arc["x"][0], arc["y"][0]) for arc in arcs]
+    assert radii == pytest.approx([flight[name] for name in ("range_m", "farthest_range_m", "range_without_drag_m")])
+    assert landing["x"] == pytest.approx([flight["range_m"]])
+    labels = panel.locator(".annotation-text").all_text_contents()
+    sentence = page.get_by_role("region", name="Verdict").inner_text()
+    for distance in re.findall(r"[\d,]+ m(?= away| at any| without)", sentence):
+        assert any(label.endswith(distance) for label in labels), (distance, labels)
+    page.get_by_label("Oblique angle", exact=True).fill("40")
+    expect(panel).to_be_hidden()
 
 
 def test_play_goes_through_to_the_end_in_steps_where_less_motion_is_wanted(page: Page) -> None:

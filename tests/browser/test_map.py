@@ -354,3 +354,22 @@ def test_legend_is_as_wide_as_a_phone(new_page: NewPage) -> None:
         box = text.bounding_box()
         assert box is not None
         assert box["x"] + box["width"] <= plot["x"] + plot["width"], text.text_content()
+
+
+def test_phase_diagram_has_a_line_from_which_on_the_body_yields(page: Page) -> None:
+    """It parts the cells with the warning from those without."""
+    axes = "x=impact.oblique_angle_deg,30,60,4&y=impact.velocity_m_s,100,300,5"
+    run_map(page, f"operation=trajectory&{axes}", 20)
+    line = page.locator(".map .drawing").evaluate(
+        "plot => plot.data.filter(({name}) => /yields in bending/.test(name)).map(({z, contours}) => ({z, contours}))"
+    )
+    assert len(line) == 1
+    assert (line[0]["contours"]["start"], line[0]["contours"]["end"]) == (1, 1)
+    for row, speed in enumerate((100.0, 150.0, 200.0, 250.0, 300.0)):
+        for column, angle in enumerate((30.0, 40.0, 50.0, 60.0)):
+            strike = PAPER_AT_45 | {"impact": {"velocity_m_s": speed, "oblique_angle_deg": angle}}
+            codes = {
+                each["code"]
+                for each in httpx.post(f"{page.url.split('#')[0]}trajectory", json=strike).json()["warnings"]
+            }
+            assert ("bends" in codes) == (line[0]["z"][row][column] > 1.0), (speed, angle)

@@ -5,6 +5,7 @@ import { alternativesTable, requestAngles, requestOutcomes } from "../alternativ
 import { Compare, readPins, writePins } from "../compare.js";
 import { copyButtons, linkButton } from "../copy-as.js";
 import { caseActions, element } from "../elements.js";
+import { drawFlight, flightWords, requestFlight } from "../flight.js";
 import { buildFold } from "../fold.js";
 import { buildForm } from "../form.js";
 import { drawHistories, moveInstant } from "../histories.js";
@@ -72,8 +73,8 @@ class Explore {
 
   /** What belongs to this strike. */
   get ofStrike() {
-    const { outcome, side, histories } = this.parts;
-    return [outcome, side, histories, ...(this.compare.pinned.length ? [this.compare.table] : [])];
+    const { outcome, side, histories, flight } = this.parts;
+    return [outcome, side, histories, flight, ...(this.compare.pinned.length ? [this.compare.table] : [])];
   }
 
   change(values) {
@@ -109,6 +110,20 @@ class Explore {
     markFresh(parts.histories);
     performance.measure("ricochet: histories", { start });
     listen(parts, (row) => this.scrubber.move(row));
+    await this.showFlight(run, signal);
+  }
+
+  /** Show where a body lands that is turned away. */
+  async showFlight(run, signal) {
+    const { flight } = this.parts;
+    const found = await requestFlight(run, signal);
+    if (signal.aborted || this.updatePicture.isBehind()) return;
+    flight.hidden = !found;
+    if (found) {
+      flight.querySelector("p").textContent = flightWords(found);
+      await drawFlight(flight.lastChild, run, found);
+    }
+    if (!signal.aborted && !this.updatePicture.isBehind()) markFresh(flight);
   }
 
   drawSide() {
@@ -182,6 +197,7 @@ class Explore {
     this.follower.disconnect();
     purge(this.parts.side);
     purge(this.parts.histories);
+    purge(this.parts.flight.lastChild);
   }
 }
 
@@ -195,6 +211,7 @@ function build(root, verdict, compare, laws) {
     side: element("div.side-view", {}),
     scrubber: element("div.scrubber", {}),
     histories: element("div.histories", {}),
+    flight: element("section.panel", { hidden: true, "aria-label": "Where it lands" }, element("h2", {}, "Where it lands"), element("p"), element("div.flight")),
     presets: presetLinks("explore"),
   };
   root.append(
@@ -211,6 +228,7 @@ function build(root, verdict, compare, laws) {
         element("section.panel.across", { "aria-label": "This strike" }, parts.outcome, parts.actions),
         compare,
         element("section.panel", {}, element("h2", {}, "Histories"), parts.histories),
+        parts.flight,
         laws,
         element("section.panel.copy", {}, element("h2", {}, "Copy this case"), parts.copy),
       ),
