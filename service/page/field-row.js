@@ -18,11 +18,11 @@ const SI_UNIT = / ?\[(?:1|°|m|m\/s|rad\/s|kg|kg m²|kg\/m³|Pa)\]/g;
  * @param {object} field of fields.js
  * @param {object} values the case
  * @param {{accept: (value: any) => void, hold: () => void, refuse: (problem: string) => void}} listener called on each change;
- *   `hold` while a value that is not accepted may be on the way to one that is, `refuse` once it is left or rests
+ *   `currentOf` returns the case as it is then; `hold` while a value that is not accepted may be on the way to one that is, `refuse` once it is left or rests
  * @returns {{field: object, root: HTMLElement, input: HTMLElement, problem: HTMLElement, described: string, later: (act?: () => void) => void}}
  *   `later` does something once what is typed is left or rests, unless it is changed
  */
-export function buildRow(field, values, { accept, hold, refuse }) {
+export function buildRow(field, values, { accept, hold, refuse, currentOf = () => values }) {
   const id = `field-${field.path.replaceAll(".", "-")}`;
   let [timer, settle] = [undefined, undefined];
   const later = (act) => {
@@ -51,6 +51,7 @@ export function buildRow(field, values, { accept, hold, refuse }) {
   const notes = [
     field.unit && element("span.unit", { id: `${id}-unit` }, field.unit),
     field.slider && buildSlider(field, values, input, read),
+    field.fill && element("button.fill", { type: "button", onclick: () => fillIn(input, shownNumber(field, Number(field.fill.of(currentOf()).toPrecision(3)))) }, field.fill.name),
     field.note && element("span.note", { id: `${id}-note` }, field.note),
     helpOf(field, values) && element("span.note.help", { id: `${id}-help` }, helpOf(field, values)),
   ].filter(Boolean);
@@ -61,6 +62,13 @@ export function buildRow(field, values, { accept, hold, refuse }) {
   const row = { field, root, input, problem, described, later };
   showProblem(row, "");
   return row;
+}
+
+/** Fill in a field as if it were typed. */
+function fillIn(input, value) {
+  input.value = value;
+  input.dispatchEvent(new Event("input"));
+  input.dispatchEvent(new Event("change"));
 }
 
 /** Show what is wrong with a field, or that nothing is. */
@@ -102,11 +110,13 @@ const INPUTS = {
     });
   },
   choice(field, values, read) {
-    const chosen = valueAt(values, field.path) ?? nodeAt(field.path, values).default;
-    const options = Object.entries(field.choices).map(([value, text]) =>
-      element("option", { value, selected: value === chosen }, text),
-    );
-    return element("select", { onchange: ({ target }) => read(target.value) }, ...options);
+    const given = valueAt(values, field.path) ?? nodeAt(field.path, values).default;
+    const option = ([value, text]) => element("option", { value, selected: value === String(given ?? "") }, text);
+    const open = field.classes ? [["", "not of a class"]] : [];
+    const other = field.classes && given !== undefined && !(given in field.classes) ? [[given, `${quantityShown(given, "MPa")} characteristic`]] : [];
+    const taken = (text) => (field.classes ? (text === "" ? undefined : Number(text)) : text);
+    const options = [...open, ...other, ...Object.entries(field.choices)].map(option);
+    return element("select", { onchange: ({ target }) => read(taken(target.value)) }, ...options);
   },
   flag(field, values, read) {
     const checked = Boolean(valueAt(values, field.path));

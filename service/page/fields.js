@@ -1,7 +1,8 @@
 // The fields of a case as the form shows them: label, unit and factor to SI. Bounds are the contract's.
 
-import { valueAt } from "./case.js";
+import { valueAt, withValue } from "./case.js";
 import { names, nodeAt } from "./contract.js";
+import { solidVolume } from "./outline.js";
 import { areUs, unitOf } from "./units.js";
 import { capital } from "./words.js";
 
@@ -12,6 +13,7 @@ export const fieldOf = (kind, path, si = "", extra = {}) => ({
     return extra.label ?? names.quantities[path];
   },
   get choices() {
+    if (extra.classes) return extra.classes;
     const own = names.choices[path];
     return own && Object.fromEntries(Object.entries(own).map(([value, name]) => [value, capital(name)]));
   },
@@ -24,18 +26,62 @@ export const fieldOf = (kind, path, si = "", extra = {}) => ({
 });
 const number = (path, si, extra) => fieldOf("number", path, si, extra);
 const OPTIONAL = { optional: true };
+const STEEL_KG_M3 = 7850;
+/** Characteristic strengths of cylinders by concrete class, of EN 1992-1-1 table 3.1. [Pa] */
+const CONCRETE_PA = Object.fromEntries(
+  ["20/25", "25/30", "30/37", "35/45", "40/50", "45/55", "50/60", "55/67", "60/75", "70/85", "80/95", "90/105"].map((name) => [
+    `${Number(name.split("/")[0]) * 1e6}`,
+    `C${name}`,
+  ]),
+);
+const MEAN_ABOVE_PA = 8e6; // the mean strength above the characteristic one, of the same table
+
+/** Return a case in a concrete class, whose mean strength is that of the model, and the characteristic one that of design values. */
+function meanOfClass(values, characteristic) {
+  return characteristic === undefined ? values : withValue(values, "target.compressive_strength_pa", characteristic + MEAN_ABOVE_PA);
+}
 
 /**
  * Groups of fields in the order of the form.
  *
  * `si` is the unit in which a field is shown, but for US customary units, `unit` the one that is shown, and `factor` times what
  * is shown the value in SI without a prefix; `optional` may be empty and then shows `open`; `choices` are labels
- * by value; `variant` marks one that decides which other fields there are; `pairs` is a list of them; `slider` is
+ * by value, or `classes` for a number, which `takes` the case along; `fill` is a button with a value; `variant` marks one that decides which other fields there are; `pairs` is a list of them; `slider` is
  * [least, most, step] in the unit of SI.
  */
 export const GROUPS = [
   {
-    name: "Strike",
+    name: "What strikes",
+    fields: [
+      fieldOf("choice", "projectile.nose.shape", "", { variant: true }),
+      number("projectile.nose.caliber_radius_head"),
+      number("projectile.nose.length_to_diameter"),
+      fieldOf("numbers", "projectile.nose.points", "mm", { pairs: true, note: "a pair a line" }),
+      number("projectile.diameter_m", "mm"),
+      number("projectile.length_m", "mm"),
+      number("projectile.mass_kg", "kg", { fill: { name: "Steel", of: ({ projectile }) => STEEL_KG_M3 * solidVolume(projectile) } }),
+      number("projectile.center_of_gravity_m", "mm", OPTIONAL),
+      number("projectile.moment_of_inertia_kg_m2", "kg m²", OPTIONAL),
+      number("projectile.inner_diameter_m", "mm", { ...OPTIONAL, open: "solid" }),
+      number("projectile.yield_strength_pa", "MPa", { ...OPTIONAL, open: "1,200", note: "for bending" }),
+    ],
+  },
+  {
+    name: "What it strikes",
+    fields: [
+      fieldOf("choice", "target.characteristic_strength_pa", "", {
+        ...{ classes: CONCRETE_PA, label: "Concrete class", takes: meanOfClass },
+        note: "the model takes its mean strength, design values the characteristic one",
+      }),
+      number("target.compressive_strength_pa", "MPa", { note: "mean, of cylinders" }),
+      number("target.density_kg_m3", "kg/m³"),
+      number("target.youngs_modulus_pa", "GPa", OPTIONAL),
+      number("target.poissons_ratio", "", OPTIONAL),
+      number("target.thickness_m", "mm", { ...OPTIONAL, open: "∞", note: "of a wall" }),
+    ],
+  },
+  {
+    name: "How it strikes",
     fields: [
       number("impact.velocity_m_s", "m/s", { slider: [50, 800, 1] }),
       number("impact.oblique_angle_deg", "°", { slider: [0, 89.9, 0.1], note: "from the normal" }),
@@ -44,33 +90,7 @@ export const GROUPS = [
     ],
   },
   {
-    name: "Projectile",
-    fields: [
-      fieldOf("choice", "projectile.nose.shape", "", { variant: true }),
-      number("projectile.nose.caliber_radius_head"),
-      number("projectile.nose.length_to_diameter"),
-      fieldOf("numbers", "projectile.nose.points", "mm", { pairs: true, note: "a pair a line" }),
-      number("projectile.diameter_m", "mm"),
-      number("projectile.length_m", "mm"),
-      number("projectile.mass_kg", "kg"),
-      number("projectile.center_of_gravity_m", "mm", OPTIONAL),
-      number("projectile.moment_of_inertia_kg_m2", "kg m²", OPTIONAL),
-      number("projectile.inner_diameter_m", "mm", { ...OPTIONAL, open: "solid" }),
-      number("projectile.yield_strength_pa", "MPa", { ...OPTIONAL, open: "1,200", note: "for bending" }),
-    ],
-  },
-  {
-    name: "Target",
-    fields: [
-      number("target.compressive_strength_pa", "MPa"),
-      number("target.density_kg_m3", "kg/m³"),
-      number("target.youngs_modulus_pa", "GPa", OPTIONAL),
-      number("target.poissons_ratio", "", OPTIONAL),
-      number("target.thickness_m", "mm", { ...OPTIONAL, open: "∞", note: "of a wall" }),
-    ],
-  },
-  {
-    name: "Model",
+    name: "Laws",
     fields: [
       fieldOf("choice", "resistance.strength_factor.model", "", { variant: true }),
       fieldOf("shots", "resistance.strength_factor.shots", "", {

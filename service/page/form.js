@@ -84,6 +84,7 @@ class CaseForm {
 
   addRow(field) {
     const row = buildRow(field, this.values, {
+      currentOf: () => this.values,
       accept: (value) => this.accept(row, value),
       hold: () => {
         this.wrong.add(field.path);
@@ -105,6 +106,11 @@ class CaseForm {
     this.remember(field.path);
     if (field.variant) this.takeVariant(field, value);
     else this.values = withValue(this.values, field.path, value);
+    if (field.takes) {
+      this.values = field.takes(this.values, value);
+      this.rebuild();
+      this.rows.find((row) => row.field.path === field.path).input.focus();
+    }
     if (this.wrong.size) return;
     this.problem.textContent = "";
     this.change(field.path);

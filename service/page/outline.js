@@ -75,8 +75,19 @@ function fractions(at) {
   return Array.from({ length: ARC_POINTS + 1 }, (_, i) => at(i / ARC_POINTS));
 }
 
-/** Centroid of the solid of revolution, a chain of frustums. */
+/** Return the volume of the body as a solid. [m³] */
+export function solidVolume(projectile) {
+  return (Math.PI / 3) * integrals(upperOutline(projectile)).volume;
+}
+
+/** Centroid of the solid of revolution. */
 function centroid(upper) {
+  const { volume, moment } = integrals(upper);
+  return moment / volume;
+}
+
+/** Volume of a solid of revolution, a chain of frustums, and its moment about the tip, both over π / 3. */
+function integrals(upper) {
   let [volume, moment] = [0, 0];
   for (let i = 1; i < upper.length; i += 1) {
     const [[x, r], [end, s]] = [upper[i - 1], upper[i]];
@@ -84,5 +95,5 @@ function centroid(upper) {
     volume += slice;
     if (slice > 0) moment += slice * x + ((end - x) ** 2 * (r * r + 2 * r * s + 3 * s * s)) / 4;
   }
-  return moment / volume;
+  return { volume, moment };
 }

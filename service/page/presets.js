@@ -20,6 +20,10 @@ const PRESETS = {
     projectile: { nose: { shape: "flat" }, diameter_m: 0.02, length_m: 0.2, mass_kg: 0.49 },
     impact: { velocity_m_s: 300, oblique_angle_deg: 60 },
   },
+  "Steel sphere": {
+    projectile: { nose: { shape: "sphere" }, diameter_m: 0.02, length_m: 0.02, mass_kg: 0.0329 },
+    impact: { velocity_m_s: 800, oblique_angle_deg: 60 },
+  },
   Cone: {
     projectile: { nose: { shape: "conical", length_to_diameter: 1.5 }, diameter_m: 0.05, length_m: 0.3, mass_kg: 3.9 },
     impact: { velocity_m_s: 300, oblique_angle_deg: 55 },

@@ -1,5 +1,6 @@
 """How many actions a task takes: clicks, choices and fields that are filled in."""
 
+import math
 import re
 from pathlib import Path
 
@@ -82,6 +83,37 @@ def test_whether_half_a_metre_is_enough_takes_one_input(explore: Page, act: Acti
         re.compile(r"^Wall of 500 mm at .*: (not )?enough.*Design value against ")
     )
     assert act.count == 1
+
+
+def test_verdict_on_half_a_metre_against_a_155_mm_body_takes_four_inputs_at_most(explore: Page, act: Actions) -> None:
+    act.click(explore.get_by_role("link", name="155 mm body"))
+    act.click(explore.get_by_role("link", name="Walls", exact=True))
+    act.choose(explore.get_by_label("Concrete class"), "C30/37")
+    act.fill(explore.get_by_label("Thickness", exact=True), "500")
+    verdict = explore.locator(".outcome")
+    expect(verdict).to_contain_text(re.compile(r"^Wall of 500 mm at .*: not enough.*scabbing.*perforation"))
+    expect(verdict).to_contain_text("with the characteristic strength of 30 MPa")
+    expect(explore.get_by_label("Compressive strength", exact=True)).to_have_value("38")
+    assert act.count <= 4
+
+
+def test_verdict_on_a_wall_against_a_steel_sphere_takes_four_inputs_at_most(explore: Page, act: Actions) -> None:
+    act.click(explore.get_by_role("link", name="Steel sphere"))
+    act.click(explore.get_by_role("link", name="Walls", exact=True))
+    act.fill(explore.get_by_label("Thickness", exact=True), "150")
+    expect(explore.locator(".outcome")).to_contain_text(re.compile(r"^Wall of 150 mm at "))
+    assert act.count <= 4
+
+
+def test_steel_fills_in_the_mass_of_the_body(explore: Page) -> None:
+    explore.get_by_role("link", name="Flat rod").click()
+    explore.get_by_label("Length", exact=True).fill("100")
+    explore.get_by_role("button", name="Steel", exact=True).click()
+    mass = float(explore.get_by_label("Mass", exact=True).input_value())
+    assert mass == pytest.approx(7850.0 * math.pi * 0.01**2 * 0.1, rel=0.005)
+    explore.wait_for_function(IDLE)
+    explore.get_by_role("button", name="Undo").click()
+    expect(explore.get_by_label("Mass", exact=True)).to_have_value("0.49")
 
 
 def test_comparison_of_two_strikes_takes_three_actions_at_most(explore: Page, act: Actions) -> None:

@@ -97,8 +97,8 @@ export async function show(root, query) {
   const actions = caseActions("This case");
   const form = buildForm(parts.form, {
     case: readCase(query),
-    include: ["Strike", "Projectile", "Target", "Model"],
-    open: matchMedia("(min-width: 60rem)").matches ? undefined : ["Strike"],
+    include: ["What strikes", "What it strikes", "How it strikes", "Laws"],
+    open: matchMedia("(min-width: 60rem)").matches ? undefined : ["How it strikes"],
     onChange: change,
     onHold: cancel,
     problem: parts.problem,

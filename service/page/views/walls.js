@@ -48,8 +48,8 @@ export async function show(root, query) {
   };
   const form = buildForm(parts.form, {
     case: readCase(query),
-    include: ["Strike", "Target", "Projectile", "Model"], // the thickness, which is judged here, in sight
-    open: matchMedia("(min-width: 60rem)").matches ? undefined : ["Strike", "Target"],
+    include: ["What strikes", "What it strikes", "How it strikes", "Laws"], // the thickness, which is judged here, in sight
+    open: matchMedia("(min-width: 60rem)").matches ? undefined : ["What it strikes", "How it strikes"],
     onChange(values) {
       refresh(values);
       replaceAddress("walls", caseQuery(values));
