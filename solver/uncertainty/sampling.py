@@ -6,10 +6,10 @@ Samples depend on the seed alone.
 import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any, TypeAlias, cast
+from typing import Any, TypeAlias, cast, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -59,6 +59,30 @@ class Uncertain:
 
     field: str
     distribution: Distribution
+
+    def __post_init__(self) -> None:
+        kinds = get_args(Distribution)
+        if not isinstance(self.distribution, kinds):
+            *names, last = (kind.__name__ for kind in kinds)
+            found = repr(self.distribution) if isinstance(self.distribution, str) else type(self.distribution).__name__
+            raise ParameterError(
+                "uncertain.distribution",
+                f"must be one of solver.uncertainty: {', '.join(names)} or {last}, got {found}; give "
+                "Normal(mean=..., standard_deviation=...) for a normal one of SciPy",
+            )
+
+
+def require_inputs(uncertain: object) -> None:
+    """Refuse anything but a sequence of inputs, naming what is accepted."""
+    given = uncertain if isinstance(uncertain, Iterable) and not isinstance(uncertain, str | Mapping) else [uncertain]
+    for each in given:
+        if not isinstance(each, Uncertain):
+            found = repr(each) if isinstance(each, str) else type(each).__name__
+            raise ParameterError(
+                "uncertain",
+                "must be a sequence of inputs such as Uncertain('impact.velocity', Normal(mean=238.0, "
+                f"standard_deviation=2.0)), or usual_scatter(...), got {found}",
+            )
 
 
 def check_inputs(uncertain: Sequence[Uncertain]) -> None:
