@@ -61,10 +61,10 @@ class Uncertain:
     distribution: Distribution
 
     def __post_init__(self) -> None:
-        kinds = get_args(Distribution)
-        if not isinstance(self.distribution, kinds):
+        kinds, given = get_args(Distribution), cast(object, self.distribution)
+        if not isinstance(given, kinds):
             *names, last = (kind.__name__ for kind in kinds)
-            found = repr(self.distribution) if isinstance(self.distribution, str) else type(self.distribution).__name__
+            found = repr(given) if isinstance(given, str) else type(given).__name__
             raise ParameterError(
                 "uncertain.distribution",
                 f"must be one of solver.uncertainty: {', '.join(names)} or {last}, got {found}; give "

@@ -478,9 +478,9 @@ def refusals(client: httpx.Client) -> Iterator[tuple[str, httpx.Response]]:
         answer = client.post("/cra/batch", content=content, headers=LINES)
         yield f"POST /cra/batch as lines {shortened(words)}", answer
     for method, path, headers in REQUESTS:
-        content = b"{}" if method in {"POST", "PATCH"} else None
+        sent = b"{}" if method in {"POST", "PATCH"} else None
         words = shortened("".join(f" {name}: {value}" for name, value in headers.items() if headers is not TEXT))
-        yield f"{method} {path}{words}", client.request(method, path, content=content, headers=headers)
+        yield f"{method} {path}{words}", client.request(method, path, content=sent, headers=headers)
 
 
 def described(request: str, answer: httpx.Response) -> str:
