@@ -39,7 +39,7 @@ from service.workers.worker import check_requests
 from solver import ParameterError
 
 CASES_AT_ONCE = 200
-"""Cases validated in one go, some 5 ms."""
+"""Cases validated in one call, about 5 ms."""
 CHECKED_AT_ONCE = 50
 """Cases that a worker checks in one call, some milliseconds: single queries wait no longer for it."""
 CHECK_COST = 0.01

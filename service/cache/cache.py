@@ -38,13 +38,13 @@ from service.private_files import make_private, make_private_folder
 NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")
 PROBE = bytes(65_536)
-"""Enough for a full disk to refuse it."""
+"""Data written to test the disk: large enough for a full disk to refuse it."""
 JOURNAL_RECORDS, JOURNAL_BYTES = 200, 2 * 1024 * 1024
 """What the journal holds before it becomes a segment: some tens of milliseconds of work, in a separate thread."""
 EVICTED_SHARE = 0.1
 """Share of the limit made free at once, so that not every new result has to."""
 EVICTED_AT_ONCE = 64
-"""Segments; storing results waits for it."""
+"""Largest number of segments evicted in one step; storing results waits for it."""
 
 log = logging.getLogger(__name__)
 

@@ -52,7 +52,7 @@ from service.schemas.quantities import Num
 NEW_FILE: Mapping[str, Any] = {"libver": ("earliest", "v108"), "track_order": True}
 """The oldest structures of the file format, which HDF5 1.8, MATLAB, Octave, R and Julia read too; columns in order."""
 GZIP_LEVEL = 3
-"""The next levels take twice the time for a tenth less."""
+"""Compression level of gzip: the next levels take twice the time and save a tenth."""
 COMPRESSED_BYTES = 4096
 """Smallest dataset that is compressed: a chunk of HDF5 takes 2 kB beside its data, so smaller ones would only grow."""
 SEGMENT_BYTES = 16 * 1024 * 1024

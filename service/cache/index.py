@@ -21,9 +21,9 @@ from service.cache.sqlite import LAYOUT, check_layout, decode
 from service.private_files import make_private
 
 KEYS_AT_ONCE = 1000
-"""Looked up in a few milliseconds, during which storing waits."""
+"""Keys looked up in one query: a few milliseconds, during which storing waits."""
 FLUSH_SECONDS = 60.0
-"""How late the time of last use may be written; what a crash loses of it hardly matters."""
+"""Longest delay before the time of last use is written [s]; losing it in a crash hardly matters."""
 
 INDEX_TABLES = """
 CREATE TABLE segments (

@@ -85,7 +85,7 @@ class DaskExecutor(Executor):
 
     @property
     def busy(self) -> bool:
-        """Whether the last probe failed only because all workers of the pool were at work."""
+        """True if the last probe failed only because every worker of the pool was busy."""
         return self._busy
 
     @property
@@ -95,7 +95,7 @@ class DaskExecutor(Executor):
 
     @property
     def on_cluster(self) -> bool:  # type: ignore[override] # elsewhere it never changes
-        """Whether the cluster has workers that can be used."""
+        """True if the cluster has usable workers."""
         return bool(self.cluster.capacity)
 
     @property

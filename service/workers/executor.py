@@ -51,7 +51,7 @@ class Executor(ABC):
     @property
     @abstractmethod
     def busy(self) -> bool:
-        """Whether the last probe failed only because all workers were at work."""
+        """True if the last probe failed only because every worker was busy."""
 
     @property
     @abstractmethod

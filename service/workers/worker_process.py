@@ -112,9 +112,9 @@ class WorkerProcess:
 
     def __init__(self) -> None:
         self.yielding = False
-        """Whether it has been asked to leave its calls and has not said that it has."""
+        """True while a request to abandon its calls has not been acknowledged."""
         self.begun = False
-        """Whether it has begun to read the calls that it was sent last."""
+        """True once the worker has begun to read the latest calls."""
         self._number = 0
         """Number of the list of calls that it was sent last."""
         self.pid = 0
@@ -151,7 +151,7 @@ class WorkerProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether the process lives, be it stopped."""
+        """True if the process exists, running or stopped."""
         return not self._messages.closed
 
     @property
