@@ -45,7 +45,7 @@ CHECKED_AT_ONCE = 50
 CHECK_COST = 0.01
 """Cost of checking a case. [ordinary cases]"""
 BYTES_AT_ONCE = 256 * 1024
-"""Lines validated in one go: few long ones take as much time as many short ones."""
+"""Size of the lines validated in one call [bytes]: a few long lines take as much time as many short ones."""
 
 
 @dataclass(frozen=True, slots=True)

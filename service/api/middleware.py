@@ -227,7 +227,7 @@ ALWAYS: Pairs = [
     (b"content-security-policy", POLICY),
 ]
 TRANSPORT: Pairs = [(b"strict-transport-security", b"max-age=31536000")]
-"""For a year; sent over TLS only."""
+"""Value of Strict-Transport-Security, valid for a year; sent over TLS only."""
 NO_STORE: Pairs = [(b"cache-control", b"no-store")]
 """Answers belong to one client: no proxy keeps them."""
 REVALIDATE: Pairs = [(b"cache-control", b"private, no-cache")]

@@ -162,13 +162,13 @@ class ApiKeyStore:
         self._failed = False
         self._keys: Mapping[str, ApiKey] = read_keys(folder)
         self.lost = not (folder / FILE).exists() and (folder / LOCK).exists()
-        """Whether there were keys, and their file is gone."""
+        """True if keys were configured before and their file is missing."""
         self.required = self.lost or (folder / FILE).exists()
-        """Whether there are keys, or were; revoked ones count."""
+        """True if keys are or were configured, revoked ones included."""
 
     @property
     def usable(self) -> bool:
-        """Whether any key is valid."""
+        """True if any key is valid."""
         return any(key.usable_at(self._clock.now()) for key in self._keys.values())
 
     def reload(self) -> None:

@@ -67,7 +67,7 @@ AMOUNT_OF = AMOUNT + " WHERE name IN (SELECT value FROM json_each(?))"  # noqa: 
 
 @dataclass(frozen=True, slots=True)
 class Location:
-    """Where a result is."""
+    """Segment and row that hold a result."""
 
     segment: str
     row: int
@@ -111,7 +111,7 @@ class Index:
         return self._statistics
 
     def find(self, keys: Sequence[str]) -> dict[str, Location]:
-        """Where results are; those that are nowhere are left out."""
+        """Return the locations of results; keys without a result are left out."""
         found = {}
         for start in range(0, len(keys), KEYS_AT_ONCE):
             some = keys[start : start + KEYS_AT_ONCE]

@@ -25,7 +25,7 @@ RETRY_PAUSES = (1.0, 2.0, 4.0, 8.0, 10.0, 10.0, 10.0)
 LONGEST_PAUSE = 60.0
 """Longest `Retry-After` that is followed. [s]"""
 BUSY = frozenset({429, 503})
-"""Statuses after which a request is repeated."""
+"""Statuses after which a request is retried."""
 NOT_IN_KEYS = re.compile(r"[^!-~]|[\"']")
 """Characters that a key must not have, as it is sent in a header: all but printable ASCII without spaces or quotes."""
 PROXIES = ("ALL_PROXY", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY")

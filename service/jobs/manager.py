@@ -34,7 +34,7 @@ REOPEN_SECONDS = 5.0
 CHECKPOINT_SECONDS = 5.0
 """Longest time whose progress a damaged log can cost; a checkpoint takes some milliseconds."""
 CHANGE_SECONDS = 0.2
-"""Time between two changes of a job that are sent."""
+"""Shortest interval between two changes of a job that are sent as events [s]."""
 OWNER = "local"
 
 Value = TypeVar("Value")
@@ -92,7 +92,7 @@ class JobManager:
         self._received: Counter[str] = Counter()
         """Cases of jobs that are not yet accepted, by owner."""
         self._going_on = False
-        """Whether the unfinished jobs in the store have been loaded."""
+        """True once the unfinished jobs in the store have been loaded."""
         self._beginning = asyncio.Lock()
         self._stopping = False
         self._tasks: list[asyncio.Task[None]] = []

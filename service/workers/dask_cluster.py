@@ -25,7 +25,7 @@ from solver import ENGINE_VERSION
 PACKAGES = ("h5py", "llvmlite", "numba", "numpy", "orjson", "pydantic", "scipy")
 """What decides the last bit of a result, or how it is encoded."""
 STOP_SECONDS = 1.0
-"""Time for the pool of a worker to end with it. [s]"""
+"""Time allowed for the pool of a worker to stop. [s]"""
 
 
 class UnfitWorkerError(Exception):
@@ -118,7 +118,7 @@ def plugin_name(task_seconds: float) -> str:
 
 
 LOOK_SECONDS = 1.0
-"""Between two looks at which workers there are."""
+"""Interval between checks of the list of workers [s]."""
 CONNECT_SECONDS = 5.0
 """Timeout for an answer of the scheduler [s]."""
 INTRODUCTION_SECONDS = 180.0

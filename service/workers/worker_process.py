@@ -18,7 +18,7 @@ from service.workers.worker import BEGUN, LENGTH, NUMBER, STOP, VERSIONS, Hello,
 START_SECONDS = 600.0
 """Time for a worker to come up: seconds, but the first ever on a machine compiles the solver. [s]"""
 CANCEL_SECONDS = 0.3
-"""Time for a call that is asked to stop to end by itself; then its worker is killed. [s]"""
+"""Time allowed for a call to stop when asked; then its worker is killed. [s]"""
 
 SCRATCH_BYTES = 1 << 16
 """Largest message, with its length, that shares a buffer with others; a longer one is read to where it stays."""
