@@ -29,6 +29,7 @@ from service.queries import Answered, Count, QueryService, Rate
 from service.telemetry import NO_TRACER, current_traceparent
 
 EXPIRY_SECONDS = 3600.0
+"""Interval between removals of jobs past their retention, which is counted in days [s]."""
 REOPEN_SECONDS = 5.0
 """Time between attempts to read a folder of jobs that could not be read at the start."""
 CHECKPOINT_SECONDS = 5.0
