@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 from pathlib import Path
 
 import h5py
@@ -31,6 +32,45 @@ def test_job_is_seen_to_run_and_can_be_cancelled(page: Page, client: httpx.Clien
     expect(row).to_contain_text("cancelled")
     expect(row.get_by_role("button", name="Cancel")).to_be_hidden()
     assert client.get(f"/jobs/{job['id']}").json()["status"] == "dismissed"
+
+
+@pytest.mark.parametrize(
+    ("table", "problem"),
+    [
+        ("speed,oblique_angle_deg\n238,45", 'Column "speed" is no field of a case.'),
+        ("velocity_m_s;oblique_angle_deg\n238;45\n238,5;45", 'Case 2, impact.velocity_m_s: "238,5" is not right.'),
+        ("velocity_m_s\n238\n240,1", "Case 2 has 2 cells, the header 1."),
+        ("velocity_m_s\n238\n-3", "Case 2, impact.velocity_m_s: "),
+        ("velocity_m_s", "The table needs a header and a row for each case."),
+    ],
+)
+def test_cell_of_a_table_that_is_not_right_is_named(page: Page, faults: list[str], table: str, problem: str) -> None:
+    page.goto("/#/jobs")
+    page.get_by_label("Cases, pasted or dropped as CSV").fill(table)
+    page.get_by_role("button", name="Compute").click()
+    expect(page.get_by_role("alert")).to_contain_text(problem)
+    faults[:] = [fault for fault in faults if "422" not in fault]
+
+
+def test_cases_of_a_dropped_table_have_the_rest_of_the_case_in_the_other_views(
+    page: Page, client: httpx.Client
+) -> None:
+    page.goto("/#/jobs?projectile.mass_kg=15")
+    expect(page.get_by_role("button", name="Compute")).to_be_visible()
+    page.evaluate("""() => {
+        const dataTransfer = new DataTransfer();
+        dataTransfer.items.add(new File(["custom_id,velocity_m_s\\nfirst,238\\nsecond,\\n"], "cases.csv"));
+        const drop = new DragEvent("drop", { dataTransfer, cancelable: true, bubbles: true });
+        document.getElementById("cases").dispatchEvent(drop);
+    }""")
+    expect(page.get_by_label("Cases, pasted or dropped as CSV")).to_have_value(re.compile("second"))
+    with page.expect_response(lambda response: response.url.endswith("/trajectory/batch")) as response:
+        page.get_by_role("button", name="Compute").click()
+    sent = response.value.request.post_data_json["cases"]
+    assert [case["custom_id"] for case in sent] == ["first", "second"]
+    assert [case["impact"]["velocity_m_s"] for case in sent] == [238, 238]
+    assert {case["projectile"]["mass_kg"] for case in sent} == {15}
+    assert finished(client, response.value.json())["counts"]["total"] == 2
 
 
 def test_table_has_the_newest_page_and_loads_older_jobs_on_demand(page: Page, client: httpx.Client) -> None:

@@ -137,6 +137,19 @@ def test_spread_for_a_strength_factor_within_ten_per_cent_takes_two_actions_at_m
     assert act.count <= 2
 
 
+def test_three_hundred_cases_of_a_table_take_three_actions_at_most(page: Page, act: Actions) -> None:
+    page.goto("/#/jobs")
+    rows = [f"{200 + i},{30 + i % 7 * 5}" for i in range(300)]
+    act.fill(page.get_by_label("Cases, pasted or dropped as CSV"), "\n".join(["velocity_m_s,oblique_angle_deg", *rows]))
+    act.click(page.get_by_role("button", name="Compute"))
+    row = page.get_by_role("row").filter(has_text="300 ×").first
+    expect(row).to_contain_text("300 of 300")
+    with page.expect_download() as download:
+        act.click(row.get_by_role("button", name="CSV"))
+    assert len(download.value.path().read_text().splitlines()) == 1 + 300
+    assert act.count <= 3
+
+
 def test_report_takes_one_action_at_most(page: Page, act: Actions) -> None:
     page.goto("/#/explore?search.lower_deg=44&search.upper_deg=54&search.tolerance_deg=0.5")
     with page.expect_popup() as opened:

@@ -1,18 +1,21 @@
 // The jobs: how far they are, their results, their end.
 
-import { announce, element } from "../elements.js";
+import { readCase } from "../address.js";
+import { names } from "../contract.js";
 import { shortId } from "../downloads.js";
-import { isFinal } from "../job-progress.js";
+import { announce, element } from "../elements.js";
+import { isFinal, submit } from "../job-progress.js";
 import { COLUMNS, JobRow, titleOf } from "../job-row.js";
 import { pause } from "../lost.js";
+import { casesOf } from "../pasted-cases.js";
 import { isAbort, request } from "../service.js";
 
 const [BUSY_MS, IDLE_MS] = [1000, 10_000]; // between two looks, while a job runs and while none does
 const PAGE = 50; // jobs that are looked at each time
 
 /** Show the table of jobs, and keep it up to date. */
-export async function show(root) {
-  const view = new JobsView(root);
+export async function show(root, query) {
+  const view = new JobsView(root, readCase(query));
   view.watch();
   return () => view.leave();
 }
@@ -22,9 +25,10 @@ class JobsView {
   #rows = new Map();
   #older; // cursor of the jobs that are not shown; undefined if all are
 
-  constructor(root) {
+  constructor(root, base) {
+    this.base = base; // what the columns of a table leave out
     this.problem = element("p.problem", { role: "alert", hidden: true });
-    this.empty = element("p.quiet", { hidden: true }, "No jobs. A map becomes one, and so do large batches and sweeps.");
+    this.empty = element("p.quiet", { hidden: true }, "No jobs. Paste a table of cases above, or run a map.");
     const heads = COLUMNS.map((name) => element("th", { role: "columnheader", scope: "col" }, name));
     this.body = element("tbody", { role: "rowgroup" });
     const head = element("thead", { role: "rowgroup" }, element("tr", { role: "row" }, ...heads));
@@ -35,9 +39,45 @@ class JobsView {
     root.append(
       element("h1", {}, "Jobs"),
       this.problem,
+      this.#tableForm(),
       element("div.panel.jobs", {}, this.empty, this.table, element("p.actions", {}, this.count, this.more)),
       this.dialog,
     );
+  }
+
+  /** Build the form that makes a job of a table of cases. */
+  #tableForm() {
+    const text = element("textarea", { id: "cases", rows: 5, required: true, spellcheck: "false", placeholder: "velocity_m_s,oblique_angle_deg\n238,45\n300,50" });
+    const options = ["trajectory", "cra"].map((value) => element("option", { value }, names.operations[value]));
+    const operation = element("select", { "aria-label": "What is computed" }, ...options);
+    const note =
+      "A header of fields in SI, such as velocity_m_s or projectile.length_m, and up to 1,000 cases, one a row. What has no column is that of the case in the other views.";
+    text.addEventListener("dragover", (event) => event.preventDefault());
+    text.addEventListener("drop", async (event) => {
+      const [file] = event.dataTransfer.files;
+      if (!file) return; // text, which the field takes by itself
+      event.preventDefault();
+      text.value = await file.text();
+    });
+    const onsubmit = (event) => {
+      event.preventDefault();
+      this.#try(() => this.#submit(operation.value, text.value));
+    };
+    return element(
+      "form.panel.table-of-cases",
+      { onsubmit },
+      element("label", { for: text.id }, "Cases, pasted or dropped as CSV"),
+      element("p.quiet", {}, note),
+      text,
+      element("p.actions", {}, operation, element("button.main", {}, "Compute")),
+    );
+  }
+
+  async #submit(operation, text) {
+    const job = await submit(`${operation}/batch`, { cases: casesOf(text, this.base, operation) }, this.#life.signal);
+    this.#showJobs([job, ...[...this.#rows.values()].map((row) => row.job)]);
+    this.problem.hidden = true;
+    announce(`Job ${shortId(job.id)} has ${job.counts.total} cases.`);
   }
 
   async watch() {
@@ -183,7 +223,9 @@ class JobsView {
 
   #fail(error) {
     if (isAbort(error) || this.#life.signal.aborted) return;
-    this.problem.textContent = error.message;
+    const [wrong] = error.errors ?? [];
+    const [, number, path] = wrong?.pointer.match(/^\/cases\/(\d+)\/(.*)/) ?? [];
+    this.problem.textContent = path ? `Case ${Number(number) + 1}, ${path.replaceAll("/", ".")}: ${wrong.detail}` : error.message;
     this.problem.hidden = false;
   }
 }

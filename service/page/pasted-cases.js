@@ -1,0 +1,40 @@
+// Cases in a table of comma-separated values: a header of fields, and a case in each row.
+
+import { readParameter } from "./address.js";
+import { angleRequest, trajectoryRequest, withValue } from "./case.js";
+import { nodeAt } from "./contract.js";
+
+const PARTS = ["", "impact.", "projectile.", "projectile.nose.", "target."]; // where a field is that a header names by its last name
+const ID = "custom_id";
+const REQUESTS = { trajectory: trajectoryRequest, cra: angleRequest };
+
+/**
+ * Return the requests of a table; a field without a column or with an empty cell is that of `base`.
+ *
+ * @throws {Error} that names the column, or the cell, which is not right
+ */
+export function casesOf(text, base, operation) {
+  const lines = text.split(/\r?\n/).filter((line) => line.trim() && !line.startsWith("#"));
+  const separator = ["\t", ";"].find((each) => lines[0]?.includes(each)) ?? ",";
+  const [header, ...rows] = lines.map((line) => line.split(separator).map((cell) => cell.trim().replace(/^"(.*)"$/, "$1")));
+  if (!rows.length) throw new Error("The table needs a header and a row for each case.");
+  const paths = header.map((name) => pathOf(name, base));
+  return rows.map((cells, i) => {
+    if (cells.length !== header.length) throw new Error(`Case ${i + 1} has ${cells.length} cells, the header ${header.length}.`);
+    const values = paths.reduce((given, path, column) => (cells[column] ? withCell(given, path, cells[column], i) : given), base);
+    const { [ID]: id, ...rest } = values;
+    return { ...REQUESTS[operation](rest), ...(id && { [ID]: id }) };
+  });
+}
+
+function pathOf(name, base) {
+  const part = PARTS.find((each) => nodeAt(each + name, base));
+  if (name !== ID && part === undefined) throw new Error(`Column "${name}" is no field of a case.`);
+  return name === ID ? ID : part + name;
+}
+
+function withCell(values, path, cell, i) {
+  const value = path === ID ? cell : readParameter(path, cell, values);
+  if (value === undefined) throw new Error(`Case ${i + 1}, ${path}: "${cell}" is not right.`);
+  return withValue(values, path, value);
+}
