@@ -27,7 +27,7 @@ MAX_ERRORS = 100
 MAX_SUGGESTIONS = 10
 """Unknown fields in one problem for which similar ones are looked for: each takes up to a millisecond."""
 RETRY_SECONDS = 5
-"""When to try again a service that starts, stops or has lost its workers; a worker starts in about 1 s."""
+"""`Retry-After` while the service starts, stops or has lost its workers [s]; a worker starts in about 1 s."""
 
 
 class ServiceError(Exception):

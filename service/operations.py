@@ -90,7 +90,7 @@ class KeyedRequest:
     key: str
     json: bytes
     work: int = 1
-    """What it counts as, in ordinary cases."""
+    """Cost. [ordinary cases]"""
 
     @classmethod
     def of(cls, operation: str, request: Request) -> "KeyedRequest":
@@ -428,7 +428,7 @@ def answer_study(
 
 
 WALL_CASES = 20
-"""What a search for perforation counts as: it takes 20 to 30 runs."""
+"""Cost of a search for perforation, which takes 20 to 30 runs [ordinary cases]."""
 
 WALL_SEARCHES = 5
 """Searches of a verdict on a wall at most: as given, plain, with a plug, with a crater too, that along the normal."""
@@ -441,7 +441,7 @@ PANEL_STEPS = 1e6
 
 
 FIT_CASES = 20
-"""What a calibration counts as: it takes as long as so many cases."""
+"""Cost of a calibration: it takes as long as this many ordinary cases."""
 
 
 def cases_of_a_fit(request: Calibration) -> int:

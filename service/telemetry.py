@@ -28,7 +28,7 @@ from service.settings import missing_package
 from service.version import VERSION
 
 BEGUN = "ricochet.begun"
-"""In the scope of a request: when it was begun, on the performance counter."""
+"""Key in the scope of a request: its start time on the performance counter [s]."""
 SANE_ID = re.compile(rb"[0-9A-Za-z._:-]{1,128}")
 """Ids of others that are taken over: nothing that could be more than an id where it is printed."""
 UNKNOWN = "unknown"

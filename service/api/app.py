@@ -68,9 +68,9 @@ TAGS = [
     {"name": "health", "description": "The state of the service."},
 ]
 POOL_SECONDS = 1
-"""For the workers to end after the last request."""
+"""Time allowed for workers to stop after the last request [s]."""
 TRACES_SECONDS = 0.5
-"""For the last traces to be sent, when all else has ended."""
+"""Time allowed for sending the last traces, after everything else has stopped [s]."""
 STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
 REFUSAL_SECONDS = 1

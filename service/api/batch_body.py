@@ -39,13 +39,13 @@ from service.workers.worker import check_requests
 from solver import ParameterError
 
 CASES_AT_ONCE = 200
-"""Cases validated in one go, some 5 ms."""
+"""Cases validated in one call, about 5 ms."""
 CHECKED_AT_ONCE = 50
 """Cases that a worker checks in one call, some milliseconds: single queries wait no longer for it."""
 CHECK_COST = 0.01
 """Cost of checking a case. [ordinary cases]"""
 BYTES_AT_ONCE = 256 * 1024
-"""Lines validated in one go: few long ones take as much time as many short ones."""
+"""Size of the lines validated in one call [bytes]: a few long lines take as much time as many short ones."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,6 +54,7 @@ PREFERENCE = re.compile(r'(?:"(?:[^"\\]|\\.)*"?|[^",])+')
 """What stands between two commas that are in no quotes. Nothing follows the repeated group and its alternatives begin
 with different characters, so that a header is read once, whatever it holds."""
 MOST_DIGITS = 9
+"""Digits of a wait that are read: thirty years, and Python refuses to convert thousands of digits."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ SHARE = 0.1
 WRITTEN_AT_ONCE = 2
 """Number of files that are written at the same time: each takes some 10 MB of memory and most of a core."""
 PIECE_BYTES = 256 * 1024
-"""Size of a piece that is sent at once."""
+"""Size of the pieces in which a file is sent [bytes]."""
 
 
 class Downloads:

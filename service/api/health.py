@@ -24,7 +24,7 @@ router = APIRouter(tags=["health"])
 
 LIBRARIES = ("fastapi", "h5py", "numba", "numpy", "pydantic", "scipy", "uvicorn")
 MOST_NAMES = 5
-"""Damaged files that are named; there may be thousands."""
+"""Most damaged files that are named; there may be thousands."""
 
 
 class HealthStatus(StrEnum):

@@ -38,6 +38,7 @@ router = APIRouter(tags=["jobs"], route_class=CheckedRoute)
 
 FORMS = (JSON, JSONL, CSV, HDF5, PARQUET)
 PAGE = 200
+"""Rows of a page unless the client asks for another number."""
 MOST_ROWS = 1_000
 """Largest page."""
 MOST_DIGITS = 9

@@ -28,9 +28,9 @@ from service.settings import Settings
 from service.telemetry import path_of
 
 DRAIN_BYTES = 64 * 1024 * 1024
-"""Most that is read of the body of a refused request: half a second of work."""
+"""Largest part of the body of a refused request that is read [bytes]: half a second of work."""
 DRAIN_SECONDS = 5.0
-"""Longest that such a body is read; a client that waits for the answer gets it then."""
+"""Longest time for which such a body is read [s]; then the answer is sent all the same."""
 
 
 class RefusalMiddleware:
@@ -159,7 +159,7 @@ LEAST_BYTES = 1024
 THREAD_BYTES = 8 * 1024
 """Shortest answer that is compressed in a thread: a shorter one takes less time than the change of threads."""
 LEVEL = 1
-"""Effort of gzip: level 6 takes four times as long and saves 3 % more."""
+"""Compression level of gzip: level 6 takes four times as long and saves 3 % more."""
 EXCLUDED = (*DEFAULT_EXCLUDED_CONTENT_TYPES, HDF5, PARQUET)
 """Media types that are compressed already, and event streams."""
 
@@ -227,7 +227,7 @@ ALWAYS: Pairs = [
     (b"content-security-policy", POLICY),
 ]
 TRANSPORT: Pairs = [(b"strict-transport-security", b"max-age=31536000")]
-"""For a year; sent over TLS only."""
+"""Value of Strict-Transport-Security, valid for a year; sent over TLS only."""
 NO_STORE: Pairs = [(b"cache-control", b"no-store")]
 """Answers belong to one client: no proxy keeps them."""
 REVALIDATE: Pairs = [(b"cache-control", b"private, no-cache")]

@@ -33,13 +33,13 @@ PREFIX = "ricochet_"
 ID_BYTES, SECRET_BYTES = 4, 32
 TOKEN = re.compile(PREFIX + r"([0-9a-f]{8})_[A-Za-z0-9_-]{43}")
 UNKNOWN_DIGEST = "0" * 64
-"""Compared with if there is no such key, so that this takes as long."""
+"""Digest compared with that of an unknown key, so that the response time does not reveal which keys exist."""
 
 FILE, LOCK = "auth.sqlite", "auth.lock"
 RELOAD_SECONDS = 0.2
-"""Between two checks of the file: a revoked key is accepted for no longer than this."""
+"""Interval between checks of the file [s]: a revoked key is accepted for no longer than this."""
 BUSY_SECONDS = 5.0
-"""For the lock of another process, which holds it for milliseconds."""
+"""Timeout for the lock of another process, which holds it for milliseconds [s]."""
 HEADER_BYTES = 100
 """Header of a SQLite file; it holds a counter of the changes."""
 LAYOUT = 1
@@ -162,13 +162,13 @@ class ApiKeyStore:
         self._failed = False
         self._keys: Mapping[str, ApiKey] = read_keys(folder)
         self.lost = not (folder / FILE).exists() and (folder / LOCK).exists()
-        """Whether there were keys, and their file is gone."""
+        """True if keys were configured before and their file is missing."""
         self.required = self.lost or (folder / FILE).exists()
-        """Whether there are keys, or were; revoked ones count."""
+        """True if keys are or were configured, revoked ones included."""
 
     @property
     def usable(self) -> bool:
-        """Whether any key is valid."""
+        """True if any key is valid."""
         return any(key.usable_at(self._clock.now()) for key in self._keys.values())
 
     def reload(self) -> None:

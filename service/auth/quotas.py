@@ -15,11 +15,11 @@ from service.clock import SYSTEM, Clock
 from service.errors import QuotaError, QuotaTooSmallError
 
 WINDOW = 3600
-"""Time that counts. [s]"""
+"""Length of the sliding window over which cost is counted. [s]"""
 STEP = 60
 """Cases requested within this time are one entry, and leave the window together. [s]"""
 SAVE_SECONDS = 10
-"""Between two times that counts are written. [s]"""
+"""Interval between writes of the counts to disk. [s]"""
 
 
 def steady(clock: Clock) -> Callable[[], float]:

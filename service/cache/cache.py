@@ -38,13 +38,13 @@ from service.private_files import make_private, make_private_folder
 NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")
 PROBE = bytes(65_536)
-"""Enough for a full disk to refuse it."""
+"""Data written to test the disk: large enough for a full disk to refuse it."""
 JOURNAL_RECORDS, JOURNAL_BYTES = 200, 2 * 1024 * 1024
-"""What the journal holds before it becomes a segment: some tens of milliseconds of work, in a separate thread."""
+"""Limits at which the journal becomes a segment: some tens of milliseconds of work, in a separate thread."""
 EVICTED_SHARE = 0.1
-"""Share of the limit made free at once, so that not every new result has to."""
+"""Share of the limit freed by one eviction, so that not every new result causes one."""
 EVICTED_AT_ONCE = 64
-"""Segments; storing results waits for it."""
+"""Largest number of segments evicted in one step; storing results waits for it."""
 
 log = logging.getLogger(__name__)
 
@@ -145,7 +145,7 @@ class ResultCache:
         self._flushed: Future[None] | None = None
         """Latest flush of the flusher."""
         self._pending: dict[str, Record] = {}
-        """What is in the journal and in no segment yet."""
+        """Results in the journal that are in no segment yet."""
         self._pending_bytes = 0
         """Length of these answers, about: threads that add some at the same time do not wait for each other."""
         self._lock: FolderLock | None = None

@@ -1,4 +1,4 @@
-"""Where damaged files of a data folder go."""
+"""The folder to which damaged files are moved."""
 
 import logging
 import time

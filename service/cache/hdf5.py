@@ -52,7 +52,7 @@ from service.schemas.quantities import Num
 NEW_FILE: Mapping[str, Any] = {"libver": ("earliest", "v108"), "track_order": True}
 """The oldest structures of the file format, which HDF5 1.8, MATLAB, Octave, R and Julia read too; columns in order."""
 GZIP_LEVEL = 3
-"""The next levels take twice the time for a tenth less."""
+"""Compression level of gzip: the next levels take twice the time and save a tenth."""
 COMPRESSED_BYTES = 4096
 """Smallest dataset that is compressed: a chunk of HDF5 takes 2 kB beside its data, so smaller ones would only grow."""
 SEGMENT_BYTES = 16 * 1024 * 1024
@@ -60,12 +60,12 @@ SEGMENT_BYTES = 16 * 1024 * 1024
 CHUNK_ROWS = 4096
 """Rows of a chunk in a file written block by block: few enough to wait in memory, enough to be compressed well."""
 CHUNK_BYTES = 1024 * 1024
-"""Chunk of texts, which can be long."""
+"""Size of a chunk of texts, which can be long [bytes]."""
 CHUNK_CACHE_BYTES = 64 * 1024
 """Memory in which HDF5 keeps the chunks of a dataset: only whole ones are written, and its default of several megabytes
 for each of some tens of datasets would take hundreds."""
 SPOOLED_BYTES = 8 * 1024 * 1024
-"""Texts that wait in memory; the others wait in a file."""
+"""Size of the texts kept in memory until they are written [bytes]; more are kept in a temporary file."""
 LAYOUT = "2"
 """Raised when the layout changes so much that programs that read it must change too."""
 DESCRIPTIONS = {

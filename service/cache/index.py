@@ -21,9 +21,9 @@ from service.cache.sqlite import LAYOUT, check_layout, decode
 from service.private_files import make_private
 
 KEYS_AT_ONCE = 1000
-"""Looked up in a few milliseconds, during which storing waits."""
+"""Keys looked up in one query: a few milliseconds, during which storing waits."""
 FLUSH_SECONDS = 60.0
-"""How late the time of last use may be written; what a crash loses of it hardly matters."""
+"""Longest delay before the time of last use is written [s]; losing it in a crash hardly matters."""
 
 INDEX_TABLES = """
 CREATE TABLE segments (
@@ -67,7 +67,7 @@ AMOUNT_OF = AMOUNT + " WHERE name IN (SELECT value FROM json_each(?))"  # noqa: 
 
 @dataclass(frozen=True, slots=True)
 class Location:
-    """Where a result is."""
+    """Segment and row that hold a result."""
 
     segment: str
     row: int
@@ -111,7 +111,7 @@ class Index:
         return self._statistics
 
     def find(self, keys: Sequence[str]) -> dict[str, Location]:
-        """Where results are; those that are nowhere are left out."""
+        """Return the locations of results; keys without a result are left out."""
         found = {}
         for start in range(0, len(keys), KEYS_AT_ONCE):
             some = keys[start : start + KEYS_AT_ONCE]

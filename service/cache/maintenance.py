@@ -14,7 +14,7 @@ from service.errors import UnusableFolderError
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """What was found in the segments."""
+    """Findings of a check of the segments."""
 
     statistics: Statistics
     damaged: list[str]

@@ -22,7 +22,7 @@ from service.private_files import make_private_folder, open_private
 
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
 MOST_REMEMBERED = 100_000
-"""Segments that are remembered to be whole, some 20 MB."""
+"""Number of segments remembered as intact, in some 20 MB of memory."""
 
 
 class Segments:
@@ -60,7 +60,7 @@ class Segments:
         return {name.removesuffix(".h5") for name in files if FILE.fullmatch(name)}
 
     def path(self, name: str) -> Path:
-        """Where a segment is."""
+        """Return the file that holds a segment, whether it exists or not."""
         return self._segments / name[:2] / f"{name}.h5"
 
     def stage(self, content: bytes) -> Path:

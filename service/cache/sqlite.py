@@ -1,4 +1,4 @@
-"""What all SQLite files of a data folder have in common."""
+"""Settings and layout shared by the SQLite files of a data folder."""
 
 import sqlite3
 

@@ -24,7 +24,7 @@ Table = dict[str, Rows]
 """Columns of equal length by their names; without any if the table has no rows."""
 
 MISSING = -1
-"""In place of a whole number that a case without a result does not have: all of them are counts."""
+"""Value of an integer column where a case has no result: all of these columns are counts, never below 0."""
 
 
 def fill(column: Column, values: Sequence[Any]) -> Rows:

@@ -25,13 +25,14 @@ RETRY_PAUSES = (1.0, 2.0, 4.0, 8.0, 10.0, 10.0, 10.0)
 LONGEST_PAUSE = 60.0
 """Longest `Retry-After` that is followed. [s]"""
 BUSY = frozenset({429, 503})
-"""Statuses after which a request is repeated."""
+"""Statuses after which a request is retried."""
 NOT_IN_KEYS = re.compile(r"[^!-~]|[\"']")
 """Characters that a key must not have, as it is sent in a header: all but printable ASCII without spaces or quotes."""
 PROXIES = ("ALL_PROXY", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY")
 CERTIFICATES = ("SSL_CERT_FILE", "SSL_CERT_DIR")
 """Variables that httpx reads."""
 PAGE_SIZE = 1000
+"""Rows requested at a time: the largest page that a service sends."""
 UNFINISHED = frozenset({"accepted", "running"})
 """Statuses of a job that has not ended."""
 POLL_SECONDS = 0.2

@@ -46,6 +46,7 @@ PRINTING = (
     "--no-pdf-header-footer",
 )
 PRINT_SECONDS = 120.0
+"""Time allowed for the browser to print a report [s]."""
 
 
 def add_report(parser: argparse.ArgumentParser) -> None:

@@ -30,11 +30,11 @@ from solver.compilation import compilation_progress
 SOCKET_FOLDER_BYTES = 70
 """Longest path of the folder of a socket: the names below it take 24, and macOS allows 103 in all, Linux 107."""
 TICK_SECONDS = 0.1
-"""Between two looks at a start that takes long."""
+"""Interval between checks of a slow start [s]."""
 MAX_CONNECTIONS = 800
-"""Of some 10 kB and one of the usual 1,024 file descriptors each; requests beyond are answered 503."""
+"""Most open connections: each takes 10 kB and one of the usual 1,024 file descriptors. Further ones get 503."""
 IDLE_SECONDS = 10
-"""Before a silent connection is closed between two requests; deploy/nginx.conf gives its own up earlier."""
+"""Timeout of an idle connection between two requests [s]; the one in deploy/nginx.conf is shorter."""
 TERMINATED = 143
 """Exit status after SIGTERM, as shells report it."""
 PROGRESS_SECONDS = 5.0

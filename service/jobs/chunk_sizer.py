@@ -1,4 +1,4 @@
-"""How many cases a chunk has."""
+"""Number of cases in each chunk, from the time that earlier ones took."""
 
 from collections.abc import Sequence
 

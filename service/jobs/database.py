@@ -17,7 +17,7 @@ from service.errors import FolderReplacedError, StorageError, storage_error
 from service.private_files import make_private, make_private_folder
 
 BUSY_SECONDS = 10.0
-"""Longest wait for another process that holds the file, such as someone who reads it."""
+"""Timeout for a lock that another process holds on the file, such as a reader [s]."""
 CHECKPOINT_SECONDS = 0.1
 """Longest wait of a checkpoint for a reader; one that another process prevents is done the next time."""
 

@@ -29,12 +29,13 @@ from service.queries import Answered, Count, QueryService, Rate
 from service.telemetry import NO_TRACER, current_traceparent
 
 EXPIRY_SECONDS = 3600.0
+"""Interval between removals of jobs past their retention, which is counted in days [s]."""
 REOPEN_SECONDS = 5.0
 """Time between attempts to read a folder of jobs that could not be read at the start."""
 CHECKPOINT_SECONDS = 5.0
 """Longest time whose progress a damaged log can cost; a checkpoint takes some milliseconds."""
 CHANGE_SECONDS = 0.2
-"""Time between two changes of a job that are sent."""
+"""Shortest interval between two changes of a job that are sent as events [s]."""
 OWNER = "local"
 
 Value = TypeVar("Value")
@@ -92,7 +93,7 @@ class JobManager:
         self._received: Counter[str] = Counter()
         """Cases of jobs that are not yet accepted, by owner."""
         self._going_on = False
-        """Whether the unfinished jobs in the store have been loaded."""
+        """True once the unfinished jobs in the store have been loaded."""
         self._beginning = asyncio.Lock()
         self._stopping = False
         self._tasks: list[asyncio.Task[None]] = []

@@ -23,6 +23,7 @@ BLOCK_SIZE = 200
 """Cases stored together: few enough that preparing them leaves the interpreter lock to others, and enough to compress
 well."""
 KEY_BYTES = 32
+"""Length of the key of a result, a SHA-256 digest [bytes]."""
 FASTEST = 1
 """Level of zlib. The slowest one saves no more than a tenth."""
 

@@ -23,6 +23,7 @@ from service.operations import OPERATIONS, KeyedRequest, is_study, result_key
 from service.queries import QueryService
 
 MOST_CASES = 200
+"""Largest number of results read at once, however small they are."""
 FIRST_CASES = 4
 """Number of results read first, when their size is unknown."""
 READ_BYTES = 1024 * 1024

@@ -27,7 +27,7 @@ AHEAD_SHARE = 8
 CHUNKS_KEPT = 2
 """Chunks of a run that may be prepared or kept, beyond two a worker: with a slow disk they would fill the memory."""
 NO_WORKER_SECONDS = 1.0
-"""Pause before cases of a job that no worker could take are tried again."""
+"""Delay before retrying cases of a job for which there was no worker [s]."""
 OVERLONG_SECONDS = 10.0
 """Time after which a chunk is given up: cases that take far longer than those before are handed out again in smaller
 chunks, so that all workers share them and other work gets in between."""
@@ -61,11 +61,11 @@ class Run:
     waiting: deque[str] = field(default_factory=deque)
     """Keys of cases to be computed next."""
     read: bool = False
-    """Whether all blocks have been read."""
+    """True once all blocks have been read."""
     share: int = 1
     """Largest chunk from then on, so that all workers have a share of the last cases."""
     preparing: bool = False
-    """Whether the cases of a chunk are being read."""
+    """True while the cases of a chunk are being read."""
     queued: set[object] = field(default_factory=set)
     """A token for each chunk that waits for a worker."""
     underway: int = 0
@@ -73,7 +73,7 @@ class Run:
 
     @property
     def may_begin(self) -> bool:
-        """Whether to prepare another chunk now."""
+        """True if another chunk should be prepared now."""
         if self.preparing or (self.read and not self.waiting):
             return False
         return len(self.queued) <= self.capacity // AHEAD_SHARE and self.underway < 2 * self.capacity + CHUNKS_KEPT

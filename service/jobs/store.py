@@ -49,9 +49,9 @@ DAY = 86_400.0  # [s]
 VERSIONS = f"{ENGINE_VERSION} {SCHEMA_VERSION}"
 """Versions with which the keys of a job were made."""
 OWNER_BYTES = 2**30
-"""Space on the disk for the jobs of one owner."""
+"""Disk space for the jobs of one owner [bytes]."""
 JOB_BYTES = 10_000
-"""What a job counts as beside its cases: more than it takes, so that an owner has no more than 100,000."""
+"""Size charged for a job beside its cases [bytes]: more than it takes, so that an owner has at most 100,000 jobs."""
 CASE_BYTES, PROBLEM_BYTES = 100, 300
 """Approximate size of a case of a job without a noted size, and of a problem."""
 TAKEN = f"coalesce(bytes, {JOB_BYTES} + {CASE_BYTES} * total) + {PROBLEM_BYTES} * failed"

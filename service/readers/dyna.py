@@ -146,7 +146,7 @@ NUMBER = re.compile(
 MAX_LINE = 10_000
 """Longest line of numbers [characters]; those of LS-DYNA have some 200."""
 ASTERISKS, COLUMN_WIDTH = re.compile(r"\*+"), 12
-"""What Fortran writes for a number that does not fit into its column."""
+"""Text that Fortran writes for a number that does not fit into its column."""
 BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d{3})$")
 """Fortran omits the E before an exponent of three digits."""
 

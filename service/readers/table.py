@@ -134,7 +134,7 @@ SEPARATOR_LINE = re.compile(r"\s*sep=(?P<separator>[,;\t|])\s*", re.IGNORECASE)
 """First line by which spreadsheets name the separator."""
 COMMENTS = ("#", "%")
 MAX_NAMES = 20
-"""Names of columns listed in an error."""
+"""Most names of columns listed in an error."""
 MAX_COLUMNS = 10_000
 """Largest number of columns: the name of each is compared with those of all quantities in all units."""
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?")

@@ -25,7 +25,7 @@ from solver import ENGINE_VERSION
 PACKAGES = ("h5py", "llvmlite", "numba", "numpy", "orjson", "pydantic", "scipy")
 """What decides the last bit of a result, or how it is encoded."""
 STOP_SECONDS = 1.0
-"""Time for the pool of a worker to end with it. [s]"""
+"""Time allowed for the pool of a worker to stop. [s]"""
 
 
 class UnfitWorkerError(Exception):
@@ -118,13 +118,13 @@ def plugin_name(task_seconds: float) -> str:
 
 
 LOOK_SECONDS = 1.0
-"""Between two looks at which workers there are."""
+"""Interval between checks of the list of workers [s]."""
 CONNECT_SECONDS = 5.0
-"""For the scheduler to answer."""
+"""Timeout for an answer of the scheduler [s]."""
 INTRODUCTION_SECONDS = 180.0
-"""For a worker to say its versions and bring its pool up; the first ever on a machine compiles the solver."""
+"""Timeout for a worker to report its versions and start its pool [s]; the first on a machine compiles the solver."""
 LOOK_AGAIN_SECONDS = 30.0
-"""Before a worker that could not say its versions, or bring its pool up, is tried again."""
+"""Delay before retrying a worker that failed to report its versions or start its pool [s]."""
 SILENT_SECONDS = 10.0
 """Time without a heartbeat after which a worker is taken for frozen, and its chunks are given to others. [s]
 
@@ -160,7 +160,7 @@ class Cluster:
         self.changed = asyncio.Event()
         """Set when workers have come or gone, and another one put in its place."""
         self.lost = time.monotonic()
-        """When the last worker went, on the monotonic clock."""
+        """Time at which the last worker was lost, on the monotonic clock [s]."""
         self._task_seconds = task_seconds
         self._seen: dict[str, asyncio.Task[None]] = {}
         self._heartbeats: dict[str, tuple[float, float]] = {}

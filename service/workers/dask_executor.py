@@ -27,7 +27,7 @@ from service.workers.worker import dumps, loads
 LOSSES = 5
 """Number of times that a chunk may be lost to the network, or by a worker that left, before it is left to the pool."""
 PAUSE_SECONDS = 0.1
-"""Pause before a worker that lost a chunk is given another, doubled each time. [s]"""
+"""Backoff before a worker that lost a chunk is given another; doubled each time. [s]"""
 PATIENCE_SECONDS = 5.0
 """Time that chunks wait for a cluster that has been lost, rather than fill the pool: most restarts take less. [s]"""
 CANCEL_SECONDS = 1.0
@@ -37,7 +37,7 @@ CHUNKS_A_THREAD = 2
 DELIVERY_SECONDS = 30.0
 """Time that a chunk may be underway beyond the time limits of its calls, and of the chunk before it. [s]"""
 TEND_SECONDS = 1.0
-"""Longest time between two looks at whether the pool should take chunks. [s]"""
+"""Longest interval between checks of whether the pool should take chunks. [s]"""
 
 log = logging.getLogger(__name__)
 
@@ -85,7 +85,7 @@ class DaskExecutor(Executor):
 
     @property
     def busy(self) -> bool:
-        """Whether the last probe failed only because all workers of the pool were at work."""
+        """True if the last probe failed only because every worker of the pool was busy."""
         return self._busy
 
     @property
@@ -95,7 +95,7 @@ class DaskExecutor(Executor):
 
     @property
     def on_cluster(self) -> bool:  # type: ignore[override] # elsewhere it never changes
-        """Whether the cluster has workers that can be used."""
+        """True if the cluster has usable workers."""
         return bool(self.cluster.capacity)
 
     @property

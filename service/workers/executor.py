@@ -15,7 +15,7 @@ Arguments = TypeVarTuple("Arguments")
 Result = TypeVar("Result")
 
 KILL_SECONDS = 0.5
-"""Part of the grace time in which calls that are still running are ended. [s]"""
+"""Part of the grace time that is left for stopping running calls. [s]"""
 
 
 class Executor(ABC):
@@ -28,7 +28,7 @@ class Executor(ABC):
     """
 
     on_cluster = False
-    """Whether chunks run on a cluster now, rather than on this machine."""
+    """True if chunks currently run on a cluster rather than on this machine."""
     last_error = "no worker answered in time"
     """Why the last probe failed."""
 
@@ -51,7 +51,7 @@ class Executor(ABC):
     @property
     @abstractmethod
     def busy(self) -> bool:
-        """Whether the last probe failed only because all workers were at work."""
+        """True if the last probe failed only because every worker was busy."""
 
     @property
     @abstractmethod

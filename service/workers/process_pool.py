@@ -13,9 +13,9 @@ from service.workers.worker_process import WorkerDiedError, WorkerProcess
 from solver.compilation import compilation_progress
 
 DEATHS = 2
-"""Number of workers that a call may end before it is given up."""
+"""Number of workers that a call may kill before it fails."""
 IDLE_CHECK_SECONDS = 1.0
-"""Time between two looks at an idle worker, so that a dead one is replaced before it is needed. [s]"""
+"""Interval between checks of an idle worker, so that a dead one is replaced before it is needed. [s]"""
 LARGE_BYTES = 1 << 18
 """Size of a reply from which it is read in a thread: an answer with a history of 4 MB takes 3 ms."""
 RETRY_SECONDS, LONGEST_RETRY_SECONDS = 0.2, 5.0

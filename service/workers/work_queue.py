@@ -57,7 +57,7 @@ class Work:
     crashes: int = 0
     """Workers that the first unfinished call has ended."""
     alone: bool = False
-    """Whether its calls are run one by one, since an unknown one of them has ended a worker."""
+    """True if its calls are run one at a time, because one of them, not yet identified, has killed a worker."""
     losses: int = 0
     """Workers of a cluster that were given it and did not bring it to its end."""
     number: int = field(default_factory=lambda: next(_numbers))
@@ -97,7 +97,7 @@ class Work:
 
 
 Accepts = Callable[[Work], bool]
-"""Whether a worker takes this work."""
+"""True if a worker can run this work."""
 
 
 class Server(NamedTuple):

@@ -74,7 +74,7 @@ LENGTH = struct.Struct("!Q")
 NUMBER = struct.Struct("!Q")
 """Number of a list of calls, which goes before each answer to one of them: no answer can be taken for another's."""
 NICENESS = 5
-"""Below the server, which has to answer others while the workers fill the cores."""
+"""Lower priority than the server, which must stay responsive while the workers fill the cores."""
 
 
 class Hello(NamedTuple):

@@ -18,7 +18,7 @@ from service.workers.worker import BEGUN, LENGTH, NUMBER, STOP, VERSIONS, Hello,
 START_SECONDS = 600.0
 """Time for a worker to come up: seconds, but the first ever on a machine compiles the solver. [s]"""
 CANCEL_SECONDS = 0.3
-"""Time for a call that is asked to stop to end by itself; then its worker is killed. [s]"""
+"""Time allowed for a call to stop when asked; then its worker is killed. [s]"""
 
 SCRATCH_BYTES = 1 << 16
 """Largest message, with its length, that shares a buffer with others; a longer one is read to where it stays."""
@@ -112,9 +112,9 @@ class WorkerProcess:
 
     def __init__(self) -> None:
         self.yielding = False
-        """Whether it has been asked to leave its calls and has not said that it has."""
+        """True while a request to abandon its calls has not been acknowledged."""
         self.begun = False
-        """Whether it has begun to read the calls that it was sent last."""
+        """True once the worker has begun to read the latest calls."""
         self._number = 0
         """Number of the list of calls that it was sent last."""
         self.pid = 0
@@ -151,7 +151,7 @@ class WorkerProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether the process lives, be it stopped."""
+        """True if the process exists, running or stopped."""
         return not self._messages.closed
 
     @property
