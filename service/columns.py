@@ -207,8 +207,16 @@ def batch_row(columns: Iterable[Column], item: Mapping[str, Any], point: tuple[f
 
 FORMULA = re.compile("[=+\\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
 """First character of a text that a spreadsheet takes for a formula, in its wide form too, or skips before one."""
+SIGNED_NUMBER = re.compile(r"[+-]\d+(\.\d*)?([eE][+-]?\d+)?", re.ASCII)
 
 
 def csv_cells(row: Iterable[Any]) -> list[Any]:
-    """Return the cells of a row of CSV: an apostrophe stands before a text that a spreadsheet would compute."""
-    return [f"'{value}" if isinstance(value, str) and FORMULA.match(value) else value for value in row]
+    """Return the cells of a row of CSV: an apostrophe stands before a text that a spreadsheet would compute.
+
+    A number with a sign is a number in a spreadsheet too.
+    """
+    return [f"'{value}" if isinstance(value, str) and _is_formula(value) else value for value in row]
+
+
+def _is_formula(text: str) -> bool:
+    return FORMULA.match(text) is not None and SIGNED_NUMBER.fullmatch(text) is None

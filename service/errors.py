@@ -471,7 +471,7 @@ def field_errors(exception: BaseException) -> list[dict[str, str]]:
 
 def errors_found(error: ValidationError) -> list[Any]:
     """Return the first of pydantic's errors, with no more of each than is said of it."""
-    return error.errors(include_url=False, include_context=False)[:MAX_ERRORS]
+    return error.errors(include_url=False)[:MAX_ERRORS]
 
 
 def validation_errors(errors: Sequence[Any], before: str = "") -> list[dict[str, str]]:

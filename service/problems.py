@@ -55,11 +55,15 @@ async def answer_http_exception(request: Request, exception: Exception) -> Respo
     """Answer an error that is no more than its status."""
     assert isinstance(exception, HTTPException)  # noqa: S101 (the handler of nothing else)
     status = HTTPStatus(exception.status_code)
+    detail = exception.detail
     errors = [{"pointer": "", "detail": exception.detail}] if status in OF_THE_BODY else []
     headers = dict(exception.headers or {})
     if status is HTTPStatus.METHOD_NOT_ALLOWED:
         headers["Allow"] = ", ".join(await run_sync(allowed_methods, request, headers.get("Allow", "GET")))
-    return problem_response(request, ProblemType.of_status(status).content(exception.detail, errors), headers)
+        detail = f"this path does not take {request.method}; it takes {headers['Allow']}"
+    elif detail == HTTPStatus.NOT_FOUND.phrase:  # The framework has no route.
+        detail = "there is no such path; `/openapi.json` lists them"
+    return problem_response(request, ProblemType.of_status(status).content(detail, errors), headers)
 
 
 def allowed_methods(request: Request, known: str) -> list[str]:

@@ -359,8 +359,10 @@ def _announce_all() -> None:
     with suppress(OSError):
         BEGUN.unlink(missing_ok=True)
     left = len(compilation_progress().left)
-    if left > LONG and sys.stderr is not None and sys.stderr.isatty():
-        sys.stderr.write(f"compiling the solver, once on a machine: {left} functions, about half a minute\n")
+    # The cell of a notebook shows what is written there, though it is no terminal.
+    read = sys.stderr is not None and (sys.stderr.isatty() or "ipykernel" in sys.modules)
+    if left > LONG and read:
+        sys.stderr.write(f"compiling the solver, once on a machine: {left} functions, about a minute\n")
 
 
 def _decorator(**options: Any) -> Callable[[Function], Function]:

@@ -48,7 +48,7 @@ class ElasticPlastic:
     def plastic_ratio(self, target: Target) -> float:
         """Radius of the plastic zone over that of the cavity, in an endless solid. [1]"""
         strain_limit = 3.0 * (1.0 - target.poissons_ratio) * target.compressive_strength
-        return _plastic_ratio(target.elastic_modulus / strain_limit)
+        return _plastic_ratio(target, strain_limit)
 
     def static_pressure(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
         """Static wall pressure P(y). [Pa]"""
@@ -88,7 +88,7 @@ class MohrCoulomb:
 
     def plastic_ratio(self, target: Target) -> float:
         """Radius of the plastic zone over that of the cavity, in an endless solid. [1]"""
-        return _plastic_ratio(2.0 * target.elastic_modulus / (3.0 * self.cohesion(target)))
+        return _plastic_ratio(target, 1.5 * self.cohesion(target))
 
     def static_pressure(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
         """Static wall pressure P(y). [Pa]"""
@@ -173,13 +173,15 @@ def decay_factor(
     return np.asarray(pressure(y) / pressure(endless))
 
 
-def _plastic_ratio(cubed: float) -> float:
+def _plastic_ratio(target: Target, least_modulus: float) -> float:
+    """Radius of the plastic zone over that of the cavity; at the least modulus [Pa] the zone vanishes."""
     require(
-        cubed > 1.0,
+        target.elastic_modulus > least_modulus,
         "target.youngs_modulus",
-        "too small against target.compressive_strength: the solid would never yield around the cavity",
+        f"must be greater than {least_modulus:.4g} Pa for concrete of {target.compressive_strength:g} Pa, which would "
+        f"not yield around the cavity otherwise, got {target.elastic_modulus:g} Pa",
     )
-    return float(cubed ** (1.0 / 3.0))
+    return float((target.elastic_modulus / least_modulus) ** (1.0 / 3.0))
 
 
 DEGREE = 12

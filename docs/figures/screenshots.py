@@ -13,18 +13,27 @@ from tests.browser.chromium import executable, running_chromium
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "build" / "screenshots"
-SHOWN = {"explore-1440-light": ("explore.png", 1440)}
-"""Pictures of the README, each so high that what it is about is on it. [px]"""
+SHOWN = {
+    "explore-1440-light": ("explore.png", 1440),
+    "walls-1440-light": ("walls.png", 1240),
+    "map-outcomes-1440-light": ("map.png", 1320),
+}
+"""Pictures of the README and the manual, each so high that what it is about is on it. [px]"""
 SIZES = {1440: 900, 390: 844}
 THEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
 MAP = "x=impact.velocity_m_s,150,450,30&y=target.compressive_strength_pa,20000000,60000000,30"
 OUTCOMES = "operation=trajectory&x=impact.oblique_angle_deg,20,75,23&y=impact.velocity_m_s,100,500,21"
 PROBABILITY = "operation=probability&x=impact.velocity_m_s,150,450,9&y=impact.oblique_angle_deg,30,70,9"
+WALL = (
+    "projectile.nose.caliber_radius_head=2.5&projectile.diameter_m=0.155&projectile.length_m=0.7&projectile.mass_kg=43"
+    "&impact.velocity_m_s=300&impact.oblique_angle_deg=45&target.compressive_strength_pa=38000000"
+    "&target.characteristic_strength_pa=30000000&target.thickness_m=0.5"
+)
 VIEWS = {
     "explore": "explore",
     "critical-angle": "critical-angle",
     "how-sure": "how-sure",
-    "walls": "walls",
+    "walls": f"walls?{WALL}",
     "compare": "explore?impact.oblique_angle_deg=55&pin=&pin=projectile.mass_kg%3D16",
     "map": f"map?{MAP}",
     "map-outcomes": f"map?{OUTCOMES}",

@@ -199,7 +199,7 @@ class BatchReader:
             if lines:
                 yield await run_sync(self._validate_lines, lines, first, limiter=self._services.reading)
         if not self._read_count:
-            raise InvalidBodyError([{"pointer": "", "detail": "has no line"}])
+            raise InvalidBodyError([{"pointer": "", "detail": "the body has no line"}])
 
     def _estimate(self) -> int:
         length = int(self._request.headers.get("content-length", 0))
@@ -221,7 +221,8 @@ class BatchReader:
         except InvalidBodyError as error:
             raise InvalidBodyError(behind(pointer, error.errors), place) from error
         except HTTPException as error:
-            raise InvalidBodyError([{"pointer": pointer, "detail": error.detail}], place) from error
+            detail = error.detail.replace(" at line 1 column ", " at column ")  # The line of the body is in `place`.
+            raise InvalidBodyError([{"pointer": pointer, "detail": detail}], place) from error
         except ValidationError as error:
             raise InvalidBodyError(validation_errors(errors_found(error), pointer), place) from error
         except ParameterError as error:

@@ -179,7 +179,7 @@ async def bounded(request: Request, *, long: bool) -> BoundedRequest:
     limits = (BodyLimits.of_series if long else BodyLimits.of_one)(services.settings)
     text = await read_body(request, limits)
     if not text:
-        raise InvalidBodyError([{"pointer": "", "detail": "is missing"}])
+        raise InvalidBodyError([{"pointer": "", "detail": "the body is missing"}])
     if long:
         content = await run_sync(parse_json, text, limits, limiter=services.reading)
     else:
@@ -267,7 +267,10 @@ def parse_json(text: bytes, limits: BodyLimits) -> Any:
     try:
         content = from_json(text)
     except ValueError as error:
-        raise HTTPException(HTTPStatus.BAD_REQUEST, f"not JSON: {error}") from error
+        # The parser gives up at a depth of its own, which is beyond the limit.
+        deep = "recursion limit" in str(error)
+        detail = too_deep(limits.depth) if deep else f"not JSON: {error}"
+        raise HTTPException(HTTPStatus.BAD_REQUEST, detail) from error
     if count_fields(content, limits.depth) != fields:  # A field is there twice, or a text has a colon.
         json.loads(text, object_pairs_hook=refuse_repeated)
     return content
@@ -297,7 +300,12 @@ def count_fields(content: Any, max_depth: int) -> int:
         if not inner:
             return fields
         level = inner
-    raise HTTPException(HTTPStatus.BAD_REQUEST, f"the body may be nested {max_depth} deep at most")
+    raise HTTPException(HTTPStatus.BAD_REQUEST, too_deep(max_depth))
+
+
+def too_deep(max_depth: int) -> str:
+    """Return the message for a body with more objects and lists in one another."""
+    return f"the body may be nested {max_depth} deep at most"
 
 
 def refuse_repeated(fields: list[tuple[str, Any]]) -> None:

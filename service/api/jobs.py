@@ -225,7 +225,7 @@ def read_cursor(cursor: str) -> int:
     except (binascii.Error, UnicodeEncodeError):
         text = b""
     if not text.isdigit() or len(text) > MOST_DIGITS or (cursor and write_cursor(int(text)) != cursor.encode()):
-        raise HTTPException(HTTPStatus.UNPROCESSABLE_ENTITY, "`cursor` is none that this service has given")
+        raise HTTPException(HTTPStatus.UNPROCESSABLE_ENTITY, "`cursor` must be one that this service has given")
     return int(text)
 
 

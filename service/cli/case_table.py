@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from service.cli.arguments import BODY, MODEL_NAMES, RESISTANCE, CommandError, Flag
-from service.cli.request_body import put_field, put_model
+from service.cli.request_body import MISSING, put_field, put_model
 from service.columns import unit_end
 from service.names import ALIASES
 from service.readers.files import FileError
@@ -108,8 +108,13 @@ class CaseTable:
     def described(self, row: Row, pointer: str, detail: str) -> str:
         """Return what is wrong with a field of a row, beginning with its cell; empty if no cell gives it."""
         for column, cell in zip(self.columns, row.cells, strict=True):
-            if column.steps and column.pointer == pointer and cell:
-                return f"{self.path}:{row.line}: {column.header}: {detail}{decimal_hint(cell)}"
+            if column.steps and column.pointer == pointer:
+                place = f"{self.path}:{row.line}: {column.header}"
+                if cell:
+                    typed = f"; the cell has {cell[:MAX_SHOWN]}" if column.factor != 1.0 else ""
+                    return f"{place}: {detail}{typed}{decimal_hint(cell)}"
+                if detail == MISSING:
+                    return f"{place}: the cell is empty"
         return ""
 
 
@@ -221,7 +226,8 @@ def _field_of(header: str, fields: Sequence[str]) -> tuple[str, float, str]:
     if unit in {"", "1"}:
         return field, 1.0, ""
     if unit not in units:
-        return "", 1.0, f"{shown}: unknown unit of {field}, known are {', '.join(units) or 'none'}"
+        known = f"unknown unit of {field}, known are {', '.join(units)}" if units else f"{field} has no unit"
+        return "", 1.0, f"{shown}: {known}"
     return field, units[unit], ""
 
 

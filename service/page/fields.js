@@ -42,7 +42,7 @@ function meanOfClass(values, characteristic) {
 }
 
 /**
- * Groups of fields in the order of the form.
+ * Groups of fields in the order of the form; one that `isFolded` is opened for a case that differs there from the paper's.
  *
  * `si` is the unit in which a field is shown, but for US customary units, `unit` the one that is shown, and `factor` times what
  * is shown the value in SI without a prefix; `optional` may be empty and then shows `open`; `choices` are labels
@@ -91,6 +91,7 @@ export const GROUPS = [
   },
   {
     name: "Laws",
+    isFolded: true,
     fields: [
       fieldOf("choice", "resistance.strength_factor.model", "", { variant: true }),
       fieldOf("shots", "resistance.strength_factor.shots", "", {
@@ -122,6 +123,7 @@ export const GROUPS = [
   },
   {
     name: "Search",
+    isFolded: true,
     fields: [
       fieldOf("choice", "search.method"),
       number("search.lower_deg", "°", OPTIONAL),

@@ -1,7 +1,7 @@
 // The form of a case: every field in its unit, checked against the contract as it is filled in.
 
 import { valueAt, withValue } from "./case.js";
-import { exampleOf } from "./contract.js";
+import { exampleOf, paperCase } from "./contract.js";
 import { announce, element } from "./elements.js";
 import { buildRow, showProblem } from "./field-row.js";
 import { GROUPS, inUnit, isThere } from "./fields.js";
@@ -64,9 +64,9 @@ class CaseForm {
     this.wrong.clear();
     this.root.replaceChildren(
       ...this.tools,
-      ...this.groups.map(({ name, fields }) => {
+      ...this.groups.map(({ name, fields, isFolded }) => {
         const lines = fields.filter((field) => this.has(field)).map((field) => this.addRow(field));
-        const open = before.get(name) ?? (!this.open || this.open.includes(name));
+        const open = before.get(name) ?? (isFolded ? fields.some((field) => this.isOther(field)) : !this.open || this.open.includes(name));
         return element("details", { open, "data-name": name }, element("summary", {}, name), ...lines);
       }),
     );
@@ -76,6 +76,12 @@ class CaseForm {
     const { input, field } = this.rows.find((row) => row.field.path === path);
     input.value = Number((value / field.factor).toPrecision(12));
     input.dispatchEvent(new Event("input")); // its slider listens too
+  }
+
+  /** Return whether the case has a value there that is not the paper's. */
+  isOther({ path }) {
+    const [own, usual] = [this.values, paperCase()].map((values) => JSON.stringify(valueAt(values, path)));
+    return own !== undefined && own !== usual;
   }
 
   has(field) {

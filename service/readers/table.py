@@ -80,7 +80,8 @@ class UnknownUnitError(ValueError):
     """A unit that is not known for a quantity."""
 
     def __init__(self, quantity: Quantity, unit: str) -> None:
-        super().__init__(f"unknown unit {unit!r} of {quantity.name}, known are {', '.join(quantity.units or ['none'])}")
+        known = f", known are {', '.join(quantity.units)}" if quantity.units else ", which has none"
+        super().__init__(f"unknown unit {unit!r} of {quantity.name}{known}")
 
 
 def spelled(unit: str) -> str:

@@ -1,5 +1,6 @@
 """The report of one strike, as an assessor files it: case, answer, spread, other models, limits, formulas, sources."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -8,7 +9,7 @@ from math import degrees
 from typing import Any, Final, NamedTuple
 
 import jinja2
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from service.names import FORMULAS, OUTCOMES, QUANTITIES, STATUSES
 from service.reports import style
@@ -136,6 +137,7 @@ def page(strike: Assessed) -> str:
         formulas=formulas,
         formula_rows=_formula_rows(formulas),
         thickness=_answered(strike, "thickness"),
+        wall=_answered(strike, "wall"),
         limits=_limits(numbers, strike),
         warnings=[each for each, standing in warnings if not standing],
         standing=[each for each, standing in warnings if standing],
@@ -147,9 +149,20 @@ def page(strike: Assessed) -> str:
 
 
 def _headline(verdict: Verdict) -> Markup:
-    """Return the verdict with its range in bold."""
-    before, found, after = verdict.sentence.partition(verdict.range_text or verdict.sentence)
-    return Markup("{}<strong>{}</strong>{}").format(before, found, after)
+    """Return the verdict with its range in bold, and what it says first of the strike and of the wall in large type."""
+    leads = [verdict.sentence, verdict.wall.sentence if verdict.wall else ""]
+    text = escape(verdict.sentence)
+    for lead in dict.fromkeys(escape(_first_sentence(each)) for each in leads if each):
+        text = text.replace(lead, Markup('<span class="lead">{}</span>').format(lead), 1)
+    if verdict.range_text:
+        shown = escape(verdict.range_text)
+        text = text.replace(shown, Markup("<strong>{}</strong>").format(shown), 1)
+    return text
+
+
+def _first_sentence(text: str) -> str:
+    """Return text up to the first full stop before a capital: those of decimals and abbreviations have none behind."""
+    return re.split(r"(?<=\.) (?=[A-Z])", text, maxsplit=1)[0]
 
 
 def page_style() -> str:

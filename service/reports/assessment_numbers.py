@@ -1,5 +1,6 @@
 """Numbers of answers as a report shows them, each with its pointer and full value, and the inputs of a case as rows."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -47,6 +48,11 @@ class Numbers:
         """Return a number, times a factor, with so many significant digits; nothing if there is none."""
         return self._written(pointer, factor, f".{digits}g", unit)
 
+    def upwards(self, pointer: str, *, factor: float = 1.0) -> Markup:
+        """Return a number, times a factor, rounded up to a whole one as a design value is."""
+        value = self.at(pointer)
+        return Markup() if value is None else self._data(pointer, factor, f"{math.ceil(value * factor - 1e-6)}", "")
+
     def angle(self, pointer: str, decimals: int = 2) -> Markup:
         """Return an angle in degrees."""
         return self.fixed(pointer, decimals, unit="°")
@@ -55,7 +61,10 @@ class Numbers:
         value = self.at(pointer)
         if value is None:
             return Markup()
-        text = _plain(format(value * factor, spec)).replace("-", MINUS)
+        return self._data(pointer, factor, _plain(format(value * factor, spec)).replace("-", MINUS), unit)
+
+    def _data(self, pointer: str, factor: float, text: str, unit: str) -> Markup:
+        value = self.at(pointer)
         return Markup('<data value="{}" data-from="{}" data-factor="{:g}">{}</data>{}').format(
             repr(float(value)), pointer, factor, text, unit.replace(" ", "\N{NO-BREAK SPACE}")
         )

@@ -1,5 +1,6 @@
 """Errors of validation in words: the unit of a bound, the unit a value may be meant in, the field that is meant."""
 
+import re
 from collections.abc import Mapping
 from functools import cache
 from inspect import isclass
@@ -10,18 +11,15 @@ from pydantic import BaseModel
 from service import schemas
 from service.columns import unit_end, unit_of
 from service.schemas.batches import MOST_CASES, MOST_LINES
-from service.schemas.similar_names import field_names, meant_as
+from service.schemas.similar_names import SOUGHT, field_names, meant_as
 from service.schemas.sweeps import schema_of
 from service.schemas.wording import UNKNOWN, worded
 from solver.checks import BOUNDS, ParameterError, require_bounds
 
-SEARCHED = {
-    "impact.oblique_angle_deg": "; the angle is what is searched for here: `/trajectory` takes a strike at one angle",
-    "impact.velocity_m_s": "; the speed is what is searched for here: `/thickness` and `/trajectory` take one speed",
-}
-"""Ends of the errors for fields that a search varies, which its request does not have."""
 OUT_OF_BOUNDS = {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}
 """Types of the errors of numbers outside their bounds."""
+ITEM = re.compile(r"(/\d+)+$")
+"""End of a pointer to an item of a list, which has the unit of the list."""
 LONGEST_MISSPELT = 200
 """Longest pointer to a field that may be a misspelt one: difflib takes time in proportion to the length of a name."""
 
@@ -46,7 +44,7 @@ def explained(pointer: str, error: Mapping[str, Any], *, suggest: bool = True) -
             require_bounds(field, error["input"])
     except ParameterError as bound:
         return bound.requirement
-    return worded(error, unit_of(pointer))
+    return worded(error, unit_of(ITEM.sub("", pointer)))
 
 
 def suggestion(pointer: str) -> str:
@@ -54,7 +52,7 @@ def suggestion(pointer: str) -> str:
     field = ".".join(step for step in pointer.split("/") if step and not step.isdigit())
     known = known_fields()
     if field in known:  # The field belongs to another request.
-        return SEARCHED.get(field, "")
+        return SOUGHT.get(field, "; it belongs to another request, shape or model")
     if meant := meant_as(field, known):
         return f"; did you mean `{meant}`?"
     holder, _, _ = field.rpartition(".")

@@ -3,6 +3,7 @@
 import difflib
 import re
 from collections.abc import Iterator, Sequence
+from functools import cache
 from typing import Any
 
 from service.columns import unit_end
@@ -10,6 +11,12 @@ from service.names import ALIASES
 
 CASE = {"projectile", "target", "impact", "resistance", "numerics", "search", "output", "alternatives"}
 """Parts of the request of a case."""
+SOUGHT = {
+    "impact.oblique_angle_deg": "; the angle is what is searched for here: `/trajectory` takes a strike at one angle",
+    "impact.velocity_m_s": "; the speed is what is searched for here: `/thickness` and `/trajectory` take one speed",
+    "resistance.strength_factor": "; it is what is fitted here",
+}
+"""Ends of the errors for fields that a search or a fit finds, which its request does not have."""
 SEPARATORS = re.compile(r"[^a-z0-9]+")
 SIMILAR = 0.8
 """Similarity above which a misspelt name gets a suggestion, by difflib. [1]"""
@@ -43,7 +50,7 @@ def meant_as(field: str, known: Sequence[str]) -> str:
     beside = [each for each in known if each.rpartition(".")[0] == holder]
     for places in (beside, cases):
         for each in places:
-            if name in ALIASES.get(each, ()):
+            if name in ALIASES.get(each, ()) or (places is beside and name in usual_names().get(last_name(each), ())):
                 return each
         # Of several places, the first one counts; a unit may be left out.
         whole = {each.rpartition(".")[2]: each for each in reversed(places)}
@@ -52,3 +59,14 @@ def meant_as(field: str, known: Sequence[str]) -> str:
             if close := difflib.get_close_matches(word, names, 1, SIMILAR):
                 return names[close[0]]
     return ""
+
+
+def last_name(field: str) -> str:
+    """Return the name of a field in its part."""
+    return field.rpartition(".")[2]
+
+
+@cache
+def usual_names() -> dict[str, tuple[str, ...]]:
+    """Return the usual names of quantities, by the name of their fields in any part: shots have masses too."""
+    return {last_name(field): names for field, names in ALIASES.items()}

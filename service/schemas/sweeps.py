@@ -15,7 +15,7 @@ from service.schemas.batches import MOST_LINES, Batch, NamedCase, ResultItem, Re
 from service.schemas.problems import INVALID
 from service.schemas.quantities import WHOLE, Count, Num, Part, with_examples
 from service.schemas.requests import Case
-from service.schemas.similar_names import field_names, meant_as
+from service.schemas.similar_names import SOUGHT, field_names, meant_as
 
 MOST_AXES = 4
 EVEN = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 3}
@@ -47,7 +47,7 @@ class Axis(Part):
         listed = self.values is not MISSING
         given = [part is not MISSING for part in (self.start, self.stop, self.count)]
         if any(given) if listed else not all(given):
-            raise PydanticCustomError("axis_form", "Takes either `values` or all of `start`, `stop` and `count`")
+            raise PydanticCustomError("axis_form", "takes either `values` or all of `start`, `stop` and `count`")
         return self
 
     def numbers(self) -> list[float]:
@@ -243,13 +243,23 @@ def check_field(model: type[BaseModel], base: dict[str, Any], path: Sequence[str
     for name in path:
         node = _variant(schema, _resolved(schema, node), given)
         if name not in node.get("properties", {}):
-            meant = meant_as(".".join(path), sorted(set(field_names(schema))))
-            raise LookupError("is no field of the request" + (f"; did you mean `{meant}`?" if meant else ""))
+            raise LookupError(f"is no field of the request{_reason(schema, '.'.join(path))}")
         if not isinstance(given, dict):
             raise LookupError(f"is not there: the part that has {name!r} is no object in the base")
         node, given = node["properties"][name], given.get(name) or {}
     if _resolved(schema, node).get("type") not in {"number", "integer"}:
         raise LookupError("is no number")
+
+
+def _reason(schema: dict[str, Any], field: str) -> str:
+    """Return the end of an error for a field that a request does not have."""
+    names = set(field_names(schema))
+    if field in names:
+        return " with the shape or model that the base has there"
+    if field in SOUGHT:
+        return SOUGHT[field]
+    meant = meant_as(field, sorted(names))
+    return f"; did you mean `{meant}`?" if meant else ""
 
 
 @cache

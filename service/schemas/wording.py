@@ -1,7 +1,7 @@
 """Errors of pydantic in the words of this project, with the value; its own name what only Python has."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sized
 from typing import Any
 
 UNKNOWN = "extra_forbidden"
@@ -11,7 +11,6 @@ LONGEST_SHOWN = 40
 PHRASES = {
     "missing": "is missing",
     UNKNOWN: "unknown field",
-    "union_tag_not_found": "must be an object that names its model or shape",
     "json_invalid": "is not JSON",
 }
 EXPECTED = {
@@ -29,7 +28,6 @@ EXPECTED = {
     "tuple_type": "a list",
 }
 """Expected kind of value by the type of an error of pydantic, where its own message names a Python type."""
-EXPECTED_TAGS = re.compile(r"does not match any of the expected tags: (.*)")
 LENGTH = re.compile(r"\w+ should have (.*?)(?: after validation.*)?")
 
 
@@ -44,15 +42,25 @@ def worded(error: Mapping[str, Any], unit: str = "") -> str:
     kind, text = str(error["type"]), str(error["msg"]).removeprefix("Value error, ")
     if kind in PHRASES:
         return PHRASES[kind]
+    if kind in {"union_tag_not_found", "union_tag_invalid"}:
+        return tag_worded(error["ctx"])
+    if kind == "float_type" and isinstance(error["input"], int) and not isinstance(error["input"], bool):
+        return f"must be a finite number, got {shown(error['input'])}"  # A whole number beyond those of float64.
     space = unit if unit == "°" else f" {unit}".rstrip()
     if kind in EXPECTED or text.startswith("Input should be "):
         wanted = EXPECTED.get(kind) or text.removeprefix("Input should be ").replace("a valid ", "a ")
         return f"must be {wanted}{space}, got {shown(error['input'])}{space}"
-    if found := EXPECTED_TAGS.search(text):
-        return f"must be one of {found[1]}"
     if found := LENGTH.fullmatch(text):
-        return f"must have {found[1]}"
+        return f"must have {found[1]}" + (f", got {len(error['input'])}" if isinstance(error["input"], Sized) else "")
     return text
+
+
+def tag_worded(context: Mapping[str, str]) -> str:
+    """Return the message for a part of several shapes or models that does not say which it is."""
+    name = context["discriminator"].strip("'")
+    if "tag" not in context:
+        return f"`{name}` is missing"
+    return f"`{name}` must be one of {context['expected_tags']}, got {shown(context['tag'])}"
 
 
 def shown(value: Any) -> str:
@@ -65,4 +73,6 @@ def shown(value: Any) -> str:
         return {None: "null", True: "true", False: "false"}[value]
     if isinstance(value, float):
         return f"{value:.12g}"  # The bounds beside it have no more digits, and 95.0 is 95 there.
+    if isinstance(value, int) and abs(value) >= 10**LONGEST_SHOWN:
+        return f"a number of {len(str(abs(value)))} digits"
     return repr(value[:LONGEST_SHOWN] + "..." if isinstance(value, str) and len(value) > LONGEST_SHOWN else value)

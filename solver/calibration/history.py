@@ -54,7 +54,7 @@ class MotionHistory(ComparedByFields):
                 object.__setattr__(self, each.name, _column(each.name, getattr(self, each.name)))
         rows = len(self.time)
         require(rows >= 2, "history.time", f"must hold at least 2 rows, for one leaves nothing to fit, got {rows}")
-        require(bool(self.columns), "history", f"must hold at least one of {', '.join(QUANTITIES)}")
+        require(bool(self.columns), "history", "must hold depth displacement, lateral displacement or rotation")
         require(self.time[0] >= 0.0, "history.time.0", f"must be at least 0, first contact, got {self.time[0]:g}")
         steps = np.diff(self.time)
         if not np.all(steps > 0.0):
@@ -146,19 +146,23 @@ def check_reach(projectile: Projectile, impact: Impact, history: MotionHistory) 
     fastest = math.sqrt(impact.velocity**2 + ratio * impact.angular_velocity**2)
     length = projectile.length
     bounds = {
-        "depth_displacement": ("m", REACH * fastest * history.time + SLACK * length),
-        "lateral_displacement": ("m", REACH * fastest * history.time + SLACK * length),
-        "rotation": ("rad", REACH * fastest / math.sqrt(ratio) * history.time + SLACK),
+        "depth_displacement": REACH * fastest * history.time + SLACK * length,
+        "lateral_displacement": REACH * fastest * history.time + SLACK * length,
+        "rotation": REACH * fastest / math.sqrt(ratio) * history.time + SLACK,
     }
     for q, values in history.columns.items():
-        unit, bound = bounds[q]
+        bound = bounds[q]
         beyond = np.abs(values) > bound
         if beyond.any():
             row = int(np.argmax(beyond))
+            most, found = (
+                f"{math.degrees(each):.4g}°" if q == "rotation" else f"{each:.3g} m"
+                for each in (bound[row], values[row])
+            )
             raise ParameterError(
                 f"history.{q}.{row}",
-                f"must be within {bound[row]:.3g} {unit} at {history.time[row]:g} s, which is as far as the energy of "
-                f"the strike allows, got {values[row]:g} {unit}: check the units",
+                f"must be within {most} at {history.time[row]:g} s, which is as far as the energy of the strike "
+                f"allows, got {found}: check the units",
             )
 
 

@@ -6,10 +6,10 @@ Samples depend on the seed alone.
 import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any, TypeAlias, cast
+from typing import Any, TypeAlias, cast, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -60,6 +60,30 @@ class Uncertain:
     field: str
     distribution: Distribution
 
+    def __post_init__(self) -> None:
+        kinds, given = get_args(Distribution), cast(object, self.distribution)
+        if not isinstance(given, kinds):
+            *names, last = (kind.__name__ for kind in kinds)
+            found = repr(given) if isinstance(given, str) else type(given).__name__
+            raise ParameterError(
+                "uncertain.distribution",
+                f"must be one of solver.uncertainty: {', '.join(names)} or {last}, got {found}; give "
+                "Normal(mean=..., standard_deviation=...) for a normal one of SciPy",
+            )
+
+
+def require_inputs(uncertain: object) -> None:
+    """Refuse anything but a sequence of inputs, naming what is accepted."""
+    given = uncertain if isinstance(uncertain, Iterable) and not isinstance(uncertain, str | Mapping) else [uncertain]
+    for each in given:
+        if not isinstance(each, Uncertain):
+            found = repr(each) if isinstance(each, str) else type(each).__name__
+            raise ParameterError(
+                "uncertain",
+                "must be a sequence of inputs such as Uncertain('impact.velocity', Normal(mean=238.0, "
+                f"standard_deviation=2.0)), or usual_scatter(...), got {found}",
+            )
+
 
 def check_inputs(uncertain: Sequence[Uncertain]) -> None:
     """Refuse no input, too many of them, and the same field twice."""
@@ -67,7 +91,7 @@ def check_inputs(uncertain: Sequence[Uncertain]) -> None:
     for index, (field, count) in enumerate(Counter(each.field for each in uncertain).items()):
         if count > 1:
             later = [i for i, each in enumerate(uncertain) if each.field == field][1]
-            raise ParameterError(f"uncertain.{later}.field", f"{field!r} is the field of another input, {index}")
+            raise ParameterError(f"uncertain.{later}.field", f"{field!r} is the field of input {index} too")
 
 
 def check_values(index: int, uncertain: Uncertain, check: Callable[[Any], object]) -> None:

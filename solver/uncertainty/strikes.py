@@ -34,7 +34,7 @@ from solver.uncertainty.critical_angles import AngleStudy
 from solver.uncertainty.distributions import Discrete
 from solver.uncertainty.next_shot import RESIDUAL, next_shots
 from solver.uncertainty.results import AngleUncertainty, Batch, Crossings, TrajectoryUncertainty
-from solver.uncertainty.sampling import Point, Sampling, Uncertain, check_inputs, check_values
+from solver.uncertainty.sampling import Point, Sampling, Uncertain, check_inputs, check_values, require_inputs
 from solver.uncertainty.trajectories import Ending, TrajectoryStudy
 from solver.warnings import body_warnings
 
@@ -326,6 +326,7 @@ def trajectory_uncertainty(
 
 def _named_in_full(uncertain: Sequence[Uncertain], parts: Mapping[str, Any]) -> list[Uncertain]:
     """Return the inputs with dotted names, of which the last part may be given."""
+    require_inputs(uncertain)
     return [
         each
         if each.field.partition(".")[0] in parts

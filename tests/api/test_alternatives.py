@@ -4,7 +4,6 @@ import asyncio
 from typing import Any
 
 import httpx
-import pytest
 
 from service.schemas import CriticalAngleAnswer, TrajectoryAnswer
 from service.schemas.strike import PAPER, PAPER_AT_45
@@ -153,15 +152,3 @@ def test_equal_requests_at_once_share_their_work(live_url: str) -> None:
 def test_case_that_is_wrong_is_refused_whole(client: httpx.Client) -> None:
     body = strike(238.0, alternatives=True) | {"target": NEVER_YIELDS}
     refused_at(client.post("/cra", json=body), "/target/youngs_modulus_pa")
-
-
-@pytest.mark.parametrize("value", [1, "true"])
-def test_what_is_no_truth_value_is_refused(client: httpx.Client, value: Any) -> None:
-    refused_at(client.post("/cra", json=PAPER | {"alternatives": value}), "/alternatives")
-
-
-def test_cases_among_many_have_no_alternatives(client: httpx.Client) -> None:
-    case = PAPER | {"alternatives": True}
-    refused_at(client.post("/cra/batch", json={"cases": [case]}), "/cases/0/alternatives")
-    axes = [{"field": "impact.velocity_m_s", "values": [238.0]}]
-    refused_at(client.post("/cra/sweep", json={"base": case, "axes": axes}), "/base/alternatives")

@@ -11,7 +11,7 @@ from service.schemas.problems import Problem
 from service.schemas.strike import PAPER
 
 from .many import ASYNC, JSONL, LINES, TOO_SHORT, check_results, finished, items_of, lines, searches, strikes
-from .refused import TEXT, refused_at
+from .refused import refused_at
 
 
 @pytest.mark.parametrize("accept", ["application/json", JSONL])
@@ -61,36 +61,6 @@ def test_line_that_only_the_solver_can_refuse_is_a_result_with_a_problem(client:
     assert (problem.type, problem.errors[0].pointer) == ("urn:ricochet:problem:invalid-request", "/projectile/length_m")
 
 
-def with_17_before(case: Any) -> dict[str, Any]:
-    return {"cases": [PAPER] * 17 + [case]}
-
-
-@pytest.mark.parametrize(
-    ("body", "pointer"),
-    [
-        (with_17_before(PAPER | {"impact": {"velocity_m_s": -1.0}}), "/cases/17/impact/velocity_m_s"),
-        (with_17_before(PAPER | {"custom_id": ""}), "/cases/17/custom_id"),
-        (with_17_before(PAPER | {"custom_id": "x" * 129}), "/cases/17/custom_id"),
-        (with_17_before(PAPER | {"custom_id": 17}), "/cases/17/custom_id"),
-        (with_17_before(PAPER | {"extra": 1}), "/cases/17/extra"),
-        (with_17_before(TOO_SHORT), "/cases/17/projectile/length_m"),
-        (with_17_before({"x": "y" * 140_000}), "/cases/17"),
-        (with_17_before(None), "/cases/17"),
-        ({"cases": []}, "/cases"),
-        ({"cases": PAPER}, "/cases"),
-        ({"cases": [PAPER] * 1001}, "/cases"),
-        ({}, "/cases"),
-        ({"cases": [PAPER], "name": "x"}, "/name"),
-        ({f"field_{number}": 1 for number in range(50_000)}, ""),
-        ([], ""),
-        (None, ""),
-    ],
-    ids=lambda value: value if isinstance(value, str) else "",
-)
-def test_json_batch_is_refused_whole_and_the_case_is_named(client: httpx.Client, body: Any, pointer: str) -> None:
-    refused_at(client.post("/cra/batch", content=json.dumps(body), headers=TEXT), pointer)
-
-
 def test_every_wrong_case_is_named_up_to_a_hundred(client: httpx.Client) -> None:
     missing = (f"/cases/1/{name}" for name in ("projectile", "target", "impact"))
     problem = refused_at(client.post("/cra/batch", json={"cases": [PAPER, {}]}), *missing)
@@ -102,58 +72,10 @@ def test_every_wrong_case_is_named_up_to_a_hundred(client: httpx.Client) -> None
 LINE = json.dumps(PAPER).encode()
 
 
-@pytest.mark.parametrize(
-    ("body", "line", "pointer"),
-    [
-        (LINE + b"\n" + LINE.replace(b"238.0", b"-1"), "line 2", "/1/impact/velocity_m_s"),
-        (LINE + b"\n" + LINE.replace(b"238.0", b"NaN"), "line 2", "/1/impact/velocity_m_s"),
-        (LINE + b"\n" + LINE.replace(b"238.0", b"1e999"), "line 2", "/1/impact/velocity_m_s"),
-        (LINE + b"\n" + LINE.replace(b"238.0", b'"238"'), "line 2", "/1/impact/velocity_m_s"),
-        (LINE + b"\n{\n" + LINE, "line 2", "/1"),
-        (LINE + b"\n" + b"[" * 10_000, "line 2", "/1"),
-        (LINE + b"\n\n" + LINE, "line 2", "/1"),
-        (LINE + b"\n \n", "line 2", "/1"),
-        (LINE + b"\n\n", "line 2", "/1"),
-        (LINE + b"\n" + b" " * 140_000 + LINE, "line 2", "/1"),
-        (LINE + b"\n" + b" " * 5_000_000, "line 2", "/1"),
-        (LINE + b"\nnull\n", "line 2", "/1"),
-        (b"\xff\n", "line 1", "/0"),
-        ((LINE + b"\n") * 450 + b"{}x", "line 451", "/450"),
-        (b"", "", ""),
-    ],
-)
-def test_lines_are_refused_whole_and_the_line_is_named(
-    client: httpx.Client, body: bytes, line: str, pointer: str
-) -> None:
-    problem = refused_at(client.post("/cra/batch", content=body, headers=LINES), pointer)
-    assert problem.detail.startswith(line)
-    assert client.get("/jobs").json()["jobs"] == [] or all(
-        job["counts"]["total"] != 451 for job in client.get("/jobs").json()["jobs"]
-    )
-
-
 @pytest.mark.parametrize("end", [b"", b"\n", b"\r\n"])
 def test_lines_may_end_as_files_do(client: httpx.Client, end: bytes) -> None:
     body = LINE + (end or b"\n") + LINE + end
     assert len(items_of(client.post("/cra/batch", content=body, headers=LINES))) == 2
-
-
-@pytest.mark.parametrize(
-    ("headers", "status"),
-    [
-        ({"Content-Type": "text/plain"}, 415),
-        ({"Content-Type": "application/jsonl", "Content-Encoding": "gzip"}, 415),
-        (LINES | {"Accept": "image/png"}, 406),
-        (LINES | {"Idempotency-Key": "x" * 256}, 422),
-    ],
-)
-def test_what_is_not_read_or_given_is_refused(client: httpx.Client, headers: dict[str, str], status: int) -> None:
-    assert client.post("/cra/batch", content=LINE, headers=headers).status_code == status
-
-
-@pytest.mark.parametrize(("body", "status"), [(b"{", 400), (b" " * 3_000_000, 413)])
-def test_body_that_is_no_json_or_too_long_is_refused(client: httpx.Client, body: bytes, status: int) -> None:
-    refused_at(client.post("/cra/batch", content=body, headers=TEXT), "", status=status)
 
 
 def test_too_many_lines_are_refused(client: httpx.Client) -> None:

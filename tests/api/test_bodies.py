@@ -1,7 +1,5 @@
 """Bodies whatever the operation: outlines by points, and a mean density that gives a wrong unit away."""
 
-import json
-import math
 from typing import Any
 
 import httpx
@@ -12,7 +10,6 @@ from service.schemas.strike import PAPER
 
 from .calibrations import answered, history_at, strike_at
 from .many import ROUGH
-from .refused import TEXT, refused_at
 
 LIGHT = PAPER["projectile"] | {"mass_kg": 2.0}
 """Some 860 kg/m³."""
@@ -72,7 +69,6 @@ def test_points_on_a_straight_line_are_a_cone(client: httpx.Client) -> None:
 
 SPHERE = {"nose": {"shape": "sphere"}, "diameter_m": 0.08, "length_m": 0.08, "mass_kg": 2.1}
 BOAT_TAIL = {"length_m": 0.1, "base_diameter_m": 0.06}
-REPEATED = [[0.0, 0.0], [0.05, 0.03], [0.05, 0.03], [0.12, 0.04]]
 
 
 def test_bodies_that_taper_are_answered_and_kept_apart(client: httpx.Client) -> None:
@@ -96,25 +92,3 @@ def test_bodies_that_taper_are_answered_and_kept_apart(client: httpx.Client) -> 
             "impact": PAPER["impact"] | {"oblique_angle_deg": 30.0},
         }
         assert answered(client, "/trajectory", strike)["outcome"] == "embedded"
-
-
-@pytest.mark.parametrize(
-    ("projectile", "pointer"),
-    [
-        ({"nose": {"shape": "sphere"}}, "/projectile/length_m"),
-        (SPHERE | {"boat_tail": BOAT_TAIL}, "/projectile/boat_tail"),
-        ({"boat_tail": BOAT_TAIL | {"length_m": 0.5}}, "/projectile/boat_tail/length_m"),
-        ({"boat_tail": BOAT_TAIL | {"base_diameter_m": 0.09}}, "/projectile/boat_tail/base_diameter_m"),
-        ({"boat_tail": {"length_m": 0.1}}, "/projectile/boat_tail/base_diameter_m"),
-        ({"boat_tail": 0.1}, "/projectile/boat_tail"),
-        ({"nose": {"shape": "profile", "points": [[0.0, 0.0], [0.1, 0.04], [0.2, 0.03]]}}, "/projectile/nose/points"),
-        ({"nose": {"shape": "profile", "points": [[0.0, 0.0], [0.1, 0.04], [0.1, 0.0]]}}, "/projectile/nose/points/2"),
-        ({"nose": {"shape": "profile", "points": REPEATED}}, "/projectile/nose/points/2"),
-        ({"nose": {"shape": "profile", "points": [[0.0, 0.0], [0.05, math.nan]]}}, "/projectile/nose/points/1/1"),
-    ],
-)
-def test_body_that_does_not_close_is_refused_by_its_field(
-    client: httpx.Client, projectile: dict[str, Any], pointer: str
-) -> None:
-    body = json.dumps(PAPER | {"projectile": PAPER["projectile"] | projectile})
-    refused_at(client.post("/cra", content=body, headers=TEXT), pointer)

@@ -6,7 +6,6 @@ from typing import Any
 import httpx
 import pytest
 
-from service.schemas.flight import LAUNCH
 from service.schemas.strike import PAPER_AT_45
 from solver import FlightConditions, Impact
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
@@ -105,25 +104,3 @@ def test_study_in_python_has_the_distances_of_http(client: httpx.Client) -> None
     for name, quantiles in answer["ricochet_exit"]["flight"].items():
         expected = [estimate.value for _, estimate in found.ricochet_flight[name.removesuffix("_m")]]
         assert [each["value"] for each in quantiles] == pytest.approx(expected, rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("path", "body", "pointer"),
-    [
-        ("/trajectory", STEEP | {"flight": {"face_tilt_deg": 91.0}}, "/flight/face_tilt_deg"),
-        ("/trajectory", STEEP | {"flight": {"height_m": -1.0}}, "/flight/height_m"),
-        ("/trajectory", STEEP | {"flight": {"incidence_plane": "sideways"}}, "/flight/incidence_plane"),
-        ("/verdict", STEEP | {"flight": {"face_tilt_deg": 91.0}}, "/flight/face_tilt_deg"),
-        ("/report", STEEP | {"flight": {"height_m": -0.1}}, "/flight/height_m"),
-        ("/trajectory/uncertainty", STRAY | {"flight": {"face_tilt_deg": 91.0}}, "/flight/face_tilt_deg"),
-        ("/trajectory/uncertainty", STRAY | {"flight": {"drag_coefficient": -1.0}}, "/flight/drag_coefficient"),
-        ("/flight", LAUNCH | {"height_m": -0.1}, "/height_m"),
-        ("/flight", LAUNCH | {"speed_m_s": 0.0}, "/speed_m_s"),
-        ("/flight", LAUNCH | {"elevation_deg": 90.5}, "/elevation_deg"),
-        ("/flight", {"speed_m_s": 100.0}, "/elevation_deg"),
-    ],
-)
-def test_bad_flights_are_refused_by_field(client: httpx.Client, path: str, body: dict[str, Any], pointer: str) -> None:
-    response = client.post(path, json=body)
-    assert response.status_code == 422
-    assert pointer in [each["pointer"] for each in response.json()["errors"]]

@@ -125,19 +125,6 @@ def test_result_is_kept_as_json_csv_and_hdf5(client: httpx.Client) -> None:
         assert any("residuals" in name for name in content)
 
 
-@pytest.mark.parametrize(
-    ("change", "pointer"),
-    [
-        ({"impact": {"velocity_m_s": -1.0}}, "/impact/velocity_m_s"),
-        ({"impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 90.0}}, "/impact/oblique_angle_deg"),
-        ({"impact": {}}, "/impact/velocity_m_s"),
-        ({"resistance": {}}, "/resistance"),
-    ],
-)
-def test_wrong_field_is_named(client: httpx.Client, change: dict[str, Any], pointer: str) -> None:
-    refused_at(client.post("/formulas", json=BODY | change), pointer)
-
-
 def test_reinforcement_that_changes_nothing_is_said(client: httpx.Client) -> None:
     plain, zero, reinforced = (
         answered(client, "/formulas", BODY | {"target": BODY["target"] | extra})

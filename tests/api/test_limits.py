@@ -10,6 +10,7 @@ import pytest
 
 from service.auth.dependencies import ConcurrencyLimit
 from service.errors import OwnerQueriesError
+from service.queries import CASE_SECONDS, Rate
 from service.schemas.problems import Problem
 from service.schemas.strike import PAPER, PAPER_AT_45
 from tests.conftest import RunService, until
@@ -181,3 +182,15 @@ def test_single_queries_of_an_owner_are_limited() -> None:
             refused.__enter__()
     with queries.held("anna"), queries.held("anna"):
         pass
+
+
+@pytest.mark.parametrize(("count", "weight", "seconds"), [(0, 1, 1), (1200, 1, 12), (1200, 20, 240)])
+def test_wait_for_a_job_goes_by_the_cost_of_its_cases_until_a_rate_is_measured(
+    count: int, weight: int, seconds: int
+) -> None:
+    assert CASE_SECONDS == 0.02
+    assert Rate(lambda: 2).seconds_for(count, weight) == seconds
+
+
+def test_probes_may_have_what_a_monitor_adds(client: httpx.Client) -> None:
+    assert client.get("/livez?time=1").status_code == 200

@@ -14,7 +14,6 @@ from solver import OwnTests, PublishedTests, Resistance, Shot, critical_angle
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 
 from .calibrations import answered
-from .refused import refused_at
 
 SHOT = {"velocity_m_s": 238.1, "depth_m": 0.30, "mass_kg": 12.923}
 WIDER = {"velocity_m_s": 275.7, "depth_m": 0.38, "mass_kg": 11.0, "diameter_m": 0.0762}
@@ -62,21 +61,6 @@ def test_every_shot_is_in_the_key(client: httpx.Client) -> None:
 
 
 @pytest.mark.parametrize(
-    ("shots", "pointer"),
-    [
-        ([], ""),
-        ([SHOT | {"depth_m": 0.0}], "/0/depth_m"),
-        ([SHOT, SHOT | {"velocity_m_s": -1.0}], "/1/velocity_m_s"),
-        ([SHOT | {"weight": 1.0}], "/0/weight"),
-        ([{"velocity_m_s": 238.1}], "/0/depth_m"),
-        ([SHOT] * 1001, ""),
-    ],
-)
-def test_shots_that_say_nothing_are_refused_by_name(client: httpx.Client, shots: list[Any], pointer: str) -> None:
-    refused_at(client.post("/cra", json=with_shots(*shots)), f"/resistance/strength_factor/shots{pointer}")
-
-
-@pytest.mark.parametrize(
     ("shot", "target", "code"),
     [(SHOT, {"thickness_m": 0.25}, "own_tests_deeper_than_wall"), (SHOT | {"depth_m": 0.9}, {}, "own_tests_apart")],
 )
@@ -98,12 +82,6 @@ def test_trial_walls_of_a_thickness_are_not_the_target_of_the_shots(client: http
 def test_many_equal_shots_leave_less_than_the_usual_scatter_within_a_series(client: httpx.Client, count: int) -> None:
     found = client.post("/cra", json=with_shots(*[SHOT] * count)).json()
     assert found["strength_factor_dispersion"] < PublishedTests.within_series
-
-
-def test_shot_in_the_wrong_unit_is_refused_with_the_slip(client: httpx.Client) -> None:
-    response = client.post("/cra", json=with_shots(SHOT, SHOT | {"depth_m": 30.0}))
-    (error,) = refused_at(response, "/resistance/strength_factor/shots/1/depth_m").errors
-    assert "must be between 2 and 60; perhaps centimetres given as metres" in error.detail
 
 
 def test_samples_of_a_study_do_not_carry_the_shots(client: httpx.Client) -> None:

@@ -1,6 +1,5 @@
 """The models of the strength factor over HTTP, and the strength factor in the answers."""
 
-import json
 from typing import Any
 
 import httpx
@@ -11,7 +10,7 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 
 from .calibrations import answered
 from .many import file_at, rows_at
-from .refused import TEXT, changed, refused_at
+from .refused import changed
 
 CONSTANT = {"model": "constant", "value": 82.6 * 39.0**-0.544}
 
@@ -85,22 +84,6 @@ def test_equation_9_in_other_concrete_is_warned_of(client: httpx.Client) -> None
         assert "strength_factor_of_other_concrete" not in codes
 
 
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"reference_strength_pa": 0.0}, "reference_strength_pa"),
-        ({"reference_diameter_m": -1.0}, "reference_diameter_m"),
-        ({"diameter_exponent": 11.0}, "diameter_exponent"),
-        ({"obliquity_shape": "cosine"}, "obliquity_shape"),
-    ],
-)
-def test_wrong_field_of_the_law_is_named(client: httpx.Client, change: dict[str, Any], field: str) -> None:
-    refused_at(
-        client.post("/cra", json=with_model(PAPER, STRENGTH_AND_DIAMETER | change)),
-        f"/resistance/strength_factor/{field}",
-    )
-
-
 EQUATION_9 = {"model": "obliquity_polynomial"}
 GRAZING = changed(PAPER_AT_45, "/impact/oblique_angle_deg", 75.0)
 
@@ -126,11 +109,3 @@ def test_other_polynomials_are_not_held_and_say_so(client: httpx.Client) -> None
     run = answered(client, "/trajectory", with_model(GRAZING, law))
     assert run["strength_factor"] == pytest.approx(9.0 - 5.625)
     assert "strength_factor_not_held" in {each["code"] for each in run["warnings"]}
-
-
-@pytest.mark.parametrize("held", ["-1", "90.1", "NaN", "Infinity", '"60"'])
-def test_other_angles_are_refused(client: httpx.Client, held: str) -> None:
-    law = EQUATION_9 | {"held_from_deg": "HELD"}
-    body = json.dumps(with_model(GRAZING, law)).replace('"HELD"', held)
-    response = client.post("/trajectory", content=body, headers=TEXT)
-    refused_at(response, "/resistance/strength_factor/held_from_deg")

@@ -1,7 +1,6 @@
 """Sweeps over a real socket."""
 
 import itertools
-from typing import Any
 
 import httpx
 import pytest
@@ -11,7 +10,6 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 from service.schemas.sweeps import Axis, Grid, Outline
 
 from .many import ROUGH, finished
-from .refused import problem_of, refused_at
 
 VELOCITY = {"field": "impact.velocity_m_s", "values": [230.0, 240.0]}
 STRENGTH = {"field": "target.compressive_strength_pa", "start": 35e6, "stop": 45e6, "count": 3}
@@ -42,54 +40,6 @@ def test_large_sweep_becomes_a_job(client: httpx.Client) -> None:
     response = client.post("/cra/sweep", json={"base": BASE, "axes": axes})
     assert response.status_code == 202
     assert finished(client, response.json())["counts"]["total"] == 120
-
-
-@pytest.mark.parametrize(
-    ("axes", "pointer", "detail"),
-    [
-        ([VELOCITY | {"field": "impact.speed"}], "/axes/0/field", "did you mean `impact.velocity_m_s`?"),
-        ([VELOCITY | {"field": ""}], "/axes/0/field", "at least 1"),
-        ([VELOCITY | {"field": "impact"}], "/axes/0/field", "no number"),
-        ([VELOCITY | {"field": "search.method"}], "/axes/0/field", "no number"),
-        ([VELOCITY | {"field": "output.history"}], "/axes/0/field", "no number"),
-        ([VELOCITY | {"field": "impact.velocity_m_s.x"}], "/axes/0/field", "no field of the request"),
-        ([VELOCITY | {"field": "projectile.nose.length_to_diameter"}], "/axes/0/field", "no field of the request"),
-        ([VELOCITY | {"field": "resistance.strength_factor.value"}], "/axes/0/field", "has to say by 'model'"),
-        ([VELOCITY, STRENGTH, VELOCITY], "/axes/2/field", "another axis"),
-        ([VELOCITY | {"start": 1.0}], "/axes/0", "either"),
-        ([{"field": "impact.velocity_m_s", "start": 1.0, "stop": 2.0}], "/axes/0", "either"),
-        ([VELOCITY | {"values": []}], "/axes/0/values", "at least 1"),
-        ([VELOCITY | {"values": [230.0, "240"]}], "/axes/0/values/1", "number"),
-        ([STRENGTH | {"count": 0}], "/axes/0/count", "greater"),
-        ([STRENGTH | {"count": 2.5}], "/axes/0/count", "must be a whole number, got 2.5"),
-        ([STRENGTH | {"count": 1000}, VELOCITY | {"values": [1.0] * 101}], "/axes", "101,000 points"),
-        ([VELOCITY, VELOCITY | {"field": "x"}, STRENGTH, STRENGTH, STRENGTH], "/axes", "at most 4"),
-        ([], "/axes", "at least 1"),
-        ([STRENGTH, VELOCITY | {"values": [230.0, -1.0]}], "/axes/1/values/1", "compressive_strength_pa = 3.5e+07"),
-        ([VELOCITY, STRENGTH | {"stop": 1e15}], "/axes/1", "impact.velocity_m_s = 230"),
-        ([{"field": "numerics.panels", "start": 100, "stop": 101, "count": 3}], "/axes/0", "numerics.panels = 100.5"),
-    ],
-)
-def test_axis_that_cannot_be_laid_is_named(
-    client: httpx.Client, axes: list[dict[str, Any]], pointer: str, detail: str
-) -> None:
-    assert detail in refused_at(client.post("/cra/sweep", json={"base": BASE, "axes": axes}), pointer).detail
-
-
-@pytest.mark.parametrize(
-    ("base", "pointer"),
-    [
-        (PAPER | {"extra": 1}, "/base/extra"),
-        ({name: PAPER[name] for name in ("projectile", "impact")}, "/base/target"),
-        (PAPER | {"impact": 3}, "/base/impact"),
-        (PAPER | {"impact": {}}, "/base/impact/velocity_m_s"),
-        (PAPER | {"x": "y" * 140_000}, "/base"),
-        ([], "/base"),
-    ],
-)
-def test_base_that_is_no_request_is_named(client: httpx.Client, base: Any, pointer: str) -> None:
-    response = client.post("/cra/sweep", json={"base": base, "axes": [VELOCITY]})
-    assert problem_of(response, 422).errors[0].pointer == pointer
 
 
 def test_point_that_only_the_solver_can_refuse_is_a_result_with_a_problem(client: httpx.Client) -> None:

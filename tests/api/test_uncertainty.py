@@ -204,65 +204,6 @@ def test_threshold_and_strength_law_scatter_as_alternatives(client: httpx.Client
     assert abs(by_law["published_tests"] - by_law["obliquity_polynomial"]) > 0.1
 
 
-def changed(**distribution: Any) -> dict[str, Any]:
-    return SPEED | {"distribution": SPEED["distribution"] | distribution}  # type: ignore[operator]
-
-
-DENSITY = {"field": "target.density_kg_m3", "distribution": {"type": "uniform", "lower": -500.0, "upper": -100.0}}
-REFUSED: list[tuple[list[dict[str, Any]], str, str]] = [
-    ([changed(standard_deviation=-1.0)], "/uncertain/0/distribution/standard_deviation", "greater than 0"),
-    ([changed(mean="fast")], "/uncertain/0/distribution/mean", "number"),
-    ([SPEED, SPEED], "/uncertain/1/field", "another input"),
-    ([SPEED | {"field": "impact.speed"}], "/uncertain/0/field", "did you mean `impact.velocity_m_s`?"),
-    ([SPEED | {"field": "projectile.nose"}], "/uncertain/0/field", "is no number"),
-    ([DECAY, DECAY | {"field": "target.density_kg_m3"}], "/uncertain/1/distribution/values", "must be numbers"),
-    (
-        [DECAY | {"distribution": {"type": "discrete", "values": ["a", "b"], "weights": [0.8, 0.3]}}],
-        "/uncertain/0/distribution/weights",
-        "must sum to 1, got 1.1",
-    ),
-    (
-        [DECAY | {"distribution": {"type": "discrete", "values": ["elastic_plastic", "cubic"]}}],
-        "/uncertain/0/distribution/values/1",
-        "'cubic' is no model",
-    ),
-    ([changed(type="truncated_normal", lower=240)], "/uncertain/0/distribution/lower", "below the mean, 238"),
-    ([DENSITY], "/uncertain/0/distribution/lower", "greater than or equal to 100, got -500"),
-    ([discrete("impact.velocity_m_s", 238.0, -5.0)], "/uncertain/0/distribution/values/1", "got -5"),
-    ([changed(mean=-3.0)], "/uncertain/0/distribution/mean", "got -3"),
-    ([changed(type="truncated_normal", upper=2e4)], "/uncertain/0/distribution/upper", "got 20000"),
-    (
-        [SPEED | {"distribution": {"type": "lognormal", "median": 1e5, "dispersion": 0.1}}],
-        "/uncertain/0/distribution/median",
-        "got 100000",
-    ),
-    (
-        [SPEED | {"distribution": {"type": "lognormal", "median": 238.0, "dispersion": 430.0}}],
-        "/uncertain/0/distribution/dispersion",
-        "at most 10",
-    ),
-    (
-        [
-            discrete(LAW, "strength_power_law", "published_tests"),
-            {"field": COEFFICIENT, "distribution": {"type": "normal", "mean": 72.0, "standard_deviation": 5.0}},
-        ],
-        "/uncertain/1/field",
-        "it must be a number of every model of uncertain.0",
-    ),
-    ([discrete(LAW, "constant", "published_tests")], "/uncertain/0/distribution/values/0", "is no model"),
-]
-
-
-@pytest.mark.parametrize(("uncertain", "pointer", "detail"), REFUSED)
-def test_bad_inputs_are_refused_with_their_place(
-    client: httpx.Client, uncertain: list[dict[str, Any]], pointer: str, detail: str
-) -> None:
-    response = client.post("/cra/uncertainty", json=BODY | {"uncertain": uncertain})
-    assert response.status_code == 422
-    assert pointer in [each["pointer"] for each in response.json()["errors"]]
-    assert detail in response.text
-
-
 LONG_STUDY: dict[str, Any] = BODY | {
     "sampling": {"half_width": 0.0005, "max_samples": 16_384, "seed": 3, "method": "direct"}
 }

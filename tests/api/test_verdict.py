@@ -18,7 +18,6 @@ from solver.uncertainty import verdict
 from tests.odd_strikes import KINDS, odd_strikes
 
 from .calibrations import answered
-from .refused import refused_at
 
 AT_50 = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 50.0}}
 OFF_A_WALL = PAPER | {
@@ -106,14 +105,3 @@ def test_papers_strike_is_as_sure_as_its_tests_only_where_that_is_asked_for(clie
     }
     theories = {each["free_surface"]: each["critical_angle_deg"] for each in plain["theories"]}
     assert 46.6 <= theories["mohr_coulomb"] <= 48.4
-
-
-@pytest.mark.parametrize("value", ["paper", 1, ["law"]])
-def test_source_of_the_scatter_that_is_none_is_refused(client: httpx.Client, value: object) -> None:
-    refused_at(client.post("/cra", json=PAPER | {"strength_scatter": value}), "/strength_scatter")
-
-
-def test_source_of_the_scatter_does_not_go_with_own_tests(client: httpx.Client) -> None:
-    own = {"model": "own_tests", "shots": [{"velocity_m_s": 238.1, "depth_m": 0.3}]}
-    body = PAPER | {"resistance": {"strength_factor": own}, "strength_scatter": "paper_table_1"}
-    refused_at(client.post("/cra", json=body), "/strength_scatter")

@@ -17,12 +17,9 @@ from solver.uncertainty import judge_wall
 
 from .calibrations import answered
 from .many import ASYNC, LINES, check_results, file_at, finished, items_of, lines
-from .refused import refused_at
 
 STRIKE = PAPER | {"impact": PAPER["impact"] | {"oblique_angle_deg": 30.0}}
 WALL = PAPER | {"target": PAPER["target"] | {"thickness_m": 0.2}, "impact": {"oblique_angle_deg": 0.0}}
-THIN = {"field": "target.thickness_m", "values": [0.2, 0.3]}
-FAST = {"field": "impact.velocity_m_s", "values": [200.0]}
 HEAD_ON = PAPER["impact"] | {"oblique_angle_deg": 0.0}
 COARSE = {"relative_tolerance": 1e-3}
 ANGLES = {"field": "impact.oblique_angle_deg", "values": [0.0, 20.0, 40.0]}
@@ -70,53 +67,6 @@ def test_limit_speed_is_that_of_the_solver(client: httpx.Client) -> None:
     perforated = [trial for trial in answer["iterations"] if trial["outcome"] == "perforated"]
     assert perforated
     assert all(trial["exit"]["speed_m_s"] < trial["velocity_m_s"] for trial in perforated)
-
-
-@pytest.mark.parametrize(
-    ("path", "body", "pointer", "detail"),
-    [
-        ("/thickness", STRIKE | {"target": WALL["target"]}, "/target/thickness_m", "must not be given"),
-        ("/thickness", STRIKE | {"impact": {"velocity_m_s": 238.0}}, "/impact/oblique_angle_deg", "is missing"),
-        ("/limit-speed", WALL | {"target": PAPER["target"]}, "/target/thickness_m", "must be given"),
-        ("/limit-speed", WALL | {"impact": STRIKE["impact"]}, "/impact/velocity_m_s", "unknown field"),
-        ("/thickness/batch", {"cases": [STRIKE, WALL]}, "/cases/1/impact/velocity_m_s", "is missing"),
-        (
-            "/thickness/batch",
-            {"cases": [STRIKE, STRIKE | {"target": WALL["target"]}]},
-            "/cases/1/target/thickness_m",
-            "must not be given",
-        ),
-        ("/thickness/sweep", {"base": STRIKE, "axes": [THIN]}, "/axes/0/values/0", "must not be given"),
-        ("/thickness/sweep", {"base": WALL, "axes": [ANGLES]}, "/base/impact/velocity_m_s", "is missing"),
-        (
-            "/limit-speed/sweep",
-            {"base": WALL | {"target": PAPER["target"]}, "axes": [ANGLES]},
-            "/base/target/thickness_m",
-            "must be given",
-        ),
-        ("/limit-speed/sweep", {"base": WALL, "axes": [FAST]}, "/axes/0/field", "no field of the request"),
-    ],
-)
-def test_what_does_not_fit_is_refused_with_its_place(
-    client: httpx.Client, path: str, body: dict[str, Any], pointer: str, detail: str
-) -> None:
-    assert detail in refused_at(client.post(path, json=body), pointer).errors[0].detail
-
-
-@pytest.mark.parametrize(
-    ("thickness", "reason"),
-    [
-        (0.0, "must be more than 0 to 1000 m"),
-        (-0.2, "must be more than 0 to 1000 m"),
-        (0.0079, "at least a tenth of the diameter, 0.008 m"),
-    ],
-)
-@pytest.mark.parametrize(("path", "body"), [("/trajectory", STRIKE), ("/cra", PAPER), ("/limit-speed", WALL)])
-def test_thickness_that_is_none_is_refused_with_the_reason(
-    client: httpx.Client, path: str, body: dict[str, Any], thickness: float, reason: str
-) -> None:
-    wall = body | {"target": PAPER["target"] | {"thickness_m": thickness}}
-    test_what_does_not_fit_is_refused_with_its_place(client, path, wall, "/target/thickness_m", reason)
 
 
 @pytest.mark.parametrize("operation", ["thickness", "limit-speed"])
@@ -198,19 +148,6 @@ def test_plug_without_its_angle_is_that_of_66_1_degrees(client: httpx.Client) ->
         for plug in ({}, {"cone_angle_deg": 66.1})
     }
     assert len(keys) == 1
-
-
-@pytest.mark.parametrize(
-    ("part", "pointer"),
-    [
-        ({"rear_plug": {"cone_angle_deg": 9.0}}, "/resistance/rear_plug/cone_angle_deg"),
-        ({"rear_plug": {"height_m": 0.1}}, "/resistance/rear_plug/height_m"),
-        ({"crater": {"depth_diameters": 0.0}}, "/resistance/crater/depth_diameters"),
-        ({"crater": 2.0}, "/resistance/crater"),
-    ],
-)
-def test_bad_plug_or_crater_is_refused_by_its_field(client: httpx.Client, part: dict[str, Any], pointer: str) -> None:
-    refused_at(client.post("/thickness", json=STRIKE | {"resistance": part}), pointer)
 
 
 def test_plug_and_crater_can_be_swept_and_scattered(client: httpx.Client) -> None:

@@ -74,6 +74,11 @@ def expected(faults: list[str], text: str) -> None:
     faults.clear()
 
 
+def unfold(page: Page) -> None:
+    """Open the laws of the form."""
+    page.locator("summary", has_text="Laws").click()
+
+
 def run_map(page: Page, query: str, count: int) -> None:
     """Run a map at this address, and wait for its cases."""
     page.goto(f"/#/map?{query}")

@@ -10,6 +10,7 @@ from playwright.sync_api import Page, expect
 
 from service.schemas.strike import PAPER, PAPER_AT_45
 
+from .conftest import unfold
 from .downloads import data_rows
 
 SEARCHES = {"Change of outcome": "outcome", "Bisection (paper)": "bisection", "Secant (paper)": "secant"}
@@ -120,6 +121,7 @@ def test_verdict_is_that_of_the_service_once_it_is_there(page: Page, client: htt
 
 def test_angle_follows_the_choice_of_model(page: Page, client: httpx.Client) -> None:
     page.goto("/#/critical-angle")
+    unfold(page)
     page.get_by_label("Free surface").select_option("mohr_coulomb")
     body = PAPER | {"resistance": {"free_surface": {"model": "mohr_coulomb"}}}
     angle = client.post("/cra", json=body).json()["critical_angle_deg"]

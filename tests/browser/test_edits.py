@@ -11,7 +11,7 @@ from playwright.sync_api import Locator, Page, expect
 from service.schemas.strike import PAPER_AT_45
 from solver.resistance import EQUATION_9_COEFFICIENTS
 
-from .conftest import FOLDER, expected
+from .conftest import FOLDER, expected, unfold
 from .downloads import data_rows, saved
 from .side_view import IDLE, open_explore
 
@@ -256,6 +256,7 @@ def ninety_per_cent(page: Page) -> tuple[float, float]:
 def test_own_shots_narrow_the_range(page: Page, shots: str) -> None:
     open_explore(page, "?resistance.strength_factor.model=published_tests")
     before = ninety_per_cent(page)
+    unfold(page)
     page.get_by_label("Strength factor", exact=True).select_option("own_tests")
     page.get_by_label("Shots: speed, depth").fill(shots)  # the second and last action
     fit = page.get_by_label("Own depth tests", exact=True)
@@ -270,6 +271,7 @@ def test_shots_begin_empty_and_a_wrong_line_is_named_below_the_picture_before(pa
     open_explore(page)
     sent: list[str] = []
     page.on("request", lambda request: sent.append(request.post_data or ""))
+    unfold(page)
     page.get_by_label("Strength factor", exact=True).select_option("own_tests")
     field = page.get_by_label("Shots: speed, depth")
     expect(field).to_have_value("")

@@ -13,6 +13,7 @@ from playwright.sync_api import Locator, Page, expect
 
 from service.schemas.strike import PAPER_AT_45
 
+from .conftest import unfold
 from .downloads import data_rows
 from .side_view import READY, points, transform
 
@@ -168,6 +169,7 @@ def test_every_strength_law_has_its_fields_and_its_factor(page: Page) -> None:
     open_explore(page)
     outcome = page.get_by_role("group", name="Outcome")
     expect(outcome).to_contain_text("Strength factor 6.51.")  # eq. 9 at 45°
+    unfold(page)
     page.get_by_label("Strength factor").select_option("published_tests")
     shape = page.get_by_label("Over the angle")
     expect(shape).to_have_value("equation_9")
@@ -202,6 +204,7 @@ def test_shared_address_reopens_the_same_view(page: Page, new_page: Any) -> None
     page.get_by_label("Nose").select_option("conical")
     page.get_by_label("Cone height over diameter").fill("2")
     page.get_by_label("Diameter", exact=True).fill("90")
+    unfold(page)
     page.get_by_label("Free surface").select_option("mohr_coulomb")
     set_slider(page, "Oblique angle", 62)
     expect(side_view(page)).to_have_attribute("aria-label", re.compile("ricochet"))

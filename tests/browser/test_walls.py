@@ -3,12 +3,15 @@
 import json
 import math
 import re
+from pathlib import Path
 
 import httpx
 import pytest
 from playwright.sync_api import Page, expect
 
 from service.schemas.strike import PAPER, PAPER_AT_45
+
+from .conftest import unfold
 
 
 def rows(page: Page) -> dict[str, list[str]]:
@@ -74,6 +77,7 @@ def test_every_number_of_a_range_is_in_the_units_shown(page: Page) -> None:
 def test_case_with_a_plug_says_so_and_is_shared_by_its_address(page: Page) -> None:
     page.goto("/#/walls")
     before = rows(page)
+    unfold(page)
     page.get_by_label("Rear plug, angle of its cone").fill("60")
     expect(page.get_by_role("region", name="Verdict")).to_contain_text("without a plug and a crater")
     changed = rows(page)
@@ -97,5 +101,20 @@ def test_numerics_of_the_address_are_kept(page: Page, client: httpx.Client) -> N
 def test_field_out_of_its_bounds_says_so(page: Page) -> None:
     page.goto("/#/walls")
     rows(page)
+    unfold(page)
     page.get_by_label("Crater depth over diameter").fill("30")
     expect(page.get_by_text("Crater depth over diameter must be at most 20.")).to_be_visible()
+
+
+def test_tutorial_of_the_page_quotes_what_the_page_says(page: Page) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "tutorial" / "page.md").read_text(encoding="utf-8")
+    quote = " ".join(line.removeprefix("> ") for line in text.splitlines() if line.startswith("> "))
+    page.goto("/")
+    page.get_by_role("link", name="155 mm body").click()
+    page.get_by_role("link", name="Walls", exact=True).click()
+    page.get_by_label("Concrete class").select_option(label="C30/37")
+    thickness, verdict = page.get_by_label("Thickness", exact=True), page.locator(".verdict .outcome")
+    thickness.fill("500")
+    expect(verdict).to_contain_text("Wall of 500 mm at 45° from the normal: not enough")
+    thickness.fill("1000")
+    expect(verdict).to_contain_text(quote)

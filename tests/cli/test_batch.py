@@ -57,6 +57,7 @@ def test_sweep_fills_a_table_and_draws_it(folder: Path) -> None:
         assert float(weak["critical_angle_deg"]) > float(strong["critical_angle_deg"])
     assert "<!-- compressive strength [Pa] -->" in (folder / "map.svg").read_text()
     assert run(folder, "cache", "stat", RICOCHET_DATA_DIR="kept").out.startswith("6 results")
+    assert run(folder, "cache", "stat", "--data-dir", "kept").out.startswith("6 results")
 
 
 @pytest.mark.parametrize("form", ["--json", "--csv"])

@@ -144,7 +144,7 @@ def test_good_rows_are_computed_and_the_others_have_their_error(
     rows = list(csv.DictReader((served / "out.csv").read_text().splitlines()))
     assert [(row["index"], row["id"], row["name"], row["Speed (m/s)"]) for row in rows] == [
         ("0", "a", "first", "238"),
-        ("1", "b", "second", "'-238"),
+        ("1", "b", "second", "-238"),
         ("2", "c", "third", "238"),
         ("3", "d", "fourth", "250"),
     ]

@@ -22,7 +22,9 @@ FILES = {
     "words.toml": STRIKE_TOML.replace("13.0", '"heavy"').replace("238.0", "true"),
     "list.json": "[]",
     "broken.json": '{"projectile": ',
-    "units.csv": "Speed (furlong),fc_MPa\n238,39\n",
+    "units.csv": "Speed (furlong),fc_MPa,Nose (CRH)\n238,39,3\n",
+    "gaps.csv": "CRH,Diameter (mm),Length (mm),Mass (kg),fc_MPa,density,Speed (m/s)\n"
+    "3,80,530,,39,2250,238\n3,0.08,530,13,39,2250,238\n",
     "columns.csv": "velocty,colour,mass,weight\n238,red,13,13\n",
     "rows.csv": 'id,Speed (m/s),Length (mm)\na,-238,530\nb,fast,50\nc,"238,5",530\n',
     "bare.csv": "Speed (m/s)\n238\n",
@@ -94,6 +96,7 @@ flight --speed 100
 batch units.csv --case strike.toml
 batch columns.csv --case strike.toml
 batch rows.csv --case strike.toml
+batch gaps.csv
 batch bare.csv
 batch strike.toml --keep remark
 batch missing.csv

@@ -398,18 +398,28 @@ def test_progress_says_how_much_is_compiled_and_what_is_being_compiled(
     assert compiled[0] == 0
 
 
+FIRST_CALL = (
+    "from solver import critical_angle\n"
+    "from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY\n"
+    "critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)"
+)
+NOTEBOOK = "import sys, types; sys.modules['ipykernel'] = types.ModuleType('ipykernel')\n"
+"""As in a kernel of Jupyter, whose standard error is no terminal."""
+
+
+def test_first_call_in_a_notebook_announces_that_it_compiles(compiling: Callable[..., subprocess.Popen[str]]) -> None:
+    process = compiling(NOTEBOOK + FIRST_CALL, stderr=subprocess.PIPE)
+    assert process.stderr is not None
+    assert process.stderr.readline().startswith("compiling the solver, once on a machine: ")
+
+
 def test_first_call_on_a_terminal_announces_that_it_compiles(compiling: Callable[..., subprocess.Popen[str]]) -> None:
-    script = (
-        "from solver import critical_angle\n"
-        "from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY\n"
-        "critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)"
-    )
     ours, theirs = pty.openpty()
-    compiling(script, stderr=theirs)
+    compiling(FIRST_CALL, stderr=theirs)
     os.close(theirs)
     with os.fdopen(ours) as terminal:
         assert re.fullmatch(
-            r"compiling the solver, once on a machine: \d+ functions, about half a minute\n", terminal.readline()
+            r"compiling the solver, once on a machine: \d+ functions, about a minute\n", terminal.readline()
         )
 
 

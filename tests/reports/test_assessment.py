@@ -163,6 +163,23 @@ def test_wall_is_judged_by_perforation_and_by_scabbing(client: httpx.Client, rep
     assert "Design value" not in text_of(report_of(JUDGED))
 
 
+def test_first_sheet_has_the_verdict_in_the_largest_type_and_the_design_values(report_of: Ask, answers_of: Ask) -> None:
+    page, wall = report_of(WALL), answers_of(WALL)["wall"]
+    leads = [text_of(each).strip() for each in re.findall(r'<span class="lead">.*?</span>', page, flags=re.DOTALL)]
+    assert leads[1] == "Wall of 300 mm at 30° from the normal: not enough against scabbing and perforation."
+    assert leads[0].startswith("At 30° from the normal")
+    sizes = {name: float(size) for name, size in re.findall(r"([.\w ]+) \{[^}]*?font-size: ([\d.]+)rem", page)}
+    assert sizes[".answer .lead"] > max(size for name, size in sizes.items() if name != ".answer .lead")
+    table = page.partition('<table class="design">')[2].partition("</table>")[0]
+    assert page.index(table) < page.index('<h2 id="case">')
+    shown = {pointer: text for _, pointer, _, text in DATA.findall(table)}
+    for name in ("perforation", "scabbing"):
+        assert shown[f"/wall/{name}/design_m"] == f"{math.ceil(1e3 * wall[name]['design_m']):d}"
+        assert f"/wall/normal_impact/{name}_design_m" in shown
+    assert text_of(table).count("not enough") == 2
+    assert '<table class="design">' not in report_of(JUDGED)
+
+
 def wall_of(body: dict[str, Any]) -> dict[str, Any]:
     return {name: part for name, part in body.items() if name != "search"}
 

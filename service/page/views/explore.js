@@ -53,7 +53,7 @@ class Explore {
     this.scrubber = buildScrubber(parts.scrubber, (row) => this.showInstant(row));
     this.form = buildForm(parts.form, {
       case: readCase(query),
-      open: matchMedia("(min-width: 60rem)").matches ? ["What strikes", "What it strikes", "How it strikes", "Laws"] : ["How it strikes"],
+      open: matchMedia("(min-width: 60rem)").matches ? undefined : ["How it strikes"],
       onChange: (values) => this.change(values),
       onHold: () => this.updatePicture.cancel(),
       problem: parts.problem,
