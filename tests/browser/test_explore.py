@@ -321,6 +321,10 @@ def test_flight_after_a_ricochet_is_drawn_and_ends_where_the_service_says(page: 
     open_explore(page)
     panel = page.get_by_role("region", name="Where it lands")
     expect(panel).to_be_hidden()
+    mass = page.get_by_label("Mass", exact=True)
+    mass.fill("-3")
+    expect(page.locator(".verdict")).to_contain_text("No result: a field is not accepted.")
+    mass.fill("13")
     strike = PAPER_AT_45 | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": 55.0}}
     flight = client.post("/trajectory", json=strike | {"flight": {}}).json()["exit"]["flight"]
     page.get_by_label("Oblique angle", exact=True).fill("55")
@@ -334,6 +338,7 @@ def test_flight_after_a_ricochet_is_drawn_and_ends_where_the_service_says(page: 
     radii = [math.hypot(arc["x"][0], arc["y"][0]) for arc in arcs]
     assert radii == pytest.approx([flight[name] for name in ("range_m", "farthest_range_m", "range_without_drag_m")])
     assert landing["x"] == pytest.approx([flight["range_m"]])
+    expect(panel).not_to_contain_text("No result")
     labels = panel.locator(".annotation-text").all_text_contents()
     sentence = page.get_by_role("region", name="Verdict").inner_text()
     for distance in re.findall(r"[\d,]+ m(?= away| at any| without)", sentence):

@@ -67,7 +67,9 @@ def test_cases_of_a_dropped_table_have_the_rest_of_the_case_in_the_other_views(
     expect(page.get_by_label("Cases, pasted or dropped as CSV")).to_have_value(re.compile("second"))
     with page.expect_response(lambda response: response.url.endswith("/trajectory/batch")) as response:
         page.get_by_role("button", name="Compute").click()
-    sent = response.value.request.post_data_json["cases"]
+    content = response.value.request.post_data_json
+    assert content is not None
+    sent = content["cases"]
     assert [case["custom_id"] for case in sent] == ["first", "second"]
     assert [case["impact"]["velocity_m_s"] for case in sent] == [238, 238]
     assert {case["projectile"]["mass_kg"] for case in sent} == {15}

@@ -73,8 +73,8 @@ class Explore {
 
   /** What belongs to this strike. */
   get ofStrike() {
-    const { outcome, side, histories, flight } = this.parts;
-    return [outcome, side, histories, flight, ...(this.compare.pinned.length ? [this.compare.table] : [])];
+    const { outcome, side, histories, landing, flight } = this.parts;
+    return [outcome, side, histories, landing, flight, ...(this.compare.pinned.length ? [this.compare.table] : [])];
   }
 
   change(values) {
@@ -115,15 +115,16 @@ class Explore {
 
   /** Show where a body lands that is turned away. */
   async showFlight(run, signal) {
-    const { flight } = this.parts;
+    const { landing, flight } = this.parts;
     const found = await requestFlight(run, signal);
     if (signal.aborted || this.updatePicture.isBehind()) return;
-    flight.hidden = !found;
+    flight.parentElement.hidden = !found;
+    if (!flight.querySelector(".drawing")) flight.replaceChildren(); // else words on a field that was not accepted stay
     if (found) {
-      flight.querySelector("p").textContent = flightWords(found);
-      await drawFlight(flight.lastChild, run, found);
+      landing.textContent = flightWords(found);
+      await drawFlight(flight, run, found);
     }
-    if (!signal.aborted && !this.updatePicture.isBehind()) markFresh(flight);
+    if (!signal.aborted && !this.updatePicture.isBehind()) markFresh(landing, flight);
   }
 
   drawSide() {
@@ -197,7 +198,7 @@ class Explore {
     this.follower.disconnect();
     purge(this.parts.side);
     purge(this.parts.histories);
-    purge(this.parts.flight.lastChild);
+    purge(this.parts.flight);
   }
 }
 
@@ -211,7 +212,8 @@ function build(root, verdict, compare, laws) {
     side: element("div.side-view", {}),
     scrubber: element("div.scrubber", {}),
     histories: element("div.histories", {}),
-    flight: element("section.panel", { hidden: true, "aria-label": "Where it lands" }, element("h2", {}, "Where it lands"), element("p"), element("div.flight")),
+    landing: element("p", {}),
+    flight: element("div.flight", {}),
     presets: presetLinks("explore"),
   };
   root.append(
@@ -228,7 +230,7 @@ function build(root, verdict, compare, laws) {
         element("section.panel.across", { "aria-label": "This strike" }, parts.outcome, parts.actions),
         compare,
         element("section.panel", {}, element("h2", {}, "Histories"), parts.histories),
-        parts.flight,
+        element("section.panel", { hidden: true, "aria-label": "Where it lands" }, element("h2", {}, "Where it lands"), parts.landing, parts.flight),
         laws,
         element("section.panel.copy", {}, element("h2", {}, "Copy this case"), parts.copy),
       ),
