@@ -46,7 +46,7 @@ export function buildFold(title, content, work, onError) {
     hold: compute.cancel,
     clear() {
       wanted = undefined;
-      clearParts(content);
+      if (shown) clearParts(content); // else there is nothing to clear, and what is shown later needs its parts
     },
     stop: compute.stop,
   };

@@ -76,7 +76,7 @@ def expected(faults: list[str], text: str) -> None:
 
 def unfold(page: Page) -> None:
     """Open the laws of the form."""
-    page.locator("summary", has_text="Laws").click()
+    page.get_by_text("Laws", exact=True).click()
 
 
 def run_map(page: Page, query: str, count: int) -> None:

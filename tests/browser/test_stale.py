@@ -1,6 +1,7 @@
 """No number stands beside inputs that it does not belong to, unless it is marked."""
 
 import json
+import random
 import re
 from typing import Any
 
@@ -50,6 +51,46 @@ def test_nothing_is_pinned_reported_copied_or_exported_without_a_case(page: Page
     page.wait_for_function(IDLE)
     for act in acts.all():
         expect(act).to_be_enabled()
+
+
+@pytest.mark.parametrize("edits", [25, pytest.param(300, marks=pytest.mark.slow)])
+def test_random_edits_never_leave_what_belongs_to_other_inputs(page: Page, faults: list[str], edits: int) -> None:
+    """After an edit that is not accepted all is grey and disabled; after others words and address have the inputs."""
+    chance = random.Random(51)  # noqa: S311 (not for secrets)
+    fields = {
+        "Speed": (["238", "310.5", "120"], ["-5", "", "fast"]),
+        "Oblique angle": (["0", "45", "55", "70"], ["95", "-1", "steep"]),
+        "Mass": (["9", "13", "20"], ["-3", "0", "heavy"]),
+        "Compressive strength": (["39", "60"], ["0", "3 kg"]),
+    }
+    open_explore(page)
+    wrong: set[str] = set()
+    acts = page.get_by_role("button", name=re.compile("^(Pin to|Report$|Copy |Download )"))
+    for _ in range(edits):
+        label = chance.choice([*sorted(wrong), *fields])
+        is_wrong = chance.random() < 0.4
+        text = chance.choice(fields[label][is_wrong])
+        page.get_by_label(label, exact=True).fill(text)
+        page.keyboard.press("Tab")
+        wrong = wrong | {label} if is_wrong else wrong - {label}
+        if wrong:
+            expect(page.locator(".side-view.cleared[aria-busy=true]")).to_have_count(1)
+            expect(page.locator(":is(.angle, [data-outcome])")).to_have_count(0)
+            for act in acts.all():
+                expect(act).to_be_disabled()
+            continue
+        page.wait_for_function(IDLE)
+        expect(page.locator(".cleared")).to_have_count(0)
+        angle = float(page.get_by_label("Oblique angle", exact=True).input_value())
+        expect(page.locator("[data-outcome]").first).to_contain_text(f"{angle:g}°")
+        page.wait_for_timeout(300)  # the address follows
+        link = page.url
+        for name, key in (("Speed", "impact.velocity_m_s"), ("Mass", "projectile.mass_kg")):
+            shown, usual = page.get_by_label(name, exact=True).input_value(), {"Speed": "238", "Mass": "13"}[name]
+            assert f"{key}={shown}" in link or (shown == usual and key not in link), (name, shown, link)
+        for act in acts.all():
+            expect(act).to_be_enabled()
+    faults[:] = [fault for fault in faults if "422" not in fault]
 
 
 def test_shots_that_are_not_accepted_take_their_bars_away(page: Page) -> None:
