@@ -311,8 +311,14 @@ def _differences(models: Sequence[Any]) -> list[str]:
     varied = [name for name in names if any(getattr(model, name) != getattr(models[0], name) for model in models)]
     if not all(isinstance(getattr(model, name), int | float) for model in models for name in varied):
         return numbered
-    found = [", ".join(f"{SYMBOLS.get(name, name)}={getattr(model, name):g}" for name in varied) for model in models]
+    found = [
+        ", ".join(f"{SYMBOLS.get(name, name)}={_digits(getattr(model, name))}" for name in varied) for model in models
+    ]
     return found if len(set(found)) == len(found) else numbered
+
+
+def _digits(value: float) -> str:
+    return str(value) if isinstance(value, bool) else f"{value:g}"
 
 
 @dataclass(frozen=True, slots=True)

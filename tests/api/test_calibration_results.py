@@ -22,10 +22,10 @@ def motion(client: httpx.Client) -> dict[str, Any]:
 
 
 def test_group_that_a_spreadsheet_would_compute_is_quoted_in_the_table(client: httpx.Client) -> None:
-    tests = [test | {"group": "=1+1" if number < 2 else "-1"} for number, test in enumerate(TABLE_1)]
+    tests = [test | {"group": "=1+1" if number < 2 else "-A1"} for number, test in enumerate(TABLE_1)]
     key = answered(client, "/calibration/depth", BODY | {"tests": tests})["key"]
     rows = rows_at(client, f"/results/{key}")
-    assert [row["group"] for row in rows] == ["'=1+1", "'=1+1"] + ["'-1"] * (len(rows) - 2)
+    assert [row["group"] for row in rows] == ["'=1+1", "'=1+1"] + ["'-A1"] * (len(rows) - 2)
     assert min(float(row["residual_m"]) for row in rows) < 0.0
 
 

@@ -116,7 +116,7 @@ def test_table_has_a_row_a_case(client: httpx.Client, job: dict[str, Any], items
     assert (rows[7]["key"], rows[7]["problem"]) == ("", "urn:ricochet:problem:invalid-request")
 
 
-COMPUTED_BY_SPREADSHEETS = ["=1+1", "+1", "-1+1", "@SUM(A1)", "\t=1", "\r=1", "\uff1d1"]
+COMPUTED_BY_SPREADSHEETS = ["=1+1", "+A1", "-1+1", "@SUM(A1)", "\t=1", "\r=1", "\uff1d1"]
 
 
 def test_texts_that_a_spreadsheet_would_compute_are_quoted_in_tables_alone(client: httpx.Client) -> None:

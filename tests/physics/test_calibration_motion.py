@@ -208,7 +208,7 @@ def column(**columns: list[float]) -> Callable[[], MotionHistory]:
 
 
 REFUSED: list[tuple[str, str, Callable[[], MotionHistory]]] = [
-    ("history", "at least one", column(time=[0.0, 1.0])),
+    ("history", "depth displacement, lateral displacement or rotation", column(time=[0.0, 1.0])),
     ("history.time", "one leaves nothing to fit", column(time=[0.0], rotation=[0.0])),
     ("history.time", "at least 2", column(time=[], rotation=[])),
     ("history.time.0", "at least 0", column(time=[-1e-6, 1.0], rotation=[0.0, 0.0])),

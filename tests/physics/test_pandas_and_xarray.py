@@ -243,7 +243,7 @@ LAWS = [solver.ElasticPlastic(), solver.NoFreeSurface()]
         (
             "free_surface",
             [solver.ElasticPlastic(), solver.ElasticPlastic(inertia=True)],
-            ["elastic_plastic 1", "elastic_plastic 2"],
+            ["elastic_plastic inertia=False", "elastic_plastic inertia=True"],
         ),
         (
             "resistance.strength_factor",
