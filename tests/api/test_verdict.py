@@ -15,6 +15,7 @@ from service.schemas import ReportRequest
 from service.schemas.flight import FlightInput
 from service.schemas.strike import PAPER
 from solver.uncertainty import verdict
+from tests.conftest import running_service
 from tests.odd_strikes import KINDS, odd_strikes
 
 from .calibrations import answered
@@ -76,13 +77,16 @@ def test_verdict_is_the_same_by_http_python_command_line_and_report(
 @pytest.mark.slow
 @pytest.mark.timeout(14400)
 def test_verdict_on_odd_strikes_is_the_same_everywhere(
-    live_url: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The clients are patient: some of these take minutes where others run beside them."""
-    monkeypatch.setattr("service.cli.client.TIMEOUT", httpx.Timeout(1800.0))
-    with httpx.Client(base_url=live_url, timeout=1800.0, trust_env=False) as client:
+    """Clients and service are patient: some of these take minutes, and a verdict whose study is late has no range."""
+    monkeypatch.setattr("service.cli.client.TIMEOUT", httpx.Timeout(3600.0))
+    with (
+        running_service(tmp_path, study_seconds="3600", task_seconds="600") as service,
+        httpx.Client(base_url=service.url, timeout=3600.0, trust_env=False) as client,
+    ):
         for body in odd_strikes(60, seed=6):
-            check_is_the_same_everywhere(body, client, live_url, tmp_path, capsys)
+            check_is_the_same_everywhere(body, client, service.url, tmp_path, capsys)
 
 
 def test_papers_strike_is_as_sure_as_its_tests_only_where_that_is_asked_for(client: httpx.Client) -> None:
