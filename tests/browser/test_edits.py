@@ -58,6 +58,7 @@ def drop_refusals(faults: list[str]) -> None:
     faults[:] = [fault for fault in faults if "422" not in fault]
 
 
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("sequences", [60, pytest.param(400, marks=pytest.mark.slow)])
 def test_values_inside_their_bounds_are_never_an_error_however_they_are_typed(
     page: Page, client: httpx.Client, faults: list[str], sequences: int
