@@ -83,7 +83,7 @@ class Section:
     tables: Sequence[ReportTable] = ()
     figures: Sequence[Figure] = ()
     summary: str = ""
-    """What the command prints of it as well."""
+    """Lines that the command prints after the report is written; empty for none."""
 
 
 def paragraphs(text: str) -> list[str]:

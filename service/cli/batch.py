@@ -35,7 +35,7 @@ JSONL = "application/jsonl"
 TABLES = frozenset({".csv", ".tsv", ".xlsx"})
 """Ends of the names of tables of cases."""
 MAX_LISTED = 50
-"""Most errors of rows that are listed: nobody corrects more at once."""
+"""Largest number of rows whose errors are listed: nobody corrects more at once."""
 MAX_PLOT_AXES = 2
 """Axes of a sweep that a picture can show: a curve has one, a map two."""
 MAX_POINTS = 100_000

@@ -19,7 +19,7 @@ from solver.checks import BOUNDS, ParameterError, require_bounds
 OUT_OF_BOUNDS = {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}
 """Types of the errors of numbers outside their bounds."""
 ITEM = re.compile(r"(/\d+)+$")
-"""End of a pointer to an item of a list, which has the unit of the list."""
+"""Index at the end of a JSON pointer; the item has the unit of its list."""
 LONGEST_MISSPELT = 200
 """Longest pointer to a field that may be a misspelt one: difflib takes time in proportion to the length of a name."""
 

@@ -1,4 +1,4 @@
-"""What wrong requests are answered with is the text in `messages.txt`: one table for all refusals of a body.
+"""Answers to wrong requests, compared with the text in `messages.txt`: one table for all refusals of a body.
 
 A line of a table is a path, the place of the change in its usual body and the new value (none: the field is left
 out). A problem names that place, or the one written first on its line in the file, and never an internal name.
@@ -322,7 +322,7 @@ LONG: list[tuple[str, str, Any]] = [
 """Values that are too long for a line."""
 
 MATRIX = [[0.05, 0.0, 0.0], [0.0, 1e-4, 0.0], [0.0, 0.0, 1e-8]]
-"""Of the coefficients of eq. 9."""
+"""Covariance of the coefficients of eq. 9."""
 COVARIANCES: list[Any] = [
     [],
     MATRIX[:2],
@@ -437,7 +437,7 @@ INTERNAL = re.compile(
     r"Input should|Extra inputs|Field required|pydantic|instance of|Traceback|None\b|NoneType|dict\b|"
     r"\w+(Base|Request|Model|Error)\b|String should|List should|valid (integer|number|boolean|list)"
 )
-"""What only those who work on the program know."""
+"""Words of the implementation, which no message may contain."""
 
 
 def changes() -> Iterator[tuple[str, str, str]]:
@@ -513,7 +513,7 @@ def test_messages_name_the_place_and_have_no_internal_names() -> None:
 
 @pytest.mark.parametrize("path", ["/trajectory", "/cra"])
 def test_case_among_many_is_refused_as_it_is_alone(client: httpx.Client, path: str) -> None:
-    """In a batch and in a line, with the place of the case before that of the field.
+    """The refusals are the same in a batch and in a line of JSON, with the place of the case before that of the field.
 
     What only the solver finds is the result of the case.
     """

@@ -79,7 +79,7 @@ def test_verdict_is_the_same_by_http_python_command_line_and_report(
 def test_verdict_on_odd_strikes_is_the_same_everywhere(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Clients and service are patient: some of these take minutes, and a verdict whose study is late has no range."""
+    """Timeouts are an hour: some verdicts take minutes, and one whose study exceeds its time limit has no range."""
     monkeypatch.setattr("service.cli.client.TIMEOUT", httpx.Timeout(3600.0))
     with (
         running_service(tmp_path, study_seconds="3600", task_seconds="600") as service,

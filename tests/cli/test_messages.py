@@ -110,7 +110,7 @@ cache evict --bytes much
 INTERNAL = re.compile(
     r"Input should|Extra inputs|Field required|pydantic|instance of|Traceback|\w+(Base|Request|Model|Error)\b|usage:"
 )
-"""What only those who work on the program know."""
+"""Words of the implementation, which no message may contain."""
 
 
 def messages(folder: Path) -> str:
