@@ -138,18 +138,18 @@ function frame(root) {
 /** Save a picture below its title. */
 async function savePicture(root, format) {
   const { plot, picture, traces, about } = drawn.get(root);
-  const copy = picture?.cloneNode(true) ?? (await asSvg(plot, traces));
+  const own = picture ? asText(picture) : await textOf(plot, traces);
   const lines = titleLines(about);
   const head = 18 * lines.length + 18;
-  const [width, height] = [Number(copy.getAttribute("width")), Number(copy.getAttribute("height")) + head];
-  copy.setAttribute("y", head);
+  const [width, height] = [plot.clientWidth, plot.clientHeight + head];
   const title = lines.map((line, i) =>
     svg("text", { x: 10, y: 24 + i * 18, "font-size": i ? 11 : 15, "font-weight": i ? undefined : "bold" }, line),
   );
   const font = getComputedStyle(document.body).fontFamily;
   const whole = svg("svg", { width, height, viewBox: `0 0 ${width} ${height}`, "font-family": font, fill: colour("text") });
-  whole.append(svg("rect", { width, height, fill: colour("panel") }), ...title, copy);
-  const text = new XMLSerializer().serializeToString(whole);
+  whole.append(svg("rect", { width, height, fill: colour("panel") }), ...title);
+  // Joined as text: the styles of Plotly's elements are none that the policy of the page lets it parse.
+  const text = asText(whole).replace("</svg>", () => `${own.replace("<svg", `<svg y="${head}"`)}</svg>`);
   if (format === "svg") return save(text, `${fileName(about)}.svg`, "image/svg+xml");
   const image = element("img", { src: URL.createObjectURL(new Blob([text], { type: "image/svg+xml" })) });
   await image.decode();
@@ -159,11 +159,11 @@ async function savePicture(root, format) {
   return canvas.toBlob((png) => save(png, `${fileName(about)}.png`, "image/png"));
 }
 
-async function asSvg(plot, data) {
-  const { width, height } = plot.getBoundingClientRect();
-  const url = await window.Plotly.toImage({ data, layout: plot.layout, config: {} }, { format: "svg", width, height });
-  const text = decodeURIComponent(url.slice(url.indexOf(",") + 1));
-  return new DOMParser().parseFromString(text, "image/svg+xml").documentElement;
+const asText = (picture) => new XMLSerializer().serializeToString(picture);
+
+async function textOf({ clientWidth: width, clientHeight: height, layout }, data) {
+  const url = await window.Plotly.toImage({ data, layout, config: {} }, { format: "svg", width, height });
+  return decodeURIComponent(url.slice(url.indexOf(",") + 1));
 }
 
 function themed(layout) {
