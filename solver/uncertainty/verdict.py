@@ -131,8 +131,8 @@ class Verdict:
     searched: tuple[float, float]
     """Ends of the search. [rad]"""
     spread: tuple[float, float] | None
-    """90 % range of the critical angle with the usual scatter, which includes the angle with the inputs as given; None if
-    no sample has an angle, or none was computed. [rad]"""
+    """90 % range of the critical angle with the usual scatter, and with the inputs as given; None if no sample has an
+    angle, or none was computed. [rad]"""
     reason_without_range: str = ""
     """Clause of the sentence that says why the samples of the usual scatter were not computed; empty if they were."""
     share_without: float
