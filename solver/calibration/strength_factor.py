@@ -25,7 +25,8 @@ LOG_STEP = 1e-3
 # This is far below any standard error of a fit.
 FIT_TOLERANCE = 1e-6
 """Change of ln S at which a fit ends. [ln]"""
-# From the bottom of a valley a few evaluations are enough. The limit is reached only if the sum of squares is not smooth.
+# From the bottom of a valley a few evaluations are enough. The limit is reached only if the sum of squares is not
+# smooth.
 MOST_STEPS = 50
 """Largest number of evaluations of a fit."""
 # The valleys have to be compared, not located: the fit itself starts from the deepest.
