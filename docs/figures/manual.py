@@ -146,7 +146,7 @@ def angles(axes: Axes) -> None:
         axes.add_patch(Arc((x, y), 2 * radius, 2 * radius, theta1=low, theta2=high, color="#3c444c", linewidth=0.9))
         middle = 0.5 * (begin + end_angle)
         at = (x + (radius + 0.022) * math.sin(middle), y + (radius + 0.022) * math.cos(middle))
-        if label.startswith("φ"):  # near the start of its arrow, because the labels of the other two are near the middle
+        if label.startswith("φ"):  # near the start of its arrow: the other two labels are near the middle
             at = (x - 0.075, y + radius - 0.012)
         axes.text(*at, label, ha="center", va="center", fontsize=11)
     for end, label, at in (((0.41, 0.0), "y, lateral", (0.33, -0.016)), ((0.31, 0.1), "x, depth", (0.325, 0.085))):
