@@ -1,4 +1,4 @@
-"""The attack list: none gets in, none brings the service down, and others hardly notice."""
+"""Attacks get no access, do not stop the service, and do not keep other owners from being answered."""
 
 import gzip
 import json
@@ -25,7 +25,7 @@ def guarded(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) ->
     with service_on(folder) as service, guarded_service(service.url, folder / "data") as keyed:
         yield keyed
     log = (folder / "log").read_text()
-    assert "ricochet_" not in log.replace("ricochet_build", "")  # no key, not even a wrong one
+    assert "ricochet_" not in log.replace("ricochet_build", "")  # the log contains no key, not even a wrong one
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def mallory(guarded: Guarded) -> str:
 
 
 def stranger() -> str:
-    """A token as a key of another service has it."""
+    """A token of another service."""
     return make_key("mallory", frozenset({"admin"}))[1]
 
 
@@ -117,7 +117,7 @@ PATHS = [
 
 @pytest.mark.parametrize("path", PATHS)
 def test_path_trick_gets_past_nothing(guarded: Guarded, path: str) -> None:
-    """Sent as it is: clients would tidy it up."""
+    """Sent over a socket, because clients would normalise the path."""
     job = guarded.anna.post("/cra/batch", content=lines(searches(1)), headers=LINES | ASYNC).json()
     status, content = Target.of(guarded.url).send(b"GET " + path.encode() + b" HTTP/1.1")
     assert status in {400, 401, 404, 405}, content
