@@ -1,4 +1,4 @@
-"""`ricochet calibrate` as a person or a script uses it."""
+"""`ricochet calibrate`, on a terminal and in scripts."""
 
 import csv
 import json
@@ -33,7 +33,7 @@ Run = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run the command; return its status and what it prints."""
+    """Run the command; return its status and output."""
 
     def run(*arguments: str | Path) -> tuple[int, str, str]:
         try:
@@ -108,7 +108,7 @@ def test_people_get_a_table(run: Run, tests_file: Path) -> None:
     assert (status, "Traceback" in err) == (0, False)
     for expected in ("velocity m/s", "369.5", "slow", "strength factor 8.3", "95% interval", "root mean square 28."):
         assert expected in out
-    assert out.isascii()  # There are no boxes in a pipe.
+    assert out.isascii()  # A pipe gets no box characters.
 
 
 def test_case_comes_from_the_body_of_a_request(run: Run, tests_file: Path, tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ SI_COLUMNS = {"depth_displacement": "depth_displacement_m", "lateral_displacemen
 
 
 def write_runs(folder: Path, factors: dict[float, float], velocities: dict[float, float]) -> Path:
-    """A table of runs and the history of each, made with these strength factors by angle."""
+    """Write a table of runs and the history of each, computed with these strength factors by angle."""
     lines = ["file,oblique_angle_deg,velocity_m_s,until_ms"]
     for angle, factor in factors.items():
         motion = motion_of(angle, velocities[angle], factor)
@@ -285,7 +285,7 @@ def test_wrong_table_of_runs_ends_with_status_2(run: Run, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("write", [write_rbdout, write_nodout, write_binout])
 def test_strength_factor_is_found_from_files_of_ls_dyna(run: Run, tmp_path: Path, write: Callable[..., None]) -> None:
-    """The model runs in millimetres and milliseconds, its third axis points out of the target."""
+    """The finite element model uses millimetres and milliseconds, and its third axis points out of the target."""
     motion = motion_of()
     depth, lateral, rotation = motion.columns.values()
     zero = np.zeros_like(depth)

@@ -1,4 +1,4 @@
-"""What the Dockerfile says, against what the service and the Makefile say."""
+"""The Dockerfile agrees with the service and the Makefile."""
 
 import os
 import re
