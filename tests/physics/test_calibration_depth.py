@@ -1,4 +1,4 @@
-"""Strength factor from depth tests."""
+"""Calibration of the strength factor on depth tests."""
 
 import math
 from collections.abc import Sequence
@@ -87,7 +87,7 @@ def test_standard_error_is_the_scatter_over_the_slope() -> None:
     slope = (depths(best + 0.01) - depths(best - 0.01)) / 0.02
     steepness = float(np.linalg.norm(slope))
     squares = float(np.sum(found.residuals**2))
-    # Three tests more, with the scatter within series of the published ones.
+    # The prior counts as three more tests with the scatter within published series.
     usual = (PublishedTests.within_series * best * steepness) ** 2 / 4.0
     scatter = math.sqrt((3.0 * usual + squares) / 6.0)
     assert float(found.residuals @ slope) == pytest.approx(0.0, abs=1e-5 * scatter * steepness)
@@ -97,7 +97,7 @@ def test_standard_error_is_the_scatter_over_the_slope() -> None:
 
 
 def test_interval_is_that_of_student() -> None:
-    """Quantiles of Student's distribution with six degrees of freedom, from the tables: 2.447 and 1.943."""
+    """The tabulated quantiles of Student's distribution with six degrees of freedom are 2.447 and 1.943."""
     for level, quantile in ((0.95, 2.447), (0.90, 1.943)):
         estimate = fit(TESTS, confidence_level=level).estimate
         low, high = estimate.confidence_interval
