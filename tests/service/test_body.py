@@ -1,4 +1,4 @@
-"""Bodies that come in a crowd are parsed one each time around the event loop."""
+"""Bodies that arrive together are parsed one in each cycle of the event loop."""
 
 import asyncio
 
