@@ -82,7 +82,7 @@ def test_key_and_answer_are_those_of_the_case_without(client: httpx.Client) -> N
         assert kept == answers[0]
 
 
-def test_what_is_known_already_is_not_computed_again(client: httpx.Client) -> None:
+def test_cached_alternatives_are_not_computed_again(client: httpx.Client) -> None:
     def misses() -> float:
         lines = client.get("/metrics").text.splitlines()
         return sum(

@@ -122,7 +122,7 @@ def test_idempotency_key_is_the_owners(guarded: Guarded) -> None:
     assert first == again != others
 
 
-def test_scope_bounds_what_a_key_is_good_for(guarded: Guarded) -> None:
+def test_scope_limits_what_a_key_permits(guarded: Guarded) -> None:
     with guarded.with_key("reader", "read") as reader, guarded.with_key("runner", "run") as runner:
         assert reader.get("/jobs").status_code == 200
         assert "`run`" in problem_of(reader.post("/cra", json=PAPER), 403).detail
@@ -132,7 +132,7 @@ def test_scope_bounds_what_a_key_is_good_for(guarded: Guarded) -> None:
         assert reader.get("/results/" + answer.json()["key"]).status_code == 200
 
 
-def test_revoked_key_is_good_for_nothing_at_once(guarded: Guarded) -> None:
+def test_revoked_key_is_refused_at_once(guarded: Guarded) -> None:
     with guarded.with_key("dora") as dora:
         assert dora.get("/jobs").status_code == 200
         (mine,) = [key for key in read_keys(guarded.folder).values() if key.owner == "dora"]
@@ -158,7 +158,7 @@ def test_event_stream_ends_when_its_key_is_revoked(guarded: Guarded) -> None:
         guarded.chief.delete(job["links"]["self"])
 
 
-def test_expired_key_is_good_for_nothing(guarded: Guarded) -> None:
+def test_expired_key_is_refused(guarded: Guarded) -> None:
     with guarded.with_key("fred", days=1e-5) as fred:  # about 0.9 s
         until(lambda: not is_known(fred))
         problem_of(fred.get("/jobs"), 401)
@@ -208,7 +208,7 @@ class SetClock:
 
 
 @pytest.mark.parametrize("jump", [-7200.0, 7200.0])
-def test_quota_goes_by_no_clock_that_can_be_set(jump: float, tmp_path: Path) -> None:
+def test_quota_uses_a_clock_that_cannot_be_set(jump: float, tmp_path: Path) -> None:
     key_in(tmp_path, "anna")
     machine = SetClock()
     quota = QuotaStore(tmp_path, machine.clock).quota("5f0c21d9", 10)
@@ -309,7 +309,7 @@ def test_study_counts_as_the_samples_it_takes_once_its_job_ends(guarded: Guarded
         assert submit(iris, max_samples=2000 - 3 * 256 - taken, half_width=0.02).status_code == 202
 
 
-def test_job_taken_on_after_a_restart_gives_back_too(tmp_path: Path) -> None:
+def test_job_cancelled_after_a_restart_frees_its_quota(tmp_path: Path) -> None:
     token = key_in(tmp_path, "anna", cases_per_hour=5000)
     settings = Settings(data_dir=tmp_path, executor="in-process")
     body = study(max_samples=5000, half_width=1e-4, method="direct")
@@ -335,7 +335,7 @@ def audited(log: Path, request_id: str) -> str:
     return log.read_text()
 
 
-def test_audit_log_records_who_had_what_done(guarded: Guarded) -> None:
+def test_audit_log_records_owner_request_and_result(guarded: Guarded) -> None:
     log = guarded.folder.parent / "audit.log"
     job = job_of(guarded.anna, 4, **{"X-Request-ID": "audited-job"})
     guarded.bert.post(f"{job['links']['self']}/cancel", headers={"X-Request-ID": "audited-cancel"})
@@ -443,7 +443,7 @@ def opens(client: httpx.Client, path: str) -> bool:
         ("PURGE", "/anything", "run"),
     ],
 )
-def test_what_is_not_open_takes_a_key(guarded: Guarded, method: str, path: str, scope: str | None) -> None:
+def test_path_that_is_not_open_requires_a_key(guarded: Guarded, method: str, path: str, scope: str | None) -> None:
     """Sent over a socket, because clients would normalise the path."""
     target, line = Target.of(guarded.url), f"{method} {path} HTTP/1.1".encode()
     assert target.send(line)[0] == (200 if scope is None else 401)
@@ -490,7 +490,7 @@ def test_without_a_key_it_starts_for_this_machine_alone(
         ("127.0.0.1", "keys", True, True),
     ],
 )
-def test_start_takes_a_key_unless_it_is_set_otherwise(
+def test_start_requires_a_key_unless_access_is_open(
     tmp_path: Path, host: str, access: Any, key: bool, starts: bool
 ) -> None:
     if key:

@@ -205,7 +205,7 @@ def test_single_run_among_runs_is_that_strike(client: httpx.Client, motion: dict
     assert answer["runs"][0] == {name: alone[name] for name in answer["runs"][0]}
 
 
-def test_a_run_goes_before_the_request(client: httpx.Client, motion: dict[str, Any]) -> None:
+def test_settings_of_a_run_take_precedence_over_the_request(client: httpx.Client, motion: dict[str, Any]) -> None:
     """A run uses the end and the weights of the request unless it has its own."""
     history = motion["history"] | {"rotation_deg": [-angle for angle in motion["history"]["rotation_deg"]]}
     plain = {"impact": motion["impact"], "history": motion["history"]}

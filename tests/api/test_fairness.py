@@ -67,7 +67,7 @@ def one_worker(service_on: RunService, tmp_path_factory: pytest.TempPathFactory)
 
 
 @pytest.mark.parametrize("path", ["/cra", "/cra/batch"])
-def test_what_nobody_waits_for_any_more_is_dropped(one_worker: str, path: str) -> None:
+def test_abandoned_work_is_dropped(one_worker: str, path: str) -> None:
     """Queued and running work alike: 20 of these requests would take 20 minutes."""
     bodies = [search(number, **MINUTE) for number in range(20)]
     if path == "/cra/batch":
@@ -80,7 +80,7 @@ def test_what_nobody_waits_for_any_more_is_dropped(one_worker: str, path: str) -
         assert gauge(other, "ricochet_queued_queries") == gauge(other, "ricochet_queued_cases") == 0.0
 
 
-def test_addresses_take_turns(one_worker: str) -> None:
+def test_addresses_get_equal_shares(one_worker: str) -> None:
     """A query of another client is computed before most of the 24 queries sent earlier."""
     with (
         client_at(one_worker, "127.0.0.2") as crowd,
@@ -103,7 +103,7 @@ def test_service_whose_workers_are_all_at_work_is_ready_and_says_so(one_worker: 
         until(lambda: bool(other.get("/readyz").json()["status"] == "ok"))
 
 
-def test_stop_refuses_what_cannot_be_finished_in_time(service_on: RunService, tmp_path: Path) -> None:
+def test_stop_refuses_work_that_cannot_be_finished_in_time(service_on: RunService, tmp_path: Path) -> None:
     """Running or queued, single or in a batch. The fixture checks that no failure is logged."""
     with service_on(tmp_path, workers="1", grace_seconds="3") as service, client_at(service.url, "127.0.0.1") as client:
         bodies = [search(number, **MINUTE) for number in range(5)]
@@ -142,7 +142,7 @@ def test_reports_of_one_owner_do_not_hold_up_the_query_of_another(service_on: Ru
         until(lambda: gauge(other, "ricochet_queued_queries") == 0)
 
 
-def test_study_takes_no_longer_than_it_may(service_on: RunService, tmp_path: Path) -> None:
+def test_time_of_a_study_is_limited(service_on: RunService, tmp_path: Path) -> None:
     study = PAPER | {
         "uncertain": [
             {

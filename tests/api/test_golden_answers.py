@@ -203,7 +203,7 @@ def close(old: str, new: str) -> bool:
     return all(math.isclose(float(a), float(b), rel_tol=tolerance, abs_tol=ZERO) for a, b in pairs)
 
 
-def test_answers_are_those_kept(client: httpx.Client) -> None:
+def test_answers_match_the_golden_files(client: httpx.Client) -> None:
     found = dict(answers(client))
     assert len(found) >= 500
     texts = files(found)

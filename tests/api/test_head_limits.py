@@ -131,7 +131,7 @@ def test_origin_that_is_no_url_is_that_of_another_site(client: httpx.Client, ori
 @pytest.mark.parametrize("path", ["/results/", "/page/main.js", "/page/contract.json", "/docs/assets/swagger-ui.css"])
 @pytest.mark.parametrize("coding", ["identity", "gzip", "zstd"])
 @pytest.mark.parametrize("accept", ["application/json", "text/csv", "application/x-hdf5"])
-def test_what_has_not_changed_is_answered_with_the_headers_of_what_has(
+def test_unchanged_file_is_answered_with_the_headers_of_a_full_answer(
     client: httpx.Client, path: str, coding: str, accept: str
 ) -> None:
     """RFC 9110, section 15.4.5: 304 has the headers that 200 would have."""

@@ -38,7 +38,7 @@ def named(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> I
 
 
 @pytest.mark.parametrize("path", ["/livez", "/version", "/nothing", "/docs", "/openapi.json", "/jobs", "/metrics"])
-def test_every_answer_has_them(client: httpx.Client, path: str) -> None:
+def test_every_answer_has_the_security_headers(client: httpx.Client, path: str) -> None:
     headers = client.get(path).headers
     assert {name: headers[name] for name in ALWAYS} == ALWAYS
     assert "default-src" in headers["Content-Security-Policy"]
@@ -46,7 +46,7 @@ def test_every_answer_has_them(client: httpx.Client, path: str) -> None:
     assert "Server" not in headers
 
 
-def test_computed_answers_have_them_whether_known_or_not(client: httpx.Client) -> None:
+def test_computed_and_cached_answers_have_the_security_headers(client: httpx.Client) -> None:
     for _ in range(3):
         headers = client.post("/cra", json=PAPER).headers
         assert {name: headers[name] for name in ALWAYS} == ALWAYS

@@ -115,7 +115,7 @@ def test_cases_may_wait_up_to_the_limit(tight: httpx.Client) -> None:
             tight.delete(job.json()["links"]["self"])
 
 
-def test_what_is_refused_has_to_wait_for_room_for_all_of_it(tight: httpx.Client) -> None:
+def test_retry_time_is_that_of_room_for_the_whole_request(tight: httpx.Client) -> None:
     def seconds_until(refused: httpx.Response) -> int:
         assert problem_of(refused, 429).type == "urn:ricochet:problem:queue-full"
         return int(refused.headers["Retry-After"])

@@ -499,7 +499,7 @@ def messages(client: httpx.Client) -> str:
     return "\n\n".join(described(*each) for each in refusals(client)) + "\n"
 
 
-def test_messages_are_those_under_review(client: httpx.Client) -> None:
+def test_messages_match_the_reviewed_file(client: httpx.Client) -> None:
     assert messages(client) == MESSAGES.read_text(encoding="utf-8")
 
 

@@ -89,12 +89,12 @@ def test_paths_are_counted_by_their_route(client: httpx.Client) -> None:
 
 
 @pytest.mark.parametrize("given", ["mine-1", "0" * 128, "a.b:c_d"])
-def test_id_of_a_request_is_taken_over(client: httpx.Client, given: str) -> None:
+def test_request_id_of_the_client_is_used(client: httpx.Client, given: str) -> None:
     assert client.get("/livez", headers={"X-Request-ID": given}).headers["X-Request-ID"] == given
 
 
 @pytest.mark.parametrize("given", ["", "0" * 129, 'x"y', "<script>", "a b"])
-def test_id_that_is_none_is_replaced(client: httpx.Client, given: str) -> None:
+def test_invalid_request_id_is_replaced(client: httpx.Client, given: str) -> None:
     answers = [client.get("/nothing", headers={"X-Request-ID": given}).headers["X-Request-ID"] for _ in range(2)]
     assert all(re.fullmatch("[0-9a-f]{32}", answer) for answer in answers)
     assert answers[0] != answers[1]

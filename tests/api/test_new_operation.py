@@ -79,7 +79,7 @@ def client(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[TestClie
         yield session
 
 
-def test_new_operation_is_answered_by_every_door(
+def test_new_operation_is_answered_by_every_interface(
     client: TestClient, tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:
     single = client.post("/energy", json=PAPER)

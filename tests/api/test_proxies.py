@@ -52,7 +52,7 @@ def test_client_of_a_trusted_proxy_is_the_one_it_names_last(behind: Behind) -> N
     assert (answer.status_code, entry["client"]) == (200, OTHER)
 
 
-def test_what_others_forward_counts_for_nothing(behind: Behind) -> None:
+def test_forwarded_address_of_an_untrusted_client_is_ignored(behind: Behind) -> None:
     answer, entry = behind.post(OTHER, X_Forwarded_For=CLIENT, X_Forwarded_Proto="https")
     assert (answer.status_code, entry["client"]) == (200, OTHER)
     assert "Strict-Transport-Security" not in answer.headers

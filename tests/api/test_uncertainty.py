@@ -277,7 +277,7 @@ def test_theory_is_a_decay_law_with_its_own_strength_over_the_angle(client: http
         {"type": "normal", "mean": 1.0, "standard_deviation": 0.1},
     ],
 )
-def test_theory_that_is_none_is_refused(client: httpx.Client, distribution: dict[str, Any]) -> None:
+def test_unknown_theory_is_refused(client: httpx.Client, distribution: dict[str, Any]) -> None:
     body = PAPER | {"uncertain": [{"field": "resistance.theory", "distribution": distribution}]}
     response = client.post("/cra/uncertainty", json=body)
     assert response.status_code == 422

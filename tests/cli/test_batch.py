@@ -81,7 +81,7 @@ def test_small_sweep_is_that_of_a_service_and_starts_none(
             assert ours == theirs
 
 
-def test_sweep_of_walls_leaves_out_what_is_sought(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_sweep_of_walls_omits_the_sought_quantity(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
     coarse = ("--set", "numerics.relative_tolerance=1e-3", "--axis", "impact.oblique_angle_deg=0,20")
     case = {**case_at(238.0), "search": {"tolerance_deg": 1.0}}
     case["target"] = {**case["target"], "thickness_m": 0.2}
@@ -206,7 +206,7 @@ def test_wrong_sweep_is_named(served: Path, capsys: pytest.CaptureFixture[str], 
 
 
 @pytest.mark.parametrize("axis", ["impact.velocity_m_s", "=1,2", "impact.velocity_m_s=1:2", "a.b=1:2:0", "a.b=x"])
-def test_axis_that_is_none_is_wrong_usage(served: Path, capsys: pytest.CaptureFixture[str], axis: str) -> None:
+def test_unknown_axis_is_wrong_usage(served: Path, capsys: pytest.CaptureFixture[str], axis: str) -> None:
     assert cli.main(["sweep", "strike.toml", "--axis", axis]) == 2
     assert "FIELD=START:STOP:COUNT" in capsys.readouterr().err
 

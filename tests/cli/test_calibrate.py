@@ -103,7 +103,7 @@ def test_groups_and_curves_come_on_demand(run: Run, tests_file: Path, tmp_path: 
     assert float(rows[0]["depth_m"]) == pytest.approx(answer["curves"][0]["depth_m"][0], rel=1e-6)
 
 
-def test_people_get_a_table(run: Run, tests_file: Path) -> None:
+def test_terminal_gets_a_table(run: Run, tests_file: Path) -> None:
     status, out, err = run("depth", tests_file, *CASE, "--group")
     assert (status, "Traceback" in err) == (0, False)
     for expected in ("velocity m/s", "369.5", "slow", "strength factor 8.3", "95% interval", "root mean square 28."):
@@ -170,7 +170,7 @@ def test_strength_factor_of_several_runs_is_found_again(run: Run, tmp_path: Path
     assert len(rows) == 3 * 26
 
 
-def test_what_a_table_of_runs_lacks_comes_from_the_flags(run: Run, tmp_path: Path) -> None:
+def test_fields_without_a_column_come_from_the_flags(run: Run, tmp_path: Path) -> None:
     runs = write_runs(tmp_path, {30.0: 7.5}, {30.0: 238.0})
     full = answer_of(run("motion", "--runs", runs, *CASE, "--json"))
     runs.write_text("file\nat-30.csv\n")
@@ -254,7 +254,7 @@ def test_numerics_of_a_case_are_those_of_the_fit_of_a_motion(run: Run, tmp_path:
     assert found[0] != found[1]
 
 
-def test_people_get_every_run_and_every_law(run: Run, tmp_path: Path) -> None:
+def test_terminal_gets_every_run_and_every_law(run: Run, tmp_path: Path) -> None:
     runs = write_runs(tmp_path, {15.0: 8.0, 45.0: 6.5}, {15.0: 238.0, 45.0: 238.0})
     status, out, err = run("motion", "--runs", runs, *CASE)
     assert (status, "Traceback" in err) == (0, False)

@@ -116,7 +116,7 @@ def test_headers_are_as_people_write_them(served: Path, capsys: pytest.CaptureFi
         ("velocity_m_s\n", ["cases.csv:1: there are no rows below the header"]),
     ],
 )
-def test_what_is_wrong_names_the_line_and_the_column(
+def test_errors_name_the_line_and_the_column(
     served: Path, capsys: pytest.CaptureFixture[str], table: str, reasons: list[str]
 ) -> None:
     (served / "cases.csv").write_text(table)
@@ -197,7 +197,7 @@ def test_every_bad_line_is_named_and_can_be_left_out(served: Path, capsys: pytes
     assert [(item["index"], "result" in item) for item in items] == [(0, False), (1, True), (2, False), (3, False)]
 
 
-def test_walls_leave_out_what_is_sought(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_walls_omit_the_sought_quantity(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (served / "cases.csv").write_text("oblique_angle_deg,relative_tolerance\n0,1e-3\n20,1e-3\n")
     words = ["batch", "cases.csv", "--operation", "thickness", "--case", "strike.toml", "--csv"]
     assert cli.main(words) == 0

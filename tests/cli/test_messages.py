@@ -125,7 +125,7 @@ def messages(folder: Path) -> str:
     return "\n".join(found)
 
 
-def test_messages_are_those_under_review(tmp_path: Path) -> None:
+def test_messages_match_the_reviewed_file(tmp_path: Path) -> None:
     assert messages(tmp_path) == MESSAGES.read_text(encoding="utf-8")
 
 

@@ -102,7 +102,7 @@ def arguments_of(parser: Parser, words: tuple[str, ...]) -> Iterator[tuple[str, 
         yield from arguments_of(subparser, (*words, name))
 
 
-def test_the_table_above_has_all_that_commands_write_and_each_file_is_read_or_written() -> None:
+def test_list_of_written_files_is_complete() -> None:
     from service.cli.arguments import InputFile  # noqa: PLC0415 (the other tests run on versions without it)
     from service.cli.outputs import OutputFile  # noqa: PLC0415
 

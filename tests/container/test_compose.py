@@ -169,7 +169,7 @@ def test_service_works_where_only_its_data_and_tmp_can_be_written(short_path: Pa
 
 
 @pytest.mark.system
-def test_its_commands_make_a_cluster_that_answers(short_path: Path, service_on: RunService) -> None:
+def test_commands_of_compose_make_a_cluster_that_answers(short_path: Path, service_on: RunService) -> None:
     port = str(free_port())
 
     def here(text: str) -> str:

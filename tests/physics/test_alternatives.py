@@ -105,7 +105,7 @@ def test_law_without_an_answer_gives_its_error_and_the_others_their_answers() ->
         assert isinstance(each.answer, ParameterError) is is_polynomial
 
 
-def test_both_pairings_of_a_theory_are_there() -> None:
+def test_each_theory_occurs_with_eq_9_and_with_its_own_strength_factor() -> None:
     """With the S fitted to finite element motions, the angles of the two theories are closer to each other."""
     found: dict[tuple[str, str], float] = {
         (each.free_surface, each.obliquity_shape): math.degrees(each.answer.angle)  # type: ignore[union-attr,arg-type]
@@ -118,7 +118,7 @@ def test_both_pairings_of_a_theory_are_there() -> None:
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_each_says_in_short_what_it_was_fitted_to(law: tuple[str, str, str]) -> None:
+def test_each_alternative_states_what_it_was_fitted_to(law: tuple[str, str, str]) -> None:
     (found,) = [
         each
         for each in alternatives(lambda resistance: None)

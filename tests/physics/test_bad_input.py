@@ -331,7 +331,7 @@ def test_bounds_are_those_of_the_contract() -> None:
         ([Resistance()], "must be a Resistance, got list"),
     ],
 )
-def test_what_is_no_resistance_is_refused_with_what_to_give(given: Any, message: str) -> None:
+def test_invalid_resistance_is_refused_with_what_is_accepted(given: Any, message: str) -> None:
     case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "resistance": given}
     impact = Impact(velocity=238.0, oblique_angle=0.5)
     wall = case | {"target": replace(PAPER_TARGET, thickness=0.2)}

@@ -177,7 +177,7 @@ def test_run_that_leaves_the_factor_open_takes_it_from_the_others() -> None:
 
 
 @pytest.mark.parametrize(("name", "factor"), [("rotation", 60.0), ("depth_displacement", 1e3)])
-def test_what_is_wrong_with_a_run_is_named_by_its_place(name: str, factor: float) -> None:
+def test_error_of_a_run_is_named_by_its_place(name: str, factor: float) -> None:
     good = run(30.0, 8.0)
     wrong = {name: factor * getattr(good.history, name)}
     with pytest.raises(ParameterError, match="check the units") as refused:

@@ -222,7 +222,7 @@ REFUSED: list[tuple[str, str, Callable[[], MotionHistory]]] = [
 
 
 @pytest.mark.parametrize(("field", "reason", "build"), REFUSED)
-def test_what_is_no_history_is_refused(field: str, reason: str, build: Callable[[], MotionHistory]) -> None:
+def test_invalid_history_is_refused(field: str, reason: str, build: Callable[[], MotionHistory]) -> None:
     with pytest.raises(ParameterError, match=reason) as refused:
         build()
     assert refused.value.field == field

@@ -136,7 +136,7 @@ REFUSED: list[tuple[str, Callable[[], list[ObliquityPoint]], int]] = [
 
 
 @pytest.mark.parametrize(("field", "given", "order"), REFUSED)
-def test_what_is_no_set_of_points_is_refused(field: str, given: Callable[[], list[ObliquityPoint]], order: int) -> None:
+def test_invalid_points_are_refused(field: str, given: Callable[[], list[ObliquityPoint]], order: int) -> None:
     with pytest.raises(ParameterError) as refused:
         fit_obliquity(points=given(), order=order)
     assert refused.value.field == field

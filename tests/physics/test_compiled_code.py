@@ -157,7 +157,7 @@ def ready(tmp_path: Path, started: Little) -> Little:
     return Little(tmp_path)
 
 
-def test_what_is_left_is_counted_without_numba(little: Little, started: Little) -> None:
+def test_remaining_functions_are_counted_without_numba(little: Little, started: Little) -> None:
     assert little.left() == ["functions.half", "functions.quarter"]
     assert started.left() == []
 
@@ -189,7 +189,7 @@ def test_answer_changes_with_a_function_in_another_file(little: Little) -> None:
     assert answer(little.start()) == (0.5, 2)
 
 
-def test_what_a_folder_lacks_goes_to_the_cache_of_the_user(little: Little) -> None:
+def test_read_only_installation_compiles_into_the_cache_of_the_user(little: Little) -> None:
     set_writable(little.package, False)
     assert little.compiled() == 2
     assert little.compiled() == 0

@@ -218,7 +218,7 @@ def test_gaps_of_a_frame_are_what_a_test_does_not_have() -> None:
         ([TESTS[0], 250.0], "tests.1: must be a DepthTest, got float"),
     ],
 )
-def test_tests_that_are_none_say_what_they_take(tests: Any, words: str) -> None:
+def test_invalid_tests_are_refused_with_what_is_accepted(tests: Any, words: str) -> None:
     with pytest.raises(solver.ParameterError, match=words):
         fit_depth(**CASE, tests=tests)
 

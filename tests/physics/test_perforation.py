@@ -122,7 +122,7 @@ def test_wall_that_no_speed_perforates_says_so() -> None:
     assert found.value is None
 
 
-def test_what_is_sought_must_not_be_given() -> None:
+def test_sought_quantity_must_not_be_given() -> None:
     with pytest.raises(ParameterError, match=r"target\.thickness.*must not be given"):
         least_thickness(projectile=PAPER_PROJECTILE, target=WALL, impact=paper_impact(oblique_angle_degrees=0.0))
     with pytest.raises(ParameterError, match=r"target\.thickness.*must be given"):

@@ -192,7 +192,7 @@ def test_well_covered_strike_carries_no_warning() -> None:
         ("base_strikes_first", {**FIXED, "impact": Impact(velocity=238.0, oblique_angle=1.0, angle_of_attack=1.0)}),
     ],
 )
-def test_what_an_assessor_should_know_travels_with_the_result(code: str, changes: dict[str, Any]) -> None:
+def test_warnings_that_an_assessor_needs_are_in_the_result(code: str, changes: dict[str, Any]) -> None:
     found = paper_run(30.0, **{"projectile": PLAIN, **changes})
     assert code in codes(found)
     assert all(warning.detail for warning in found.warnings)

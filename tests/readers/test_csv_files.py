@@ -206,7 +206,7 @@ def test_history_without_motion_is_refused(file: Path) -> None:
         (b"velocity_m_s,depth_m\n\xff,1\n", "not a UTF-8 text file"),
     ],
 )
-def test_what_is_no_text_is_refused(file: Path, content: bytes, reason: str) -> None:
+def test_file_that_is_not_text_is_refused(file: Path, content: bytes, reason: str) -> None:
     file.write_bytes(content)
     with pytest.raises(FileError, match=reason):
         read_depth_tests(file)

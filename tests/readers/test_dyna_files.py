@@ -212,7 +212,7 @@ def test_rigid_deformable_switch_is_named_in_text(tmp_path: Path) -> None:
 @WRITERS
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize(("column", "used"), [(1, None), (3, None), (2, "z displacement"), (4, "y rotation")])
-def test_what_is_not_finite_matters_where_it_is_read(
+def test_non_finite_number_is_refused_only_where_it_is_read(
     tmp_path: Path, write: Writer, choice: dict[str, Any], value: float, column: int, used: str | None
 ) -> None:
     motion = along_axes()

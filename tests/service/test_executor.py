@@ -201,7 +201,7 @@ async def test_stop_ends_busy_workers_within_the_grace_time(pool: ProcessPool) -
     await until(lambda: processes().keys().isdisjoint(workers))
 
 
-async def test_stop_lets_what_is_underway_finish_and_refuses_more(pool: ProcessPool) -> None:
+async def test_stop_lets_running_work_finish_and_refuses_more(pool: ProcessPool) -> None:
     queries = [asyncio.ensure_future(pool.submit(time.sleep, 0.1)) for _ in range(6)]
     await asyncio.sleep(0)
     await pool.stop(20.0)

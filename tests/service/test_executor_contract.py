@@ -275,7 +275,7 @@ async def test_single_call_does_not_wait_for_a_chunk(executor: Executor) -> None
     await asyncio.wait(chunks)
 
 
-async def test_what_is_underway_at_the_stop_finishes_and_nothing_begins_after(executor: Executor) -> None:
+async def test_running_work_finishes_after_a_stop_and_no_other_begins(executor: Executor) -> None:
     assert await executor.probe(5.0)
     chunk = asyncio.ensure_future(executor.run([nap(0.05), (operator.add, (1, 2))]))
     await asyncio.sleep(0.05)
@@ -289,7 +289,7 @@ async def test_what_is_underway_at_the_stop_finishes_and_nothing_begins_after(ex
     assert executor.last_error
 
 
-async def test_what_outlasts_the_grace_time_is_given_up(executor: Executor) -> None:
+async def test_work_that_outlasts_the_grace_time_is_abandoned(executor: Executor) -> None:
     chunks = [asyncio.ensure_future(executor.run([nap(0.5)] * 60)) for _ in range(executor.capacity + 1)]
     await asyncio.sleep(0.2)
     await executor.stop(0.8)

@@ -45,7 +45,7 @@ def opened(content: bytes) -> h5py.File:
 
 
 @pytest.mark.parametrize("records", KINDS)
-def test_what_is_read_is_what_was_written_bit_for_bit(records: list[Record]) -> None:
+def test_results_are_read_as_written_bit_for_bit(records: list[Record]) -> None:
     content = to_segment(*records)
     assert all(same(read, record) for read, record in zip(read_records(content), records, strict=True))
     assert DecodedSegment(content).keys == [record.key for record in records]

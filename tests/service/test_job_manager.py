@@ -279,7 +279,7 @@ async def test_request_that_breaks_off_leaves_nothing(manager: JobManager, leave
         assert database.execute("SELECT count(*) FROM slices").fetchone() == (0,)
 
 
-async def test_more_cases_than_may_wait_are_refused_with_a_time(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_cases_beyond_the_queue_limit_are_refused_with_a_time(pool: ProcessPool, tmp_path: Path) -> None:
     """The time is that of all cases of the request: two workers finish at most 40 a second, with 0.05 s for each."""
     async with running(tmp_path, pool, max_queued_cases=1000) as manager:
         job = await accepted(manager, cases(range(300), seconds=0.05))
@@ -336,7 +336,7 @@ async def test_results_are_readable_while_the_job_runs(manager: JobManager) -> N
     assert squares(found) == [i**2 for i in range(60)]
 
 
-async def test_what_the_cache_has_lost_is_computed_again_as_it_is_read(
+async def test_evicted_result_is_computed_again_when_it_is_read(
     manager: JobManager, pool: ProcessPool, tmp_path: Path, log: Path
 ) -> None:
     job = await accepted(manager, cases(range(250), log))

@@ -109,7 +109,7 @@ def test_threads_that_fill_the_journal_together_make_no_more_segments_than_one(t
     assert found.segments <= 5
 
 
-def test_no_result_waits_for_the_segments_of_those_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_result_waits_for_segments_of_earlier_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     begun, may_end = threading.Event(), threading.Event()
 
     def held_back(records: Sequence[Record]) -> list[Segment]:

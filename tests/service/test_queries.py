@@ -200,7 +200,7 @@ async def test_single_query_outlives_the_chunk_it_waited_for(service: QueryServi
         await given_up
 
 
-async def test_no_more_single_queries_wait_than_may(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_number_of_waiting_queries_is_limited(pool: ProcessPool, tmp_path: Path) -> None:
     service = queries_on(tmp_path, pool, max_waiting=3)
     await ask(service, "slow", tmp_path, 99)
     queries = [asyncio.ensure_future(ask(service, "slow", tmp_path, i)) for i in range(2)]
@@ -231,7 +231,7 @@ async def test_owner_with_most_waiting_gives_way_to_another(pool: ProcessPool, t
     assert len(refused) == 3  # and two of the others
 
 
-async def test_query_waits_no_longer_than_it_may(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_waiting_time_of_a_query_is_limited(pool: ProcessPool, tmp_path: Path) -> None:
     """The refusal states the expected time of the queued and running work, not a fixed time."""
     cache = ResultCache(tmp_path / "data", memory_bytes=100_000_000, disk_bytes=10**9)
     service = QueryService(cache, pool, OPERATIONS, queue_seconds=0.2)

@@ -83,7 +83,7 @@ def test_database_that_is_not_there_or_fails_is_distinguished_from_one_that_find
         assert ended.stdout.startswith("audit skipped: the advisory database cannot be reached")
 
 
-def test_what_is_wrong_here_is_not_taken_for_a_database_that_is_not_there() -> None:
+def test_local_error_is_not_taken_for_an_unreachable_database() -> None:
     ended = audited("--nonsense")
     assert ended.returncode == 1
     assert "--nonsense" in ended.stderr

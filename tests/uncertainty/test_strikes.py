@@ -241,7 +241,7 @@ def test_field_that_is_no_number_is_refused(field: str, requirement: str) -> Non
         (Normal(mean=238.0, standard_deviation=2.0), "got Normal"),
     ],
 )
-def test_what_is_no_input_is_refused_with_what_is_accepted(uncertain: Any, found: str) -> None:
+def test_unknown_input_is_refused_with_the_accepted_ones(uncertain: Any, found: str) -> None:
     with pytest.raises(ParameterError, match=r"must be a sequence of inputs such as Uncertain\(.*" + found):
         critical_angle_uncertainty(
             projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY, uncertain=uncertain
@@ -249,6 +249,6 @@ def test_what_is_no_input_is_refused_with_what_is_accepted(uncertain: Any, found
 
 
 @pytest.mark.parametrize("distribution", [stats.norm(238.0, 2.0), "normal", 238.0])
-def test_what_is_no_distribution_is_refused_with_those_there_are(distribution: Any) -> None:
+def test_unknown_distribution_is_refused_with_the_known_ones(distribution: Any) -> None:
     with pytest.raises(ParameterError, match=r"must be one of solver\.uncertainty: Normal, .* or Discrete, got "):
         Uncertain("impact.velocity", distribution)

@@ -60,7 +60,7 @@ def test_critical_angles_of_other_readings_are_those_of_the_separate_program() -
 
 
 @pytest.mark.parametrize("make", CHEAP, ids=lambda make: make.__name__)
-def test_whatever_has_a_tolerance_is_within_it(make: Callable[[Progress], Section]) -> None:
+def test_every_value_with_a_tolerance_is_within_it(make: Callable[[Progress], Section]) -> None:
     assert [each.what for each in section_of(make).comparisons if each.holds is False] == []
 
 

@@ -196,7 +196,7 @@ def test_articles_that_no_fit_has_seen_are_in_no_fit() -> None:
     assert not fitted & {(shot.mass, shot.velocity, shot.depth, shot.compressive_strength) for shot in rows}
 
 
-def test_strength_and_diameter_earn_their_place() -> None:
+def test_strength_and_diameter_improve_the_fit() -> None:
     assert score(())[0] < score(CHOSEN)[0]
     assert score(("strength",))[0] < score(CHOSEN)[0] < score((*CHOSEN, "speed"))[0]
     assert score((*CHOSEN, "nose"))[0] < score(CHOSEN)[0]
