@@ -124,7 +124,7 @@ CONNECT_SECONDS = 5.0
 """Timeout for an answer of the scheduler [s]. It takes milliseconds, so that the scheduler is gone after 5 s; a
 judgement."""
 INTRODUCTION_SECONDS = 180.0
-"""Timeout for a worker to report its versions and start its pool [s]. The first one on a machine compiles the solver."""
+"""Timeout for a worker to report its versions and start its pool [s]. The first on a machine compiles the solver."""
 LOOK_AGAIN_SECONDS = 30.0
 """Delay before retrying a worker that did not report its versions or start its pool, a judgement [s]."""
 SILENT_SECONDS = 10.0

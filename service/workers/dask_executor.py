@@ -32,7 +32,7 @@ PAUSE_SECONDS = 0.1
 PATIENCE_SECONDS = 5.0
 """Time that chunks wait for a lost cluster before the pool takes them. Most restarts of a scheduler take less. [s]"""
 CANCEL_SECONDS = 1.0
-"""Timeout for the scheduler to acknowledge the cancellation of a chunk, after which it is forgotten; a judgement. [s]"""
+"""Timeout for the scheduler to acknowledge a cancellation, after which the chunk is forgotten; a judgement. [s]"""
 CHUNKS_A_THREAD = 2
 """Number of chunks assigned to each thread of a worker, so that it finds the next one when it has finished one."""
 DELIVERY_SECONDS = 30.0
