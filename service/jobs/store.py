@@ -110,7 +110,7 @@ class JobStore:
         self._kept_seconds = job_days * DAY
         self._owner_bytes = owner_bytes
         self._most_taken: dict[str, int] = {}
-        """Upper bound of the disk space of each owner's jobs. [bytes] They are added up only if it exceeds the limit."""
+        """Upper bound of the disk space of each owner's jobs, which are added up only above the limit. [bytes]"""
 
     def expire(self, *, at_start: bool = False) -> int:
         """Remove expired jobs and, at the start, jobs that were never accepted; return the number of jobs removed."""
