@@ -33,8 +33,8 @@ class Target:
         Strength that 95 % of the concrete has, as of a strength class. Design values of walls rest on it where it is
         given; all else takes the compressive strength, which is the mean. [Pa]
     reinforcement_ratio_percent
-        Steel over concrete, each way and each face. Neither the model nor a formula here takes it: answers are those
-        of plain concrete, and say so. [%]
+        Area of steel over that of concrete, each way and each face. Neither the model nor any formula uses it: answers
+        are those for plain concrete, with a warning. [%]
 
     Raises
     ------
