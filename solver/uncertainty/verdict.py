@@ -62,6 +62,10 @@ LIKELY, UNLIKELY = 0.9, 0.1
 # A smaller probability would be written as 0 %.
 ROUNDED_AWAY = 0.005
 """Distance of a probability from 0 or 1 below which a bound is written instead. [1]"""
+RANGE_FAILED = "the 90 % range could not be computed"
+"""Clause of a verdict whose study failed or took too long."""
+NO_RANGE_BY_PANELS = "no 90 % range by panels"
+"""Clause of a verdict by panels, whose study would take minutes."""
 THEORY_NAMES = ("elastic-plastic", "Mohr-Coulomb")
 """Names of the theories of the decay in sentences."""
 
@@ -148,8 +152,10 @@ class Verdict:
     searched: tuple[float, float]
     """Lower and upper end of the search. [rad]"""
     spread: tuple[float, float] | None
-    """90 % range of the critical angle with the usual scatter; None if no sample has an angle. The angle with the
-    inputs as given belongs to it. [rad]"""
+    """90 % range of the critical angle with the usual scatter, and with the inputs as given; None if no sample has an
+    angle, or none was computed. [rad]"""
+    reason_without_range: str = ""
+    """Clause of the sentence that says why the samples of the usual scatter were not computed; empty if they were."""
     share_without: float
     """Share of the samples without a critical angle. [1]"""
     theories: tuple[float | None, ...]
@@ -159,6 +165,8 @@ class Verdict:
     separately."""
     theory_spread: tuple[float, float] | None = None
     """90 % range over the theories, if the resistance has another law. [rad]"""
+    theory_range_failed: bool = False
+    """Whether that range was asked for and could not be computed."""
     held_angle: float | None = None
     """Critical angle with S held from 55° on, where it is held from 60° on and the angle is above 55°. [rad]"""
     standard_error: float | None = None
@@ -200,7 +208,8 @@ class Verdict:
 
     @property
     def _decimals(self) -> int:
-        return 2 if self.spread is None else _decimals_of(self.spread)
+        # A critical angle without its range must not look surer than one with the usual range of several degrees.
+        return 0 if self.spread is None else _decimals_of(self.spread)
 
     def _judged(self) -> str:
         if self.oblique_angle is None or self.outcome is None:
@@ -232,6 +241,8 @@ class Verdict:
             text += " by the law chosen"
         if self.spread is not None:
             text += f", 90 % range {self.range_text}"
+        elif self.reason_without_range:
+            text += f", {self.reason_without_range}"
         if self.share_without >= 0.005:
             text += f", {100.0 * self.share_without:.0f} % of the samples without one from {lower} to {upper}"
         return text
@@ -253,9 +264,9 @@ class Verdict:
         )
 
     def _over_theories(self) -> str:
-        """Return a sentence with the range over the theories, if the resistance has another law."""
-        if not self.own_law or self.theory_spread is None:
-            return ""
+        """Return a sentence on the range over the theories, if the resistance has another law."""
+        if self.theory_spread is None:
+            return "The range over the theories could not be computed." if self.theory_range_failed else ""
         return (
             "; ".join(
                 filter(None, (f"Over the theories: 90 % range {_range_text(self.theory_spread)}", self._by_theory()))
@@ -507,6 +518,7 @@ def verdict_steps(
         answer = again.get(name)
         moved[name.split()[0]].append(None if answer is None else answer.angle)
     nothing = Spread(None, 0.0, (), None)
+    reason = "" if found.get("uncertainty") else RANGE_FAILED if ranged else NO_RANGE_BY_PANELS
     judging: Spread = found.get("uncertainty") or nothing
     over_theories: Spread = (found.get("theories") or nothing) if own_law else judging
     ended: Ended = found.get("judged") or Ended()
@@ -517,11 +529,13 @@ def verdict_steps(
         angle=searched.angle,
         searched=search.bounds,
         spread=spread,
+        reason_without_range=reason,
         share_without=judging.share_without,
         theories=over_theories.theories,
         own_law=own_law,
         held_angle=held,
         theory_spread=over_theories.range if own_law else None,
+        theory_range_failed="theories" in asked and not found.get("theories"),
         standard_error=searched.standard_error,
         other_crossings=searched.other_crossings,
         oblique_angle=oblique_angle,
