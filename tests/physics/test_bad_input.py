@@ -1,4 +1,4 @@
-"""What the model does not accept is refused by the name of the field."""
+"""Invalid input is refused with the name of the field."""
 
 import math
 import re
@@ -157,9 +157,9 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, INF))),
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.0, 0.0), (0.1, 0.04))),
     (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.01), (0.2, 0.04))),
-    (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.05), (0.1, 0.04))),  # across the base
+    (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.05), (0.1, 0.04))),  # the last two points form the base
     (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.04), (0.2, -0.01))),
-    (f"{POINTS}.3", lambda: profile((0.0, 0.0), (0.1, 0.04), (0.15, 0.01), (0.2, 0.0))),  # hollow behind
+    (f"{POINTS}.3", lambda: profile((0.0, 0.0), (0.1, 0.04), (0.15, 0.01), (0.2, 0.0))),  # not convex
     (f"{POINTS}.3", lambda: profile((0.0, 0.0), (0.1, 0.04), (0.15, 0.0), (0.2, 0.0))),  # closed before its end
     (f"{POINTS}.2", lambda: profile((0.0, 0.04), (0.1, 0.02), (0.2, 0.04))),
     (POINTS, lambda: projectile(nose=profile((0.0, 0.0), (0.1, 0.05), (0.53, 0.04)))),  # wider than the shank
@@ -182,7 +182,7 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, "0.03"))),  # type: ignore[arg-type]
     (f"{S}.obliquity_shape", lambda: StrengthPowerLaw(obliquity_shape="cosine")),  # type: ignore[arg-type]
     (f"{S}.obliquity_shape", lambda: PublishedTests(obliquity_shape="cosine")),  # type: ignore[arg-type]
-    (f"{S}.covariance", lambda: covariance((1.0, 0.0), (0.0, 1.0))),  # too few rows
+    (f"{S}.covariance", lambda: covariance((1.0, 0.0), (0.0, 1.0))),  # the covariance has too few rows
     (f"{S}.covariance.1", lambda: covariance((1.0, 0.0, 0.0), (0.0, 1.0), (0.0, 0.0, 1.0))),
     (f"{S}.covariance.2.1", lambda: covariance((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, NAN, 1.0))),
     (f"{S}.covariance", lambda: covariance((1.0, 0.1, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),  # not symmetric
@@ -301,7 +301,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
 
 
 def test_bounds_are_those_of_the_contract() -> None:
-    """Also at the ends: what one accepts, the other accepts."""
+    """At the bounds, the solver and the contract accept the same values."""
     schema = TrajectoryRequest.model_json_schema()["$defs"] | {"FlightRequest": FlightRequest.model_json_schema()}
     parts = {
         "projectile": "Projectile",
@@ -331,7 +331,7 @@ def test_bounds_are_those_of_the_contract() -> None:
         ([Resistance()], "must be a Resistance, got list"),
     ],
 )
-def test_what_is_no_resistance_is_refused_with_what_to_give(given: Any, message: str) -> None:
+def test_invalid_resistance_is_refused_with_what_is_accepted(given: Any, message: str) -> None:
     case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "resistance": given}
     impact = Impact(velocity=238.0, oblique_angle=0.5)
     wall = case | {"target": replace(PAPER_TARGET, thickness=0.2)}

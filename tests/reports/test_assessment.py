@@ -1,4 +1,4 @@
-"""The report of one strike: what it says is what the service answers to the same case, on two sheets of A4."""
+"""The report of a strike agrees with the answers of the service to the same case, and has two A4 pages."""
 
 import html
 import json
@@ -60,7 +60,7 @@ def report_of(client: httpx.Client) -> Ask:
 
 @pytest.fixture(scope="module")
 def answers_of(client: httpx.Client) -> Ask:
-    """Return what the service answers to the requests of a report, each sent by itself."""
+    """Return the answers of the service to the single requests that a report consists of."""
 
     @cache
     def answers(body: str) -> dict[str, Any]:
@@ -86,7 +86,7 @@ def answers_of(client: httpx.Client) -> Ask:
 
 
 def text_of(page: str) -> str:
-    """The words of a page, without its style."""
+    """Return the text of a page without its style."""
     words = re.sub(r"<style>.*?</style>|<[^>]+>", " ", page, flags=re.DOTALL)
     return re.sub(r"\s+", " ", html.unescape(words))
 
