@@ -4,7 +4,7 @@ import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { withValue } from "../case.js";
 import { names } from "../contract.js";
 import { element, table } from "../elements.js";
-import { buildForm } from "../form.js";
+import { CaseForm } from "../form.js";
 import { latest } from "../latest.js";
 import { presetLinks } from "../presets.js";
 import { lostNote } from "../lost.js";
@@ -35,7 +35,7 @@ export async function show(root, query) {
       post("formulas", withValue({ projectile, target, impact }, THICKNESS)),
       isWall ? post("limit-speed", withValue(body, SPEED)) : undefined,
     ]);
-    if (signal.aborted || updateResults.isBehind()) return;
+    if (signal.aborted) return;
     showCard(parts.card, verdictOf(judged, target.thickness_m));
     parts.model.replaceChildren(...[thickness, speed].filter(Boolean).map(({ sentence }) => element("p", {}, unbroken(inShownUnits(sentence)))));
     parts.warnings.replaceChildren(...warningList(judged.warnings, thickness.warnings));
@@ -46,7 +46,7 @@ export async function show(root, query) {
     markStale(...shown);
     updateResults(values);
   };
-  const form = buildForm(parts.form, {
+  const form = new CaseForm(parts.form, {
     case: readCase(query),
     include: ["What strikes", "What it strikes", "How it strikes", "Laws"], // the thickness, which is judged here, in sight
     open: matchMedia("(min-width: 60rem)").matches ? undefined : ["What it strikes", "How it strikes"],
