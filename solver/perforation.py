@@ -398,7 +398,7 @@ def _search(
     # Parts of the body come out of walls somewhat thicker than those perforated, and at velocities somewhat lower.
     beside = _first_change(comes_out, bounds, tolerance) if comes_out(bounds[0]) is perforated_at_first else None
 
-    # The thickness of a trial is not that of the target of one's own shots, so a warning on their depth would be wrong.
+    # Own shots were not fired at walls of the trial thickness, so a warning that they are deeper would be wrong.
     others = {UNDECIDED, DEEPER_THAN_WALL} if perforated_at_first else {UNDECIDED}
     found = [each for each in warnings[value or last] if each.code not in others]
     tumbled = [each for each in warnings[bracket[0]] if each.code == TUMBLING] if bracket else []

@@ -1,9 +1,9 @@
 // Compare: strikes that are pinned, beside the one that the fields have. They are in the address.
 
 import { address, caseQuery, readCase } from "./address.js";
-import { angleRequest, valueAt } from "./case.js";
+import { angleRequest } from "./case.js";
 import { announce, element, table } from "./elements.js";
-import { GROUPS, isThere, labelWithUnit, shownValue } from "./fields.js";
+import { GROUPS, fieldShown, labelWithUnit } from "./fields.js";
 import { computeRun } from "./run.js";
 import { isAbort, isLost, request } from "./service.js";
 import { markFresh, markStale } from "./stale.js";
@@ -132,14 +132,6 @@ function fieldRows(strikes) {
     if (texts.every((text) => text === texts[0])) return [];
     return [[labelWithUnit(field), ...texts]];
   });
-}
-
-function fieldShown(field, values) {
-  if (!isThere(field, values)) return "-";
-  const value = shownValue(field, values);
-  if (value === undefined || value === "") return field.open ?? "auto";
-  if (field.choices) return field.choices[value];
-  return Array.isArray(value) ? JSON.stringify(valueAt(values, field.path)) : String(value);
 }
 
 function resultRow(quantity, values, decimals) {

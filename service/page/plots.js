@@ -175,7 +175,6 @@ function themed(layout) {
     automargin: true,
     tickangle: 0,
     exponentformat: "none", // with a unit there is no room for k and M
-    separatethousands: true,
     ticklabeloverflow: "allow", // each label that might be hidden is measured, a millisecond or more
   };
   const made = {

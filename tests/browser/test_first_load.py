@@ -11,7 +11,7 @@ from .conftest import FOLDER, NewPage
 from .side_view import IDLE, READY
 
 FORM = "form[aria-label=Case]"
-PARTS = (".verdict", ".side-view .drawing")
+PARTS = (".verdict .head", ".side-view .drawing")
 SLOW_BYTES_PER_S = 400_000 / 8
 TOP = "part => Math.round(part.getBoundingClientRect().top + scrollY)"
 
@@ -79,7 +79,10 @@ def test_every_module_of_the_first_view_is_announced_to_the_browser() -> None:
 
 @pytest.mark.parametrize(
     ("width", "height", "parts"),
-    [(1440, 900, (".verdict", ".side-view .drawing", FORM)), (390, 844, (".verdict", ".side-view .drawing"))],
+    [
+        (1440, 900, (*PARTS, FORM)),
+        (390, 844, PARTS),
+    ],
 )
 def test_verdict_and_picture_are_above_the_fold(
     new_page: NewPage, width: int, height: int, parts: tuple[str, ...]

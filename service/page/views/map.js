@@ -44,7 +44,7 @@ class MapView {
       this.#run();
     };
     const form = element("form.panel", { novalidate: true, "aria-label": "What to map", onsubmit }, axes, this.size, buttons);
-    this.verdict = new Verdict({ onError: (error) => this.form.fail(error) });
+    this.verdict = new Verdict({ onError: (error) => this.form.fail(error), isLine: true });
     const results = element("div.column", {}, this.verdict.root, this.problem, lostNote());
     this.picture = new MapPicture(results, (places) => this.#drag(places));
     root.append(
