@@ -94,7 +94,7 @@ class Rule(NamedTuple):
     size: int
     """Number of stations."""
     table: FloatArray
-    """(2, n) nodes and weights, padded with zeros to whole vectors."""
+    """(2, n) nodes and weights, padded with zeros to a multiple of the SIMD width."""
 
 
 class Quadrature(NamedTuple):
