@@ -201,7 +201,7 @@ class OwnerStreamsError(ServiceError):
 
 
 class StreamsFullError(OwnerStreamsError):
-    """As many event streams are open as the limit allows."""
+    """The number of open event streams has reached its limit."""
 
     status = HTTPStatus.SERVICE_UNAVAILABLE
     type = "urn:ricochet:problem:streams-full"

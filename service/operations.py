@@ -485,7 +485,7 @@ CRITICAL_ANGLE = Operation(
     CriticalAngleAnswer,
     route="find_critical_angle",
     description="Find the smallest oblique angle, from the normal, at which a projectile is turned away.\n\n"
-    "That there is none in the range is an answer too; its `status` says so.",
+    "A range without such an angle is an answer too, not an error; its `status` says so.",
     tag="critical ricochet angle",
     runs=SEARCH_RUNS,
     many=Many(
@@ -574,7 +574,7 @@ TRAJECTORY_UNCERTAINTY = Operation(
     TrajectoryUncertaintyAnswer,
     route="estimate_trajectory",
     description="Estimate the probability of each outcome of one strike, with quantiles of depth, exit speed and exit "
-    "angle.\n\nWhat is answered at once and what becomes a job is as with critical angles.",
+    "angle.\n\nWhether the answer comes at once or as a job is decided as for critical angles.",
     tag="trajectory",
     cases=cases_of_a_study,
     study=StudyOperation(

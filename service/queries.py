@@ -371,8 +371,8 @@ class QueryService:
                 function, *arguments, owner=owner, cost=cost, begun=begun, longest_wait=self._queue_seconds
             )
         except QueueTimeoutError:
-            # It has waited this long behind cheaper work of its owner, jobs among it, that `_work` does not count:
-            # nothing says that another attempt would wait less.
+            # The query has waited this long behind cheaper work of its owner, such as jobs, that `_work` does not
+            # count. Nothing suggests that another attempt would wait less.
             seconds = max(self.seconds_until_done(), math.ceil(self._queue_seconds))
             raise QueriesWaitingError(seconds) from None
         finally:

@@ -22,8 +22,8 @@ CANCELLED, STEPS_LEFT = range(2)
 # More than any computation takes, and far enough from the largest integer.
 NO_LIMIT = 2**62
 """Number of steps without a limit."""
-# A step takes 10 to 20 µs and a usual search 1,000 steps, so nearly all computations end in the main thread within 0.4
-# s. A few in a thousand are repeated in another thread, which costs 0.3 ms and leaves the main thread free for signals.
+# A step takes 10 to 20 µs and a usual search 1,000 steps, so nearly all computations end in the main thread in 0.4 s.
+# A few in a thousand are repeated in another thread, which costs 0.3 ms and leaves the main thread free for signals.
 QUICK_STEPS = 20_000
 """Largest number of steps of a computation in the main thread."""
 # The loads on so many panels take about as long as one step by Gauss points.

@@ -1,7 +1,7 @@
 """Errors of the solver, and checks of inputs that raise them with the name of the field and its bound.
 
     RicochetError
-    ├── ParameterError      an input is outside what the model accepts
+    ├── ParameterError      an input is outside its range, or of another type
     └── IntegrationError    the motion could not be integrated
         └── StepLimitError  more steps than a run may take
 

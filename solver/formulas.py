@@ -129,7 +129,7 @@ def nose_class(projectile: Projectile) -> NoseClass:
     ratio = _nose_ratio(projectile)
     if ratio == 0.0:
         return "flat"
-    if ratio < 0.5 - 1e-9:
+    if ratio < 0.5 - 1e-9:  # the length of a hemisphere may be short by rounding
         return "blunt"
     return "hemispherical" if ratio <= 1.0 else "sharp"
 

@@ -126,7 +126,7 @@ class PerforationLimit:
         return dataframe(self.columns(), PerforationTrial)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
-        """Plot the speed behind the wall of each trial, in a new figure of pyplot unless axes are given; return it."""
+        """Plot the residual speed of each trial on the given axes, or on those of a new figure, and return the axes."""
         behind = [trial.exit if trial.outcome is Outcome.PERFORATED else None for trial in self.iterations]
         trials = self.columns() | {"speed": np.array([0.0 if each is None else each.speed for each in behind])}
         label = "thickness of the wall [m]" if self.quantity == "thickness" else "velocity at first contact [m/s]"
@@ -398,7 +398,7 @@ def _search(
     # Parts of the body come out of walls somewhat thicker than those perforated, and at velocities somewhat lower.
     beside = _first_change(comes_out, bounds, tolerance) if comes_out(bounds[0]) is perforated_at_first else None
 
-    # The thickness of a trial is not that of the target of one's own shots, so a warning on their depth would be wrong.
+    # Own shots were not fired at walls of the trial thickness, so a warning that they are deeper would be wrong.
     others = {UNDECIDED, DEEPER_THAN_WALL} if perforated_at_first else {UNDECIDED}
     found = [each for each in warnings[value or last] if each.code not in others]
     tumbled = [each for each in warnings[bracket[0]] if each.code == TUMBLING] if bracket else []

@@ -106,6 +106,7 @@ def check_walls(
     if walls and walls[-1][0] > most:
         return (implausible(f"{walls[-1][0]:.4g} m are perforated, and {most:.4g} m use up its energy"),)
     rises = (after.speed - before.speed for (_, before), (_, after) in itertools.pairwise(walls))
+    # Only in head-on strikes is the exit speed known to fall with the thickness.
     if _is_head_on(impact) and max(rises, default=0.0) > MOST_RISE * impact.velocity:
         return (implausible("the projectile leaves a thicker wall faster than a thinner one"),)
     return ()

@@ -303,7 +303,7 @@ class BoatTail:
     Parameters
     ----------
     length
-        Part of the length of the projectile that tapers, at most what is behind the nose. [m]
+        Length of the tapering part, at most the length behind the nose. [m]
     base_diameter
         Diameter of the flat base, at most that of the shank. [m]
     """

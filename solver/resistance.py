@@ -257,8 +257,8 @@ class PublishedTests:
     Notes
     -----
     ``S = 8.84 (f'c / 39 MPa)^-0.18 (d / 76.2 mm)^-0.24``, the median of a mixed model with a random intercept for each
-    series, fitted to 251 tests of 34 articles up to 900 m/s (Concrete Penetration Failure Response Dataset). 38 of
-    these are said to be heavier than solid steel.
+    series, fitted to 251 tests of 34 articles up to 900 m/s (Concrete Penetration Failure Response Dataset). The stated
+    masses of 38 of these are above that of solid steel.
 
     The scatter about the median is modelled as follows. Within a series, ln S is normal with a variance that has a
     scaled inverse chi-square distribution, with `degrees_of_freedom` and the scale `within_series`. The mean of a
@@ -440,9 +440,9 @@ class StrengthPosterior:
     prior_median: float
     """Median by the law of the published tests, without the shots. [1]"""
     factors: tuple[float, ...]
-    """S of each shot, carried to the diameter of the projectile. [1]"""
+    """S of each shot, converted to the diameter of the projectile. [1]"""
     deviations: tuple[float, ...]
-    """ln S of each shot minus what the law and the other shots predict, over the dispersion of that prediction. [1]"""
+    """Deviation of ln S of each shot from the prediction by the law and the other shots, over its dispersion. [1]"""
 
     @property
     def dispersion(self) -> float:
@@ -966,4 +966,5 @@ def closed_form_depth(*, projectile: Projectile, target: Target, velocity: float
     if excess <= 0.0:
         return velocity * math.sqrt(4.0 * m / (math.pi * a * static))
     after_crater = excess / (m + 4.0 * math.pi * a**3 * inertia)
+    # For slow projectiles the argument of the logarithm is close to 1, which `log1p` handles without cancellation.
     return 4.0 * a + m / (2.0 * math.pi * a**2 * inertia) * float(np.log1p(inertia * after_crater / static))

@@ -89,7 +89,7 @@ class Numerics:
     panels
         Surface elements of the panel route. The reference runs used 96,000. [1]
     time_step
-        Step of the panel route, a hundredth to a hundred of the paper's. [s]
+        Step of the panel route, from a hundredth to a hundred times that of the paper, 0.01 ms. [s]
     relative_tolerance
         Error of one step of the adaptive route, over the scale of the motion. Unless given, 3e-7 for a trajectory,
         which balances energy to 1e-6, and 3e-4 for a search, which uses a finer level where the angle is in doubt. [1]

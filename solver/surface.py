@@ -183,6 +183,8 @@ def deepest_point(body: Body, axis_angle: float) -> tuple[float, float]:
     c, s = math.cos(axis_angle), math.sin(axis_angle)
     mirror, s = math.copysign(1.0, s), abs(s)
     facing = math.atan2(c, s)  # α of the element whose normal points into depth
+    # The deepest point of a convex body is a corner of the outline, or a point on an arc whose normal points into
+    # depth.
     reach, axial, radius = -math.inf, 0.0, 0.0
     for i in range(body.corners.shape[0]):
         depth = body.corners[i, 0] * c + body.corners[i, 1] * s
@@ -210,6 +212,7 @@ def build_panels(projectile: Projectile, properties: MassProperties, count: int)
     ParameterError
         If there are fewer rings than pieces of the outline.
     """
+    # The number around is even, since one half of the body is the mirror image of the other.
     around = max(4, 2 * round(math.sqrt(AROUND_PER_AXIAL * count) / 2.0))
     rings = count // around
     outline = tuple(sections(projectile.outline(), projectile.radius))
@@ -235,6 +238,7 @@ def _strip(section: Section, rings: int, center: float, azimuth: FloatArray) -> 
     """
     t = (np.arange(rings) + 0.5) / rings
     x, r, sine, cosine = section.piece.at(t)
+    # A panel and its mirror image are two of the equal parts of a ring.
     area = 2.0 * 2.0 * math.pi * r * (section.piece.length / rings) / (2 * azimuth.size)
 
     def spread(along: FloatArray) -> FloatArray:

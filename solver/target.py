@@ -6,8 +6,7 @@ from dataclasses import dataclass, fields
 from solver.checks import require, require_bounds
 
 # A plug as high as the wall would leave nothing to resist, and the slowest body would perforate. With a tenth of the
-# wall left, the paper's body perforates 50 mm from 33 m/s on, where CEA-EDF has 18 m/s and the model without a plug 86
-# m/s.
+# wall left, the paper's body perforates 50 mm from 33 m/s on. CEA-EDF has 18 m/s, and the model without a plug 86 m/s.
 MOST_PLUG = 0.9
 """Largest height of a plug over the thickness of the wall. [1]"""
 
@@ -33,8 +32,8 @@ class Target:
         Strength that 95 % of the concrete has, as of a strength class. Design values of walls rest on it where it is
         given; all else takes the compressive strength, which is the mean. [Pa]
     reinforcement_ratio_percent
-        Steel over concrete, each way and each face. Neither the model nor a formula here takes it: answers are those
-        of plain concrete, and say so. [%]
+        Area of steel over that of concrete, each way and each face. Neither the model nor any formula uses it: answers
+        are those for plain concrete, with a warning. [%]
 
     Raises
     ------

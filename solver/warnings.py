@@ -177,6 +177,7 @@ def law_warnings(
     by_angle = not isinstance(model, ConstantStrengthFactor) and shape != "constant"
     fitted_to = FINITE_ELEMENTS_TO if shape == "finite_elements" else ObliquityPolynomial.fitted_to
     held = resistance.held_from
+    # An angle converted from degrees may exceed the limit by rounding.
     if by_angle and abs(oblique_angle) > fitted_to * (1.0 + 1e-12):
         found.append(
             ModelWarning(
@@ -426,7 +427,7 @@ def _share(energy: float, least: float) -> str:
 
 
 IMPLAUSIBLE = "implausible"
-"""Code of the warnings about answers that no strike can have."""
+"""Code of warnings about physically impossible results."""
 
 
 def implausible(what: str) -> ModelWarning:

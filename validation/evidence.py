@@ -225,7 +225,8 @@ WHY_ELASTIC_PLASTIC: Final = """
     these runs are computations; their concrete becomes weaker with a finer mesh, and they were calibrated on depth
     alone. The only measurements, the oblique limit speeds of metal plates, favour elastic-plastic decay, which is off
     by at most {plate_elastic}, over Mohr-Coulomb with {plate_mohr}. With the paper's S elastic-plastic decay gives
-    48.6° and Mohr-Coulomb 43.6°, where the paper has 48.2°. None of this is decisive: `"alternatives": true` lists both.
+    48.6° and Mohr-Coulomb 43.6°, where the paper has 48.2°. None of this is decisive: `"alternatives": true` lists
+    both.
 """
 
 

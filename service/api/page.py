@@ -63,11 +63,11 @@ HEADERS = {
 }
 
 IMMUTABLE = "public, max-age=31536000, immutable"
-"""A year, the longest that caches keep anything."""
+"""Cache-Control of the files under a version, which never change; a year is the longest that caches keep anything."""
 VERSION = re.compile("[0-9a-f]{16}")
-"""Folder of the addresses of the files of the page."""
+"""Folder that names the version in the address of a file of the page."""
 OWN_FILE = re.compile(rb'"page/(?!contract\.json)')
-"""Address of a file of the page in its document; the schemas belong to the service."""
+"""Address of a file of the page in its document; the schemas in contract.json belong to the service, not the page."""
 
 
 class Assets(StaticFiles):
@@ -79,7 +79,8 @@ class Assets(StaticFiles):
         is_versioned = VERSION.fullmatch(version) is not None
         response = await super().get_response(rest if is_versioned else path, scope)
         response.headers.update(HEADERS | {"Vary": "Accept-Encoding"})
-        # A page that stays open while the service is replaced asks for its version: it gets the file that is there now.
+        # A page that stays open while the service is replaced asks for its own, older version. It gets the present
+        # file, which must not be kept under the older address.
         if is_versioned and version == await run_sync(page_version):
             response.headers["Cache-Control"] = IMMUTABLE
         plain = coding_of(Headers(scope=scope).get("Accept-Encoding", ""), ("gzip",)) != "gzip"
@@ -91,13 +92,13 @@ class Assets(StaticFiles):
 
 
 def page_version() -> str:
-    """Return a digest of the files of the page as they are now."""
+    """Return a digest of the present files of the page."""
     return _page_version(tuple(sorted((str(path), path.stat().st_mtime_ns) for path in FOLDER.rglob("*.*"))))
 
 
 @lru_cache(maxsize=1)
 def _page_version(files: tuple[tuple[str, int], ...]) -> str:
-    """Return the digest of the files at these paths; their times tell whether one has changed."""
+    """Return the digest of files, given by path and time of change; the time makes the cache miss after a change."""
     digest = sha256()
     for path, _ in files:
         digest.update(Path(path).name.encode() + b"\0" + Path(path).read_bytes() + b"\0")
@@ -107,8 +108,8 @@ def _page_version(files: tuple[tuple[str, int], ...]) -> str:
 def index_content() -> tuple[bytes, bytes, str]:
     """Return the document, plain and compressed, and its ETag.
 
-    It names its files under a version, so that a browser that has them asks for none: each request takes a round trip,
-    and on a slow line fifty take seconds.
+    The document refers to its files under a version, so that a browser that has them need not ask for any: each
+    request takes a round trip, and on a slow line fifty of them take seconds.
     """
     content = (FOLDER / "index.html").read_bytes()
     content = OWN_FILE.sub(f'"page/{page_version()}/'.encode(), content)

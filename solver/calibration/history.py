@@ -153,6 +153,8 @@ def check_reach(projectile: Projectile, impact: Impact, history: MotionHistory) 
     ParameterError
         If a displacement or rotation is too large.
     """
+    # No displacement can exceed the distance covered with all energy in translation, nor a rotation the angle with all
+    # energy in rotation.
     properties = mass_properties(projectile)
     ratio = properties.moment_of_inertia / properties.mass
     fastest = math.sqrt(impact.velocity**2 + ratio * impact.angular_velocity**2)

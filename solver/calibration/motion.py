@@ -251,7 +251,9 @@ def fit_motions(
         If an input is outside its range, or the runs together do not determine the strength factor. With several runs
         it names fields by the number of the run, such as ``runs.0.history.time``.
 
-    Notes ----- The method is that of `fit_motion`, over all quantities of all runs. Differences between the runs count
+    Notes
+    -----
+    The method is that of `fit_motion`, over all quantities of all runs. Differences between the runs count
     as scatter of their residuals, with few independent samples: if S changes from run to run, the interval is wide and
     the common S fits none of them well. Compare it with the strength factors of the runs alone.
     """

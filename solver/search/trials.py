@@ -131,8 +131,8 @@ TIME, RETAINED, EXIT = Termination.TIME.value, Termination.RETAINED.value, Termi
 STEP_LIMIT, NOT_FINITE = Termination.STEP_LIMIT.value, Termination.NOT_FINITE.value
 PERFORATED, TUMBLED = Termination.PERFORATED.value, Termination.TUMBLED.value
 NO_STRENGTH, CANCELLED = Termination.NO_STRENGTH.value, Termination.CANCELLED.value
-# A trial goes on below the retention energy, since the energy left varies smoothly with the angle there too and secants
-# need values on both sides of the change. A tenth is a judgement.
+# A trial continues below the retention energy, since the energy left varies smoothly with the angle there too and
+# secants need values on both sides of the change. A tenth is a judgement.
 ENERGY_FLOOR = 0.1
 """Energy at which a trial ends, over the retention energy. [1]"""
 # A margin of zero would have no sign, and would be the denominator of a secant.

@@ -174,6 +174,7 @@ class AngleStudy:
         """Return the number of samples of the budget that are reserved for indices by the direct method."""
         if not self.sensitivity:
             return 0
+        # Four times the fewest base samples give indices of some use. Half of the budget stays for the probabilities.
         wanted = 4 * FEWEST_BASE_SAMPLES * (len(self.design.uncertain) + 1)
         return min(wanted, self.sampling.max_samples // 2)
 
@@ -218,8 +219,9 @@ class AngleStudy:
         unseen_by_fit = tables.critical - expansion.held_out.reshape(tables.critical.shape)
         shares = self._shares(np.where(known, predicted, np.inf))
         correction = self._turned(tables.critical) - self._turned(unseen_by_fit)
+        # With one change of outcome per sample the probability rises with the angle; the correction may fall.
         middle = np.clip(np.maximum.accumulate(shares.mean(axis=0) + correction.mean(axis=0)), 0.0, 1.0)
-        # Points of a sequence scatter less than independent ones, so the interval of the correction is not too narrow.
+        # Points of a low-discrepancy sequence scatter less than independent ones: the interval is conservative.
         error = sampling.normal_quantile * correction.std(axis=0, ddof=1) / math.sqrt(len(correction))
         half = np.hypot(share_half_width(shares, sampling, tables.base_samples), error)
         beyond = self._beyond.mean()

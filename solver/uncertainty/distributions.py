@@ -108,7 +108,7 @@ class Normal:
         return np.asarray(ndtri(u), float)
 
     def value(self, z: FloatArray) -> FloatArray:
-        """Return the input so many standard deviations from the mean."""
+        """Return the input at `z` standard deviations from the mean."""
         return self.mean + _spread(self.mean, self.standard_deviation, self.coefficient_of_variation) * z
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
@@ -162,13 +162,15 @@ class TruncatedNormal:
         """Return standard deviations from the mean at these probabilities."""
         from scipy.special import ndtr, ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
 
+        # The upper tail is computed by itself, as one minus the distribution function would cancel. The quantile of an
+        # extreme probability may miss a bound by rounding, or be infinite, and is clipped.
         lower, upper = self._bounds
         below, above = float(ndtr(lower)), float(ndtr(-upper))
         z = ndtri(below + u * (1.0 - below - above))
         return np.asarray(np.clip(z, lower, upper), float)
 
     def value(self, z: FloatArray) -> FloatArray:
-        """Return the input so many standard deviations from the mean."""
+        """Return the input at `z` standard deviations from the mean."""
         return self.mean + self._deviation * z
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
@@ -240,7 +242,7 @@ class Lognormal:
 
     @property
     def wide(self) -> bool:
-        """True if the number spans a factor so large that smooth functions of it need high orders."""
+        """True if the range of the variable spans so large a ratio that polynomials in it need a high order."""
         return self._logarithm[1] >= WIDE
 
     def standard(self, u: FloatArray) -> FloatArray:
@@ -252,7 +254,8 @@ class Lognormal:
         return self._bounded(ndtri(u))
 
     def value(self, z: FloatArray) -> FloatArray:
-        """Return the input at these values of the standard variable."""
+        """Return the input at values of the standard variable."""
+        # In factors, 1 - z² keeps its relative accuracy near z = ±1, which stands for very large and small numbers.
         middle, _ = self._logarithm
         return np.asarray(np.exp(middle + z / np.sqrt((1.0 - z) * (1.0 + z))), float)
 
@@ -317,7 +320,7 @@ class LogStudentT:
 
     @property
     def wide(self) -> bool:
-        """True if the number spans a factor so large that smooth functions of it need high orders."""
+        """True if the range of the variable spans so large a ratio that polynomials in it need a high order."""
         return self.dispersion >= WIDE
 
     def scales(self, u: FloatArray) -> FloatArray:

@@ -184,6 +184,7 @@ class Tables:
                 continue
             if each.starts_turned_away:
                 self.turned_away[number] += weight
+            # Outcomes alternate, so changes to ricochet add the weight from their angle on and changes back remove it.
             for place, angle in enumerate(each.angles):
                 sign = 1.0 if (place % 2 == 0) != each.starts_turned_away else -1.0
                 self.turned_away[number, np.searchsorted(self._angles, angle) :] += sign * weight

@@ -297,7 +297,9 @@ def quantile_estimates(
     totals = weights.sum(axis=1)
     totals = np.where(totals > 0.0, totals, 1.0)
 
-    def quantiles(of: FloatArray, at: FloatArray) -> list[float]:  # of all levels at once, as each call sorts
+    # NumPy has weights for the inverse of the empirical distribution function only, which needs no interpolation
+    # between samples. All levels are computed at once, as each call sorts.
+    def quantiles(of: FloatArray, at: FloatArray) -> list[float]:
         return [float(each) for each in np.quantile(of, at, weights=shared, method="inverted_cdf")]
 
     found = quantiles(flat, np.array(levels))

@@ -235,7 +235,9 @@ def critical_angle_uncertainty(
     ParameterError
         If a distribution or a field is not valid.
 
-    Notes ----- A polynomial chaos replaces the search if every sample has one change of outcome and the error at
+    Notes
+    -----
+    A polynomial chaos replaces the search if every sample has one change of outcome and the error at
     held-out points is at most 0.1°, as long as it gives the narrower intervals; otherwise, outcomes of randomised Sobol
     points are counted. A sample outside the ranges of the model, or one that fails, counts as unknown and widens the
     intervals. Outcomes that no search has shown yet widen them too: of n searches that all have one change of outcome,

@@ -294,7 +294,7 @@ def probability_text(probability: Estimate) -> str:
 
 
 def next_shot_advice(now: tuple[float, float], after: Sequence[AfterShots]) -> str:
-    """Return a sentence on the effect of further own shots on the range of the critical angle.
+    """Return a sentence on how much shots of the user's own would narrow the range of the critical angle.
 
     Parameters
     ----------
@@ -341,6 +341,7 @@ def probability_angles(oblique_angle: float | None, lower: float, upper: float) 
     """
     inside = oblique_angle is not None and lower <= oblique_angle <= upper
     shift = math.fmod(oblique_angle - lower, STEP_DEG) if inside and oblique_angle is not None else 0.0
+    # The margin keeps rounding from dropping the last angle of a range that is a whole number of steps.
     steps = math.floor((upper - lower - shift) / STEP_DEG + 1e-9)
     if steps < 1:
         return lower, upper, 2

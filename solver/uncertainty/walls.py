@@ -30,7 +30,7 @@ from solver.warnings import ModelWarning
 
 Question: TypeAlias = Literal["perforation", "scabbing"]
 MARGINS: dict[Question, float] = {"perforation": PERFORATION_MARGIN, "scabbing": SCABBING_MARGIN}
-"""Factors on the limits in a design, DOE-STD-3014-2006. [1]"""
+"""Safety factors on the limits against perforation and scabbing (DOE-STD-3014-2006). [1]"""
 THIS_MODEL = "this_model"
 """Name in place of a formula where the model, with a plug and a crater, needs more than the formulas require."""
 PROBABILITY = 0.9
@@ -507,6 +507,7 @@ def _reason(name: Question, value: DesignValue) -> str:
 
 def _thickness(value: float) -> str:
     """Format a thickness [m] in whole millimetres, rounded up, which is the safe side."""
+    # An excess of less than a nanometre is rounding error and adds no millimetre.
     return f"{math.ceil(1e3 * value - 1e-6):d} mm"
 
 
@@ -517,4 +518,6 @@ def _length(value: float) -> str:
 
 def _speed(value: float) -> str:
     """Format a speed [m/s] rounded down, which is the safe side."""
+    # A deficit of a nanometre per second is rounding error. Slow speeds get two digits, as whole numbers are too
+    # coarse.
     return f"{math.floor(value + 1e-9):d} m/s" if value >= 10.0 else f"{value:.2g} m/s"
