@@ -379,6 +379,7 @@ class JobManager:
             if state.final or changed is None:
                 return
             await changed.wait()
+            # The pause limits the rate of events; all changes during it become one.
             await asyncio.sleep(CHANGE_SECONDS)
 
     def _run_samples(
@@ -419,6 +420,7 @@ class JobManager:
     ) -> JobState:
         self._admit(queue, count)
         await self._go_on()
+        # The span is read here, as the thread that stores the job has no context of the request.
         traceparent = current_traceparent()
         job = await run_sync(lambda: self._jobs.create(operation, owner, sweep, traceparent=traceparent))
         received = 0
@@ -489,6 +491,7 @@ class JobManager:
 
     async def _expire(self) -> None:
         while True:
+            # Until the jobs could be read, the same task retries to read them.
             await asyncio.sleep(EXPIRY_SECONDS if self._going_on else REOPEN_SECONDS)
             await self._scheduler.write_ends()
             with suppress(StorageError):

@@ -375,7 +375,10 @@ class JobStore:
             "+ coalesce(length(custom_ids), 0)), 0) FROM slices WHERE job = ?) WHERE number = ? RETURNING owner, bytes",
             (job, job),
         ).fetchall()
+        # Each case may yet fail and have a problem stored, which is counted beforehand.
         most = size + PROBLEM_BYTES * total
+        # The sizes of all jobs are added up only if the bound, which counts removed jobs too, reaches the limit: the
+        # sum takes a time proportional to the number of jobs.
         if owner in self._most_taken and self._most_taken[owner] + most <= self._owner_bytes:
             self._most_taken[owner] += most
             return
@@ -389,6 +392,7 @@ class JobStore:
     def _end(self, database: sqlite3.Connection, job: int, status: Status, problem: dict[str, Any] | None) -> JobState:
         now = self._clock.now()
         text = None if problem is None else orjson.dumps(problem).decode()
+        # The expiry counts from the end of a job, as the job itself may take long.
         values = (status, now, now + self._kept_seconds, text)
         changes = "status = ?, finished = ?, expires = ?, problem = ?, revision = revision + 1"
         return self._changed(database, job, changes, values, "AND status IN ('accepted', 'running')")
