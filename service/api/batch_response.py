@@ -165,6 +165,8 @@ class JobResponse:
         headers
             Headers with the preferences that were applied.
         """
+        # A connection that waits longer than this may be closed by a proxy in between, so that the service bounds the
+        # wait.
         waited = None if self.preference.wait is None else min(self.preference.wait, self._settings.most_wait_seconds)
         if waited:
             changes = until(self._stopping, self._jobs.changes(state.id))
@@ -227,6 +229,7 @@ class BatchResponse(JobResponse):
             lines = (to_lines([result], self.path, sweep) async for result in begun)
             return StreamingResponse(closing(lines, results), media_type=JSONL, headers=VARY)
         found = await unless_left(self._request, all_of(results))
+        # The header has one value for the whole response, a hit only if no case was computed.
         status = "ricochet; hit" if all(result.cached for result in found) else "ricochet; fwd=miss"
         if self.form == CSV:
             content = csv_head(self.operation, sweep) + csv_rows(found, self.operation, sweep)
@@ -314,6 +317,7 @@ async def until(stopping: asyncio.Event, changes: AsyncGenerator[JobState, None]
                 try:
                     await asyncio.wait({change, stopped}, return_when=asyncio.FIRST_COMPLETED)
                 finally:
+                    # A generator must not be closed while its next item is awaited.
                     await settle(change)
                 if change.cancelled() or (state := change.result()) is None:
                     return
@@ -326,6 +330,7 @@ async def settle(task: asyncio.Future[Any]) -> None:
     """Cancel a task unless it is done, and wait until it has ended."""
     if not task.done():
         task.cancel()
+        # The wait is shielded: this runs while the request is being cancelled.
         with CancelScope(shield=True):
             await asyncio.wait({task})
 

@@ -122,6 +122,7 @@ def run_file(args: argparse.Namespace) -> int:
     is_table = Path(args.file).suffix.lower() in TABLES
     if not is_table and (args.case or args.keep):
         raise UsageError(f"{'--case' if args.case else '--keep'}: goes with a table of cases, .csv, .tsv or .xlsx")
+    # A missing package is reported before the cases are computed, as a workbook is only written at the end.
     if args.xlsx:
         require_excel("--output")
     if is_table:
@@ -129,9 +130,11 @@ def run_file(args: argparse.Namespace) -> int:
     if args.skip_bad:
         return run_batch(args, _request(args, *_cases_of_lines(args)))
     if args.file == STDIN:
+        # A pipe can be read only once, but its content may have to be sent again or checked.
         text = sys.stdin.buffer.read()
         return _run_lines(args, lambda: text)
     file = Path(args.file)
+    # An unreadable file is reported now rather than from within the request that streams it.
     _check_readable(file)
     return _run_lines(args, lambda: _read_pieces(file))
 
@@ -212,6 +215,7 @@ def _cases_of_lines(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
     """Return the valid cases of a file of JSON lines, and the problems of the other lines."""
     from service.cli.local import wrong_cases
 
+    # Empty lines at the end are no cases; within the file they are errors, as for a service.
     lines = read_text(args.file).rstrip("\n").encode().split(b"\n")
     errors = wrong_cases(args.operation, lines)
     sent = [number for number in range(len(lines)) if number not in errors]
@@ -262,6 +266,7 @@ def _explain_lines(args: argparse.Namespace, error: RefusedError, read: "Content
     from service.cli.local import wrong_cases
 
     content = read()
+    # A pipe has been kept as bytes; a file is read once more.
     text = content if isinstance(content, bytes) else b"".join(content)
     texts = text.rstrip(b"\n").split(b"\n")
     wrong = wrong_cases(args.operation, texts)
@@ -304,6 +309,7 @@ def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: S
         from service.cli import local
 
         count = math.prod(len(axis.values) for axis in args.axis)
+        # Parquet files are written by a service, so that a sweep with such an output is a job.
         if local.is_small(args.operation, count) and not args.parquet:
             return write_results(args, local.compute_sweep(args.operation, content), count, content, writers)
     from service.cli.client import JSON, dumps

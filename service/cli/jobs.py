@@ -137,6 +137,7 @@ class BatchRequest:
 def run_batch(args: argparse.Namespace, request: BatchRequest) -> int:
     """Compute cases as a job, write their results, and return the exit status."""
     with service_for(args) as client, open_output(args) as stream:
+        # The random idempotency key makes a repeated submission safe, and two equal batches two jobs.
         job = client.submit(request.path, request.content, request.media_type, uuid4().hex)
         if args.url:
             return follow(client, job, args, stream, request)
@@ -253,6 +254,7 @@ def follow(
                     for writer in writers:
                         writer.write(items)
         except KeyboardInterrupt:
+            # The hint is printed for Ctrl-C only: a job of a service goes on without this command.
             print(how_to_continue(job, args), file=sys.stderr)
             raise
         if args.parquet:
@@ -281,6 +283,7 @@ def pages(client: "Client", job_id: str, report: ProgressReport) -> Iterator[Seq
             return
         counts = client.job(job_id)["counts"]
         report(counts["done"], counts["total"])
+        # The cursor has not moved, so that there is nothing new; only then is a pause made.
         if page["next"] == cursor:
             time.sleep(pause)
             pause = min(2.0 * pause, LONGEST_PAUSE)

@@ -141,6 +141,7 @@ class Rows:
         if self._inputs is None:
             return list(names)
         found = without_name(names)
+        # A column of the input may have the name of a result, and a table must not have two of the same name.
         given = (f"input {name}" if name in found else name for name in self._inputs.headers)
         return [*given, *found, "error"]
 
@@ -183,6 +184,7 @@ class Workbook(Writer):
 
         self._stream = stream
         self._rows = rows
+        # A write-only workbook keeps finished rows in a temporary file, so that a large batch does not fill the memory.
         self._book = Book(write_only=True)
         self._sheet = self._book.create_sheet("results")
         self._begun = False
@@ -300,6 +302,7 @@ def cell(value: Any) -> str:
     if isinstance(value, float):
         text = f"{value:.{DIGITS}g}"
         return f"{float(text):.0f}" if 10.0**DIGITS <= abs(float(text)) < MOST_WRITTEN_OUT else text
+    # Texts of a request could otherwise send escape sequences to the terminal.
     return "" if value is None else str(value).replace("\x1b", "")
 
 

@@ -68,10 +68,12 @@ class ActiveJob:
 
     def update(self, state: JobState) -> None:
         """Set a newer state, and wake the followers of the job."""
+        # Results are marked in threads, which may finish in another order than they began.
         if state.revision > self.state.revision:
             before, self.state = self.state, state
             if state.final and not before.final:
                 self.ended(state)
+        # The event is replaced before it is set, so that a follower that wakes at once waits for the next change.
         changed, self.changed = self.changed, asyncio.Event()
         changed.set()
 
@@ -141,6 +143,7 @@ class Scheduler:
     async def halt(self, job: ActiveJob) -> None:
         """Cancel the work of a job, and wait until it has ended."""
         job.scope.cancel()
+        # A task that ends its own job would wait for itself.
         if job.work is not None and job.work is not asyncio.current_task():
             await asyncio.wait([job.work])
 
@@ -154,6 +157,7 @@ class Scheduler:
             job.update(job.state)
             return None
         except StorageError:
+            # The disk is full or gone. Clients are told of the end nevertheless, and it is written later.
             now, revision = datetime.now(UTC), job.state.revision + 1
             state = replace(job.state, status=status, finished=now, problem=problem, revision=revision)
             self.unwritten[state.id] = state
@@ -209,6 +213,7 @@ class Scheduler:
                         traced=traced,
                     )
         except Exception as error:
+            # A cancelled job is ended by the one who cancelled it.
             if not job.scope.cancel_called:
                 log.error("job %s failed", state.id, exc_info=error)
                 await self.end(job, "failed", case_problem(error))
@@ -263,6 +268,7 @@ class Scheduler:
         """Mark the cases of the next blocks that are in the cache; return the others, and the number marked."""
         waiting = self._jobs.waiting(state, first, AHEAD)
         known = self._queries.cache.known([row.key for row in waiting])
+        # Only keys are compared: reading the records would take far longer, and nobody has asked for them yet.
         cached = {row.number: CaseState.CACHED for row in waiting if row.key in known}
         marked = self._jobs.mark(state.number, cached) if cached else None
         return [row for row in waiting if row.key not in known], len(cached), marked
@@ -295,6 +301,7 @@ class Scheduler:
         StorageError
             If the disk has refused a result: a job must not succeed with results that are missing.
         """
+        # The results are stored before the cases are marked; see the docstring of the module.
         if any(result.record is not None and not result.record.stored for result in results):
             raise StorageError(f"results cannot be stored: {self._queries.cache.last_error or 'the disk refused them'}")
         states: dict[int, CaseState] = {}
