@@ -129,6 +129,17 @@ class JobLinks(Part):
     cancel: Path
 
 
+class JobQueue(Part):
+    """Place of a job that has not ended, and when it is likely to have."""
+
+    model_config = with_examples({"jobs_ahead": 1, "remaining_s": 12})
+
+    jobs_ahead: Number
+    """Jobs of the same owner that are computed first, because they have fewer cases left."""
+    remaining_s: Number
+    """Time until the job is likely to have ended, at the rate of the last half minute; 3600 is an hour or more."""
+
+
 UNSHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 """Control characters, and those that end a line or turn the direction of what follows them."""
 Title = Annotated[
@@ -167,6 +178,8 @@ class Job(Part):
     """When it ended."""
     expires: AwareDatetime | MISSING = MISSING
     """When it is removed; its results may stay longer, by their keys."""
+    queue: JobQueue | MISSING = MISSING
+    """Place and estimate, unless it has ended; not in events."""
     problem: Problem | MISSING = MISSING
     """Why it failed."""
     axes: list[str] | MISSING = MISSING

@@ -113,16 +113,18 @@ class JobManager:
         """Cases done in a second, over the last half minute."""
         return self._rate.per_second
 
+    def jobs_ahead(self, state: JobState) -> int:
+        """Number of jobs of the same owner that go before a job."""
+        return len(self._scheduler.ahead(state))
+
     def seconds_until_done(self, state: JobState) -> int:
-        """Whole seconds until a job is likely to have ended: with all that waits, of a study with all its samples.
+        """Whole seconds until a job is likely to have ended: with what goes before it, of a study with all its samples.
 
         By the measured rate; before there is one, by the cost of the cases of the job.
         """
-        left = max(self.queued_cases, state.total - state.done)
-        if state.progress is not None:
-            left = max(left, int(state.progress["max_samples"]) - int(state.progress["samples"]))
         operation = self._queries.operations.get(state.operation)
-        return self._rate.seconds_for(left, 1 if operation is None else operation.weight)
+        weight = 1 if operation is None else operation.weight
+        return self._rate.seconds_for(self._scheduler.cases_until_done(state), weight)
 
     async def start(self) -> None:
         """Go on with the jobs that are not finished. Without a folder for them the service runs all the same."""
