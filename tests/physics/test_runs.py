@@ -1,6 +1,7 @@
 """How a run ends, what it returns, and what it warns of."""
 
 import math
+import re
 from dataclasses import fields, replace
 from typing import Any
 
@@ -196,6 +197,7 @@ def test_what_an_assessor_should_know_travels_with_the_result(code: str, changes
     found = paper_run(30.0, **{"projectile": PLAIN, **changes})
     assert code in codes(found)
     assert all(warning.detail for warning in found.warnings)
+    assert not any(re.search(r"-\d[\d.]*°", each.detail) for each in found.warnings)  # A minus sign is no hyphen.
 
 
 def test_mean_density_is_the_mass_over_the_volume_of_the_outline() -> None:
