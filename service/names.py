@@ -149,7 +149,8 @@ ALIASES: Final[Mapping[str, tuple[str, ...]]] = {
     "target.poissons_ratio": ("poissons_ratio", "poisson_ratio", "poisson", "nu"),
     "target.thickness_m": ("thickness", "wall_thickness", "wall", "target_thickness"),
     "resistance.strength_factor.value": ("strength_factor", "s"),
-    "custom_id": ("id", "name", "label", "case", "case_id", "shot", "test"),
+    "target.characteristic_strength_pa": ("characteristic_strength", "fck", "f_ck"),
+    "custom_id": ("id", "name", "label", "case", "case_id", "shot", "test", "no", "nr", "number"),
 }
 """Names that people give to inputs, without units, by the dotted paths of the inputs: for the columns of tables and for
 suggestions. Letters are small, and an underscore stands for whatever is no letter or digit."""

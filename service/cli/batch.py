@@ -34,6 +34,7 @@ READ_SIZE = 256 * 1024
 JSONL = "application/jsonl"
 TABLES = frozenset({".csv", ".tsv", ".xlsx"})
 """Ends of the names of tables of cases."""
+OTHER_SPREADSHEETS = frozenset({".xls", ".xlsb", ".xlsm", ".ods", ".numbers", ".parquet"})
 MAX_LISTED = 50
 """Largest number of rows whose errors are listed: nobody corrects more at once."""
 MAX_PLOT_AXES = 2
@@ -119,9 +120,13 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 
 def run_file(args: argparse.Namespace) -> int:
     """Compute the cases of a file; return 3 if some have a problem."""
-    is_table = Path(args.file).suffix.lower() in TABLES
+    ending = Path(args.file).suffix.lower()
+    is_table = ending in TABLES
+    if ending in OTHER_SPREADSHEETS:
+        raise UsageError(f"{args.file}: is a table of a kind that is not read; save it as .xlsx or .csv")
     if not is_table and (args.case or args.keep):
-        raise UsageError(f"{'--case' if args.case else '--keep'}: goes with a table of cases, .csv, .tsv or .xlsx")
+        flag = "--case" if args.case else "--keep"
+        raise UsageError(f"{flag}: goes with a table of cases, .csv, .tsv or .xlsx; {args.file} is read as JSON lines")
     if args.xlsx:
         require_excel("--output")
     if is_table:

@@ -32,6 +32,14 @@ WHOLE = (
             [case_at(238.0, projectile={**case_at(238.0)["projectile"], "nose": CONE})],
         ),
         ("upper_deg,search.lower_deg\n70,30\n", True, [case_at(238.0, search={"lower_deg": 30.0, "upper_deg": 70.0})]),
+        ("#,velocity\n1,238\n2,240\n", True, [case_at(238.0, custom_id="1"), case_at(240.0, custom_id="2")]),
+        ("# ;velocity;free_surface.model\n1;238;None\n", True, [case_at(238.0, custom_id="1", resistance=NONE)]),
+        ("No.;velocity\n7;238\n", True, [case_at(238.0, custom_id="7")]),
+        (
+            "id,velocity,free_surface.model\n#1,238,\n# a note, of two parts\n#2,240,None\n",
+            True,
+            [case_at(238.0, custom_id="#1"), case_at(240.0, custom_id="#2", resistance=NONE)],
+        ),
     ],
 )
 def test_rows_are_cases(
@@ -66,6 +74,8 @@ def with_speed(header: str, cell: str, *, unit: str = "") -> str:
         with_speed("Velocity", "238", unit="[m/s]"),
         "Speed (m/s);CRH;Diameter (mm);Length [cm];Mass (g);f'c [N/mm²];Density [g/cm³]\n238;3;80;53;13000;39;2.25\n",
         "# May\nspeed\tpsi\tcalibre\tlength\tweight\tstrength [GPa]\trho\n238\t3\t0.08\t0.53\t13\t0.039\t2250\n",
+        "V [m/s];ψ;D [mm];L [mm];m [kg];f_c [MPa];;ρ [kg/m³]\n238;3;80;530;13;39;;2250\n",
+        with_speed("Speed (m/s)", "238").replace("crh", "CRH,Nose").replace(",3,", ",3,Ogive,"),
     ],
 )
 def test_headers_are_as_people_write_them(served: Path, capsys: pytest.CaptureFixture[str], table: str) -> None:
@@ -94,6 +104,10 @@ def test_headers_are_as_people_write_them(served: Path, capsys: pytest.CaptureFi
                 "\nfields of a case: custom_id, impact.angle_of_attack_deg, ",
             ],
         ),
+        ("angle\n30\n", ["cases.csv:1: column 'angle': is what is searched for; --keep HEADER carries"]),
+        ("velocity,,mass\n238,3,13\n", ["cases.csv:1: column without a name: has cells; --keep"]),
+        ("velocity;mass\n238;13\n;13\n", ["cases.csv:3: velocity: the cell is empty\n"]),
+        ("velocity;Nose shape\n238;Cube\n", ["cases.csv:2: Nose shape: must be one of 'ogive', ", "got 'cube'\n"]),
         ("model\nnone\n", ["must be one of resistance.free_surface.model, resistance.strength_factor.model"]),
         ("velocity_m_s\n238,5\n", ["cases.csv:2: the line has 2 cells, the header 1"]),
         (
@@ -109,7 +123,7 @@ def test_headers_are_as_people_write_them(served: Path, capsys: pytest.CaptureFi
         ("Length (mm)\n50\n", ["cases.csv:2: Length (mm): must be at least the length of the nose"]),
         (
             "nose.shape,caliber_radius_head\nconical,3\n",
-            ["cases.csv:2: --caliber-radius-head: is of ogive or spherical"],
+            ["cases.csv:2: caliber_radius_head: is of ogive or spherical, not of conical"],
         ),
         ("velocity_m_s\n" + "-1\n" * 60, ["cases.csv:51: velocity_m_s", "\nand 10 more\n"]),
         ("", ["cases.csv: the file is empty"]),
@@ -204,7 +218,21 @@ def test_walls_leave_out_what_is_sought(served: Path, capsys: pytest.CaptureFixt
     assert capsys.readouterr().out.count("converged") == 2
 
 
-def test_a_case_beside_json_lines_is_refused(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_cases(served / "cases.jsonl", case_at(238.0))
-    assert cli.main(["batch", "cases.jsonl", "--case", "strike.toml"]) == 2
-    assert "--case: goes with a table of cases" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (
+            "a.jsonl --case strike.toml",
+            "--case: goes with a table of cases, .csv, .tsv or .xlsx; a.jsonl is read",
+        ),
+        (
+            "cases.txt --keep remark",
+            "--keep: goes with a table of cases, .csv, .tsv or .xlsx; cases.txt is read as JSON",
+        ),
+        ("cases.xls", "cases.xls: is a table of a kind that is not read; save it as .xlsx or .csv"),
+        ("cases.ods --case strike.toml", "cases.ods: is a table of a kind that is not read; save it as .xlsx or .csv"),
+    ],
+)
+def test_a_table_is_known_by_its_name(here: Path, capsys: pytest.CaptureFixture[str], words: str, reason: str) -> None:
+    assert cli.main(["batch", *words.split()]) == 2
+    assert capsys.readouterr().err.startswith(f"ricochet batch: {reason}")
