@@ -230,9 +230,8 @@ def _field_of(header: str, fields: Sequence[str]) -> tuple[str, float, str]:
     bracketed = BRACKETED.fullmatch(header)
     stem, unit = (bracketed["stem"].strip(), spelled(bracketed["unit"])) if bracketed else (header.strip(), "")
     found = {field: unit for field in fields if field == stem or field.endswith(f".{stem}")}
+    name = "number" if stem == "#" else NO_WORD.sub("_", APOSTROPHES.sub("", stem.lower().translate(GREEK))).strip("_")
     if not found:
-        name = NO_WORD.sub("_", APOSTROPHES.sub("", stem.lower().translate(GREEK))).strip("_")
-        name = "number" if stem == "#" else name
         found = {field: unit or given for field in fields if (given := _unit_in(name, field)) is not None}
     # The length of a projectile comes before that of its boat-tail.
     nearest = min((field.count(".") for field in found), default=0)
