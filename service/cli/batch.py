@@ -154,15 +154,7 @@ def _path(args: argparse.Namespace) -> str:
 
 
 def _request(args: argparse.Namespace, cases: Sequence[bytes], inputs: Inputs) -> BatchRequest:
-    """Return the request of the cases that are good.
-
-    Raises
-    ------
-    CommandError
-        If there are none.
-    """
-    if not cases:
-        raise CommandError(f"{args.file}: has no case to compute")
+    """Return the request of the cases that are good."""
     return BatchRequest(_path(args), lambda: b"\n".join(cases), JSONL, inputs=inputs)
 
 
@@ -172,7 +164,7 @@ def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
     Raises
     ------
     CommandError
-        If the file is no table or, unless bad rows are skipped, a row is no case.
+        If the file is no table, no row is a case or, unless bad rows are skipped, a row is none.
     """
     from service.cli.case_table import CUSTOM_ID, UnknownColumnsError, read_cases
     from service.cli.local import wrong_cases
@@ -186,12 +178,17 @@ def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
     wrong = wrong_cases(args.operation, (dict(table.rows[number].case) for number in numbers))
     errors = {number: [{"pointer": "", "detail": row.error}] for number, row in enumerate(table.rows) if row.error}
     errors |= {numbers[place]: found for place, found in wrong.items()}
-    if errors and not args.skip_bad:
+    if errors and (not args.skip_bad or len(errors) == len(table.rows)):
         raise bad_rows(_described(table, errors, base), some_good=len(errors) < len(table.rows))
     names = {number: str(table.rows[number].case.get(CUSTOM_ID, "")) for number in errors}
     sent = [number for number in range(len(table.rows)) if number not in errors]
     headers = [column.header for column in table.columns]
-    inputs = Inputs(sent, _left_out(errors, names, _path(args)), headers, [row.cells for row in table.rows])
+    cells, texts = [row.cells for row in table.rows], dict[int, str]()
+    for number, found in errors.items():
+        place = f"{table.path}:{table.rows[number].line}: "
+        described = (_describe(table, number, each, base).removeprefix(place) for each in found)
+        texts[number] = "; ".join(described)
+    inputs = Inputs(sent, _left_out(errors, names, _path(args)), headers, cells, texts)
     return [json.dumps(table.rows[number].case).encode() for number in sent], inputs
 
 
@@ -205,21 +202,33 @@ def _described(
         yield f"{table.path}: {pointer}: is missing in every row; add a column of it, or a file with it by --case"
     for number in sorted(errors):
         for each in errors[number]:
-            pointer, detail = each["pointer"], each["detail"]
-            if pointer not in everywhere:
-                row = table.rows[number]
-                in_file = base.describe(pointer, detail) if pointer and base.value_at(pointer) is not None else ""
-                place = f"{table.path}:{row.line}: {pointer}".removesuffix(": ")
-                yield table.described(row, pointer, detail) or in_file or f"{place}: {detail}"
+            if each["pointer"] not in everywhere:
+                yield _describe(table, number, each, base)
+
+
+def _describe(table: "CaseTable", number: int, error: Mapping[str, str], base: RequestBody) -> str:
+    """Return what is wrong with a row of a table or with the file beside it, beginning with the place."""
+    pointer, detail, row = error["pointer"], error["detail"], table.rows[number]
+    in_file = base.describe(pointer, detail) if pointer and base.value_at(pointer) is not None else ""
+    place = f"{table.path}:{row.line}: {pointer}".removesuffix(": ")
+    return table.described(row, pointer, detail) or in_file or f"{place}: {detail}"
 
 
 def _cases_of_lines(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
-    """Return the good cases of a file of JSON lines, and which lines are not."""
+    """Return the good cases of a file of JSON lines, and which lines are not.
+
+    Raises
+    ------
+    CommandError
+        If none is good.
+    """
     from service.cli.local import wrong_cases
 
     lines = read_text(args.file).rstrip("\n").encode().split(b"\n")
     errors = wrong_cases(args.operation, lines)
     sent = [number for number in range(len(lines)) if number not in errors]
+    if not sent:
+        raise bad_rows(_describe_lines(args.file, errors), some_good=False)
     return [lines[number] for number in sent], Inputs(sent, _left_out(errors, {}, _path(args)))
 
 
@@ -270,18 +279,22 @@ def _explain_lines(args: argparse.Namespace, error: RefusedError, read: "Content
     text = content if isinstance(content, bytes) else b"".join(content)
     texts = text.rstrip(b"\n").split(b"\n")
     wrong = wrong_cases(args.operation, texts)
-    found = [(number, each["pointer"], each["detail"]) for number, errors in sorted(wrong.items()) for each in errors]
-    if not found:
+    if not wrong:
         for each in error.errors:
             index, _, pointer = each["pointer"].removeprefix("/").partition("/")
-            found.append((int(index) if index.isdigit() else -1, pointer and f"/{pointer}", each["detail"]))
-    if not found:
+            number = int(index) if index.isdigit() else -1
+            wrong.setdefault(number, []).append({**each, "pointer": pointer and f"/{pointer}"})
+    if not wrong:
         return error
-    lines = (
-        ": ".join(filter(None, (args.file if number < 0 else f"{args.file}:{number + 1}", pointer, detail)))
-        for number, pointer, detail in found
-    )
-    return bad_rows(lines, some_good=len(wrong) < len(texts))
+    return bad_rows(_describe_lines(args.file, wrong), some_good=len(wrong) < len(texts))
+
+
+def _describe_lines(file: str, errors: Mapping[int, Sequence[Mapping[str, str]]]) -> Iterator[str]:
+    """Yield what is wrong with lines, by their places from 0, or with the file as a whole, at -1."""
+    for number, found in sorted(errors.items()):
+        place = file if number < 0 else f"{file}:{number + 1}"
+        for each in found:
+            yield ": ".join(filter(None, (place, each["pointer"], each["detail"])))
 
 
 def run_sweep(args: argparse.Namespace) -> int:

@@ -91,6 +91,11 @@ class Column(NamedTuple):
         return "".join(f"/{step}" for step in self.steps)
 
 
+def is_needed(column: Column) -> bool:
+    """Return whether a column has no empty cell."""
+    return ".".join(column.steps) in NEEDED
+
+
 class Row(NamedTuple):
     """A row of a table.
 
@@ -133,6 +138,10 @@ class CaseTable:
                     return f"{place}: {detail}{typed}{decimal_hint(cell)}"
                 if detail == MISSING:
                     return f"{place}: the cell is empty"
+        if detail == MISSING:  # Without its cell, the part that it would be in may be missing as a whole.
+            for column, cell in zip(self.columns, row.cells, strict=True):
+                if column.pointer.startswith(f"{pointer}/") and is_needed(column) and not cell:
+                    return f"{self.path}:{row.line}: {column.header}: the cell is empty"
         return ""
 
 
@@ -277,7 +286,7 @@ def _with_case(row: Row, columns: Sequence[Column], base: Mapping[str, Any]) -> 
     case, chosen = deepcopy(dict(base)), list[tuple[Flag, Any]]()
     try:
         for column, cell in zip(columns, row.cells, strict=True):
-            if ".".join(column.steps) in NEEDED and not cell:
+            if is_needed(column) and not cell:
                 _remove_field(case, column.steps)
             if not (column.steps and cell):
                 continue

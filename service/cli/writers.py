@@ -8,7 +8,7 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import Any, TextIO, TypeAlias
 
@@ -74,12 +74,15 @@ class Inputs:
         Problems of the others, as items of a batch, by their places.
     headers, cells
         Columns of the table, and the cells of every row.
+    errors
+        What is wrong with the rows that are not sent, by the headers of the table.
     """
 
     sent: Sequence[int]
     left_out: Mapping[int, Item]
     headers: Sequence[str] = ()
     cells: Sequence[Sequence[str]] = ()
+    errors: Mapping[int, str] = field(default_factory=dict)
 
     def placed(self, items: Iterable[Item]) -> Iterator[Item]:
         """Yield results of the cases sent with their places among all rows, after the problems of rows before them."""
@@ -147,6 +150,7 @@ class Rows:
             return list(found.values())
         errors = "; ".join(": ".join(filter(None, each.values())) for each in item.get("problem", {}).get("errors", ()))
         error = errors or (problem_text(item["problem"]) if "problem" in item else None)
+        error = self._inputs.errors.get(index, error)
         return [*self._inputs.cells[index], *(found[name] for name in without_name(found)), error]
 
 

@@ -107,6 +107,7 @@ def test_headers_are_as_people_write_them(served: Path, capsys: pytest.CaptureFi
         ("angle\n30\n", ["cases.csv:1: column 'angle': is what is searched for; --keep HEADER carries"]),
         ("velocity,,mass\n238,3,13\n", ["cases.csv:1: column without a name: has cells; --keep"]),
         ("velocity;mass\n238;13\n;13\n", ["cases.csv:3: velocity: the cell is empty\n"]),
+        (WHOLE + "8,0.08,0.53,13,3,39e6,2250,\n", ["cases.csv:3: velocity_m_s: the cell is empty\n"]),
         ("velocity;Nose shape\n238;Cube\n", ["cases.csv:2: Nose shape: must be one of 'ogive', ", "got 'cube'\n"]),
         ("model\nnone\n", ["must be one of resistance.free_surface.model, resistance.strength_factor.model"]),
         ("velocity_m_s\n238,5\n", ["cases.csv:2: the line has 2 cells, the header 1"]),
@@ -164,8 +165,8 @@ def test_good_rows_are_computed_and_the_others_have_their_error(
     ]
     assert [bool(row["critical_angle_deg"]) for row in rows] == [True, False, False, True]
     assert rows[0]["remark"] == "'=1+1"  # no spreadsheet computes it
-    assert rows[1]["error"].startswith("/impact/velocity_m_s: must be 0.1 to 10000 m/s, got -238")
-    assert rows[2]["error"].startswith("/projectile/length_m: must be at least the length of the nose")
+    assert rows[1]["error"] == "Speed (m/s): must be 0.1 to 10000 m/s, got -238 m/s"
+    assert rows[2]["error"].startswith("Length (mm): must be at least the length of the nose")
     assert cli.main([*command, "-o", "out.xlsx"]) == 3
     sheet = load_workbook(served / "out.xlsx").worksheets[0]
     header, *cells = ([cell.value for cell in row] for row in sheet.rows)
@@ -209,6 +210,23 @@ def test_every_bad_line_is_named_and_can_be_left_out(served: Path, capsys: pytes
     assert cli.main(["batch", "cases.jsonl", "--skip-bad"]) == 3
     items = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [(item["index"], "result" in item) for item in items] == [(0, False), (1, True), (2, False), (3, False)]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "reasons"),
+    [
+        ("cases.csv", "v;name\n-1;a\n;b\n", ["cases.csv:2: v: must be 0.1 to ", "cases.csv:3: v: the cell is empty"]),
+        ("cases.jsonl", "{}\noops\n", ["cases.jsonl:1: /projectile: is missing", "cases.jsonl:2: not JSON"]),
+    ],
+)
+def test_rows_of_which_none_is_good_are_named_though_they_may_be_skipped(
+    served: Path, capsys: pytest.CaptureFixture[str], name: str, text: str, reasons: list[str]
+) -> None:
+    (served / name).write_text(text)
+    case = ["--case", "strike.toml"] if name.endswith(".csv") else []
+    assert cli.main(["batch", name, *case, "--skip-bad"]) == 2
+    error = capsys.readouterr().err
+    assert [reason for reason in reasons if reason not in error] == []
 
 
 def test_walls_leave_out_what_is_sought(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
