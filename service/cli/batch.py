@@ -196,8 +196,8 @@ def _described(
     table: "CaseTable", errors: Mapping[int, Sequence[Mapping[str, str]]], base: RequestBody
 ) -> Iterator[str]:
     """Yield what is wrong with the rows of a table and with the file beside it; what every row lacks once."""
-    lacking = [{each["pointer"] for each in found if each["detail"] == MISSING} for found in errors.values()]
-    everywhere = set.intersection(*lacking) if len(errors) == len(table.rows) else set()
+    missing = {each["pointer"] for found in errors.values() for each in found if each["detail"] == MISSING}
+    everywhere = {pointer for pointer in missing if not table.gives(pointer)}
     for pointer in sorted(everywhere):
         yield f"{table.path}: {pointer}: is missing in every row; add a column of it, or a file with it by --case"
     for number in sorted(errors):

@@ -125,6 +125,10 @@ class CaseTable:
     columns: Sequence[Column]
     rows: Sequence[Row]
 
+    def gives(self, pointer: str) -> bool:
+        """Return whether a column gives a field or a part of it."""
+        return any(f"{column.pointer}/".startswith(f"{pointer}/") for column in self.columns if column.steps)
+
     def described(self, row: Row, pointer: str, detail: str) -> str:
         """Return what is wrong with a field of a row, beginning with its cell; empty if no cell gives it."""
         name, _, of_model = detail.removeprefix("`").partition("` ")

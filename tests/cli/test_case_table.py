@@ -107,6 +107,13 @@ def test_headers_are_as_people_write_them(served: Path, capsys: pytest.CaptureFi
         ("angle\n30\n", ["cases.csv:1: column 'angle': is what is searched for; --keep HEADER carries"]),
         ("velocity,,mass\n238,3,13\n", ["cases.csv:1: column without a name: has cells; --keep"]),
         ("velocity;mass\n238;13\n;13\n", ["cases.csv:3: velocity: the cell is empty\n"]),
+        (
+            "velocity,mass\n238,0.01\n-1,13\n",
+            [
+                "cases.csv: /impact/oblique_angle_deg: is missing in every row; add a column of it",
+                "cases.csv:3: velocity:",
+            ],
+        ),
         (WHOLE + "8,0.08,0.53,13,3,39e6,2250,\n", ["cases.csv:3: velocity_m_s: the cell is empty\n"]),
         ("velocity;Nose shape\n238;Cube\n", ["cases.csv:2: Nose shape: must be one of 'ogive', ", "got 'cube'\n"]),
         ("model\nnone\n", ["must be one of resistance.free_surface.model, resistance.strength_factor.model"]),
@@ -135,7 +142,8 @@ def test_what_is_wrong_names_the_line_and_the_column(
     served: Path, capsys: pytest.CaptureFixture[str], table: str, reasons: list[str]
 ) -> None:
     (served / "cases.csv").write_text(table)
-    assert cli.main(["batch", "cases.csv", "--case", "strike.toml"]) == 2
+    operation = ["--operation", "trajectory"] if "oblique_angle" in reasons[0] else []
+    assert cli.main(["batch", "cases.csv", "--case", "strike.toml", *operation]) == 2
     error = capsys.readouterr().err
     assert [reason for reason in reasons if reason not in error] == []
 
