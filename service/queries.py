@@ -6,8 +6,8 @@ import math
 import secrets
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar, TypeVarTuple
 
@@ -29,6 +29,8 @@ from solver.warnings import IMPLAUSIBLE
 
 MEMORY_SECONDS = 30.0
 """Time over which a rate is measured: it covers a few chunks of slow work and forgets what is older."""
+SHORTEST_SECONDS = 0.05
+"""Shortest time that a rate is measured over: the first chunk of a job may take less."""
 STEP_SECONDS = 0.5
 """Cases done within this time share one entry, so that the list of entries stays short."""
 LONGEST_WAIT_SECONDS = 3600
@@ -57,22 +59,42 @@ def check_work(case: Any, most: float) -> None:
 
 
 class Rate:
-    """Measures how many cases are done in a second.
+    """Measures how many cases are done in a second of work; time in which there is nothing to do does not count.
 
     Parameters
     ----------
     cores
         Returns how many cases are computed at the same time.
+    clock
+        Returns the time. [s]
     """
 
-    def __init__(self, cores: Callable[[], int]) -> None:
+    def __init__(self, cores: Callable[[], int], clock: Callable[[], float] = time.monotonic) -> None:
         self._cores = cores
+        self._clock = clock
         self._entries: deque[tuple[float, int]] = deque()
         self._count = 0
+        self._begin = 0.0
+        """Time since which the entries count. [s]"""
+        self._at_work = 0
+        self._paused = self._idle = clock()
+        """When work ended, and time without any. [s]"""
+
+    @contextmanager
+    def working(self) -> Iterator[None]:
+        """Let time count, as long as this or another piece of work lasts."""
+        if not self._at_work:
+            self._idle += self._clock() - self._paused
+        self._at_work += 1
+        try:
+            yield
+        finally:
+            self._at_work -= 1
+            self._paused = self._clock()
 
     def add(self, count: int) -> None:
         """Count cases that have just been done."""
-        now = time.monotonic()
+        now = self._now()
         self._count += count
         if self._entries and now - self._entries[-1][0] < STEP_SECONDS:
             began, before = self._entries.pop()
@@ -83,21 +105,26 @@ class Rate:
 
     @property
     def per_second(self) -> float:
-        """Mean over the last `MEMORY_SECONDS`; 0 if no case was done in them."""
-        now = time.monotonic()
+        """Mean over the last `MEMORY_SECONDS` of work; 0 if no case was done in them."""
+        now = self._now()
         self._forget(now)
         if not self._entries:
             return 0.0
-        return self._count / max(now - self._entries[0][0], STEP_SECONDS)
+        return self._count / max(now - self._begin, SHORTEST_SECONDS)
 
     def seconds_for(self, count: int, weight: int = 1) -> int:
         """Whole seconds until so many more cases are done, at least 1; `weight` counts if no rate has been measured."""
         rate = self.per_second or self._cores() / (CASE_SECONDS * weight)
         return min(LONGEST_WAIT_SECONDS, max(1, math.ceil(count / rate)))
 
+    def _now(self) -> float:
+        """Time that has been worked. [s]"""
+        return (self._clock() if self._at_work else self._paused) - self._idle
+
     def _forget(self, now: float) -> None:
         while self._entries and now - self._entries[0][0] > MEMORY_SECONDS:
-            self._count -= self._entries.popleft()[1]
+            self._begin, count = self._entries.popleft()
+            self._count -= count
 
 
 Arguments = TypeVarTuple("Arguments")
@@ -355,9 +382,10 @@ class QueryService:
         self._work += cost
         self._submitted += 1
         try:
-            return await self.executor.submit(
-                function, *arguments, owner=owner, cost=cost, begun=begun, longest_wait=self._queue_seconds
-            )
+            with self._rate.working():
+                return await self.executor.submit(
+                    function, *arguments, owner=owner, cost=cost, begun=begun, longest_wait=self._queue_seconds
+                )
         except QueueTimeoutError:
             raise QueriesWaitingError(self.seconds_until_done()) from None
         finally:
