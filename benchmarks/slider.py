@@ -9,9 +9,11 @@ import argparse
 import os
 import shutil
 import statistics
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import httpx
-from playwright.sync_api import Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from benchmarks.machine import print_machine, print_table
 from benchmarks.servers import service
@@ -41,24 +43,31 @@ def step(page: Page, url: str, speed: float) -> tuple[float, float, int]:
     return picture, times[0], len(shown) - len(times)
 
 
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """The browser, without a window and off the network."""
+    executable = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if executable is None:
+        raise SystemExit("no browser found: install Chromium")
+    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []  # it does not start as root otherwise
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=executable, args=[OFFLINE, *sandbox])
+        yield browser
+        browser.close()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description="Measure a step of a slider in the page.")
     parser.add_argument("--quick", action="store_true", help="ten steps")
     steps = 10 if parser.parse_args().quick else 100
-    executable = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if executable is None:
-        raise SystemExit("no browser found: install Chromium")
     print_machine()
-    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []  # it does not start as root otherwise
-    with service() as server, sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=executable, args=[OFFLINE, *sandbox])
+    with service() as server, chromium() as browser:
         page = browser.new_page(base_url=server.url, viewport={"width": 1440, "height": 900})
         page.goto("/#/explore")
         expect(page.locator(".side-view .drawing svg").first).to_be_visible(timeout=60_000)
         page.wait_for_load_state("networkidle")
         found = [step(page, server.url, 150.0 + 3.0 * number) for number in range(10 + steps)][10:]  # warmed up by ten
         head = [f"{steps} steps, Chromium {browser.version}", "median", "95th percentile", "slowest"]
-        browser.close()
     rows = []
     for name, times in zip(("side view", "right angle"), list(zip(*found, strict=True))[:2], strict=True):
         figures = statistics.median(times), statistics.quantiles(times, n=20, method="inclusive")[-1], max(times)

@@ -387,7 +387,10 @@ class QueryService:
                     function, *arguments, owner=owner, cost=cost, begun=begun, longest_wait=self._queue_seconds
                 )
         except QueueTimeoutError:
-            raise QueriesWaitingError(self.seconds_until_done()) from None
+            # It has waited this long behind cheaper work of its owner, jobs among it, that `_work` does not count:
+            # nothing says that another attempt would wait less.
+            seconds = max(self.seconds_until_done(), math.ceil(self._queue_seconds))
+            raise QueriesWaitingError(seconds) from None
         finally:
             self._work -= cost
             self._submitted -= 1

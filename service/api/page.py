@@ -58,20 +58,57 @@ HEADERS = {
     "X-Content-Type-Options": "nosniff",
 }
 
+IMMUTABLE = "public, max-age=31536000, immutable"
+"""A year, the longest that caches keep anything."""
+VERSION = re.compile("[0-9a-f]{16}")
+"""Folder of the addresses of the files of the page."""
+OWN_FILE = re.compile(rb'"page/(?!contract\.json)')
+"""Address of a file of the page in its document; the schemas belong to the service."""
+
 
 class Assets(StaticFiles):
     """Files of a folder, with the headers of the page, compressed for clients that accept it."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """Answer with a file, or that the browser has it."""
-        response = await super().get_response(path, scope)
+        """Answer with a file, or that the browser has it; under the present version, that it need not ask again."""
+        version, _, rest = path.partition("/")
+        is_versioned = VERSION.fullmatch(version) is not None
+        response = await super().get_response(rest if is_versioned else path, scope)
         response.headers.update(HEADERS | {"Vary": "Accept-Encoding"})
+        # A page that stays open while the service is replaced asks for its version: it gets the file that is there now.
+        if is_versioned and version == await run_sync(page_version):
+            response.headers["Cache-Control"] = IMMUTABLE
         plain = coding_of(Headers(scope=scope).get("Accept-Encoding", ""), ("gzip",)) != "gzip"
         if not isinstance(response, FileResponse) or scope["method"] != "GET" or plain:
             return response
         content = await run_sync(compressed, Path(response.path))
         kept = {name: value for name, value in response.headers.items() if name != "content-length"}
         return Response(content, headers=kept | {"etag": f"W/{kept['etag']}", "content-encoding": "gzip"})
+
+
+def page_version() -> str:
+    """Return a digest of the files of the page as they are now."""
+    return _page_version(tuple(sorted((str(path), path.stat().st_mtime_ns) for path in FOLDER.rglob("*.*"))))
+
+
+@lru_cache(maxsize=1)
+def _page_version(files: tuple[tuple[str, int], ...]) -> str:
+    """Return the digest of the files at these paths; their times tell whether one has changed."""
+    digest = sha256()
+    for path, _ in files:
+        digest.update(Path(path).name.encode() + b"\0" + Path(path).read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+def index_content() -> tuple[bytes, bytes, str]:
+    """Return the document, plain and compressed, and its ETag.
+
+    It names its files under a version, so that a browser that has them asks for none: each request takes a round trip,
+    and on a slow line fifty take seconds.
+    """
+    content = (FOLDER / "index.html").read_bytes()
+    content = OWN_FILE.sub(f'"page/{page_version()}/'.encode(), content)
+    return content, gzip.compress(content, mtime=0), f'W/"{sha256(content).hexdigest()[:32]}"'
 
 
 def compressed(path: Path) -> bytes:
@@ -116,7 +153,13 @@ PLOTLY = Assets(directory=plotly_folder())
 @router.get("/")
 async def page(request: Request) -> Response:
     """Serve the page."""
-    return await ASSETS.get_response("index.html", request.scope)
+    plain, packed, tag = await run_sync(index_content)
+    headers = HEADERS | {"ETag": tag, "Vary": "Accept-Encoding"}
+    if tag in request.headers.get("If-None-Match", ""):
+        return Response(status_code=304, headers=headers)
+    if coding_of(request.headers.get("Accept-Encoding", ""), ("gzip",)) != "gzip":
+        return HTMLResponse(plain, headers=headers)
+    return HTMLResponse(packed, headers=headers | {"Content-Encoding": "gzip"})
 
 
 @router.get("/page/plotly/plotly.min.js")

@@ -55,6 +55,8 @@ LIKELY, UNLIKELY = 0.9, 0.1
 """Probabilities of ricochet above which a body is turned away, and below which it is not. [1]"""
 ROUNDED_AWAY = 0.005
 """Probability that would be written as 0 %. [1]"""
+RANGE_FAILED = "the 90 % range could not be computed"
+NO_RANGE_BY_PANELS = "no 90 % range by panels"
 THEORY_NAMES = ("elastic-plastic", "Mohr-Coulomb")
 
 
@@ -129,8 +131,10 @@ class Verdict:
     searched: tuple[float, float]
     """Ends of the search. [rad]"""
     spread: tuple[float, float] | None
-    """90 % range of the critical angle with the usual scatter; None if no sample has an angle. The angle with the
-    inputs as given belongs to it. [rad]"""
+    """90 % range of the critical angle with the usual scatter, and with the inputs as given; None if no sample has an
+    angle, or none was computed. [rad]"""
+    reason_without_range: str = ""
+    """Clause of the sentence that says why the samples of the usual scatter were not computed; empty if they were."""
     share_without: float
     """Share of the samples without a critical angle. [1]"""
     theories: tuple[float | None, ...]
@@ -139,6 +143,8 @@ class Verdict:
     """Whether the verdict is on a law of one's own, and that over the theories is beside it."""
     theory_spread: tuple[float, float] | None = None
     """90 % range over the theories where the verdict is on a law of one's own. [rad]"""
+    theory_range_failed: bool = False
+    """Whether that range was asked for and could not be computed."""
     held_angle: float | None = None
     """Critical angle with S held from 55° on, where it is held from 60° on and the angle is above 55°. [rad]"""
     standard_error: float | None = None
@@ -180,7 +186,8 @@ class Verdict:
 
     @property
     def _decimals(self) -> int:
-        return 2 if self.spread is None else _decimals_of(self.spread)
+        # A critical angle without its range must not look surer than one with the usual range of several degrees.
+        return 0 if self.spread is None else _decimals_of(self.spread)
 
     def _judged(self) -> str:
         if self.oblique_angle is None or self.outcome is None:
@@ -212,6 +219,8 @@ class Verdict:
             text += " by the law chosen"
         if self.spread is not None:
             text += f", 90 % range {self.range_text}"
+        elif self.reason_without_range:
+            text += f", {self.reason_without_range}"
         if self.share_without >= 0.005:
             text += f", {100.0 * self.share_without:.0f} % of the samples without one from {lower} to {upper}"
         return text
@@ -234,8 +243,8 @@ class Verdict:
 
     def _over_theories(self) -> str:
         """Return the range over the theories beside that of a law of one's own."""
-        if not self.own_law or self.theory_spread is None:
-            return ""
+        if self.theory_spread is None:
+            return "The range over the theories could not be computed." if self.theory_range_failed else ""
         return (
             "; ".join(
                 filter(None, (f"Over the theories: 90 % range {_range_text(self.theory_spread)}", self._by_theory()))
@@ -485,6 +494,7 @@ def verdict_steps(
         answer = again.get(name)
         moved[name.split()[0]].append(None if answer is None else answer.angle)
     nothing = Spread(None, 0.0, (), None)
+    reason = "" if found.get("uncertainty") else RANGE_FAILED if ranged else NO_RANGE_BY_PANELS
     judging: Spread = found.get("uncertainty") or nothing
     over_theories: Spread = (found.get("theories") or nothing) if own_law else judging
     ended: Ended = found.get("judged") or Ended()
@@ -495,11 +505,13 @@ def verdict_steps(
         angle=searched.angle,
         searched=search.bounds,
         spread=spread,
+        reason_without_range=reason,
         share_without=judging.share_without,
         theories=over_theories.theories,
         own_law=own_law,
         held_angle=held,
         theory_spread=over_theories.range if own_law else None,
+        theory_range_failed="theories" in asked and not found.get("theories"),
         standard_error=searched.standard_error,
         other_crossings=searched.other_crossings,
         oblique_angle=oblique_angle,

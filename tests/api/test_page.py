@@ -156,10 +156,30 @@ def test_file_that_has_not_changed_is_answered_304(client: httpx.Client, address
     assert other.status_code == 200
 
 
+def test_browser_that_has_the_page_asks_for_none_of_its_files_again(
+    client: httpx.Client, references: References
+) -> None:
+    files = [address for address in references.addresses if address.startswith("page/")]
+    files.remove("page/contract.json")
+    assert len(files) > 40
+    _, version, _ = files[0].split("/", 2)
+    for address in files:
+        answer = client.get(f"/{address}")
+        assert answer.headers["Cache-Control"] == "public, max-age=31536000, immutable"
+        name = address.removeprefix(f"page/{version}/")
+        assert answer.content == (FOLDER / name).read_bytes()
+        assert client.get(f"/page/{name}").headers["Cache-Control"] == "no-cache"
+    old = client.get(f"/page/{'0' * len(version)}/main.js")
+    assert old.headers["Cache-Control"] == "no-cache", "of a page that was open while the service was replaced"
+    assert old.content == (FOLDER / "main.js").read_bytes()
+
+
 @pytest.mark.parametrize(
     "address",
     [
         "/page/missing.js",
+        "/page/0123456789abcdef/missing.js",
+        "/page/0123456789abcdef/../../app.py",
         "/page/",
         "/page/views",
         "/page/plotly/",

@@ -4,6 +4,8 @@ import html
 import json
 import math
 import re
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,7 @@ from service.schemas import ReportRequest
 from service.schemas.flight import FlightInput
 from service.schemas.strike import PAPER
 from solver.uncertainty import verdict
-from tests.conftest import running_service
+from tests.conftest import Service, running_service
 from tests.odd_strikes import KINDS, odd_strikes
 
 from .calibrations import answered
@@ -87,6 +89,31 @@ def test_verdict_on_odd_strikes_is_the_same_everywhere(
     ):
         for body in odd_strikes(60, seed=6):
             check_is_the_same_everywhere(body, client, service.url, tmp_path, capsys)
+
+
+@pytest.mark.parametrize(
+    ("numerics", "settings", "reason"),
+    [
+        ({"relative_tolerance": 1e-10}, {"study_seconds": "3"}, "the 90 % range could not be computed"),
+        ({"method": "panels", "panels": 100}, {}, "no 90 % range by panels"),
+    ],
+    ids=["study beyond its time limit", "panels"],
+)
+def test_verdict_without_a_range_says_why(
+    service_on: Callable[..., AbstractContextManager[Service]],
+    tmp_path: Path,
+    numerics: dict[str, Any],
+    settings: dict[str, str],
+    reason: str,
+) -> None:
+    with (
+        service_on(tmp_path, **settings) as service,
+        httpx.Client(base_url=service.url, timeout=180.0, trust_env=False) as client,
+    ):
+        found = answered(client, "/verdict", AT_50 | {"numerics": numerics})
+    assert found["range_text"] == ""
+    assert "range" not in found
+    assert re.search(rf"Critical angle 4[89]\.\d° from the normal, {reason}\.$", found["sentence"])
 
 
 def test_papers_strike_is_as_sure_as_its_tests_only_where_that_is_asked_for(client: httpx.Client) -> None:

@@ -1,8 +1,11 @@
 """What the browser keeps for the page: it may keep nothing, or something damaged."""
 
+from pathlib import Path
+
 import pytest
 from playwright.sync_api import Page, expect
 
+from . import firefox
 from .side_view import IDLE, open_explore
 
 BLOCKED = """for (const area of ["localStorage", "sessionStorage"]) {
@@ -48,3 +51,32 @@ def test_damaged_values_are_dropped_and_the_rest_is_kept(page: Page) -> None:
     expect(page.get_by_role("link", name="Bad")).to_have_count(0)
     page.get_by_role("link", name="Good").click()
     expect(page.get_by_label("Mass")).to_have_value("15")
+
+
+@pytest.mark.skipif(firefox.executable() is None, reason="needs Firefox: apt-get install firefox-esr")
+def test_firefox_with_storage_off_shows_every_view(live_url: str, tmp_path: Path) -> None:
+    path = firefox.executable()
+    assert path is not None
+    with firefox.running_firefox(path, tmp_path, {**firefox.OFF_THE_NETWORK, "dom.storage.enabled": False}) as tab:
+        tab.open(f"{live_url}/")
+        assert tab.evaluate("window.localStorage === null")
+        assert "Critical angle 48.6° from the normal" in tab.evaluate(
+            shown("document.querySelector('.outcome')?.textContent", "90 % range")
+        )
+        for view in VIEWS:
+            tab.evaluate(f"location.hash = '#/{view}'")
+            assert tab.evaluate(shown("document.querySelector('h1')?.textContent", ""))
+            assert tab.evaluate("document.querySelectorAll('.view > .problem:not(:empty)').length") == 0
+        assert tab.errors == []
+
+
+def shown(text: str, part: str) -> str:
+    """Script that waits for a text of the page to have this part, and returns it."""
+    return f"""new Promise((found) => {{
+        const look = () => {{
+            const text = {text};
+            if (text?.includes("{part}")) found(text);
+            else setTimeout(look, 100);
+        }};
+        look();
+    }})"""

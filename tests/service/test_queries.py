@@ -242,6 +242,19 @@ async def test_query_waits_no_longer_than_it_may(pool: ProcessPool, tmp_path: Pa
     await asyncio.gather(*running)
 
 
+async def test_query_that_waited_in_vain_is_not_told_to_come_back_sooner(pool: ProcessPool, tmp_path: Path) -> None:
+    """It waits behind cheaper work, which may be jobs that do not count as queries."""
+    cache = ResultCache(tmp_path / "data", memory_bytes=100_000_000, disk_bytes=10**9)
+    service = QueryService(cache, pool, OPERATIONS, queue_seconds=1.2)
+    calls: list[Call] = [(time.sleep, (0.1,))] * 20
+    chunks = [asyncio.ensure_future(pool.run(calls)) for _ in range(4)]
+    larger = replace(KeyedRequest.of("once", Question(tmp_path, 0)), work=21)
+    with pytest.raises(QueriesWaitingError) as refused:
+        await service.answer("once", larger)
+    assert refused.value.retry_after >= 2
+    await asyncio.gather(*chunks)
+
+
 async def test_announced_wait_is_no_longer_than_all_queries_may_run(tmp_path: Path) -> None:
     """Queries that end at the time limit are never counted as done, however much work they seem to be."""
     executor = ProcessPool(workers=2, task_seconds=4.0)

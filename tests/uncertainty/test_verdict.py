@@ -35,7 +35,7 @@ from solver.resistance import predict_shot, strength_factor
 from solver.strength_scatter import TABLE_1, scatter_of_strength
 from solver.strike import PAPER_PROJECTILE, PAPER_VELOCITY
 from solver.uncertainty import Discrete, Estimate, Verdict, usual_scatter, verdict
-from solver.uncertainty.verdict import with_those_of_strike
+from solver.uncertainty.verdict import NO_RANGE_BY_PANELS, RANGE_FAILED, with_those_of_strike
 from solver.uncertainty.weighed_warnings import range_held_earlier
 from tests.odd_strikes import KINDS, odd_strikes
 from tests.physics.strikes import CASE, known
@@ -355,7 +355,19 @@ LANDED = Flight(
             {"spread": (math.radians(48.0), math.radians(50.01))},
             "Critical angle 48.63° from the normal, 90 % range 48.0° to 50.0°.",
         ),
-        ({"spread": None}, "Critical angle 48.63° from the normal."),
+        ({"spread": None}, "Critical angle 48.6° from the normal."),
+        (
+            {"spread": None, "reason_without_range": RANGE_FAILED},
+            "Critical angle 48.6° from the normal, the 90 % range could not be computed.",
+        ),
+        (
+            {"spread": None, "reason_without_range": NO_RANGE_BY_PANELS, "own_law": True},
+            "Critical angle 48.6° from the normal by the law chosen, no 90 % range by panels.",
+        ),
+        (
+            {"own_law": True, "theory_range_failed": True},
+            f"{BY_LAW}. The range over the theories could not be computed.",
+        ),
         (
             AT_50 | {"probability": Estimate(0.2, 0.17, 0.23)},
             f"{SAID} may be turned away (probability 20 %); {NOMINAL}. {FIRST}.",
