@@ -128,7 +128,7 @@ def run_file(args: argparse.Namespace) -> int:
         flag = "--case" if args.case else "--keep"
         raise UsageError(f"{flag}: goes with a table of cases, .csv, .tsv or .xlsx; {args.file} is read as JSON lines")
     if args.xlsx:
-        require_excel("--output")
+        require_excel(f"--output {args.output}")
     if is_table:
         return run_batch(args, _request(args, *_cases_of_table(args)))
     if args.skip_bad:

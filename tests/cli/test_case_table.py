@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -202,6 +203,26 @@ def test_a_workbook_is_read_as_the_table_that_it_shows(served: Path, capsys: pyt
     (served / "cases.xlsx").write_bytes(b"PK no workbook")
     assert cli.main(["batch", "cases.xlsx", "--case", "strike.toml"]) == 2
     assert "cases.xlsx: not an Excel workbook" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "begin"),
+    [
+        ("batch cases.xlsx", "ricochet batch: cases.xlsx: an Excel workbook needs openpyxl"),
+        ("batch cases.jsonl -o angles.xlsx", "ricochet batch: --output angles.xlsx needs openpyxl"),
+        ("init --table cases.xlsx", "ricochet init: --table cases.xlsx needs openpyxl"),
+    ],
+)
+def test_excel_without_its_package_names_the_extra(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: str, begin: str
+) -> None:
+    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    (here / "cases.jsonl").write_text(json.dumps(case_at(238.0)))
+    assert cli.main(words.split()) in {1, 2}
+    error = capsys.readouterr().err
+    assert error.startswith(begin)
+    assert "[excel]" in error
+    assert not (here / "angles.xlsx").exists()
 
 
 def test_every_bad_line_is_named_and_can_be_left_out(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
