@@ -1,14 +1,14 @@
-"""How far critical angles with default settings are from converged ones, and from scans, over random strikes.
+"""Error of critical angles with default settings, compared with converged ones and with scans, over random strikes.
 
     python benchmarks/accuracy.py [--only usual|odd|walls|routes] [--cases N] [--seed 1] [--processes 2] [--output FILE]
 
 `usual`: 200 strikes against searches with converged settings; angles must agree within 0.02°. `odd`: 300 strikes far
-beyond usual ones against scans, a fine trajectory every 0.5°; the status must agree, and each change of outcome lie in
-its cell of the scan. `walls`: 200 usual strikes on walls of 0.5 to 5 diameters against such scans; the outcome at each
-angle must be that of its interval. `routes`: 3,000 strikes of every kind by both routes, see `validation/routes.py`.
-Disagreements are printed with inputs and warnings. Exits with 1 if a case fails, if status or angle of a usual one
-disagree, or those of more than 1 % of the others, or of any of them without a warning; if the routes differ for no
-reason found, or a combination did not come.
+outside the usual range against scans, a fine trajectory every 0.5°; the status must agree, and each change of outcome
+lie in its cell of the scan. `walls`: 200 usual strikes on walls of 0.5 to 5 diameters against such scans; the outcome
+at each angle must be that of its interval. `routes`: 3,000 strikes of every kind by both routes, see
+`validation/routes.py`. Disagreements are printed with inputs and warnings. Exits with 1 if a case fails, if status or
+angle of a usual strike disagree, if more than 1 % of the others disagree or one of them without a warning, if the
+routes differ for no known reason, or if a combination did not occur.
 """
 
 import argparse
@@ -34,21 +34,21 @@ from validation.routes import random_strikes
 
 TOLERATED_DEG = 0.02
 SCAN_DEG = [5.0 + 0.5 * index for index in range(161)]
-"""The default range of a search."""
+"""Angles of a scan over the default range of a search. [°]"""
 DOUBTS = {"retention_decides", "retention_decides_perforation", "tumbling", "undecided"}
-"""Warnings that an angle rests on little."""
+"""Warnings that an angle is uncertain."""
 DISAGREEMENTS = ("error", "status", "first angle", "other crossings", "intervals")
 UNWARNED = ("status", "first angle", "intervals")
-"""Disagreements that are counted where no warning says so."""
+"""Disagreements that are counted if the case has none of these warnings."""
 ROUTES = 3000
-"""Strikes that are compared by both routes."""
+"""Number of strikes to compare by both routes."""
 TOLERATED_SHARE = 0.01
-"""Odd strikes, and strikes on walls, that may disagree, each with such a warning."""
+"""Share of odd strikes, and of strikes on walls, that may disagree, each with such a warning. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """One case: the answer with default settings, and the reference."""
+    """Answer to a case with default settings, and the reference."""
 
     number: int
     inputs: dict[str, str]
@@ -61,11 +61,11 @@ class Comparison:
     others_deg: list[float]
     reference_others_deg: list[tuple[float, float]]
     doubts: list[str]
-    """Warnings of the search that are among `DOUBTS`."""
+    """Warnings of the search that are in `DOUBTS`."""
     wrong_deg: list[float] | None = None
-    """Angles of a scan at which a strike on a wall has another outcome than the interval there."""
+    """Angles of a scan at which the outcome of a strike on a wall differs from that of the interval."""
     confirmed: bool | None = None
-    """Whether a fine trajectory 0.02° above the angle is turned away, and one as far below the bracket is not."""
+    """Whether a fine trajectory 0.02° above the angle is turned away, and one 0.02° below the bracket is not."""
     cpu_s: float
     paper_cpu_s: float
     """CPU time of the paper's strike right after, in the same process."""
@@ -79,7 +79,7 @@ class Comparison:
 
     @property
     def disagreement(self) -> str:
-        """What differs; empty if nothing does."""
+        """Description of the disagreement; empty if there is none."""
         if "Error" in self.status + self.reference_status:
             return "error"
         if self.status != self.reference_status:
@@ -147,13 +147,13 @@ def compare_walls(numbered: tuple[int, Case]) -> Comparison:
 
 
 def _holds(interval: OutcomeInterval, angle_deg: float) -> bool:
-    """Whether an angle is in an interval, or so near that it may be."""
+    """Whether an angle is in an interval, or within the tolerance of it."""
     lower, upper = math.degrees(interval.lower), math.degrees(interval.upper)
     return lower - TOLERATED_DEG <= angle_deg <= upper + TOLERATED_DEG
 
 
 def _outcome(case: Case, angle_deg: float) -> Outcome:
-    """Outcome of a fine trajectory; one that is still in motion counts as embedded."""
+    """Outcome of a fine trajectory; `in_motion` counts as embedded."""
     strike: dict[str, Any] = dict(case)
     attack = strike.pop("angle_of_attack")
     impact = Impact(velocity=strike.pop("velocity"), oblique_angle=math.radians(angle_deg), angle_of_attack=attack)
@@ -166,7 +166,7 @@ def _turned_away(case: Case, angle_deg: float) -> bool:
 
 
 def _timed(number: int, case: Case) -> tuple[dict[str, Any], CriticalAngle | RicochetError]:
-    """The answer with default settings and its time as fields of a comparison, and that answer."""
+    """Return the answer with default settings and its time as fields of a comparison, and the answer itself."""
     begin = time.process_time()
     answer = answer_or_error(case)
     middle = time.process_time()
@@ -199,7 +199,7 @@ def _angles(answer: CriticalAngle | RicochetError) -> tuple[float | None, list[f
 
 
 def summarize(rows: list[Comparison]) -> dict[str, Any]:
-    """Figures over all cases."""
+    """Return the figures over all cases."""
     differences = [row.difference_deg for row in rows if row.difference_deg is not None]
     counts = Counter(row.disagreement for row in rows)
     paper_s = statistics.median(row.paper_cpu_s for row in rows)
@@ -229,7 +229,7 @@ def passes(kind: str, rows: list[Comparison]) -> bool:
 
 
 def compare_routes(count: int, seed: int, processes: int) -> bool:
-    """Print the table of combinations and every difference of the routes; return whether all is as it must be."""
+    """Print the table of combinations and every difference of the routes; return whether there is no fault."""
     strikes = list(random_strikes(count, seed))
     with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), initializer=warm_up) as pool:
         rows = list(pool.map(routes.compare, range(count), strikes, chunksize=20))
@@ -267,7 +267,7 @@ SETS = {
 
 
 def run(compare: Callable[[tuple[int, Case]], Comparison], cases: list[Case], processes: int) -> list[Comparison]:
-    """Comparisons in the order of the cases."""
+    """Return the comparisons in the order of the cases."""
     with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), initializer=warm_up) as pool:
         return list(pool.map(compare, enumerate(cases)))
 

@@ -4,11 +4,11 @@
 
 Counts the files in which a function is called, by `sys.setprofile` on every thread of the server and its event loop,
 for a `POST /cra` that is not cached and for a job of three cases, from its submission to its results. Every request is
-made once before with other numbers, so nothing is imported or set up meanwhile, and then three times, of which the one
-with the fewest files counts: what the server does now and then is in the others. The path is printed file by file: each
-line a file, in the order of its first call, with how often control came to it from another file. `--paths` prints
-every switch. Files of `solver` are counted too: a server that leaves its objects to the workers calls none. Workers are
-other processes and are not counted. A few seconds.
+made once before with other numbers, so that nothing is imported or set up meanwhile, and then three times. The one with
+the fewest files counts, because the others include periodic work of the server. The path is printed file by file: each
+line is a file, in the order of first calls, with the number of times that control came to it from another file.
+`--paths` prints every switch. Files of `solver` are counted too; a server that leaves its objects to the workers calls
+none. Workers are other processes and are not counted. A few seconds.
 """
 
 import argparse
@@ -46,7 +46,7 @@ class Recorder:
         self._on = False
 
     def profile(self, frame: FrameType, event: str, _: object) -> None:
-        """Record a call, as a function of `sys.setprofile`; the regular tick of the server is left out."""
+        """Record a call, as a function of `sys.setprofile`, except those of the server's periodic tick."""
         code = frame.f_code
         if not self._on or event != "call" or code.co_name == "on_tick":
             return
@@ -55,7 +55,7 @@ class Recorder:
 
     @contextmanager
     def recording(self) -> Iterator[None]:
-        """Record during the block, and forget what was recorded before."""
+        """Record during the block, and delete earlier records."""
         self.files.clear()
         self._on = True
         yield
@@ -63,7 +63,7 @@ class Recorder:
 
 
 def case(number: int) -> dict[str, Any]:
-    """A case by number."""
+    """Return a case by number."""
     [paper] = one_by_one(study_cases(1, 0))
     return to_request({**paper, "velocity": 230.0 + number})
 

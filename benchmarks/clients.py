@@ -1,4 +1,4 @@
-"""HTTP clients that cost little themselves: a batch from its first byte to its last result, and request rates."""
+"""HTTP clients with little overhead: a batch from its first byte to its last result, and request rates."""
 
 import json
 import math
@@ -15,12 +15,12 @@ from solver import Ogive
 
 JSONL = "application/jsonl"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.01, 0.25
-"""Between two looks at a job: a twentieth of the time since its submission, within these. [s]"""
+"""Bounds of the pause between two requests of a job: a twentieth of the time since its submission. [s]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """A finished batch: the job at its end, its results as sent, and the time from first byte to last result. [s]"""
+    """A finished batch: the job, its results as received, and the time from first byte to last result. [s]"""
 
     job: dict[str, Any]
     results: list[bytes]
@@ -28,7 +28,7 @@ class Batch:
 
 
 def to_request(case: Case) -> dict[str, Any]:
-    """A case of a study, with an ogive and the default resistance, as the body of `/cra`."""
+    """Return a case of a study, with an ogive and the default resistance, as a body of `/cra`."""
     projectile, target = case["projectile"], case["target"]
     if not isinstance(projectile.nose, Ogive):
         raise TypeError(projectile.nose)
@@ -53,7 +53,7 @@ def run_batch(server: Server, path: str, cases: list[dict[str, Any]]) -> Batch:
     Raises
     ------
     RuntimeError
-        If it is refused, or has another number of results than cases.
+        If the batch is refused, or the number of results is not that of the cases.
     """
     body = b"".join(json.dumps(case).encode() + b"\n" for case in cases)
     connection = HTTPConnection("127.0.0.1", server.port, timeout=600.0)
@@ -79,7 +79,7 @@ def run_batch(server: Server, path: str, cases: list[dict[str, Any]]) -> Batch:
 
 
 def requests_per_second(port: int, request: bytes, *, connections: int, seconds: float) -> float:
-    """Rate of 200 answers to one request, sent on each connection as soon as the answer before has arrived."""
+    """Rate of answers to one request, sent on each connection as soon as the previous answer has arrived."""
     count, deadline = 0, time.perf_counter() + seconds
     ends: dict[int, socket.socket] = {}
     with selectors.DefaultSelector() as selector:
@@ -104,7 +104,7 @@ def requests_per_second(port: int, request: bytes, *, connections: int, seconds:
 
 
 def is_complete(answer: bytearray) -> bool:
-    """Return whether an answer with a Content-Length has arrived to its end.
+    """Return whether an answer with a Content-Length has arrived completely.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def is_complete(answer: bytearray) -> bool:
 
 
 def raw_request(method: str, path: str, body: bytes = b"") -> bytes:
-    """A request as it is sent."""
+    """Return a request as bytes."""
     head = f"{method} {path} HTTP/1.1\r\nhost: 127.0.0.1\r\n"
     if body:
         head += f"content-type: application/json\r\ncontent-length: {len(body)}\r\n"

@@ -3,8 +3,8 @@
     python benchmarks/cluster.py [--cases 2000] [--quick]
 
 The same batches go to a service with a pool of two workers, and to one whose batches are computed on a Dask cluster of
-two workers over TCP: critical angles of a study, and trajectories that end soon, of which the share of service and
-cluster is larger. All processes share the cores of this machine. Some two minutes; `--quick` takes 100 cases.
+two workers over TCP: critical angles of a study, and short trajectories, in which the share of service and
+cluster is larger. All processes share the cores of this machine. About two minutes; `--quick` takes 100 cases.
 """
 
 import argparse
@@ -26,7 +26,7 @@ SEED = 3
 def measure(server: Server, count: int) -> dict[str, Batch]:
     """Run a batch of critical angles and one of short trajectories."""
     searches = [to_request(case) for case in one_by_one(study_cases(count + 200, SEED))]
-    run_batch(server, "/cra/batch", searches[count:])  # starts what is started at first use
+    run_batch(server, "/cra/batch", searches[count:])  # warm up
     short = [case | {"impact": case["impact"] | {"oblique_angle_deg": 80.0}} for case in searches[:count]]
     return {
         "critical angles of a study": run_batch(server, "/cra/batch", searches[:count]),

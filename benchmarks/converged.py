@@ -1,4 +1,4 @@
-"""The paper's strike, and its answers with numerical errors far below those that are measured against them."""
+"""The paper's strike, and converged answers to compare with."""
 
 import math
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ from solver.search.trials import LAST_TOLERANCE
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, TRAJECTORY_TOLERANCE, paper_impact
 
 OBLIQUE_ANGLE_DEG = 45.0
-"""Of the one trajectory that is measured."""
+"""Oblique angle of the trajectory that is measured. [°]"""
 DEPTH_TIMES = (5e-4, 1e-3, 2e-3, 3e-3)
-"""When its depths are compared: whole multiples of the first, and before the projectile has stopped. [s]"""
+"""Times at which its depths are compared: multiples of the first one, before the projectile has stopped. [s]"""
 
 CONVERGED = Numerics(method="adaptive", relative_tolerance=LAST_TOLERANCE / 30.0, stations=24, points=8)
 SCANNED = Numerics(method="adaptive", relative_tolerance=1e-6, stations=24, points=6)
-"""Of a trajectory whose outcome alone matters."""
+"""Numerics of a trajectory of which only the outcome is used."""
 CONVERGED_SEARCH = Search(tolerance=math.radians(0.001))
 CONVERGED_PATH = Numerics(method="adaptive", relative_tolerance=TRAJECTORY_TOLERANCE / 10.0, stations=32, points=16)
 
@@ -42,11 +42,11 @@ class References:
     by_tip: float
     """Angle at which the tip is back at the face after 5 ms, which the paper seeks. [°]"""
     tip_depths: FloatArray
-    """At `DEPTH_TIMES`. [m]"""
+    """Depths of the nose tip at `DEPTH_TIMES`. [m]"""
 
 
 def compute_references() -> References:
-    """Answers to compare with; a few seconds."""
+    """Compute the answers to compare with; takes a few seconds."""
     by_tip = Search(method="bisection", relative_tolerance=1e-6)
     return References(
         by_outcome=degrees(paper_critical_angle(numerics=CONVERGED, search=CONVERGED_SEARCH)),
@@ -56,7 +56,7 @@ def compute_references() -> References:
 
 
 def degrees(answer: CriticalAngle) -> float:
-    """The critical angle of an answer that has one. [°]"""
+    """Critical angle of an answer, which must have one. [°]"""
     assert answer.angle is not None  # noqa: S101 # the paper's strike has one
     return math.degrees(answer.angle)
 

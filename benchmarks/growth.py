@@ -3,14 +3,14 @@
     python benchmarks/growth.py [--quick] [--figure growth.svg]
 
 1. Searches a second against threads, up to the cores of this machine; chunks a second, each of which sleeps a tenth of
-   a second, against workers of a Dask cluster: what is left of them is what the service and the scheduler keep up with.
-2. Memory of the server against cases that wait in one job of JSON lines. [MB]
-3. Disk, the time to open the results and that to start the service against results; these are copies of 200 that were
-   computed, under other keys, in segments of 200 as a job leaves them.
+   a second, against workers of a Dask cluster: the loss is due to the service and the scheduler.
+2. Memory of the server against queued cases of one job of JSON lines. [MB]
+3. Disk usage, time to open the results and time to start the service against results, which are copies of 200 that were
+   computed, under other keys, in segments of 200 like those of a job.
 4. The times of `GET /jobs`, of accepting a job and of a start against jobs, which are copies of one that has ended.
 
-Each curve is fitted by a line, point by point relative to its size. A curve that is off by more than `TOLERANCE` is no
-line: the table says where its slope differs most from that at first. Times are the least of several. Some six
+Each curve is fitted by a line with relative errors. If the error is more than `TOLERANCE`, the curve is not a
+line, and the table shows where its slope differs most from the initial one. Times are the least of several. About six
 minutes; `--quick` stops a decade earlier, after two. Needs Linux (/proc).
 """
 
@@ -57,7 +57,7 @@ SEARCHES, QUICK_SEARCHES = 1_000, 100
 
 @dataclass
 class Curve:
-    """What is measured at several sizes."""
+    """Values measured at several sizes."""
 
     name: str
     unit: str
@@ -65,13 +65,13 @@ class Curve:
     points: list[tuple[int, float]] = field(default_factory=list)
 
     def line(self) -> tuple[float, float]:
-        """Constant and slope of the line that is nearest to the points, relative to their size."""
+        """Constant and slope of the line with the least relative errors."""
         sizes, values = np.array(self.points).T
         slope, constant = np.polyfit(sizes, values, 1, w=1.0 / values)
         return float(constant), float(slope)
 
     def fit(self) -> str:
-        """The line, or where the curve bends."""
+        """Describe the line, or where the curve bends."""
         (first, small), *_, (last, large) = self.points
         if len(self.points) < 3:
             return f"{large / small:.3g} times from {first:,} to {last:,}"
@@ -104,7 +104,7 @@ def searches(count: int) -> list[Curve]:
 
 
 def asleep(sizes: Sequence[int]) -> list[Curve]:
-    """Measure chunks a second on Dask workers that only sleep."""
+    """Measure the chunks a second of Dask workers that only sleep."""
     curve = Curve("sleeping chunks", "1/s", "Dask workers")
     for size in sizes:
         with LocalCluster(  # type: ignore[no-untyped-call]
@@ -116,13 +116,13 @@ def asleep(sizes: Sequence[int]) -> list[Curve]:
 
 
 async def seconds_asleep(address: str, workers: int) -> float:
-    """Time that all workers of a cluster take for so many chunks each. [s]"""
+    """Time that all workers of a cluster take for this many chunks each. [s]"""
     executor = DaskExecutor(address=address, workers=1, task_seconds=60.0)
     await executor.start()
     try:
         while executor.cluster.capacity < workers:
             await executor.cluster.changed.wait()
-        await asyncio.gather(*(executor.run([(time.sleep, (0.0,))]) for _ in range(4 * workers)))  # starts their pools
+        await asyncio.gather(*(executor.run([(time.sleep, (0.0,))]) for _ in range(4 * workers)))  # warm up their pools
         begin = time.perf_counter()
         found = await asyncio.gather(*(executor.run([(time.sleep, (SLEEP_SECONDS,))]) for _ in range(SLEEPS * workers)))
         seconds = time.perf_counter() - begin
@@ -135,7 +135,7 @@ async def seconds_asleep(address: str, workers: int) -> float:
 
 
 def memory(sizes: Sequence[int]) -> list[Curve]:
-    """Measure the memory of a server that has just accepted a job, and its greatest until then."""
+    """Measure the current and the greatest memory of a server that has just accepted a job."""
     kept, most = Curve("memory", "MB", "queued cases"), Curve("greatest memory", "MB", "queued cases")
     for number, size in enumerate(sizes):
         body = b"".join(json.dumps(to_request(case)).encode() + b"\n" for case in one_by_one(study_cases(size, number)))
@@ -148,12 +148,12 @@ def memory(sizes: Sequence[int]) -> list[Curve]:
 
 
 def submit(server: Server, body: bytes) -> None:
-    """Have a job of JSON lines accepted.
+    """Submit a job of JSON lines.
 
     Raises
     ------
     RuntimeError
-        If it is refused.
+        If the job is refused.
     """
     exchange(server, "POST", "/cra/batch", 202, body, {"Content-Type": JSONL, "Prefer": "respond-async"})
 
@@ -171,7 +171,7 @@ def exchange(
     Raises
     ------
     RuntimeError
-        If it has another status.
+        If the status is another one.
     """
     with closing(HTTPConnection("127.0.0.1", server.port, timeout=600.0)) as connection:
         connection.request(method, path, body, headers or {})
@@ -182,7 +182,7 @@ def exchange(
 
 
 def results(sizes: Sequence[int]) -> list[Curve]:
-    """Measure the disk that results take, and the times that they cost at a start."""
+    """Measure the disk usage of results, and the time to open them and to start with them."""
     disk = Curve("disk", "MB", "results")
     opening, start = Curve("opening the results", "s", "results"), Curve("start", "s", "results")
     cases = [to_request(case) for case in one_by_one(study_cases(SEGMENT, 41))]
@@ -208,7 +208,7 @@ def results(sizes: Sequence[int]) -> list[Curve]:
 
 
 def bytes_in(folder: Path) -> int:
-    """Disk that the files of a folder take, in whole blocks."""
+    """Disk usage of the files in a folder, in whole blocks."""
     return sum(512 * path.stat().st_blocks for path in folder.rglob("*"))
 
 
@@ -223,7 +223,7 @@ def least_start(folder: Path) -> float:
 
 
 def jobs(sizes: Sequence[int]) -> list[Curve]:
-    """Measure the times that jobs cost: at a start, to list the newest 200, and to accept one more."""
+    """Measure the time to start with jobs, to list the newest 200, and to accept one more."""
     listing, accepting = Curve("GET /jobs", "ms", "jobs"), Curve("accepting a job", "ms", "jobs")
     start = Curve("start", "s", "jobs")
     [case] = [to_request(each) for each in one_by_one(study_cases(1, 51))]
@@ -255,7 +255,7 @@ FROM jobs JOIN (SELECT * FROM {table} ORDER BY job LIMIT 1) WHERE jobs.number NO
 
 
 def copy_job(path: Path, size: int) -> None:
-    """Copy the first job with all that belongs to it, until there are so many."""
+    """Copy the first job with its cases until there are this many jobs."""
     with closing(sqlite3.connect(path)) as database, database:
 
         def columns_of(table: str, *keys: str) -> str:
@@ -269,7 +269,7 @@ def copy_job(path: Path, size: int) -> None:
 
 
 def draw(curves: Sequence[Curve], path: Path) -> None:
-    """Draw every curve with its line, against sizes in a logarithmic scale if they span decades."""
+    """Draw every curve with its line; sizes that span decades have a logarithmic scale."""
     with styled():
         rows = -(-len(curves) // 3)
         figure, axes = panels(len(curves), rows=rows, height=2.2 * rows)

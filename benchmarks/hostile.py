@@ -1,15 +1,15 @@
-"""How long does the event loop stand still at worst under hostile headers and bodies?
+"""What is the longest time that hostile headers and bodies block the event loop?
 
     python benchmarks/hostile.py [--requests 2000] [--seed 1]
 
-Three quarters of the requests have a hostile body, made from the example of a route in the contract (so that a new
-route is covered) by a change of some kind at a random place of it, as long as the route takes. The others have a
-hostile header of some kind: one that a route declares, or one that the code around the routes reads. Each is sent on a
-connection of its own, and the service is asked after each how long its event loop stood still meanwhile: by the clock,
-and by the processor time of its thread, which other processes on the machine do not lengthen.
+Three quarters of the requests have a hostile body, made from the example of a route in the contract (so that new
+routes are covered) by a change of some kind at a random place, as long as the route accepts. The others have a
+hostile header: one that a route declares, or one that the code around the routes reads. Each is sent on a new
+connection, and after each the service reports how long its event loop was blocked meanwhile: in wall time,
+and in processor time of its thread, which other processes on the machine do not affect.
 
-Prints a row a kind, the longest first, and the longest of all, which is meant to be below 50 ms. Ends in 1 if an answer
-was a 500. Some two minutes.
+Prints a row for each kind, the longest time first, and the longest of all, which should be below 50 ms. Exits with 1 if
+an answer was a 500. About two minutes.
 """
 
 import argparse
@@ -40,16 +40,16 @@ from service.telemetry import configure_log
 TARGET_SECONDS = 0.05
 TICK_SECONDS = 0.001
 PATIENCE_SECONDS = 30.0
-"""A service that does not answer its monitor for so long is killed, and started again."""
+"""Time after which a service that does not answer its monitor is killed and started again. [s]"""
 SHORT, LONG = 100 * 1024, 1_900_000
-"""Just below the longest bodies of one request and of many."""
+"""Lengths just below those of the longest body of a single request and of a batch. [bytes]"""
 HEADERS = {
     *("accept", "accept-encoding", "access-control-request-headers", "access-control-request-method", "authorization"),
     *("connection", "content-encoding", "content-length", "content-type", "cookie", "expect", "forwarded", "host"),
     *("if-modified-since", "if-none-match", "if-range", "origin", "range", "sec-fetch-site", "traceparent", "baggage"),
     *("transfer-encoding", "upgrade", "x-forwarded-for", "x-forwarded-proto", "x-request-id", "mcp-session-id"),
 }
-"""Headers that the service, its libraries or its proxy protocol read, beside those that routes declare."""
+"""Headers that the service, its libraries or its proxy protocol read, in addition to those that routes declare."""
 VALUES: dict[str, Callable[[int], bytes]] = {
     "blanks between commas": lambda size: b"," + b" " * size + b",",
     "many blanks between commas": lambda size: b", a" + b" " * (20 * size) + b", ",
@@ -73,24 +73,24 @@ VALUES: dict[str, Callable[[int], bytes]] = {
     "a request in the value": lambda _: b"x\r\nTransfer-Encoding: chunked\r\n",
     "nothing": lambda _: b"",
 }
-"""Kinds of values of headers, of about this size."""
+"""Functions that make a header value of about a given size."""
 
 Steps = tuple[str | int, ...]
 NAMES = ("velocity_m_s", "strength_facto", "caliber_radius_heda", "nose_shape", "mas_kg", "lengthh_m")
 
 
 def unknown_fields(size: int) -> dict[str, int]:
-    """Short names: some 11,000 in 100 kB."""
+    """Short names of fields, about 11,000 in 100 kB."""
     return {f"f{number}": 0 for number in range(size // 9)}
 
 
 def misspelt_fields(size: int) -> dict[str, int]:
-    """Names that resemble those of fields: suggestions are looked for."""
+    """Names similar to those of fields, which makes the service search for suggestions."""
     return {f"{NAMES[number % len(NAMES)]}{number}": 0 for number in range(size // 24)}
 
 
 def long_names(size: int) -> dict[str, int]:
-    """Names of 1 kB."""
+    """Names of fields of 1 kB."""
     return {f"{number:06}" + "velocity_" * 110: 0 for number in range(size // 1000)}
 
 
@@ -106,7 +106,7 @@ OBJECTS: dict[str, Callable[[int], dict[str, Any]]] = {
     "null fields": nulls,
     "unknown objects": lambda size: {f"o{number}": {"a": {}} for number in range(size // 18)},
 }
-"""Kinds of fields added to an object of a body."""
+"""Functions that make fields to add to an object of a body."""
 LISTS: dict[str, Callable[[int], Any]] = {
     "strings in a list": lambda size: ["a"] * (size // 4),
     "numbers in a list": lambda size: [1] * (size // 2),
@@ -117,7 +117,7 @@ LISTS: dict[str, Callable[[int], Any]] = {
     "an object for a list": lambda size: {str(number): number for number in range(size // 14)},
     "repeated items": lambda size: [1e300, "x", None, {}, []] * (size // 20),
 }
-"""Kinds of what stands in place of a list or of another value."""
+"""Functions that make a replacement for a list or another value."""
 SCALARS: dict[str, Callable[[int], Any]] = {
     "a long text": lambda size: "x" * size,
     "a text of escapes": lambda size: "\0" * (size // 6),
@@ -139,12 +139,12 @@ RAW: dict[str, Callable[[int, bytes], bytes]] = {
     "empty lines": lambda size, _: b"\n" * size,
     "wrong lines": lambda size, _: b"{}\n" * (size // 3),
 }
-"""Kinds of whole bodies, of about this size and from a right one."""
+"""Functions that make a whole body of about a given size from a valid one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Attack:
-    """A request as it is sent, and its kind."""
+    """A hostile request and its kind."""
 
     kind: str
     request: bytes
@@ -152,7 +152,7 @@ class Attack:
 
 @dataclass(slots=True)
 class Seen:
-    """What the requests of a kind came to: the statuses, and the longest that the loop stood still. [s]"""
+    """Statuses of the requests of a kind, and the longest time that the loop was blocked. [s]"""
 
     statuses: Counter[int] = field(default_factory=Counter)
     wall: float = 0.0
@@ -161,12 +161,12 @@ class Seen:
 
 
 class WatchedServer(Server):
-    """The service, with a task that notes how long the event loop stands still."""
+    """The service, with a task that measures how long the event loop is blocked."""
 
     pipe: Connection
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start, then watch."""
+        """Start the service, and then the task."""
         await super().startup(sockets)
         self._wall = self._cpu = 0.0
         asyncio.get_running_loop().add_reader(self.pipe.fileno(), self._report)
@@ -190,7 +190,7 @@ class WatchedServer(Server):
 
 
 def serve(pipe: Connection, port: int, folder: str) -> None:
-    """Run the service in a process of its own."""
+    """Run the service in a separate process."""
     settings = Settings(data_dir=Path(folder), port=port, workers=1, log_level="error")
     configure_log("error")
     server = WatchedServer(create_app(settings), settings)
@@ -199,7 +199,7 @@ def serve(pipe: Connection, port: int, folder: str) -> None:
 
 
 class Service:
-    """The process of the service; started again if it no longer answers."""
+    """Process of the service, which is started again if it no longer answers."""
 
     def __init__(self, folder: str) -> None:
         self._folder = folder
@@ -207,7 +207,7 @@ class Service:
         self.start()
 
     def start(self) -> None:
-        """Start it and wait until it is ready."""
+        """Start the service and wait until it is ready."""
         self._count += 1
         self.port = free_port()
         self._pipe, there = multiprocessing.Pipe()
@@ -223,7 +223,7 @@ class Service:
         return int(status.split("VmRSS:")[1].split()[0]) / 1024
 
     def stood_still(self) -> tuple[float, float]:
-        """Longest that the loop stood still since the last call: by the clock, and by its thread's time. [s]"""
+        """Longest time that the loop was blocked since the last call: wall time, and that of its thread. [s]"""
         with suppress(BrokenPipeError):
             self._pipe.send("report")
             if self._pipe.poll(PATIENCE_SECONDS):
@@ -235,7 +235,7 @@ class Service:
         return PATIENCE_SECONDS, PATIENCE_SECONDS
 
     def stop(self) -> None:
-        """End it."""
+        """Stop the service."""
         self._pipe.send("stop")
         self._process.join()
 
@@ -252,7 +252,7 @@ def running() -> Iterator[Service]:
 
 
 def bodies_of(contract: dict[str, Any]) -> list[tuple[str, str, str, Any]]:
-    """Return method, path, media type and a right body of every route that takes one."""
+    """Yield method, path, media type and a valid body of every route with a body."""
     found: list[tuple[str, str, str, Any]] = []
     for path, methods in contract["paths"].items():
         for method, operation in methods.items():
@@ -262,7 +262,7 @@ def bodies_of(contract: dict[str, Any]) -> list[tuple[str, str, str, Any]]:
                 found.append((method.upper(), path, media_type, body))
     call = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": "critical_angle", "arguments": PAPER}}
     model = {"name": "cra", "input": [[238.0, 39.0]], "config": {"inputs": [{"field": "impact.velocity_m_s"}]}}
-    found.append(("POST", "/mcp", "application/json", call))  # Not in the contract: they have one of their own.
+    found.append(("POST", "/mcp", "application/json", call))  # These routes are not in the contract.
     return found + [("POST", f"/umbridge/{name}", "application/json", model) for name in ("Evaluate", "InputSizes")]
 
 
@@ -275,7 +275,7 @@ def places_in(part: Any, steps: Steps = ()) -> Iterator[tuple[Steps, Any]]:
 
 
 def put(part: Any, steps: Steps, value: Any) -> Any:
-    """Return a copy of a body with this value there."""
+    """Return a copy of a body with this value at this place."""
     if not steps:
         return value
     changed = put(part[steps[0]], steps[1:], value)
@@ -312,7 +312,7 @@ def body_attack(rng: random.Random, routes: list[tuple[str, str, str, Any]]) -> 
 
 
 def header_attack(rng: random.Random, names: list[str], routes: list[tuple[str, str]]) -> Attack:
-    """Return a request with a hostile header; one in ten has many of it, or a long target."""
+    """Return a request with a hostile header; one in ten has many of them, or a long target."""
     method, path = rng.choice(routes)
     name, kind = rng.choice(names), rng.choice(list(VALUES))
     size = rng.choice([1_000, 8_000, 16_000, 60_000])
@@ -336,7 +336,7 @@ def send(port: int, request: bytes) -> int:
     """Send a request; return the status of its answer, 0 if there is none."""
     answer = b""
     with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_SECONDS) as connection:
-        connection.settimeout(2.0)  # A body that never ends is not waited for.
+        connection.settimeout(2.0)  # The rest of a body that never ends is not sent.
         with suppress(OSError):
             connection.sendall(request)
         while part := connection.recv(65536):
@@ -346,7 +346,7 @@ def send(port: int, request: bytes) -> int:
 
 
 def attacks(contract: dict[str, Any], count: int, seed: int) -> Iterator[Attack]:
-    """Yield so many attacks, the same for the same seed and contract."""
+    """Yield this many attacks, the same for the same seed and contract."""
     rng = random.Random(seed)  # noqa: S311 (no secret)
     bodies = bodies_of(contract)
     declared = {
@@ -371,7 +371,7 @@ def main() -> int:
     print_machine()
     seen: dict[str, Seen] = defaultdict(Seen)
     with tempfile.TemporaryDirectory() as folder, running() as service:
-        contract = create_app(Settings(data_dir=Path(folder))).openapi()  # That of the service is not made yet.
+        contract = create_app(Settings(data_dir=Path(folder))).openapi()  # The log of the service does not exist yet.
         send(service.port, b"GET /livez HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
         service.stood_still()
         before = service.resident_mb

@@ -1,17 +1,17 @@
-"""What does HTTP cost beside the bare solver?
+"""What is the overhead of HTTP compared with the bare solver?
 
     python benchmarks/http_load.py [--cases 20000 2000] [--quick]
 
-1. Of the throughput of a bare process pool, how much does a batch of JSON lines keep? The pool is `solver` on as many
-   processes as the service has workers. It solves the same cases before and after the batch.
+1. What share of the throughput of a bare process pool does a batch of JSON lines have? The pool runs `solver` in as
+   many processes as the service has workers. It solves the same cases before and after the batch.
 2. How long does a case of the same batch take from the cache, and how much CPU time does the server use for one, new
-   and cached, beside its workers?
-3. How many requests a second does a known `/cra` get, against an empty FastAPI route under uvicorn?
-4. How slow is `/livez` at worst during the batches? A process polls it every 20 ms from beginning to end, so that bare
-   pool and batch share the cores with it alike.
+   and cached, without its workers?
+3. How many requests a second does a cached `/cra` answer, compared with an empty FastAPI route under uvicorn?
+4. What is the longest time of `/livez` during the batches? A process polls it every 20 ms all the time, so that bare
+   pool and batch share the cores with it equally.
 
 Client, service and workers share this machine. The cases are those of a study of one projectile: cheaper than random
-ones, so the share of the service counts for more. Ends in 1 if the angles of pool, batch and cache differ. About ten
+ones, so that the share of the service is larger. Exits with 1 if the angles of pool, batch and cache differ. About ten
 minutes; `--quick` takes 200 cases.
 """
 
@@ -49,7 +49,7 @@ RATE_SECONDS, QUICK_RATE_SECONDS, RATE_ROUNDS = 2.0, 0.3, 3
 
 
 def empty_app() -> FastAPI:
-    """The least that FastAPI does for a request."""
+    """A FastAPI application with an empty route."""
     app = FastAPI(openapi_url=None)
 
     @app.get("/empty")
@@ -61,7 +61,7 @@ def empty_app() -> FastAPI:
 
 @contextmanager
 def empty_service() -> Iterator[Server]:
-    """The empty route, under uvicorn."""
+    """The empty route under uvicorn."""
     port = free_port()
     command = [sys.executable, "-m", "uvicorn", "--factory", "benchmarks.http_load:empty_app", "--port", str(port)]
     with tempfile.TemporaryDirectory() as folder:
@@ -74,7 +74,7 @@ def empty_service() -> Iterator[Server]:
 
 
 def solve_bare(pool: ProcessPoolExecutor, cases: list[Case]) -> tuple[list[float | None], float]:
-    """Critical angles [°], None where there is none, and the wall time. [s]"""
+    """Return critical angles [°] (None where there is none) and the wall time. [s]"""
     begin = time.perf_counter()
     answers = list(pool.map(answer_or_error, cases, chunksize=CHUNK))
     seconds = time.perf_counter() - begin
@@ -83,7 +83,7 @@ def solve_bare(pool: ProcessPoolExecutor, cases: list[Case]) -> tuple[list[float
 
 
 def count_different(angles: list[float | None], results: list[bytes]) -> int:
-    """How many results of a batch have another critical angle, beyond the last digit of the conversion to degrees."""
+    """Number of results of a batch with another critical angle, beyond the rounding of degrees."""
     found = [json.loads(line).get("result", {}).get("critical_angle_deg") for line in results]
     return sum(not math.isclose(a or 0.0, b or 0.0, rel_tol=1e-15) for a, b in zip(angles, found, strict=True))
 
@@ -95,7 +95,7 @@ def cpu_seconds(pid: int) -> float:
 
 
 def measure_batch(server: Server, pool: ProcessPoolExecutor, count: int, seed: int) -> tuple[list[str], int]:
-    """Run a batch of new cases beside the bare pool, and again from the cache; return a row and how many differ."""
+    """Run a batch of new cases and the bare pool, and the batch from the cache; return a row and the differences."""
     cases = list(one_by_one(study_cases(count, seed)))
     requests = [to_request(case) for case in cases]
     angles, before = solve_bare(pool, cases)
@@ -115,14 +115,14 @@ def measure_batch(server: Server, pool: ProcessPoolExecutor, count: int, seed: i
 
 
 def measure_rates(server: Server, seconds: float) -> list[list[str]]:
-    """Rates of a known `/cra` and of an empty route, in turn; medians."""
+    """Median rates of a cached `/cra` and of an empty route, measured alternately."""
     [paper] = [to_request(case) for case in one_by_one(study_cases(1, 0))]
     known = raw_request("POST", "/cra", json.dumps(paper).encode())
     rows = []
     with empty_service() as empty:
         for connections in (1, 8):
             rates: dict[int, list[float]] = {server.port: [], empty.port: []}
-            for _ in range(RATE_ROUNDS + 1):  # the first is not counted
+            for _ in range(RATE_ROUNDS + 1):  # the first one is not counted
                 for port, request in ((server.port, known), (empty.port, raw_request("GET", "/empty"))):
                     rate = requests_per_second(port, request, connections=connections, seconds=seconds)
                     rates[port].append(rate)
@@ -169,7 +169,7 @@ def main() -> int:
     rows, total = list[list[str]](), 0
     with process_pool(WORKERS) as pool, service(workers=str(WORKERS)) as server:
         with polled(server) as poller:
-            measure_batch(server, pool, 10 * CHUNK, 1)  # fills caches and starts what is started at first use
+            measure_batch(server, pool, 10 * CHUNK, 1)  # warm up
             for number, count in enumerate([200] if options.quick else options.cases, 2):
                 poller.send(True)
                 poller.recv()

@@ -1,4 +1,4 @@
-"""What the figures were measured on and with, and how they are printed."""
+"""Description of the machine and its software, and printing of tables."""
 
 import os
 import platform
@@ -25,13 +25,13 @@ def machine() -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python, of the packages that decide the speed, and of the solver."""
+    """Versions of Python, of the packages that affect the speed, and of the solver."""
     packages = {name: version(name) for name in ("numpy", "numba", "llvmlite")}
     return {"python": platform.python_version()} | packages | {"ricochet": VERSION, "engine": ENGINE_VERSION}
 
 
 def print_machine() -> None:
-    """Print date, machine and versions; called before anything is measured, so that the load is that of others."""
+    """Print date, machine and versions, before anything is measured so that the load is that of other programs."""
     here = machine()
     print(f"{datetime.now(UTC):%Y-%m-%d}, {here['processor']}, {here['cores']} cores, {here['memory_gb']} GB;")
     print(f"{here['os']}; load average before {here['load_average_before']}.")

@@ -1,15 +1,15 @@
-"""The method of the source paper in plain NumPy, as one would write it for a single strike: the yardstick.
+"""The method of the source paper in plain NumPy, as a user would write it for a single strike, to compare with.
 
 12,000 panels over the whole surface, the classical Runge-Kutta scheme with steps of 0.01 ms for 5 ms, and the secant
-search of eq. 8 from 40° and 60° to 1 %. It stops at nothing on the way and knows of no event. SI units; angles of
+search of eq. 8 from 40° and 60° to 1 %. It has no events and does not stop early. SI units; angles of
 incidence in degrees, from the inward normal of the face. Needs NumPy only, and prints JSON:
 
     python benchmarks/numpy_script.py       # the critical angle
     python benchmarks/numpy_script.py 45    # depths of the nose tip after every step of one trajectory
 
-Part of its time is the operating system's, for memory that is given back and requested again at every array: how much
-depends on what else the process holds. It is therefore measured in a separate process, as it would be used, and the
-system's part is reported.
+Part of its time is spent in the operating system, because memory is released and requested again for every array; how
+much depends on the other memory of the process. It is therefore measured in a separate process, as it would be used,
+and the system time is reported.
 """
 
 import json
@@ -27,42 +27,42 @@ Floats: TypeAlias = NDArray[np.float64]
 DIAMETER, LENGTH, CALIBER_RADIUS_HEAD, MASS = 0.08, 0.53, 3.0, 13.0
 """[m, m, 1, kg]"""
 SPEED = 238.0
-"""At first contact. [m/s]"""
+"""Speed at first contact. [m/s]"""
 STRENGTH, DENSITY = 39e6, 2250.0
-"""Of the concrete. [Pa, kg/m³]"""
+"""Strength and density of the concrete. [Pa, kg/m³]"""
 YOUNGS_MODULUS = 4.7e9 * math.sqrt(STRENGTH * 1e-6)
 """[Pa]"""
 SLICES, SECTORS = 200, 60
-"""Panels along the axis and around it."""
+"""Numbers of panels along the axis and around it."""
 STEP, STEPS = 1e-5, 500
 """[s, 1]"""
 
 SHANK = DIAMETER / 2.0
 NOSE_LENGTH = SHANK * math.sqrt(4.0 * CALIBER_RADIUS_HEAD - 1.0)
 OGIVE_RADIUS = CALIBER_RADIUS_HEAD * DIAMETER
-PLASTIC_RATIO = (2.0 * YOUNGS_MODULUS / (3.0 * STRENGTH)) ** (1.0 / 3.0)  # incompressible: Poisson's ratio is 1/2
+PLASTIC_RATIO = (2.0 * YOUNGS_MODULUS / (3.0 * STRENGTH)) ** (1.0 / 3.0)  # incompressible: Poisson's ratio 1/2
 
 
 class Panels(NamedTuple):
-    """One entry a panel; forward is along the axis to the tip, aside is across it in the plane of motion."""
+    """Arrays over the panels; forward is along the axis to the tip, aside is across it in the plane of motion."""
 
     forward: Floats
     aside: Floats
     normal_forward: Floats
     normal_aside: Floats
     cavity: Floats
-    """From the axis to the panel along its normal. [m]"""
+    """Distance from the axis to the panel along its normal. [m]"""
     area: Floats
 
 
 class Body(NamedTuple):
-    """The projectile as the equations of motion see it."""
+    """Properties of the projectile in the equations of motion."""
 
     panels: Panels
     tip: float
-    """Ahead of the centre of gravity. [m]"""
+    """Position of the tip ahead of the centre of gravity. [m]"""
     inertia: float
-    """About a transverse axis through the centre of gravity. [kg m²]"""
+    """Moment of inertia about a transverse axis through the centre of gravity. [kg m²]"""
 
 
 def profile(behind_tip: Floats) -> tuple[Floats, Floats]:
@@ -99,7 +99,7 @@ def build_body() -> Body:
 
 
 def decay(ratio: Floats) -> Floats:
-    """Weakening by the free surface, elastic-plastic, at radius ratios k (eqs. 2-3). [1]"""
+    """Elastic-plastic decay at radius ratios k (eqs. 2-3). [1]"""
     deep = 1.0 + 3.0 * math.log(PLASTIC_RATIO)
     elastic = 1.0 - (PLASTIC_RATIO / ratio) ** 3 / deep
     plastic = 3.0 * np.log(ratio) / deep
@@ -107,7 +107,7 @@ def decay(ratio: Floats) -> Floats:
 
 
 def derivative(state: Floats, body: Body, static_stress: float) -> Floats:
-    """Time derivative of depth, lateral place, axis angle and their rates (eqs. 1, 4-6)."""
+    """Time derivative of depth, lateral position, axis angle and their rates (eqs. 1, 4-6)."""
     p = body.panels
     depth, _, angle, sinking, sliding, turning = state
     cosine, sine = math.cos(angle), math.sin(angle)
@@ -141,7 +141,7 @@ def derivative(state: Floats, body: Body, static_stress: float) -> Floats:
 
 
 def trajectory(body: Body, oblique_angle_deg: float) -> Floats:
-    """State after every step, the start included; one row each."""
+    """States at the start and after every step, one row each."""
     factor = 8.469 + 0.0149 * oblique_angle_deg - 0.0013 * oblique_angle_deg**2  # eq. 9
     angle = math.radians(oblique_angle_deg)
     across, along = math.sin(angle), math.cos(angle)

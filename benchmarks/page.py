@@ -1,8 +1,8 @@
-"""How fast is the page: a warm reload on a slow line, the probability of a wall, a map, and how long it stands still.
+"""How fast is the page: a warm reload on a slow line, the probability of a wall, a map, and its longest task?
 
     python -m benchmarks.page
 
-In Chromium, beside a service with two workers on the same machine. About a minute.
+Measured in Chromium, with a service with two workers on the same machine. About a minute.
 """
 
 from time import perf_counter

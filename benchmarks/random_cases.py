@@ -1,4 +1,4 @@
-"""Random strikes over the range the method is meant for, the same ones for the same seed."""
+"""Random strikes over the range of the method; the same seed gives the same strikes."""
 
 import math
 from collections.abc import Iterator
@@ -41,7 +41,7 @@ STRENGTH_FACTORS = (ObliquityPolynomial(), StrengthPowerLaw())
 
 
 class Case(TypedDict):
-    """One strike but for its angle, as `critical_angle` takes it."""
+    """One strike without its angle, as arguments of `critical_angle`."""
 
     projectile: Projectile
     target: Target
@@ -51,7 +51,7 @@ class Case(TypedDict):
 
 
 class Cases(TypedDict):
-    """Many of them, as `critical_angle_many` takes them."""
+    """Many strikes, as arguments of `critical_angle_many`."""
 
     projectile: list[Projectile]
     target: list[Target]
@@ -61,7 +61,7 @@ class Cases(TypedDict):
 
 
 def random_cases(count: int, seed: int) -> Cases:
-    """`count` strikes; with one seed, the first of many are the same as all of few.
+    """Return `count` strikes; with the same seed, more strikes begin with the same ones.
 
     Velocity 100 to 800 m/s, attack -3° to 3°, strength 15 to 90 MPa and density 2100 to 2500 kg/m³ of the concrete;
     ogives of caliber-radius-head 1.5 to 6, diameter 20 to 150 mm and length 3 to 10 diameters, which holds the longest
@@ -73,7 +73,7 @@ def random_cases(count: int, seed: int) -> Cases:
 
 
 def study_cases(count: int, seed: int) -> Cases:
-    """`count` strikes about the paper's, as in a study of one projectile; cheaper ones.
+    """Return `count` strikes near the paper's, as in a study of one projectile; they cost less than random strikes.
 
     Velocity 200 to 400 m/s, strength 25 to 55 MPa and density 2100 to 2500 kg/m³ of the concrete, mass 11 to 15 kg.
     """
@@ -114,7 +114,7 @@ def _random_projectile(random: np.random.Generator) -> Projectile:
 
 
 def wall_cases(count: int, seed: int) -> Cases:
-    """`count` strikes as `random_cases` has them, on walls of 0.5 to 5 diameters."""
+    """Return `count` strikes of `random_cases` on walls of 0.5 to 5 diameters."""
     cases, random = random_cases(count, seed), np.random.default_rng(seed + 1)
     cases["target"] = [
         replace(target, thickness=random.uniform(0.5, 5.0) * projectile.diameter)
@@ -124,7 +124,7 @@ def wall_cases(count: int, seed: int) -> Cases:
 
 
 def odd_cases(count: int, seed: int) -> Cases:
-    """`count` strikes far beyond usual ones, with every kind of nose and every decay model.
+    """Return `count` strikes far outside the usual range, with every kind of nose and every decay model.
 
     Velocity 30 to 900 m/s and diameter 5 to 250 mm, evenly in their logarithms, attack -5° to 5°, strength 10 to
     150 MPa and density 1900 to 2600 kg/m³ of the concrete; noses in turn, shanks of 1 to 8 diameters behind them,
@@ -166,7 +166,7 @@ def _odd_projectile(random: np.random.Generator, index: int) -> Projectile:
 
 
 def together(cases: Iterator[Case]) -> Cases:
-    """Single cases as one set of sequences."""
+    """Combine single cases into sequences."""
     rows = list(cases)
     return {
         "projectile": [row["projectile"] for row in rows],
@@ -178,13 +178,13 @@ def together(cases: Iterator[Case]) -> Cases:
 
 
 def one_by_one(cases: Cases) -> Iterator[Case]:
-    """A set of sequences as single cases."""
+    """Split sequences into single cases."""
     for row in zip(*cases.values(), strict=True):
         yield Case(**dict(zip(cases, row, strict=True)))  # type: ignore[typeddict-item]
 
 
 def answer_or_error(case: Case) -> CriticalAngle | RicochetError:
-    """The answer to one case, or why there is none."""
+    """Return the answer to one case, or its error."""
     try:
         return critical_angle(**case)
     except RicochetError as error:

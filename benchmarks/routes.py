@@ -1,10 +1,10 @@
-"""How much faster is the adaptive route than the paper's method in plain NumPy, and how far off is each?
+"""How much faster is the adaptive route than the paper's method in plain NumPy, and what is the error of each?
 
     python benchmarks/routes.py [--quick] [--repetitions 5]
 
 Contenders: `numpy_script.py` in its own process, the same panels compiled, and the adaptive route, for the critical
-angle of the paper's strike and for one trajectory at 45°. A repetition runs each of them once, in an order that
-rotates, so that a slow spell of the machine meets them all. Ratios are to the script in the same repetition. About a
+angle of the paper's strike and for one trajectory at 45°. A repetition runs each of them once in rotating order,
+so that slow phases of the machine affect all of them. Ratios are to the script in the same repetition. About a
 minute; `--quick` is one repetition.
 """
 
@@ -37,7 +37,7 @@ from solver import CriticalAngle, Numerics, Search, warm_up
 from solver.search.critical_angle import PAPER_TERMINATION_TIME
 
 PAPER_PANELS = Numerics(method="panels", termination_time=PAPER_TERMINATION_TIME)
-"""12,000 panels and steps of 0.01 ms, as the script has."""
+"""12,000 panels and steps of 0.01 ms, like the script."""
 SCRIPT = Path(__file__).with_name("numpy_script.py")
 
 
@@ -59,24 +59,24 @@ class Contender:
 
 
 class Script(Contender):
-    """The NumPy script with an argument; it times itself."""
+    """The NumPy script with an argument, which measures its own time."""
 
     def run(self) -> None:
-        """Run it once; its answer is the JSON that it prints."""
+        """Run the script once; its answer is the JSON that it prints."""
         done = subprocess.run([sys.executable, SCRIPT, *self.call()], capture_output=True, check=True)
         self.answer = json.loads(done.stdout)
         self.timings.append(Timing(self.answer["cpu_s"], self.answer["wall_s"]))
 
 
 def times(contender: Contender, script: Contender) -> list[str]:
-    """Columns of CPU time, wall time and CPU ratio."""
+    """Return the columns of CPU time, wall time and CPU ratio."""
     ratios = [slow.cpu / fast.cpu for slow, fast in zip(script.timings, contender.timings, strict=True)]
     cpu, wall = ([getattr(timing, name) for timing in contender.timings] for name in Timing._fields)
     return [contender.label, time_spread(cpu), time_spread(wall), spread(ratios)]
 
 
 def print_angles(angles: list[Contender], references: References) -> None:
-    """Print times and errors of the critical angle; the secant searches are held to the angle that the paper seeks."""
+    """Print times and errors of the critical angle; secant searches are compared with the paper's angle."""
     rows = []
     for contender in angles:
         answer = contender.answer

@@ -1,14 +1,14 @@
-"""What does a second core give: how many random strikes a second do two workers answer, against one?
+"""What is the gain of a second core: how many random strikes a second do two workers compute, compared with one?
 
     python benchmarks/scaling.py [--quick] [--cases 1000] [--turns 5]
 
-One, two and one worker go through the same strikes, soon enough after one another that the machine's pace is much the
-same: threads of `critical_angle_many`, and processes. What is lost has two causes, which two controls tell apart.
+One, two and one worker compute the same strikes shortly after one another, so that the speed of the machine is nearly
+the same: threads of `critical_angle_many`, and processes. Losses have two causes, which two controls distinguish.
 
-- Workers wait: fewer than two cores are busy. Near the end of a batch one may be at a hard strike of a fifth of a
-  second while the other has none left, which counts for little in many strikes.
+- Workers wait: fewer than two cores are busy. Near the end of a batch one may compute a hard strike of a fifth of a
+  second while the other has none left, which matters little with many strikes.
 - The same work takes more CPU time on two cores than on one. Multiply-adds in the first-level cache share neither
-  memory nor interpreter, but need all of their core; a short loop in registers needs hardly any of it.
+  memory nor interpreter, but use their whole core; a short loop in registers uses hardly any of it.
 
 About 25 s a turn for 1,000 cases; `--quick` is one turn of 20.
 """
@@ -30,21 +30,21 @@ from solver import critical_angle_many, warm_up
 
 SEED = 21
 PIECES = 100
-"""Of the work in loops, handed out singly."""
+"""Number of pieces of work in loops, which are distributed one by one."""
 PIECE_SECONDS = 0.02
 
 Work = Callable[[int], float]
-"""Takes the number of workers; returns the CPU time of other processes. [s]"""
+"""Function of the number of workers that returns the CPU time of other processes. [s]"""
 
 
 def in_threads(cases: Cases, workers: int) -> float:
-    """Answer the cases in threads of the solver."""
+    """Compute the cases in threads of the solver."""
     deque(critical_angle_many(**cases, threads=workers), maxlen=0)
     return 0.0
 
 
 def in_processes(cases: list[Case], pools: dict[int, ProcessPoolExecutor], workers: int) -> float:
-    """Answer the cases in processes, in pieces small enough to keep each of them busy."""
+    """Compute the cases in processes, in pieces small enough to keep each of them busy."""
     piece = max(1, min(16, len(cases) // (4 * workers)))
     return sum(pools[workers].map(cpu_time_of, cases, chunksize=piece))
 
@@ -57,7 +57,7 @@ def cpu_time_of(case: Case) -> float:
 
 
 def in_loops(loop: Callable[[int], float]) -> Work:
-    """Return work in pieces of `PIECE_SECONDS` of a compiled loop, in threads."""
+    """Return a function that runs a compiled loop in pieces of `PIECE_SECONDS` in threads."""
     loop(1)
     begin = time.perf_counter()
     loop(1_000_000)
@@ -73,7 +73,7 @@ def in_loops(loop: Callable[[int], float]) -> Work:
 
 @njit(nogil=True)
 def registers(rounds: int) -> float:
-    """Loop over four numbers."""
+    """Loop over four numbers in registers."""
     a, b, c, d = 1.0, 1.1, 1.2, 1.3
     for _ in range(rounds):
         a, b, c, d = 0.9 * a + 0.1, 0.8 * b + 0.2, 0.7 * c + 0.3, 0.6 * d + 0.4
@@ -82,7 +82,7 @@ def registers(rounds: int) -> float:
 
 @njit(nogil=True, fastmath=True)
 def multiply_adds(rounds: int) -> float:
-    """Loop over 4 kB."""
+    """Loop of multiply-adds over 4 kB."""
     numbers = np.ones(512)
     for _ in range(rounds):
         for i in range(numbers.size):
@@ -91,7 +91,7 @@ def multiply_adds(rounds: int) -> float:
 
 
 def measure(work: Work, workers: int) -> Timing:
-    """CPU time of all processes and wall time."""
+    """Return the CPU time of all processes and the wall time. [s]"""
     cpu, wall = time.process_time(), time.perf_counter()
     elsewhere = work(workers)
     return Timing(time.process_time() - cpu + elsewhere, time.perf_counter() - wall)

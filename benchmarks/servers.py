@@ -1,4 +1,4 @@
-"""The service under measurement: `ricochet serve` on a free port of the loopback interface, with its data folder."""
+"""The measured service: `ricochet serve` on a free loopback port, with its data folder."""
 
 import os
 import socket
@@ -14,12 +14,12 @@ from pathlib import Path
 
 RICOCHET = Path(sys.executable).with_name("ricochet")
 START_SECONDS = 180.0
-"""The first start on a machine compiles the solver."""
+"""Time allowed for a start; the first one on a machine compiles the solver. [s]"""
 STOP_SECONDS = 20.0
 
 
 def free_port() -> int:
-    """A port that nothing listens on."""
+    """Return a port that is not in use."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -28,21 +28,21 @@ def free_port() -> int:
 
 @dataclass
 class Server:
-    """A process that serves HTTP on the loopback interface; started, killed and started again as often as needed."""
+    """A process that serves HTTP on the loopback interface, which can be killed and started again."""
 
     command: Sequence[str | Path]
     port: int
     log: Path
-    """File of its output."""
+    """File for its output."""
     environment: dict[str, str]
-    """Variables beside those of this process."""
+    """Environment variables in addition to those of this process."""
     ready: str
-    """Path that is answered with 200 once it is ready."""
+    """Path that is answered with 200 once the server is ready."""
     _process: "subprocess.Popen[bytes] | None" = None
 
     @property
     def url(self) -> str:
-        """Address."""
+        """Base URL."""
         return f"http://127.0.0.1:{self.port}"
 
     @property
@@ -53,12 +53,12 @@ class Server:
         return self._process.pid
 
     def start(self) -> None:
-        """Start it and wait until it is ready.
+        """Start the server and wait until it is ready.
 
         Raises
         ------
         RuntimeError
-            If it ends, or is not ready in time.
+            If the server ends, or is not ready in time.
         """
         with self.log.open("ab") as log:
             self._process = subprocess.Popen(
@@ -75,13 +75,13 @@ class Server:
         raise RuntimeError(f"the server is not ready: {self.log.read_text(errors='replace')[-2000:]}")
 
     def kill(self) -> None:
-        """End it by SIGKILL."""
+        """Kill the server with SIGKILL."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
 
     def stop(self) -> int:
-        """End it by SIGTERM; return its exit status."""
+        """Stop the server with SIGTERM; return its exit status."""
         if self._process is None:
             return 0
         self._process.terminate()
@@ -90,7 +90,7 @@ class Server:
 
 @contextmanager
 def service(folder: Path | None = None, **settings: str) -> Iterator[Server]:
-    """The service with two workers and an empty data folder, or `folder`/data.
+    """Run the service with two workers and an empty data folder, or with `folder`/data.
 
     `settings` are RICOCHET_... variables in lower case, without the prefix.
     """

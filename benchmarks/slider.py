@@ -1,4 +1,4 @@
-"""How long does a step of a slider in the page take, from the event to picture and right angle, in Chromium?
+"""How long does a step of a slider in the page take, from the event to the picture and the right angle, in Chromium?
 
     python benchmarks/slider.py [--quick]
 

@@ -1,17 +1,17 @@
-"""Does the service lose, repeat or change anything, or grow, under a mixed load with kills and restarts?
+"""Does the service lose, repeat or change a result, or grow, under a mixed load with kills and restarts?
 
     python benchmarks/soak.py [--minutes 20]
 
-Two owners submit batches and sweeps, partly of known cases, read them by cursor, by events and as files, cancel jobs,
-send single queries and bodies that are refused, all at once. In the first half of the time a worker is killed, the
+Two owners submit batches and sweeps, partly of cached cases, read them by cursor, by events and as files, cancel jobs,
+and send single queries and invalid bodies, all at the same time. In the first half of the time a worker is killed, the
 server is killed, stopped, or killed and its index removed, in turn. In the second half nothing is disturbed: rounds of
-load end with a pause, in which memory without mapped files and open files are counted.
+load end with a pause, in which memory (without mapped files) and open files are measured.
 
-Every answer to a case has to be the same, whoever reads it, whenever and in whatever form. At the end every job is read
-once more, a sample is computed by the solver, and `ricochet cache verify` reads the files. Ends in 1 if anything was
-wrong or, after at least `JUDGED_MINUTES`, memory grew by more than 10 %: the median of the last third of the rounds
-over that of the first. A single round may end while the C library still keeps what a download or a chunk took, which is
-not growth; the farthest round is printed beside it. Needs Linux (/proc).
+Every answer to a case must be the same for every reader, at any time and in any format. At the end every job is read
+once more, a sample is computed by the solver, and `ricochet cache verify` reads the files. Exits with 1 if anything was
+wrong or if, after at least `JUDGED_MINUTES`, memory grew by more than 10 %: the median of the last third of the rounds
+over that of the first. A single round may end while the C library still holds memory of a download or a chunk, which is
+not growth; the largest round is printed as well. Needs Linux (/proc).
 """
 
 import argparse
@@ -52,21 +52,21 @@ DISTURBANCES = ("server killed", "worker killed", "server stopped", "index remov
 JUDGED_MINUTES = 10.0
 GROWTH = 0.1
 MALLOC = {"MALLOC_ARENA_MAX": "2", "MALLOC_TRIM_THRESHOLD_": "131072"}
-"""As in the image and the unit of systemd."""
+"""Settings of malloc, as in the image and the systemd unit."""
 WARM_UP_SHARE = 0.2
-"""Of the undisturbed rounds; memory is compared with what it was after them."""
+"""Share of the undisturbed rounds before memory is compared. [1]"""
 ROUND_SECONDS, SETTLE_SECONDS = 30.0, 3.0
 PATIENCE_SECONDS = 120.0
-"""For an answer while the server starts again on a busy machine."""
+"""Time allowed for an answer while the server restarts on a busy machine. [s]"""
 CASES_PER_SECOND = 20
-"""Cases of a job for each second of a round."""
+"""Number of cases of a job for each second of a round."""
 NEW_SHARE = 0.4
-"""Of the cases of a batch."""
+"""Share of new cases in a batch. [1]"""
 SAMPLE = 300
 PAUSE_SECONDS = 0.1
 UNFINISHED = {"accepted", "running"}
 MEMORY_CACHE_BYTES = 4 * 1024 * 1024
-"""So small that it is full before memory is compared."""
+"""Memory cache, so small that it is full before memory is compared."""
 STRIKE: dict[str, Any] = {
     "projectile": {"nose": {"shape": "ogive", "caliber_radius_head": 3.0}, "diameter_m": 0.08, "length_m": 0.53}
     | {"mass_kg": 13.0},
@@ -85,13 +85,13 @@ REFUSED = (
 
 
 def search(number: int) -> dict[str, Any]:
-    """A critical angle by number, to 1° but for every fourth, which is found to 0.01°."""
+    """Return a search by number, with a tolerance of 1°, or 0.01° for every fourth."""
     rough = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
     return STRIKE | {"impact": {"velocity_m_s": 230.0 + 1e-3 * number}} | ({"search": rough} if number % 4 else {})
 
 
 def solve(number: int) -> float | None:
-    """The same by the solver. [rad]"""
+    """Return the same angle computed by the solver. [rad]"""
     rough = Search(lower=math.radians(40.0), upper=math.radians(80.0), tolerance=math.radians(1.0))
     velocity, chosen = 230.0 + 1e-3 * number, rough if number % 4 else Search()
     return critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=velocity, search=chosen).angle
@@ -99,7 +99,7 @@ def solve(number: int) -> float | None:
 
 @dataclass(slots=True)
 class Job:
-    """A job as submitted, the names of its cases in order, and the state in which it ended."""
+    """A submitted job, the names of its cases in order, and its final state."""
 
     path: str
     body: bytes
@@ -109,7 +109,7 @@ class Job:
 
 
 class Record:
-    """What was sent, what was wrong, and the first answer to each case, to which later ones are compared."""
+    """Counts, faults, and the first answer to each case, with which later ones are compared."""
 
     def __init__(self) -> None:
         self.faults: list[str] = []
@@ -119,20 +119,20 @@ class Record:
         self._lock = threading.Lock()
 
     def expect(self, holds: object, fault: str) -> None:
-        """Note a fault unless this holds."""
+        """Record a fault unless a condition holds."""
         if not holds:
             self.faults.append(fault)
             print(f"fault: {fault}", file=sys.stderr)
 
     def compare(self, name: str, answer: Any) -> None:
-        """Compare an answer with the first one to the same case."""
+        """Compare an answer with the first one for the same case."""
         text = orjson.dumps(answer, option=orjson.OPT_SORT_KEYS)
         digest = hashlib.blake2b(text, digest_size=16).digest()
         with self._lock:
             self.expect(self.digests.setdefault(name, digest) == digest, f"{name} has two answers")
 
     def compare_results(self, job: Job, results: list[dict[str, Any]], first: int = 0) -> int:
-        """Compare results of a job, each case once and in order; return the index that follows."""
+        """Compare results of a job, which must have each case once and in order; return the next index."""
         for index, result in enumerate(results, first):
             in_place = result["index"] == index and "result" in result
             self.expect(in_place, f"{job.path}: result {result['index']} in place of {index}, {sorted(result)}")
@@ -142,12 +142,12 @@ class Record:
 
 
 class Owner:
-    """A client with an API key that sends again what was not answered, while the server is away.
+    """A client with an API key that repeats unanswered requests while the server is down.
 
     Parameters
     ----------
     number
-        Makes its cases and choices its own.
+        Number that makes its cases and choices differ from those of other owners.
     """
 
     def __init__(self, url: str, token: str, number: int, cases: int, record: Record) -> None:
@@ -159,7 +159,7 @@ class Owner:
         self._number, self._sweeps = number, 0
 
     def send(self, method: str, path: str, expected: frozenset[int] = frozenset({200}), **more: Any) -> httpx.Response:
-        """Send a request until it is answered, and expect one of these statuses."""
+        """Send a request until it is answered; the status must be one of these."""
         deadline = time.monotonic() + PATIENCE_SECONDS
         while time.monotonic() < deadline:
             with suppress(httpx.TransportError):
@@ -172,11 +172,11 @@ class Owner:
         raise TimeoutError(f"{method} {path}")
 
     def get(self, path: str, accept: str = "application/json") -> httpx.Response:
-        """Get something in this form."""
+        """Get a resource in this format."""
         return self.send("GET", path, headers={"Accept": accept})
 
     def batch(self) -> Job:
-        """A batch of critical angles, new and known ones in random order."""
+        """Return a batch of new and cached critical angles in random order."""
         known = min(self._new, round(self.cases * (1.0 - NEW_SHARE)))
         new = range(self._new, self._new + self.cases - known)
         numbers = [*self._choice.sample(range(self._new), known), *new]
@@ -187,7 +187,7 @@ class Owner:
         return Job("/cra/batch", body, JSONL, [f"search {number}" for number in numbers])
 
     def sweep(self) -> Job:
-        """A sweep over velocity and angle; every second one repeats the one before."""
+        """Return a sweep over velocity and angle; every second one repeats the previous one."""
         number, count = self._sweeps // 2, max(1, self.cases // 20)
         self._sweeps += 1
         target = STRIKE["target"] | {"compressive_strength_pa": 35e6 + 1e4 * (2 * number + self._number % 2)}
@@ -201,7 +201,7 @@ class Owner:
         return Job("/trajectory/sweep", body, "application/json", names)
 
     def submit(self, job: Job) -> None:
-        """Submit a job; sent again, it is the same one by its idempotency key."""
+        """Submit a job; its idempotency key makes repeated requests return the same job."""
         token = f"{self._number}-{next(tokens)}"
         headers = {"Content-Type": job.media_type, "Prefer": "respond-async", "Idempotency-Key": token}
         job.state = self.send("POST", job.path, frozenset({202}), content=job.body, headers=headers).json()
@@ -227,7 +227,7 @@ class Owner:
         self.record.expect(index == len(job.names), f"{index} of {len(job.names)} results by cursor")
 
     def read_events(self, job: Job) -> None:
-        """Follow the events until the stream ends, by itself or with the server."""
+        """Follow the events until the stream ends."""
         path, headers = job.state["links"]["events"], {"Accept": "text/event-stream"}
         with suppress(httpx.TransportError), self.client.stream("GET", path, headers=headers) as stream:
             self.record.counts["events"] += sum(line.startswith("data:") for line in stream.iter_lines())
@@ -247,7 +247,7 @@ class Owner:
         self.record.expect(found == (len(job.names),) * 2, f"{found} rows for {len(job.names)} cases")
 
     def run_jobs(self, stop: threading.Event) -> None:
-        """Run batches and sweeps in turn, each followed in another way, and cancel every third job."""
+        """Run batches and sweeps in turn, follow each in a different way, and cancel every third job."""
         follow: Iterator[Callable[[Job], None]] = itertools.cycle([self.read_pages, self.read_events, self.wait])
         while not stop.is_set():
             for job in (self.batch(), self.sweep()):
@@ -271,7 +271,7 @@ class Owner:
         self.record.counts["jobs cancelled"] += 1
 
     def query(self, stop: threading.Event) -> None:
-        """Send single queries, most of them known ones, read histories by their key, and send bodies that are wrong."""
+        """Send single queries, most of them cached, read histories by their key, and send invalid bodies."""
         for turn in itertools.count():
             if stop.wait(PAUSE_SECONDS):
                 return
@@ -292,7 +292,7 @@ tokens = itertools.count()
 
 
 def processes_of(data: Path) -> dict[int, int]:
-    """Processes of the service with this data folder, and their parents."""
+    """Return the processes of the service with this data folder, and their parents."""
     found = {}
     for path in Path("/proc").iterdir():
         with suppress(OSError, ValueError, IndexError):  # it has ended, or belongs to another user
@@ -302,7 +302,7 @@ def processes_of(data: Path) -> dict[int, int]:
 
 
 def footprint(data: Path, server: int) -> tuple[float, float, int]:
-    """Memory without mapped files of the server, of it with its workers [MB], and the open files of all."""
+    """Memory (without mapped files) of the server, and with its workers [MB], and the number of open files."""
     sizes, files = Counter[int](), 0
     for process in processes_of(data):
         with suppress(OSError):
@@ -314,7 +314,7 @@ def footprint(data: Path, server: int) -> tuple[float, float, int]:
 
 
 def disturb(server: Server, data: Path, choice: random.Random, record: Record, kind: str) -> None:
-    """Do this to the service, and start it again."""
+    """Disturb the service in this way, and start it again."""
     record.counts[kind] += 1
     if kind == "worker killed":
         parents = processes_of(data)
@@ -338,7 +338,7 @@ def disturb(server: Server, data: Path, choice: random.Random, record: Record, k
 
 
 def run_round(owners: list[Owner], seconds: float, disturbances: list[Callable[[], None]]) -> None:
-    """Load the service for this long, and disturb it meanwhile."""
+    """Load the service for a time, and disturb it meanwhile."""
     stop = threading.Event()
     with ThreadPoolExecutor(2 * len(owners)) as threads:
         running = [threads.submit(task, stop) for owner in owners for task in (owner.run_jobs, owner.query)]
@@ -354,14 +354,14 @@ def run_round(owners: list[Owner], seconds: float, disturbances: list[Callable[[
 
 
 def misses(owner: Owner) -> float:
-    """Cases computed, not read from the cache, since the server started."""
+    """Number of cases computed (not read from the cache) since the server started."""
     lines = owner.get("/metrics").text.splitlines()
     found = [line for line in lines if line.startswith("ricochet_cases_total") and 'cache="miss"' in line]
     return sum(float(line.split()[-1]) for line in found)
 
 
 def read_everything(owners: list[Owner], record: Record) -> None:
-    """Read every job once more, look for lost or added ones, and compute a sample by the solver."""
+    """Read every job once more, check for missing and additional ones, and compute a sample by the solver."""
     before = misses(owners[0])
     for owner, job in record.jobs:
         state = owner.get(job.state["links"]["self"]).json()
@@ -388,7 +388,7 @@ def read_everything(owners: list[Owner], record: Record) -> None:
 
 
 def run(folder: Path, minutes: float, record: Record) -> list[tuple[float, float, int]]:
-    """Load the service, first disturbed and then not, and read everything again; return the footprints."""
+    """Load the service, first with and then without disturbances, and read everything again; return the footprints."""
     half, data = 30.0 * minutes, folder / "data"
     seconds = min(ROUND_SECONDS, half / 3.0)
     environment = os.environ | {"RICOCHET_DATA_DIR": str(data)}
@@ -417,7 +417,7 @@ def run(folder: Path, minutes: float, record: Record) -> list[tuple[float, float
 
 
 def growth(sizes: list[float]) -> float:
-    """Median of the last third of these over that of the first, less 1."""
+    """Median of the last third over that of the first third, less 1. [1]"""
     third = max(1, len(sizes) // 3)
     return statistics.median(sizes[-third:]) / statistics.median(sizes[:third]) - 1.0
 

@@ -1,8 +1,8 @@
-"""What does a fresh process need until its first critical angle: time, time to compile, memory?
+"""How much time, compilation and memory does a new process need for its first critical angle?
 
     python benchmarks/startup.py [--quick] [--repetitions 5]
 
-Each repetition starts a process with the compiled code on disk, and the command, which also samples the range of its
+Each repetition starts a process with the compiled code on disk, and the command, which also computes the range of the
 angle. Without `--quick` one more process starts with an empty cache and compiles everything, about 30 s.
 """
 
@@ -35,7 +35,7 @@ COMMAND = """cra --nose ogive --caliber-radius-head 3 --diameter 0.08 --length 0
 
 
 def start(**environment: str) -> dict[str, float]:
-    """Start a process, and return its times and, of the whole process, the wall time. [s, bytes]"""
+    """Start a process; return its times and memory, and the wall time of the whole process. [s, bytes]"""
     begin = time.monotonic()
     command = [sys.executable, "-c", FIRST_ANSWER]
     done = subprocess.run(command, env=os.environ | environment, capture_output=True, check=True)
@@ -44,7 +44,7 @@ def start(**environment: str) -> dict[str, float]:
 
 
 def run_command() -> dict[str, float]:
-    """Run `ricochet cra`, and return the time it takes and the processor time. [s]"""
+    """Run `ricochet cra`; return its wall time and processor time. [s]"""
     begin, before = time.monotonic(), os.times()
     subprocess.run([Path(sys.executable).with_name("ricochet"), *COMMAND.split()], capture_output=True, check=True)
     after = os.times()

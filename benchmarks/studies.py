@@ -1,8 +1,8 @@
-"""How long do maps take as the page requests them, and a study of uncertainty as a job by either method?
+"""How long do the maps of the page take, and a study of uncertainty as a job with each method?
 
     python benchmarks/studies.py [--maps]
 
-A map is a coarse grid that is answered at once, then a job whose results are read while it runs.
+A map is a coarse grid that is answered directly, and then a job whose results are read while it runs.
 """
 
 import argparse
@@ -28,19 +28,19 @@ MAPS: tuple[tuple[str, dict[str, Any], dict[str, Any], int], ...] = (
     ("cra", PAPER, STRENGTHS, 60),
     ("trajectory", PAPER_AT_45, ANGLES, 40),
 )
-"""Operation, case, vertical axis and number of values of both axes; the ends are those that the page proposes."""
+"""Operation, case, vertical axis and number of values of both axes; the ranges are the defaults of the page."""
 COARSE = 8
-"""Values of each axis of the coarse grid."""
+"""Number of values of each axis of the coarse grid."""
 READ_SECONDS = 0.3
-"""Pause of the page between two looks at a job."""
+"""Pause of the page between two requests of a job. [s]"""
 PAGE = 1000
-"""Results that the page requests at once."""
+"""Number of results that the page requests at once."""
 
 
 def draw(
     client: httpx.Client, operation: str, case: dict[str, Any], vertical: dict[str, Any], count: int
 ) -> list[object]:
-    """Return the name of a map, its size, and the time until the coarse grid and until every result has been read."""
+    """Return the name and size of a map, and the times until the coarse grid and until every result has been read."""
     grid = {"base": case, "axes": [vertical | {"count": COARSE}, SPEEDS | {"count": COARSE}]}
     begun = time.perf_counter()
     answered = client.post(f"/{operation}/sweep", json=grid).raise_for_status().json()["results"]
@@ -82,7 +82,7 @@ def main() -> None:
     print_machine()
     with service() as server, httpx.Client(base_url=server.url, timeout=120.0, trust_env=False) as client:
         print_table(["a map", "cases", "coarse picture", "every cell read"], [draw(client, *each) for each in MAPS])
-        if not options.maps:  # each seed is another study, of which no sample is known
+        if not options.maps:  # each seed is another study, of which no sample is cached
             studies = [study(client, method, seed) for seed, method in enumerate(3 * ("auto", "direct"))]
             print_table(["a study", "samples", "first curve", "answer", "again"], studies)
 

@@ -1,4 +1,4 @@
-"""CPU and wall time of a call, and pools of processes that are ready to work."""
+"""CPU and wall time of a call, and pools of warm processes."""
 
 import multiprocessing
 import os
@@ -19,7 +19,7 @@ class Timing(NamedTuple):
 
 
 def time_call(call: Callable[[], object], *, at_least: float = 0.05) -> Timing:
-    """Time of one call, averaged over as many in a row as fill `at_least` seconds."""
+    """Time of one call, averaged over as many calls as fill `at_least` seconds."""
     calls = 0
     cpu, wall = time.process_time(), time.perf_counter()
     while True:
@@ -32,7 +32,7 @@ def time_call(call: Callable[[], object], *, at_least: float = 0.05) -> Timing:
 
 @contextmanager
 def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool whose processes have all started and loaded the compiled code."""
+    """Return a pool whose processes have all started and loaded the compiled code."""
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=warm_up) as pool:
         seen: set[int] = set()
         while len(seen) < workers:
@@ -41,5 +41,5 @@ def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _process_id(_: int) -> int:
-    time.sleep(0.05)  # long enough for the other processes to take a share
+    time.sleep(0.05)  # long enough for the other processes to take a call
     return os.getpid()

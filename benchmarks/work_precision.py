@@ -1,9 +1,9 @@
-"""What does accuracy cost: CPU time against the error of the critical angle, for both routes and many settings?
+"""What is the CPU time for an error of the critical angle, for both routes and many settings?
 
     python benchmarks/work_precision.py [--quick]
 
 Every setting answers the paper's strike by outcome, over the default range, to a bracket far below the errors, so that
-times and errors are those of the route. The reference is finer than any of them. Some five minutes; `--quick` takes a
+times and errors are those of the route. The reference is finer than all of them. About five minutes; `--quick` uses a
 few settings that are fast.
 """
 
@@ -19,16 +19,16 @@ from solver import Numerics, RicochetError, Search, warm_up
 BRACKET_DEG = 1e-5
 REPETITIONS = 3
 REPEATED_BELOW = 0.5
-"""A search that takes longer is timed once. [s]"""
+"""Time above which a search is measured once only. [s]"""
 FINEST = Numerics(method="adaptive", relative_tolerance=1e-8, stations=32, points=16)
 
 QUADRATURES = ((4, 3), (6, 4), (8, 4), (16, 8))
-"""Stations and points."""
+"""Numbers of stations and points."""
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 PANELS = (750, 3_000, 12_000, 48_000)
-"""With the paper's step."""
+"""Numbers of panels, with the paper's step."""
 TIME_STEPS = (4e-5, 2e-5, 1e-5, 5e-6)
-"""With the paper's panels. [s]"""
+"""Time steps, with the paper's panels. [s]"""
 
 
 @dataclass(slots=True)
@@ -42,7 +42,7 @@ class Setting:
     trajectories: int = 0
 
     def run(self) -> None:
-        """Time one search; a coarse setting may find no angle at all."""
+        """Measure one search; a coarse setting may find no angle."""
         begin = time.process_time()
         try:
             answer = paper_critical_angle(numerics=self.numerics, search=Search(tolerance=math.radians(BRACKET_DEG)))
@@ -53,7 +53,7 @@ class Setting:
 
 
 def settings(*, quick: bool) -> list[Setting]:
-    """All settings, or a few that are fast."""
+    """Return all settings, or a few fast ones."""
     quadratures, tolerances = (((4, 3),), TOLERANCES[1:3]) if quick else (QUADRATURES, TOLERANCES)
     panels, time_steps = (PANELS[:1], ()) if quick else (PANELS, TIME_STEPS)
     adaptive = [

@@ -1,6 +1,6 @@
-"""Text of the manual that the code and the contract give: routes, objects, flags of the commands.
+"""Generated text of the manual: routes, objects, help of the commands, names, warning codes and problem types.
 
-A page has a comment `<!-- generated: NAME -->` where the text goes; nothing of it is written to a file.
+A comment `<!-- generated: NAME -->` in a page is replaced during the build; the pages themselves are not changed.
 """
 
 import ast
@@ -32,7 +32,7 @@ BOUNDS = {
 
 
 def filled(page: str) -> str:
-    """Return a page with its places filled."""
+    """Return a page with the generated texts in place of its comments."""
     return PLACE.sub(lambda place: TEXTS[place[1]](), page)
 
 
@@ -54,7 +54,7 @@ def routes() -> str:
 
 
 def route(method: str, path: str, operation: dict[str, Any], schemas: dict[str, Any]) -> Iterator[str]:
-    """Yield the paragraphs about one route."""
+    """Yield the heading, description, parameters and responses of one route."""
     yield f"({operation['operationId'].replace('_', '-')})="
     yield f"### `{method} {path}`"
     yield prose(operation.get("description", ""))
@@ -63,7 +63,7 @@ def route(method: str, path: str, operation: dict[str, Any], schemas: dict[str, 
         for each in operation.get("parameters", ())
     ]
     if rows:
-        yield table(("parameter", "in", "type", "bounds", "what"), rows)
+        yield table(("parameter", "in", "type", "bounds", "description"), rows)
     if "requestBody" in operation:
         content = operation["requestBody"]["content"]
         forms = [f"{kind(form['schema'])} as `{media_type}`" for media_type, form in content.items()]
@@ -92,7 +92,7 @@ def objects() -> str:
 
 
 def described(name: str, schema: dict[str, Any]) -> Iterator[str]:
-    """Yield the paragraphs about one object."""
+    """Yield the heading, description and fields of one object."""
     yield f"({target(name)})="
     yield f"## {name}"
     yield prose(schema.get("description", ""))
@@ -109,7 +109,7 @@ def described(name: str, schema: dict[str, Any]) -> Iterator[str]:
         )
         for field, each in schema["properties"].items()
     ]
-    yield table(("field", "type", "bounds, default", "what"), rows)
+    yield table(("field", "type", "bounds, default", "description"), rows)
 
 
 def target(name: str) -> str:
@@ -123,7 +123,7 @@ def link(name: str) -> str:
 
 
 def kind(schema: dict[str, Any]) -> str:
-    """Return the type of a value in words, with links to objects."""
+    """Return the type of a value as text, with links to objects."""
     if "$ref" in schema:
         return link(schema["$ref"].removeprefix(REFERENCE))
     if union := schema.get("oneOf", schema.get("anyOf")):
@@ -138,7 +138,7 @@ def kind(schema: dict[str, Any]) -> str:
 
 
 def limits(schema: dict[str, Any]) -> str:
-    """Return the bounds and the default of a value in words."""
+    """Return the bounds and the default of a value as text."""
     found = [text.format(f"{schema[name]:g}") for name, text in BOUNDS.items() if name in schema]
     if "x-default" in schema:
         found.append(f"default `{json.dumps(schema['x-default'])}`")
@@ -146,13 +146,13 @@ def limits(schema: dict[str, Any]) -> str:
 
 
 def first_example(schema: dict[str, Any], schemas: dict[str, Any]) -> Any:
-    """Return the first example of the object that a body is; None if there is none."""
+    """Return the first example of the object in a request body, or None."""
     found = schemas.get(schema.get("$ref", "").removeprefix(REFERENCE), {})
     return next(iter(found.get("examples", ())), None)
 
 
 def prose(text: str) -> str:
-    """Return a text of the contract as Markdown: brackets around units are none of a link."""
+    """Escape a text of the contract for Markdown, where brackets around units would look like links."""
     return text.replace("<", "\\<").replace("[", "\\[")
 
 
@@ -195,7 +195,7 @@ def warning_codes() -> str:
 
 
 def _codes_in(source: str) -> set[str]:
-    """Return the first arguments of `ModelWarning` in a module, which are texts or names of texts."""
+    """Return the codes that a module passes to `ModelWarning`, as literals or as names of constants."""
     tree = ast.parse(source)
     texts: dict[str, set[str]] = {}
     for node in ast.walk(tree):
@@ -215,11 +215,11 @@ def _codes_in(source: str) -> set[str]:
 
 
 def terms() -> str:
-    """Return the critical angles with one thing changed at a time, as tables of Markdown."""
+    """Return the critical angles with one input or law changed at a time, as tables of Markdown."""
     texts = []
     for group, angles in manual.terms().items():
         rows = [(label, f"{angle:.1f}") for label, angle in angles.items()]
-        texts += [f"### {group}", table(("what", "critical angle [°]"), rows)]
+        texts += [f"### {group}", table(("change", "critical angle [°]"), rows)]
     return "\n\n".join(texts)
 
 

@@ -1,6 +1,6 @@
-"""Write the tables of docs/operating.md that the code says: settings and metrics. With --check, only compare.
+"""Write the generated tables of docs/operating.md: settings and metrics. With --check, only compare.
 
-Tables stand between two comments with their name; everything else of the page is written by hand.
+Each table is between two comments, the first of which has its name. The rest of the page is written by hand.
 """
 
 import re
@@ -20,7 +20,7 @@ SIGNS = ((Ge, "ge", "≥"), (Gt, "gt", ">"), (Le, "le", "≤"), (Lt, "lt", "<"))
 
 
 def settings_table() -> str:
-    """Return the settings, a heading and a table for each group: name, default, bounds, reason."""
+    """Return a heading and a table for each group of settings."""
     prefix = Settings.model_config["env_prefix"]
     parts = []
     for group, settings in GROUPS.items():
@@ -33,30 +33,30 @@ def settings_table() -> str:
             )
             for name, field in settings.model_fields.items()
         ]
-        found = table(("variable", "default", "bounds", "what and why"), rows)
+        found = table(("variable", "default", "bounds", "description and reason"), rows)
         parts.append(f"### {group.capitalize()}\n\n{settings.__doc__}\n\n{found}")
     return "\n\n".join(parts)
 
 
 def metrics_table() -> str:
-    """Return the metrics: name, labels, what is counted."""
+    """Return the table of metrics with their labels."""
     rows = []
     for family in Metrics().registry.collect():
         name = family.name + {"counter": "_total", "info": "_info"}.get(family.type, "")
-        # A family without a sample does not say its labels; the info of the build has one, and its labels are values.
+        # A family without samples has no labels to read, so LABELS lists them. The build info always has a sample.
         labels = LABELS.get(family.name) or next(
             (tuple(sample.labels) for sample in family.samples if sample.labels), ()
         )
         shown = ", ".join(f"`{label}`" for label in labels)
         rows.append((f"`{name}`", "gauge" if family.type == "info" else family.type, shown, family.documentation))
-    return table(("metric", "type", "labels", "what"), rows)
+    return table(("metric", "type", "labels", "description"), rows)
 
 
 TABLES = {"settings": settings_table, "metrics": metrics_table}
 
 
 def default(name: str, field: FieldInfo) -> str:
-    """Return what holds without the variable; bytes in a unit that can be read as well."""
+    """Return the default of a setting; sizes in bytes are followed by a larger unit."""
     if field.default_factory is not None:
         return (field.default_factory.__doc__ or "").strip().rstrip(".").lower()
     value = field.default
@@ -71,7 +71,7 @@ def default(name: str, field: FieldInfo) -> str:
 
 
 def bounds(field: FieldInfo) -> str:
-    """Return what values may be."""
+    """Return the bounds or the allowed values of a setting."""
     if get_origin(field.annotation) is Literal:
         return ", ".join(f"`{value}`" for value in get_args(field.annotation))
     if field.annotation is bool:
@@ -92,7 +92,7 @@ def table(head: tuple[str, ...], rows: list[Any]) -> str:
 
 
 def filled(page: str) -> str:
-    """Return the page with its tables as the code says them now."""
+    """Return the page with its tables generated again."""
     for name, make in TABLES.items():
         place = re.compile(rf"(<!-- table: {name} -->\n).*?(<!-- end of table -->)", re.DOTALL)
         if len(place.findall(page)) != 1:

@@ -1,4 +1,4 @@
-"""The two clocks of the machine: dates follow the one that can be set, durations the one that cannot."""
+"""The wall clock, for dates, and the monotonic clock, which nobody can set, for durations."""
 
 import asyncio
 import logging
@@ -7,23 +7,24 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 WATCH_SECONDS = 60.0
-"""Time between two comparisons of the clocks."""
+"""Interval between comparisons of the clocks, a judgement: the log explains a jump within a minute. [s]"""
 DIVERGENCE_SECONDS = 30.0
-"""Difference that is reported: time synchronisation corrects less without a jump."""
+"""Smallest difference that is reported. [s] Time synchronisation that slews the clock stays below it: chrony's default
+is at most 8.3 %, which is 5 s between two comparisons."""
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Where the time comes from.
+    """Source of dates and durations; tests pass their own.
 
     Parameters
     ----------
     now
-        Returns the date, in seconds since 1970: for expiry of keys and retention of jobs. [s]
+        Returns the seconds since 1970, for the expiry of keys and the retention of jobs. [s]
     monotonic
-        Returns the time since some instant, whatever the date is set to: for quotas and timeouts. [s]
+        Returns the seconds since an arbitrary instant, unaffected by setting the clock, for quotas and timeouts. [s]
     """
 
     now: Callable[[], float] = time.time
@@ -34,14 +35,14 @@ SYSTEM = Clock()
 
 
 class ClockWatch:
-    """Warns when date and duration diverge: the clock of the machine has been set, or the machine has slept."""
+    """Log a warning when the clock of the machine has been set or the machine has slept."""
 
     def __init__(self, clock: Clock = SYSTEM) -> None:
         self._clock = clock
         self._offset = clock.now() - clock.monotonic()
 
     def compare(self) -> None:
-        """Compare the clocks, and report a divergence since they were last compared."""
+        """Compare the clocks, and log a divergence since the previous comparison."""
         offset = self._clock.now() - self._clock.monotonic()
         jump, self._offset = offset - self._offset, offset
         if abs(jump) > DIVERGENCE_SECONDS:
@@ -53,7 +54,7 @@ class ClockWatch:
             )
 
     async def run(self) -> None:
-        """Compare the clocks for ever."""
+        """Compare the clocks every `WATCH_SECONDS` until the task is cancelled."""
         while True:
             await asyncio.sleep(WATCH_SECONDS)
             self.compare()

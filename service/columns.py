@@ -1,6 +1,6 @@
-"""Columns of the tables of results, in CSV, Parquet and HDF5: names as in the contract, units, descriptions.
+"""Columns of the tables of results in CSV, Parquet and HDF5: names as in the contract, units and descriptions.
 
-Nothing is imported that takes time: the command line reads these too.
+The command line imports this module too, so it imports nothing that is slow to load.
 """
 
 import json
@@ -25,19 +25,19 @@ UNITS = {
     "_j": "J",
     "_g": "g_0",
 }
-"""Unit by the end of a name, longer ends first."""
+"""Units by suffix of a field name. A suffix that ends in another one comes before it, as the first match counts."""
 WRITTEN = {"kg m^2": "kg m²", "m^2": "m²", "kg/m^3": "kg/m³", "deg": "°", "g_0": "g"}
 SYMBOLS = {end: WRITTEN.get(unit, unit) for end, unit in UNITS.items()}
-"""The same as they are written for people."""
+"""Units by suffix of a field name, in the notation for people."""
 
 
 def unit_end(name: str) -> str:
-    """Return the end of a name that says its unit; empty if none does."""
+    """Return the suffix of a field name that denotes its unit, or an empty string."""
     return next((end for end in UNITS if name.endswith(end)), "")
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of a field as it is written for people; empty if it has none."""
+    """Return the unit of a field in the notation for people, or an empty string."""
     return SYMBOLS.get(unit_end(name), "")
 
 
@@ -48,11 +48,11 @@ class Column:
     Parameters
     ----------
     name
-        As in the contract.
+        Name of the field in the contract.
     description
-        What it holds, without the unit.
+        Description without the unit.
     dtype
-        NumPy type; texts are UTF-8, padded with zeros, which take no room once compressed.
+        NumPy type. Texts are UTF-8 of fixed length, padded with zeros, which compression removes from the file.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Column:
 
     @property
     def unit(self) -> str:
-        """Unit of its numbers."""
+        """Unit of the numbers in the column, in ASCII."""
         return UNITS.get(unit_end(self.name), "")
 
 
@@ -77,7 +77,7 @@ NUMBERING = (
     Column("custom_id", "name of the case in the batch", "S512"),
     Column("problem", "type of the problem of a case that has no result", "S128"),
 )
-"""Further columns for the cases of a batch."""
+"""Columns that only tables of batches have."""
 CASE = Column("case", "row of the summary it belongs to, from 0", "<i8")
 QUANTITIES = {
     "depth_displacement_m": "displacement of the centre of gravity along the inward normal of the face",
@@ -114,21 +114,22 @@ RESIDUALS = (
     Column("verified", "whether the constants were compared with an original", "S8"),
     Column("source", "authors and year", "S128"),
 )
-"""Columns of the residuals of all calibrations, of the curves of studies of uncertainty and of the formulas; each has
-some of these."""
+"""Columns of the detailed tables: residuals of calibrations, curves of studies of uncertainty, empirical formulas. Each
+table has some of them."""
 
 
 def trial_columns(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Return the trials of a search, by column; how they leave or stand out of the concrete is not among them."""
+    """Return the trials of a search as columns, without the nested fields `exit` and `protrusion`."""
     trials = answer["iterations"]
     names = dict.fromkeys(name for trial in trials for name in trial if name not in {"exit", "protrusion"})
     return {name: [trial.get(name) for trial in trials] for name in names}
 
 
 def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the row of an answer, by column; what the answer does not have is left out.
+    """Return the row of an answer in a table, by column; absent fields are left out.
 
-    A `Column` that is not a number or a text of the answer is filled here, or stays empty.
+    Numbers and texts at the top of the answer are copied under their names. Any other `Column` needs a line here, or
+    stays empty.
     """
     row: dict[str, Any] = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
     for part in ("final", "exit", "protrusion"):
@@ -140,14 +141,15 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     for unit in ("deg", "m", "m_s"):
         if bracket := answer.get(f"bracket_{unit}"):
             row[f"bracket_low_{unit}"], row[f"bracket_high_{unit}"] = min(bracket), max(bracket)
-    if "variants" in answer and "iterations" in answer:  # of a search for perforation, in the unit of its answer
+    # Searches for perforation answer a thickness or a speed. Columns have the unit in their names, fields do not.
+    if "variants" in answer and "iterations" in answer:
         unit = "m" if "thickness_m" in answer["iterations"][0] else "m_s"
         row |= {f"{name}_{unit}": value for name, value in answer["variants"].items()}
         ends = {name: answer.get("range", {}).get(end) for name, end in (("low", "lower"), ("high", "upper"))}
         row |= {f"range_{name}_{unit}": value for name, value in ends.items() if value is not None}
     if "iterations" in answer:
         row["trials"] = len(answer["iterations"])
-    if (beside := row.pop("without_protrusion", None)) is not None:  # columns have the unit in their names
+    if (beside := row.pop("without_protrusion", None)) is not None:
         row["without_protrusion_m" if "thickness_m" in answer["iterations"][0] else "without_protrusion_m_s"] = beside
     if interval := answer.get("confidence_interval"):
         row["confidence_low"], row["confidence_high"] = interval
@@ -159,14 +161,14 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def batch_columns(columns: Iterable[Column], axes: tuple[str, ...] = ()) -> tuple[Column, ...]:
-    """Return the columns of the cases of a batch, as CSV and Parquet have them; those of a sweep behind the index.
+    """Return the columns of a batch in CSV and Parquet. The axes of a sweep follow the index.
 
     Parameters
     ----------
     columns
-        Those of the answers.
+        Columns of the answers.
     axes
-        Fields of a sweep.
+        Fields that a sweep varies.
     """
     index, custom_id, problem = NUMBERING
     key, *_ = IDENTITY
@@ -175,7 +177,7 @@ def batch_columns(columns: Iterable[Column], axes: tuple[str, ...] = ()) -> tupl
 
 
 def base_of(base: Mapping[str, Any], axes: Sequence[str], before: str = "") -> dict[str, Any]:
-    """Return the fields of the base of a sweep that no axis replaces, by their names in axes; a list is JSON."""
+    """Return the fields of the base of a sweep that no axis replaces, by dotted path; lists become JSON text."""
     found: dict[str, Any] = {}
     for name, value in base.items():
         field = f"{before}{name}"
@@ -187,14 +189,14 @@ def base_of(base: Mapping[str, Any], axes: Sequence[str], before: str = "") -> d
 
 
 def batch_row(columns: Iterable[Column], item: Mapping[str, Any], point: tuple[float, ...] = ()) -> list[Any]:
-    """Return the row of one case, by `batch_columns`; what it does not have is None.
+    """Return the row of one case in the order of `batch_columns`; absent values are None.
 
     Parameters
     ----------
     columns
-        Those of the answers.
+        Columns of the answers.
     item
-        The case as in the JSON of the results of a batch: `index`, `custom_id` if any, `result` or `problem`.
+        The case as in the JSON results of a batch: `index`, `custom_id` if any, `result` or `problem`.
     point
         Values of the axes of a sweep.
     """
@@ -206,14 +208,16 @@ def batch_row(columns: Iterable[Column], item: Mapping[str, Any], point: tuple[f
 
 
 FORMULA = re.compile("[=+\\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
-"""First character of a text that a spreadsheet takes for a formula, in its wide form too, or skips before one."""
+"""First character of a text that a spreadsheet evaluates as a formula: the signs, their full-width forms, and white
+space that a spreadsheet skips before a sign."""
 SIGNED_NUMBER = re.compile(r"[+-]\d+(\.\d*)?([eE][+-]?\d+)?", re.ASCII)
+"""Number with a sign, which a spreadsheet reads as a number."""
 
 
 def csv_cells(row: Iterable[Any]) -> list[Any]:
-    """Return the cells of a row of CSV: an apostrophe stands before a text that a spreadsheet would compute.
+    """Return the cells of a row of CSV, with an apostrophe before each text that a spreadsheet would evaluate.
 
-    A number with a sign is a number in a spreadsheet too.
+    Names of cases come from clients, and a formula in one would run where the table is opened (CSV injection).
     """
     return [f"'{value}" if isinstance(value, str) and _is_formula(value) else value for value in row]
 

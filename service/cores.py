@@ -1,4 +1,4 @@
-"""Cores that this process may use: its affinity and the processor quota of its control group."""
+"""Number of cores that this process may use, from its CPU affinity and the quota of its control group."""
 
 import math
 import os
@@ -6,9 +6,9 @@ from contextlib import suppress
 from pathlib import Path
 
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
-"""Control groups, of version 2 or, in `cpu`, of version 1."""
+"""Mount point of the control groups: version 2, or version 1 in its folder `cpu`."""
 MEMBERSHIP = Path("/proc/self/cgroup")
-"""Control group of this process; the topmost one as seen in a container."""
+"""File that names the control groups of this process. In a container the path is `/`."""
 
 
 def available_cores(control_groups: Path = CONTROL_GROUPS, membership: Path = MEMBERSHIP) -> int:
@@ -21,7 +21,7 @@ def available_cores(control_groups: Path = CONTROL_GROUPS, membership: Path = ME
             groups |= dict.fromkeys(controllers.split(","), path.strip("/"))
     for controller, names in (("", ("cpu.max",)), ("cpu", ("cpu.cfs_quota_us", "cpu.cfs_period_us"))):
         inside = Path(groups[controller])
-        for group in (inside, *inside.parents):  # Each is within the quotas of those above it.
+        for group in (inside, *inside.parents):  # The kernel also enforces the quotas of all parent groups.
             with suppress(OSError, ValueError):
                 folder = control_groups / controller / group
                 quota, period = " ".join((folder / name).read_text() for name in names).split()

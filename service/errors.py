@@ -1,6 +1,6 @@
-"""Errors of the service, each with the problem (RFC 9457) that a client receives for it.
+"""Errors of the service, each with the problem document (RFC 9457) that a client receives for it.
 
-A single query is answered with such a problem; a case of a batch keeps it as its result.
+The problem is the response to a single query, or the result of a case of a batch.
 """
 
 import logging
@@ -23,21 +23,21 @@ Model = TypeVar("Model", bound=BaseModel)
 log = logging.getLogger(__name__)
 
 MAX_ERRORS = 100
-"""Errors listed in one problem: a body may be wrong in ten thousand places, and nobody reads on."""
+"""Largest number of errors listed in one problem. A body may have ten thousand, which nobody would read."""
 MAX_SUGGESTIONS = 10
-"""Unknown fields in one problem for which similar ones are looked for: each takes up to a millisecond."""
+"""Largest number of unknown fields in one problem for which similar names are searched: each takes up to 1 ms."""
 RETRY_SECONDS = 5
-"""`Retry-After` while the service starts, stops or has lost its workers [s]; a worker starts in about 1 s."""
+"""Value of `Retry-After` while the service starts, stops or has lost its workers [s]. A worker starts in about 1 s."""
 
 
 class ServiceError(Exception):
-    """Base of the errors that are answered as problems. Subclasses set what they differ in."""
+    """Base class of errors that are answered as problems. Subclasses override status, type and title."""
 
     status: ClassVar[HTTPStatus] = HTTPStatus.INTERNAL_SERVER_ERROR
     type: ClassVar[str] = "urn:ricochet:problem:internal-error"
     title: ClassVar[str] = "The service failed"
     retry_after: int = RETRY_SECONDS
-    """Value of `Retry-After` where the status has one. [s]"""
+    """Value of the `Retry-After` header, for statuses that have it. [s]"""
 
 
 class InvalidBodyError(ServiceError):
@@ -46,9 +46,9 @@ class InvalidBodyError(ServiceError):
     Parameters
     ----------
     errors
-        What is wrong, by `pointer` and `detail`.
+        Errors of fields, each with its JSON pointer (`pointer`) and message (`detail`).
     place
-        For people: where the first error is, such as a line.
+        Location of the first error for the message, such as a line number.
     """
 
     status = HTTPStatus.UNPROCESSABLE_ENTITY
@@ -62,18 +62,18 @@ class InvalidBodyError(ServiceError):
 
 
 class ExecutorError(ServiceError):
-    """Base of failures of the executor rather than of the call."""
+    """Base class of failures of the executor, as opposed to errors raised by the call."""
 
 
 class WorkerCrashedError(ExecutorError):
-    """The call ended every worker process it was given to."""
+    """The call killed every worker process that ran it."""
 
     type = "urn:ricochet:problem:worker-crashed"
     title = "The query ended every worker process it was given to"
 
 
 class TaskTimeoutError(ExecutorError):
-    """The call took longer than a call may."""
+    """The call exceeded its time limit."""
 
     status = HTTPStatus.UNPROCESSABLE_ENTITY
     type = "urn:ricochet:problem:timeout"
@@ -81,7 +81,7 @@ class TaskTimeoutError(ExecutorError):
 
 
 class PoolUnavailableError(ExecutorError):
-    """No worker process could be started, the one that took the call was stopped, or the pool is stopping."""
+    """No worker process could be started, the worker of the call was stopped, or the pool is shutting down."""
 
     status = HTTPStatus.SERVICE_UNAVAILABLE
     type = "urn:ricochet:problem:unavailable"
@@ -89,20 +89,20 @@ class PoolUnavailableError(ExecutorError):
 
 
 class QueueTimeoutError(ExecutorError):
-    """No worker has taken the call in the time that it may wait."""
+    """No worker took the call within its queue timeout."""
 
 
 class ComputationCancelled(ServiceError):  # noqa: N818 (as asyncio.CancelledError: not a failure)
-    """A shared computation was given up by its owner; the case has to be computed again."""
+    """A shared computation was cancelled by its owner, so the case has to be computed again."""
 
 
 class QueueFullError(ServiceError):
-    """More cases would wait than may.
+    """The queue has no room for the cases of a request.
 
     Parameters
     ----------
     retry_after
-        When there is likely to be room. [s]
+        Estimated time until the queue has room. [s]
     """
 
     status = HTTPStatus.TOO_MANY_REQUESTS
@@ -115,8 +115,9 @@ class QueueFullError(ServiceError):
 
 
 class JobsTooLargeError(QueueFullError):
-    """The unfinished jobs of an owner would take more than so many bytes of disk."""
+    """The unfinished jobs of an owner would exceed their limit on disk space."""
 
+    # A judgement: room appears when a job ends, which the service does not predict here.
     retry_after = 60
 
     def __init__(self, limit: int) -> None:
@@ -124,7 +125,7 @@ class JobsTooLargeError(QueueFullError):
 
 
 class QueriesWaitingError(QueueFullError):
-    """More single queries would wait than may."""
+    """The queue of single queries is full."""
 
     status = HTTPStatus.SERVICE_UNAVAILABLE
     type = "urn:ricochet:problem:busy"
@@ -132,25 +133,25 @@ class QueriesWaitingError(QueueFullError):
 
 
 class OwnerQueriesError(QueueFullError):
-    """More single queries of one owner would wait or run than this limit."""
+    """One owner has as many single queries waiting or running as the limit allows."""
 
     type = "urn:ricochet:problem:owner-busy"
     title = "Too many queries of this owner are waiting"
 
 
 class QuotaError(ServiceError):
-    """More cases are requested with a key than its quota has left.
+    """A request needs more cases than the quota of its key has left.
 
     Parameters
     ----------
     most
-        Cases of the key within an hour.
+        Quota of the key, in cases per hour.
     count
-        Cases requested.
+        Number of cases requested.
     left
-        Cases that are left.
+        Number of cases left in the quota.
     retry_after
-        When so many are allowed again. [s]
+        Time until the quota has room for the request. [s]
     """
 
     status = HTTPStatus.TOO_MANY_REQUESTS
@@ -163,16 +164,17 @@ class QuotaError(ServiceError):
 
 
 class QuotaTooSmallError(QuotaError):
-    """A request has more cases than its key may ever have within an hour, so that waiting does not help.
+    """A request needs more cases than the quota of its key allows in an hour, so that waiting does not help.
 
     Parameters
     ----------
     most
-        Cases of the key within an hour.
+        Quota of the key, in cases per hour.
     count
-        Cases of the request that have been counted so far.
+        Number of cases of the request counted so far.
     """
 
+    # 429 would invite the client to send the request again, which is always refused.
     status = HTTPStatus.FORBIDDEN
     type = "urn:ricochet:problem:quota-too-small"
     title = "The quota of the key never allows so many cases"
@@ -186,20 +188,20 @@ class QuotaTooSmallError(QuotaError):
 
 
 class OwnerStreamsError(ServiceError):
-    """An owner has as many event streams open as this limit."""
+    """One owner has as many event streams open as the limit allows."""
 
     status = HTTPStatus.TOO_MANY_REQUESTS
     type = "urn:ricochet:problem:owner-streams"
     title = "Too many event streams of this owner"
     retry_after = 30
-    """Until one of them is likely to have ended. [s]"""
+    """Time after which a stream may have ended, a judgement: a stream lasts as long as its job. [s]"""
 
     def __init__(self, limit: int) -> None:
         super().__init__(f"{limit} event streams are open; end one, or read the job itself")
 
 
 class StreamsFullError(OwnerStreamsError):
-    """As many event streams are open as this limit."""
+    """The number of open event streams has reached its limit."""
 
     status = HTTPStatus.SERVICE_UNAVAILABLE
     type = "urn:ricochet:problem:streams-full"
@@ -207,7 +209,7 @@ class StreamsFullError(OwnerStreamsError):
 
 
 class IdempotencyConflictError(ServiceError):
-    """The idempotency key belongs to another request."""
+    """The idempotency key was used before with a different request."""
 
     status = HTTPStatus.UNPROCESSABLE_ENTITY
     type = "urn:ricochet:problem:idempotency-conflict"
@@ -215,7 +217,7 @@ class IdempotencyConflictError(ServiceError):
 
 
 class IdempotencyBusyError(ServiceError):
-    """The request with this idempotency key is still being accepted."""
+    """Another request with this idempotency key is still being read."""
 
     status = HTTPStatus.CONFLICT
     type = "urn:ricochet:problem:idempotency-busy"
@@ -223,7 +225,7 @@ class IdempotencyBusyError(ServiceError):
 
 
 class StorageError(ServiceError):
-    """Jobs cannot be stored or read: the disk is full, read-only or gone."""
+    """The disk is full, read-only or gone, so that jobs cannot be stored or read."""
 
     status = HTTPStatus.INSUFFICIENT_STORAGE
     type = "urn:ricochet:problem:storage-full"
@@ -231,7 +233,7 @@ class StorageError(ServiceError):
 
 
 class UnsuitableFolderError(StorageError):
-    """The file system of the data folder cannot keep what has to be kept, however much room it has."""
+    """The file system of the data folder lacks a feature that SQLite needs, however much space it has."""
 
     type = "urn:ricochet:problem:unsuitable-folder"
     title = "The data folder is on an unsuitable file system"
@@ -243,11 +245,12 @@ SHARED_MEMORY_ERRORS = {
     sqlite3.SQLITE_IOERR_SHMLOCK,
     sqlite3.SQLITE_IOERR_SHMMAP,
 }
-"""Codes of SQLite for a file that cannot be shared in memory, as on some network and FUSE file systems."""
+"""SQLite's error codes for a failed shared memory map. Some network and FUSE file systems do not support these maps,
+which the write-ahead log needs."""
 
 
 def storage_reason(error: Exception) -> str:
-    """Return why the disk refuses something, without the path."""
+    """Return the reason of a disk error without the path, which clients are not to see."""
     if is_unsuitable(error):
         return (
             "its file system cannot share files in memory, which SQLite needs, as some network and FUSE file systems: "
@@ -257,24 +260,24 @@ def storage_reason(error: Exception) -> str:
 
 
 def is_unsuitable(error: Exception) -> bool:
-    """Return whether the file system is what is wrong."""
+    """Return True if the error is caused by an unsuitable file system."""
     return isinstance(error, sqlite3.Error) and getattr(error, "sqlite_errorcode", None) in SHARED_MEMORY_ERRORS
 
 
 def storage_error(what: str, error: Exception) -> StorageError:
-    """Return the error of something that the disk refuses."""
+    """Return the `StorageError` for a disk error; `what` is the operation that failed."""
     kind = UnsuitableFolderError if is_unsuitable(error) else StorageError
     return kind(f"{what}: {storage_reason(error)}")
 
 
 class DownloadsFullError(ServiceError):
-    """Files of results that are being sent take all the room there is for them."""
+    """Downloads in progress take all the disk space that is reserved for downloads."""
 
     status = HTTPStatus.SERVICE_UNAVAILABLE
     type = "urn:ricochet:problem:downloads-full"
     title = "Too many files are being sent"
     retry_after = 30
-    """Until one of them is likely to have been sent. [s]"""
+    """Time after which a download may have ended, a judgement: it depends on the clients. [s]"""
 
     def __init__(self) -> None:
         super().__init__(
@@ -283,16 +286,16 @@ class DownloadsFullError(ServiceError):
 
 
 class FolderReplacedError(StorageError):
-    """The path of the data folder, or of a file in it, leads to something else than when it was opened."""
+    """The data folder, or a file in it, has been removed or replaced since it was opened."""
 
 
 class DamagedCasesError(ServiceError):
-    """What was stored of a block of cases cannot be read.
+    """A stored block of cases is damaged.
 
     Parameters
     ----------
     first, last
-        Its cases, from 0.
+        Numbers of its first and last case, from 0.
     """
 
     type = "urn:ricochet:problem:damaged"
@@ -303,12 +306,12 @@ class DamagedCasesError(ServiceError):
 
 
 class DamagedJobError(DamagedCasesError):
-    """What was stored of a job cannot be read.
+    """The stored row of a job is damaged.
 
     Parameters
     ----------
     fields
-        Names of what cannot be read.
+        Names of the unreadable columns.
     """
 
     def __init__(self, fields: Sequence[str]) -> None:
@@ -337,12 +340,12 @@ STATUS_PROBLEMS = {
     HTTPStatus.BAD_GATEWAY: ("no-answer", "The service behind this one does not answer"),
     HTTPStatus.SERVICE_UNAVAILABLE: ("not-ready", "The service is not ready"),
 }
-"""Type, without its prefix, and title of what is refused with an HTTP status alone. They do not follow the phrases of
-`HTTPStatus`, which differ between versions of Python."""
+"""Type, without its prefix, and title of problems that are no more than an HTTP status. They are written out because
+the phrases of `HTTPStatus` differ between versions of Python."""
 
 
 class JobGoneError(StorageError):
-    """The job has been deleted meanwhile: there is none with its id."""
+    """The job was deleted while a request for it was being processed."""
 
     status = HTTPStatus.NOT_FOUND
     type = f"urn:ricochet:problem:{STATUS_PROBLEMS[HTTPStatus.NOT_FOUND][0]}"
@@ -350,12 +353,12 @@ class JobGoneError(StorageError):
 
 
 class ReportsMissingError(ServiceError):
-    """What draws reports is not installed.
+    """The extra that draws reports is not installed.
 
     Parameters
     ----------
     package
-        The package that is missing.
+        Name of the missing package.
     """
 
     status = HTTPStatus.NOT_IMPLEMENTED
@@ -369,22 +372,22 @@ class ReportsMissingError(ServiceError):
 
 
 class UnusableFolderError(Exception):
-    """It cannot be done with this folder; the text says why."""
+    """The data folder cannot be used; the message gives the reason."""
 
 
 class FolderInUseError(UnusableFolderError):
-    """The data folder belongs to another running service."""
+    """The data folder is locked by another running service."""
 
 
 class FolderLayoutError(UnusableFolderError):
-    """A file of the data folder is of another version of the program.
+    """A file of the data folder was written by another version of the program.
 
     Parameters
     ----------
     name
         Name of the file.
     found, known
-        Its layout, and that of this version.
+        Layout number of the file, and the one that this version reads.
     """
 
     def __init__(self, name: str, found: int, known: int) -> None:
@@ -395,16 +398,16 @@ class FolderLayoutError(UnusableFolderError):
 
 
 class DamagedFileError(Exception):
-    """The file is not what was written."""
+    """The content of a file differs from what was written."""
 
 
 class MissingExtraError(Exception):
-    """Traces are enabled, and what sends them is not installed; the text says how to mend it."""
+    """Traces are enabled without the extra that sends them; the message names the command that installs it."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProblemType:
-    """What all problems of one type have in common."""
+    """Status, type and title, which all problems of one type share."""
 
     status: HTTPStatus
     type: str
@@ -412,7 +415,7 @@ class ProblemType:
 
     @classmethod
     def of(cls, exception: BaseException) -> Self:
-        """Return the type of the problem that an exception is answered as; unforeseen ones are failures."""
+        """Return the problem type of an exception; unexpected exceptions are failures of the service."""
         if isinstance(exception, ServiceError):
             return cls(exception.status, exception.type, exception.title)
         for ancestor in type(exception).__mro__:
@@ -422,13 +425,13 @@ class ProblemType:
 
     @classmethod
     def of_status(cls, status: int) -> Self:
-        """Return the type of a problem that is no more than its HTTP status."""
+        """Return the problem type of a bare HTTP status."""
         found = HTTPStatus(status)
         name, title = STATUS_PROBLEMS.get(found, ("", ""))
         return cls(found, f"urn:ricochet:problem:{name}" if name else "about:blank", title or found.phrase)
 
     def content(self, detail: str, errors: Sequence[dict[str, str]] = ()) -> dict[str, Any]:
-        """Return a problem of this type without its `instance`, which depends on the request."""
+        """Return a problem document without `instance`, which depends on the request."""
         status = int(self.status)
         return {"type": self.type, "title": self.title, "status": status, "detail": detail, "errors": list(errors)}
 
@@ -446,13 +449,13 @@ SOLVER_ERRORS: Mapping[type, tuple[HTTPStatus, str, str]] = {
         "The motion could not be integrated",
     ),
 }
-"""The solver's errors, which know nothing of HTTP."""
+"""Status, type and title of the solver's errors. They are mapped here because the solver knows nothing of HTTP."""
 
 
 def problem_types() -> list[ProblemType]:
-    """Return the types of all problems, in the order of their names."""
+    """Return all problem types, sorted by name."""
     errors = [ServiceError]
-    for error in errors:  # It grows on the way.
+    for error in errors:  # The loop visits the subclasses that it appends, so that it walks the whole tree of errors.
         errors += error.__subclasses__()
     found = {ProblemType(error.status, error.type, error.title) for error in errors}
     found |= {ProblemType(*each) for each in SOLVER_ERRORS.values()}
@@ -461,7 +464,7 @@ def problem_types() -> list[ProblemType]:
 
 
 def field_errors(exception: BaseException) -> list[dict[str, str]]:
-    """Return what is wrong with a request and where, as far as the exception says."""
+    """Return the errors of fields that an exception carries, each with its pointer and message."""
     if isinstance(exception, InvalidBodyError):
         return exception.errors
     if isinstance(exception, ParameterError):
@@ -470,12 +473,12 @@ def field_errors(exception: BaseException) -> list[dict[str, str]]:
 
 
 def errors_found(error: ValidationError) -> list[Any]:
-    """Return the first of pydantic's errors, with no more of each than is said of it."""
+    """Return the first `MAX_ERRORS` errors of pydantic, without links to its documentation."""
     return error.errors(include_url=False)[:MAX_ERRORS]
 
 
 def validation_errors(errors: Sequence[Any], before: str = "") -> list[dict[str, str]]:
-    """Return pydantic's errors as pointers, behind this one, and details."""
+    """Convert errors of pydantic to pointers and messages; `before` is prepended to each pointer."""
     found: list[dict[str, str]] = []
     unknown = 0
     for error in errors[:MAX_ERRORS]:
@@ -488,7 +491,7 @@ def validation_errors(errors: Sequence[Any], before: str = "") -> list[dict[str,
 
 
 def validated_as(model: type[Model], content: Any, pointer: str = "") -> Model:
-    """Return the content of a body, or of the part at a pointer, as this model.
+    """Validate the content of a body, or of its part at `pointer`, as a model.
 
     Raises
     ------
@@ -502,17 +505,17 @@ def validated_as(model: type[Model], content: Any, pointer: str = "") -> Model:
 
 
 def grid_of(model: type[BaseModel], outline: Outline) -> Grid:
-    """Return the points of a sweep.
+    """Return the grid of a sweep.
 
     Parameters
     ----------
     model
-        Request that the base and every point have to be.
+        Model that the base and every point are validated with.
 
     Raises
     ------
     InvalidBodyError
-        If the base is not valid or an axis cannot be laid.
+        If the base or an axis is not valid.
     """
     validated_as(model, outline.base, "/base")
     try:
@@ -523,7 +526,7 @@ def grid_of(model: type[BaseModel], outline: Outline) -> Grid:
 
 @contextmanager
 def errors_of_point(grid: Grid, number: int, point: Sequence[float]) -> Iterator[None]:
-    """Turn what is wrong with the request of a point into an error that names its place in the sweep."""
+    """Convert errors of one point of a sweep to an `InvalidBodyError` that names the values of the axes."""
     try:
         yield
     except (ValidationError, ParameterError) as error:
@@ -534,14 +537,14 @@ def errors_of_point(grid: Grid, number: int, point: Sequence[float]) -> Iterator
 
 
 def problem_of(exception: BaseException, errors: Sequence[dict[str, str]] | None = None) -> dict[str, Any]:
-    """Return the problem that an exception is answered as, without its `instance`.
+    """Return the problem document of an exception, without `instance`.
 
-    Only the log has the cause of an error that is not foreseen.
+    The cause of an unexpected error is written to the log only, because its message may contain paths or data.
 
     Parameters
     ----------
     errors
-        What is wrong with the request; as far as the exception says when not given.
+        Errors of fields; those of the exception if not given.
     """
     kind, found = ProblemType.of(exception), field_errors(exception) if errors is None else errors
     if found:
@@ -554,7 +557,7 @@ def problem_of(exception: BaseException, errors: Sequence[dict[str, str]] | None
 
 
 def case_problem(exception: BaseException) -> dict[str, Any]:
-    """Return the problem of a case without an answer, and log a failure; pointers are into the case's request."""
+    """Return the problem of a failed case, and log unexpected errors. Pointers refer to the request of the case."""
     problem = problem_of(exception)
     if problem["type"] == ServiceError.type:
         log.error("a case failed", exc_info=exception)

@@ -1,6 +1,6 @@
-"""Names of choices, inputs, outcomes and formulas of the contract, for people: one list that all who show them read.
+"""Display names of choices, inputs, outcomes and formulas of the contract, shared by page, reports and command line.
 
-Nothing is imported: the command line reads this too.
+The module imports nothing, because `ricochet --help` and completion load it.
 """
 
 from collections.abc import Mapping
@@ -42,7 +42,7 @@ CHOICES: Final[Mapping[str, Mapping[str, str]]] = {
     },
     "numerics.method": {"adaptive": "adaptive", "panels": "panels (paper)"},
 }
-"""Names of the values of a field, by its dotted path, as they stand in a sentence."""
+"""Display names of the values of a field, by its dotted path, worded for the middle of a sentence."""
 QUANTITIES: Final[Mapping[str, str]] = {
     "impact.velocity_m_s": "Speed",
     "impact.oblique_angle_deg": "Oblique angle",
@@ -152,8 +152,8 @@ ALIASES: Final[Mapping[str, tuple[str, ...]]] = {
     "target.characteristic_strength_pa": ("characteristic_strength", "fck", "f_ck"),
     "custom_id": ("id", "name", "label", "case", "case_id", "shot", "test", "no", "nr", "number"),
 }
-"""Names that people give to inputs, without units, by the dotted paths of the inputs: for the columns of tables and for
-suggestions. Letters are small, and an underscore stands for whatever is no letter or digit."""
+"""Common names of inputs, without units, by the dotted path of the input. Headers of tables are matched against them,
+and suggestions made from them. They are lower-case, with an underscore for any character that is no letter or digit."""
 FORMULAS: Final[Mapping[str, str]] = {
     "modified_ndrc": "Modified NDRC",
     "degen": "Degen",
@@ -167,14 +167,14 @@ FORMULAS: Final[Mapping[str, str]] = {
     "li_chen": "Li and Chen",
     "whiffen": "Whiffen",
 }
-"""Names of the empirical formulas."""
+"""Display names of the empirical formulas."""
 OUTCOMES: Final[Mapping[str, str]] = {
     "ricochet": "ricochet",
     "embedded": "embedded",
     "in_motion": "still in motion",
     "perforated": "perforated",
 }
-"""Names of the ends of a strike, the words of a verdict."""
+"""Display names of the outcomes of a strike, as in the sentence of a verdict."""
 STATUSES: Final[Mapping[str, str]] = {
     "converged": "converged",
     "no_ricochet": "no ricochet",
@@ -183,7 +183,7 @@ STATUSES: Final[Mapping[str, str]] = {
     "always_perforated": "always perforated",
     "never_perforated": "never perforated",
 }
-"""Names of the ends of a search."""
+"""Display names of the statuses of a search."""
 WARNINGS: Final[Mapping[str, str]] = {
     "base_strikes_first": "the tail strikes first",
     "bending_unknown": "no bending stress: the mass lies otherwise than in the shape",
@@ -207,7 +207,7 @@ WARNINGS: Final[Mapping[str, str]] = {
     "undecided": "still moving at the termination time",
     "velocity_beyond_rigid": "so fast that noses erode",
 }
-"""Warnings whose code does not say it, in a few words."""
+"""Short texts for warnings whose code alone is not understood."""
 OPERATIONS: Final[Mapping[str, str]] = {
     "cra": "critical angles",
     "trajectory": "trajectories",
@@ -217,7 +217,7 @@ OPERATIONS: Final[Mapping[str, str]] = {
     "trajectory_uncertainty": "how sure an outcome is",
     "unknown": "cases that cannot be read",
 }
-"""Names of what the cases of a job are."""
+"""Display names of the operations of a job, in the plural."""
 JOB_STATUSES: Final[Mapping[str, str]] = {
     "accepted": "waiting",
     "running": "running",
@@ -226,15 +226,15 @@ JOB_STATUSES: Final[Mapping[str, str]] = {
     "dismissed": "cancelled",
     "damaged": "damaged",
 }
-"""Names of the states of a job."""
+"""Display names of the statuses of a job."""
 TITLES: Final[Mapping[str, str]] = {
     "impact.velocity_m_s": "speed",
     "impact.oblique_angle_deg": "angle",
     "target.compressive_strength_pa": "strength",
 }
-"""Inputs that the title of a job names more shortly than their labels."""
+"""Short names of inputs for the title of a job, where the label is too long."""
 
 
 def named(names: Mapping[str, str], value: str) -> str:
-    """Return the name of a value; the value itself where a newer service has one that is not here."""
+    """Return the display name of a value, or the value itself if it is unknown, as from a newer service."""
     return names.get(value, value)

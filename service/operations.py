@@ -1,4 +1,4 @@
-"""What the service computes, each operation once: request, computation, answer, columns and key of its result."""
+"""Operations of the service, each described once: request, computation, answer, columns and key of the result."""
 
 import hashlib
 import math
@@ -72,36 +72,37 @@ from solver.strike import SEARCH_STATIONS
 from solver.uncertainty import Crossings, Ending, compute_study, judge_wall
 
 SCHEMA_VERSION = "1"
-"""Raised whenever the meaning of a request changes, as `ENGINE_VERSION` is for answers: older results are not used."""
+"""Version of the requests. It is part of every key, and is raised when the meaning of a request changes, so that older
+results are no longer found; `ENGINE_VERSION` does the same for answers."""
 
 
 class Request(Protocol):
     """A validated request."""
 
     def canonical(self) -> dict[str, Any]:
-        """Return every field as JSON data, defaults filled in."""
+        """Return all fields as JSON data, with defaults filled in."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class KeyedRequest:
-    """A canonical request as JSON, and the key of its result."""
+    """A canonical request as JSON, with the key of its result and its cost."""
 
     key: str
     json: bytes
     work: int = 1
-    """Cost. [ordinary cases]"""
+    """Cost of computing it. [ordinary cases]"""
 
     @classmethod
     def of(cls, operation: str, request: Request) -> "KeyedRequest":
-        """Return the canonical form of a validated request with its key."""
+        """Return a validated request in canonical form with its key and cost."""
         canonical = request.canonical()
         work = OPERATIONS[operation].work(request) if isinstance(request, Case) else 1
         return cls(result_key(operation, canonical), orjson.dumps(canonical), work)
 
 
 def result_key(operation: str, request: dict[str, Any]) -> str:
-    """Key of the result of a request.
+    """Return the key of the result of a request.
 
     Parameters
     ----------
@@ -113,8 +114,8 @@ def result_key(operation: str, request: dict[str, Any]) -> str:
     Returns
     -------
     str
-        SHA-256, hexadecimal. The order of the fields does not matter, nor 1 or 1.0, nor the sign of a zero; anything
-        else does, to the last bit of a number.
+        SHA-256, hexadecimal. It is independent of the order of fields, of 1 or 1.0, and of the sign of a zero, and
+        depends on everything else to the last bit of a number.
     """
     content = {
         "operation": operation,
@@ -126,10 +127,10 @@ def result_key(operation: str, request: dict[str, Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Replace numbers by floats, each of which has one text, and -0.0 by 0.0."""
+    """Replace numbers by floats, so that equal numbers have one text."""
     kind = type(value)
     if kind is float or kind is int:
-        return float(value) + 0.0
+        return float(value) + 0.0  # Adding 0.0 turns -0.0 into 0.0.
     if kind is dict:
         return {name: _plain(item) for name, item in value.items()}
     if kind is list:
@@ -138,21 +139,21 @@ def _plain(value: Any) -> Any:
 
 
 Answer: TypeAlias = tuple[dict[str, Any], dict[str, FloatArray] | None]
-"""The JSON answer without its key, its version and the columns of its history; and those columns."""
+"""The answer as JSON data without key, versions and history, and the columns of the history if there is one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Many:
-    """Routes of an operation for many cases: batches and sweeps.
+    """Routes for batches and sweeps of an operation.
 
     Parameters
     ----------
     models
-        Bodies and answer.
+        Models of the bodies and of the answer.
     batch, sweep
-        Operation id of each, and the first words of its description.
+        Operation id of the route, and the first words of its description.
     note
-        Further sentence of the description of a batch.
+        Further sentence for the description of the batch route.
     """
 
     models: CaseModels
@@ -164,7 +165,7 @@ class Many:
 class ToolText(NamedTuple):
     """A tool of the Model Context Protocol.
 
-    Operations with one name are one tool, whose arguments hold the request in the `field` of one of them.
+    Operations with the same name form one tool, whose arguments hold the request in the `field` of one operation.
     """
 
     name: str
@@ -175,33 +176,34 @@ class ToolText(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """One kind of request, with all that routes, jobs, tools and commands have to know of it.
+    """One kind of request, with everything that routes, jobs, tools and commands need to know about it.
 
     Parameters
     ----------
     name
-        Its name in keys, results and counts; the path of its route, but for `_` instead of `/`.
+        Name in keys, results and metrics, and the path of the route with `_` for `/`.
     compute
-        Takes the canonical request as JSON, as a worker receives it. A function of a module, so that its name is all
-        that goes to the worker.
+        Function from the canonical request, as JSON, to the answer. It is at the top level of a module, because
+        pickle sends functions to workers by name.
     request, answer
-        Models. `arguments` of a request raises ParameterError if values do not go together.
+        Models. `arguments` of a request raises ParameterError if values contradict each other.
     route, description, tag
-        Operation id of its route, what it does, and its group in the contract.
+        Operation id, description and tag of the route in the contract.
     cases
-        Returns what a request counts as against a quota, where that is not its work.
+        Returns the cost of a request against a quota, where it differs from `work`. [ordinary cases]
     weight
-        What an ordinary case of a batch or a sweep counts as, against a quota and the size of what is answered at once.
+        Cost of a case of a batch or a sweep, against a quota and against the size up to which batches are answered in
+        the response. [ordinary cases]
     runs
-        Runs of which it consists, about.
+        Approximate number of runs of one computation.
     long
-        Whether the body may be as long as that of many cases. It is then validated in a thread.
+        True if the body may be as long as that of a batch. It is then validated in a thread.
     many
-        Its routes for many cases, if it has them.
+        Routes for batches and sweeps, if there are any.
     study
-        How it computes samples, if it is a study of uncertainty.
+        Sampling of a study of uncertainty, if the operation is one.
     tool
-        Its tool, if it has one.
+        Tool of the Model Context Protocol, if there is one.
     """
 
     name: str
@@ -221,21 +223,24 @@ class Operation:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the answer in one row."""
+        """Columns of a table with one row per answer."""
         return columns_of(self.answer)
 
     @property
     def path(self) -> str:
-        """Path of its route."""
+        """Path of the route."""
         return f"/{self.name.replace('_', '/')}"
 
     def work(self, request: Case) -> int:
-        """Return what one case counts as: by panels, as all the time steps that its runs may take."""
+        """Return the cost of one case. [ordinary cases]
+
+        By panels it counts all time steps that the runs could take, as nobody knows beforehand when a run will end.
+        """
         once = max(self.weight, math.ceil(self.runs * request.panel_steps() / PANEL_STEPS))
         return once * request.searches
 
     def charge(self, request: Any) -> int:
-        """Return what a request counts as: with alternatives, each of them is a case too."""
+        """Return the cost of a request against a quota, where each alternative is a case too. [ordinary cases]"""
         if self.cases is not None:
             return self.cases(request)
         if not isinstance(request, Case):
@@ -244,7 +249,7 @@ class Operation:
 
 
 def compute_trajectory(request: bytes) -> Answer:
-    """Run one strike."""
+    """Compute the motion of one strike, and its flight after a ricochet if requested."""
     strike = TrajectoryRequest.model_validate_json(request)
     arguments = strike.arguments()
     found = solver.simulate(**arguments)
@@ -255,11 +260,11 @@ DECIDING_SETTINGS: tuple[dict[str, Any], ...] = (
     {"stations": SEARCH_STATIONS},
     {"relative_tolerance": LAST_TOLERANCE, "stations": LAST_STATIONS, "points": LAST_POINTS},
 )
-"""Settings of the two levels of a search that decide on its angle."""
+"""Numerical settings of the two last levels of a search, which decide its angle."""
 
 
 def compute_critical_angle(request: bytes) -> Answer:
-    """Find a critical angle and, if it has a history and there is such an angle, run the strike at it."""
+    """Find a critical angle and, if its history is requested, compute the run at that angle."""
     arguments, sample_interval = CriticalAngleRequest.model_validate_json(request).arguments()
     found = solver.critical_angle(**arguments)
     if sample_interval is None or found.angle is None:
@@ -268,7 +273,9 @@ def compute_critical_angle(request: bytes) -> Answer:
     strike = {name: arguments.pop(name) for name in ("velocity", "angle_of_attack", "angular_velocity")}
     impact = solver.Impact(oblique_angle=found.angle, **strike)
     numerics, trajectory = arguments.pop("numerics"), None
-    for settings in DECIDING_SETTINGS:  # just as much energy is left as must be: other settings may find a little less
+    # At the critical angle the retained energy only just reaches its threshold, so with other settings than those of
+    # the search the run could end embedded. The settings of the level that decided reproduce the ricochet.
+    for settings in DECIDING_SETTINGS:
         trajectory = solver.simulate(
             **arguments, impact=impact, numerics=replace(numerics, **settings), sample_interval=sample_interval
         )
@@ -278,11 +285,11 @@ def compute_critical_angle(request: bytes) -> Answer:
 
 
 MODEL_ARGUMENTS = ("projectile", "target", "resistance", "numerics")
-"""Arguments of a fit that its predictions take too."""
+"""Arguments that a fit and its predictions share."""
 
 
 def compute_depth_calibration(request: bytes) -> Answer:
-    """Fit a strength factor to depths; predict them with each strength factor to compare."""
+    """Fit a strength factor to depths, and predict the depths with each strength factor to compare."""
     arguments, strength_factors, velocities = DepthCalibrationRequest.model_validate_json(request).arguments()
     model = {name: arguments[name] for name in MODEL_ARGUMENTS}
     curves = [
@@ -293,7 +300,7 @@ def compute_depth_calibration(request: bytes) -> Answer:
 
 
 def compute_motion_calibration(request: bytes) -> Answer:
-    """Fit a strength factor to motions with every decay law; predict them with each strength factor to compare."""
+    """Fit a strength factor to motions by each decay law, and predict them with each strength factor to compare."""
     calibration = MotionCalibrationRequest.model_validate_json(request)
     arguments, strength_factors, times = calibration.arguments()
     try:
@@ -317,7 +324,7 @@ def compute_obliquity_calibration(request: bytes) -> Answer:
 
 
 def compute_flight(request: bytes) -> Answer:
-    """Fly a body that has left the target to the ground."""
+    """Compute the flight of a body from the face of the target to the ground."""
     return walk(FlightAnswer, solver.flight(**FlightRequest.model_validate_json(request).arguments())), None
 
 
@@ -327,7 +334,7 @@ def compute_formulas(request: bytes) -> Answer:
 
 
 def compute_thickness(request: bytes) -> Answer:
-    """Find the least thickness that is not perforated."""
+    """Find the least thickness of a wall that a strike does not perforate."""
     return thickness_answer(ThicknessRequest.model_validate_json(request)), None
 
 
@@ -337,30 +344,30 @@ def compute_limit_speed(request: bytes) -> Answer:
 
 
 def compute_wall(request: bytes) -> Answer:
-    """Judge a wall."""
+    """Judge a wall for perforation and scabbing."""
     return wall_answer(judge_wall(**WallRequest.model_validate_json(request).arguments())), None
 
 
 StudyReport: TypeAlias = Callable[[int, float | None], None]
-"""Takes the number of samples done and the half width reached, if there is one."""
+"""Function that receives the number of samples taken and the half width reached, None before there is one."""
 
 
 @dataclass(frozen=True, slots=True)
 class StudyOperation:
-    """How a study of uncertainty computes its samples: each is a request of another operation.
+    """Sampling of a study of uncertainty, whose samples are requests of another operation.
 
     Parameters
     ----------
     sample
-        That operation.
+        Operation of the samples.
     model
-        Its request among many.
+        Model of a request of that operation in a batch.
     finding
-        Returns what the study keeps of an answer.
+        Extracts the result that the study needs from the answer to a sample.
     failed, outside
-        What it keeps of a sample that could not be computed, or is outside the accepted range.
+        Results that stand for a failed sample and for one outside the accepted range.
     answer
-        Returns the answer of the study as JSON data.
+        Converts the result of the study to JSON data.
     """
 
     sample: str
@@ -371,11 +378,11 @@ class StudyOperation:
     answer: Callable[[Any], dict[str, Any]]
 
     def base(self, request: Any) -> Case:
-        """Return the request that the samples differ from."""
+        """Return the request of which the samples are variations."""
         return self.model.model_validate(request.base)
 
     def sampler(self, request: Any) -> Callable[[Sequence[Any]], KeyedRequest | None]:
-        """Return the function that makes the request of a sample; None for one outside the accepted range."""
+        """Return a function from the values of a sample to its request; None outside the accepted range."""
         base, fields = request.base, [each.field for each in request.uncertain]
 
         def sample(point: Sequence[Any]) -> KeyedRequest | None:
@@ -389,28 +396,28 @@ class StudyOperation:
 
 
 def compute_critical_angle_uncertainty(request: bytes) -> Answer:
-    """Sample critical angles, one after the other."""
+    """Compute a study of a critical angle, one sample after the other."""
     return answer_study("cra_uncertainty", CriticalAngleUncertaintyRequest.model_validate_json(request)), None
 
 
 def compute_trajectory_uncertainty(request: bytes) -> Answer:
-    """Sample runs, one after the other."""
+    """Compute a study of the outcome of a strike, one sample after the other."""
     return answer_study("trajectory_uncertainty", TrajectoryUncertaintyRequest.model_validate_json(request)), None
 
 
 def answer_study(
     operation: str, request: Any, report: StudyReport = lambda *_: None, threads: int = 1
 ) -> dict[str, Any]:
-    """Return the answer of a study without key and version.
+    """Compute a study, and return its answer without key and versions.
 
     Parameters
     ----------
     request
-        The validated request of the operation.
+        Validated request of the operation.
     report
-        Called with the number of samples done and the half width reached, None before there is one.
+        Function called after each sample, with the number of samples and the half width reached.
     threads
-        How many samples are computed at a time.
+        Number of samples that are computed at the same time.
     """
     study = study_of(operation)
     compute, sample = OPERATIONS[study.sample].compute, study.sampler(request)
@@ -431,31 +438,33 @@ WALL_CASES = 20
 """Cost of a search for perforation, which takes 20 to 30 runs [ordinary cases]."""
 
 WALL_SEARCHES = 5
-"""Searches of a verdict on a wall at most: as given, plain, with a plug, with a crater too, that along the normal."""
+"""Largest number of searches in a verdict on a wall: as given, plain, with a plug, with a plug and a crater, and the
+latter in normal impact."""
 
 
 SEARCH_RUNS = 10
-"""Runs of a search for a critical angle, about."""
+"""Approximate number of runs of a search for a critical angle. The secant search of the paper takes 9 to 12, see
+benchmarks/results.md."""
 PANEL_STEPS = 1e6
-"""Panels times time steps of a run that takes as long as an ordinary case, 10 to 20 ms."""
+"""Product of panels and time steps whose run takes as long as an ordinary case, 10 to 20 ms [1]."""
 
 
 FIT_CASES = 20
-"""Cost of a calibration: it takes as long as this many ordinary cases."""
+"""Cost of a calibration, which takes as long as this many ordinary cases [ordinary cases]."""
 
 
 def cases_of_a_fit(request: Calibration) -> int:
-    """Return what the fit of one strength factor counts as; by panels, as all the time steps that its runs may take."""
+    """Return the cost of fitting one strength factor, by panels from all time steps of its runs. [ordinary cases]"""
     return math.ceil(FIT_CASES * max(1.0, request.panel_steps() / PANEL_STEPS))
 
 
 def cases_of_motions(request: MotionCalibrationRequest) -> int:
-    """Return what a calibration by motion counts as: a fit of each run with each decay law."""
+    """Return the cost of a calibration by motion: one fit for each run and decay law. [ordinary cases]"""
     return len(FreeSurfaceModel) * request.run_count * cases_of_a_fit(request)
 
 
 def cases_of_a_study(request: UncertainCase) -> int:
-    """Return what a study counts as at most."""
+    """Return the largest possible cost of a study, which may end before it has taken all samples. [ordinary cases]"""
     return request.sampling.max_samples
 
 
@@ -476,7 +485,7 @@ CRITICAL_ANGLE = Operation(
     CriticalAngleAnswer,
     route="find_critical_angle",
     description="Find the smallest oblique angle, from the normal, at which a projectile is turned away.\n\n"
-    "That there is none in the range is an answer too; its `status` says so.",
+    "A range without such an angle is an answer too, not an error; its `status` says so.",
     tag="critical ricochet angle",
     runs=SEARCH_RUNS,
     many=Many(
@@ -565,7 +574,7 @@ TRAJECTORY_UNCERTAINTY = Operation(
     TrajectoryUncertaintyAnswer,
     route="estimate_trajectory",
     description="Estimate the probability of each outcome of one strike, with quantiles of depth, exit speed and exit "
-    "angle.\n\nWhat is answered at once and what becomes a job is as with critical angles.",
+    "angle.\n\nWhether the answer comes at once or as a job is decided as for critical angles.",
     tag="trajectory",
     cases=cases_of_a_study,
     study=StudyOperation(
@@ -737,23 +746,23 @@ OPERATIONS: dict[str, Operation] = {
         WALL_VERDICT,
     )
 }
-"""All that can be computed, by name; one more is available everywhere as soon as it stands here."""
+"""All operations by name. Routes, jobs, tables and commands of a new operation follow from its entry here."""
 
 
 def is_study(operation: str) -> bool:
-    """Return whether an operation, which a later version may have made, is a study of uncertainty."""
+    """Return True if an operation is a study of uncertainty; names that only a later version knows are not."""
     return operation in OPERATIONS and OPERATIONS[operation].study is not None
 
 
 def study_of(operation: str) -> StudyOperation:
-    """Return how a study computes its samples."""
+    """Return the sampling of a study of uncertainty."""
     study = OPERATIONS[operation].study
     assert study is not None  # noqa: S101 (one of these)
     return study
 
 
 def outcome_of(answer: Mapping[str, Any]) -> str:
-    """Return how a run, a search or a study ended; a fit that has an answer was found, and so were formulas."""
+    """Return the outcome of an answer for metrics and results, such as `ricochet`, `converged` or `fitted`."""
     if "formulas" in answer and "status" not in answer:
         return "evaluated"
     if "scabbing" in answer:

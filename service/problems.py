@@ -1,4 +1,4 @@
-"""Errors of the application answered as RFC 9457 problems."""
+"""Exception handlers that answer every error of the application with a problem document (RFC 9457)."""
 
 from collections.abc import Mapping
 from http import HTTPStatus
@@ -24,13 +24,13 @@ from solver import RicochetError
 
 MEDIA_TYPE = "application/problem+json"
 OF_THE_BODY = {HTTPStatus.BAD_REQUEST, HTTPStatus.REQUEST_ENTITY_TOO_LARGE, HTTPStatus.UNSUPPORTED_MEDIA_TYPE}
-"""Statuses that say what is wrong with the whole body."""
+"""Statuses of errors that concern the whole body, whose pointer is therefore empty."""
 RETRIED_STATUSES = {HTTPStatus.SERVICE_UNAVAILABLE, HTTPStatus.TOO_MANY_REQUESTS}
-"""Statuses that are answered with `Retry-After`."""
+"""Statuses that are sent with `Retry-After`."""
 
 
 def install_problem_handlers(app: FastAPI) -> None:
-    """Answer every error of the application as a problem."""
+    """Install the handlers that answer errors of the application with problems."""
     for exception in (ServiceError, RicochetError, Exception):
         app.add_exception_handler(exception, answer_exception)
     app.add_exception_handler(RequestValidationError, answer_validation_error)
@@ -38,41 +38,45 @@ def install_problem_handlers(app: FastAPI) -> None:
 
 
 async def answer_exception(request: Request, exception: Exception) -> Response:
-    """Answer an exception with its problem."""
+    """Answer an exception of service or solver, or an unexpected one, with its problem."""
     content = problem_of(exception)
     retry_after = exception.retry_after if isinstance(exception, ServiceError) else RETRY_SECONDS
     return problem_response(request, content, retry_after=retry_after)
 
 
 async def answer_validation_error(request: Request, exception: Exception) -> Response:
-    """Answer what FastAPI finds wrong with a body."""
+    """Answer validation errors that FastAPI found in a request."""
     assert isinstance(exception, RequestValidationError)  # noqa: S101 (the handler of nothing else)
+    # FastAPI prepends "body" or "query" to the location, which is no part of a pointer into the body.
     found = [{**error, "loc": error["loc"][1:]} for error in exception.errors()[:MAX_ERRORS]]
     return await answer_exception(request, InvalidBodyError(validation_errors(found)))
 
 
 async def answer_http_exception(request: Request, exception: Exception) -> Response:
-    """Answer an error that is no more than its status."""
+    """Answer an exception that carries an HTTP status and a text, such as those of the framework."""
     assert isinstance(exception, HTTPException)  # noqa: S101 (the handler of nothing else)
     status = HTTPStatus(exception.status_code)
     detail = exception.detail
     errors = [{"pointer": "", "detail": exception.detail}] if status in OF_THE_BODY else []
     headers = dict(exception.headers or {})
     if status is HTTPStatus.METHOD_NOT_ALLOWED:
+        # In a thread, because the first contract of a process takes most of a second to make.
         headers["Allow"] = ", ".join(await run_sync(allowed_methods, request, headers.get("Allow", "GET")))
         detail = f"this path does not take {request.method}; it takes {headers['Allow']}"
-    elif detail == HTTPStatus.NOT_FOUND.phrase:  # The framework has no route.
+    elif detail == HTTPStatus.NOT_FOUND.phrase:  # Only the framework raises 404 with this text: no route matched.
         detail = "there is no such path; `/openapi.json` lists them"
     return problem_response(request, ProblemType.of_status(status).content(detail, errors), headers)
 
 
 def allowed_methods(request: Request, known: str) -> list[str]:
-    """Return the methods of this path; the framework knows those of the first of its routes alone.
+    """Return the methods that the routes of a path accept.
+
+    Starlette lists only the methods of the first matching route, so they are collected from the contract.
 
     Parameters
     ----------
     known
-        Those that the framework knows, for paths that are not in the contract.
+        Methods that Starlette lists, used for paths outside the contract.
     """
     contract: FastAPI = request.app
     found = {
@@ -91,7 +95,7 @@ def problem_response(
     headers: Mapping[str, str] | None = None,
     retry_after: int = RETRY_SECONDS,
 ) -> Response:
-    """Return a problem as the answer to a request; its instance is the path unless it has one."""
+    """Return a response with a problem document; `instance` defaults to the path of the request."""
     body = orjson.dumps({**content, "instance": content.get("instance", request.scope["path"])})
     response = Response(body, int(str(content["status"])), headers=headers, media_type=MEDIA_TYPE)
     if response.status_code in RETRIED_STATUSES:

@@ -1,4 +1,4 @@
-"""Answers single queries: looks them up, shares computations in flight, computes and keeps the rest."""
+"""Single queries: cache lookup, sharing of computations in flight, computation by a worker, storing of the result."""
 
 import asyncio
 import logging
@@ -28,21 +28,21 @@ from solver import ParameterError
 from solver.warnings import IMPLAUSIBLE
 
 MEMORY_SECONDS = 30.0
-"""Time over which a rate is measured: it covers a few chunks of slow work and forgets what is older."""
+"""Window over which the rate is measured [s]: it covers a few chunks of slow work, yet forgets other work before."""
 SHORTEST_SECONDS = 0.05
-"""Shortest time that a rate is measured over: the first chunk of a job may take less."""
+"""Shortest window [s]. The first chunk of a job may take less, and its rate would be nearly infinite."""
 STEP_SECONDS = 0.5
-"""Cases done within this time share one entry, so that the list of entries stays short."""
+"""Cases done within this time share one entry of the window, so that the window has at most 60 entries. [s]"""
 LONGEST_WAIT_SECONDS = 3600
-"""Longest wait that is announced: a measured rate says nothing about a later time."""
+"""Longest wait that is announced [s]. A rate measured over half a minute says nothing about a later time."""
 CASE_SECONDS = 0.02
-"""Time of an ordinary case on one core, assumed as long as no rate has been measured."""
+"""Assumed time of an ordinary case on one core until a rate has been measured [s]; such cases take 10 to 20 ms."""
 ABANDONED_SECONDS = 0.5
-"""Time that a running query has after its last client has left: an ordinary one ends, and its result is kept."""
+"""Time that a running query has left after its last client has gone [s]: an ordinary one then ends and is kept."""
 
 
 def check_work(case: Any, most: float) -> None:
-    """Refuse a case whose runs could take longer than the time limit of a computation.
+    """Refuse a case by panels whose runs would exceed the time limit of a computation.
 
     Raises
     ------
@@ -59,12 +59,12 @@ def check_work(case: Any, most: float) -> None:
 
 
 class Rate:
-    """Measures how many cases are done in a second of work; time in which there is nothing to do does not count.
+    """Rate at which cases are completed, measured over a sliding window of working time; idle time does not count.
 
     Parameters
     ----------
     cores
-        Returns how many cases are computed at the same time.
+        Returns the number of cases that are computed at the same time.
     clock
         Returns the time. [s]
     """
@@ -93,7 +93,7 @@ class Rate:
             self._paused = self._clock()
 
     def add(self, count: int) -> None:
-        """Count cases that have just been done."""
+        """Count cases that have just been completed."""
         now = self._now()
         self._count += count
         if self._entries and now - self._entries[-1][0] < STEP_SECONDS:
@@ -105,7 +105,7 @@ class Rate:
 
     @property
     def per_second(self) -> float:
-        """Mean over the last `MEMORY_SECONDS` of work; 0 if no case was done in them."""
+        """Mean rate over the last `MEMORY_SECONDS` of work; 0 if no case was completed. [1/s]"""
         now = self._now()
         self._forget(now)
         if not self._entries:
@@ -113,7 +113,10 @@ class Rate:
         return self._count / max(now - self._begin, SHORTEST_SECONDS)
 
     def seconds_for(self, count: int, weight: int = 1) -> int:
-        """Whole seconds until so many more cases are done, at least 1; `weight` counts if no rate has been measured."""
+        """Return the estimated time until `count` more cases are done, in whole seconds and at least 1. [s]
+
+        `weight`, the cost of a case, is used only while no rate has been measured.
+        """
         rate = self.per_second or self._cores() / (CASE_SECONDS * weight)
         return min(LONGEST_WAIT_SECONDS, max(1, math.ceil(count / rate)))
 
@@ -133,35 +136,36 @@ CacheStatus: TypeAlias = Literal["hit", "miss"]
 Answered: TypeAlias = tuple[Record, CacheStatus]
 
 Count: TypeAlias = Callable[[str, str, str, int], None]
-"""Function that counts cases that are done: operation, outcome, `hit` or `miss`, number."""
+"""Function that counts answered cases. Its arguments are operation, outcome, `hit` or `miss`, and number."""
 
 log = logging.getLogger(__name__)
 
 IMPLAUSIBLE_MARK = f'"code":"{IMPLAUSIBLE}"'.encode()
-"""Text that the JSON of an answer contains if and only if it has this warning."""
+"""Bytes that the JSON of an answer contains if and only if it has the warning `implausible`. Searching for them is
+cheaper than parsing every answer."""
 MAX_WAITING = 1000
-"""Number of single queries that may wait for a worker: at 10 ms each, a few seconds of work."""
+"""Default of the largest number of single queries that wait for a worker: at 10 ms each, a few seconds of work."""
 QUEUE_SECONDS = 30.0
-"""Longest time that a single query waits for a worker."""
+"""Default of the longest time that a single query waits for a worker, shorter than the timeout of proxies, 60 s. [s]"""
 
 
 class QueryService:
-    """Answers single queries, and computes chunks of cases.
+    """Answers single queries and computes chunks of jobs.
 
     Parameters
     ----------
     cache
-        Keeps the records.
+        Cache in which results are looked up and stored.
     executor
-        Computes them.
+        Executor that computes them.
     operations
-        What can be computed, by name.
+        Operations by name.
     max_waiting
-        Single queries that may wait for a worker.
+        Largest number of single queries that wait for a worker.
     queue_seconds
-        Longest that one waits for a worker. [s]
+        Longest time that a single query waits for a worker. [s]
     count
-        Counts single queries that are answered.
+        Function that counts answered single queries.
     """
 
     def __init__(
@@ -182,49 +186,52 @@ class QueryService:
         self._queue_seconds = queue_seconds
         self._rate = Rate(lambda: executor.single_capacity)
         self._work = 0
-        """Work of the single queries that wait or run, in ordinary cases."""
+        """Cost of the single queries that wait or run. [ordinary cases]"""
         self._submitted = 0
         """Number of single queries that wait or run."""
         self._in_flight: dict[str, asyncio.Future[Answered]] = {}
         self._running: set[asyncio.Future[Answered]] = set()
-        """Single queries that a worker has."""
+        """Single queries that a worker is computing."""
         self._queued: set[asyncio.Future[Answered]] = set()
-        """Answers in flight whose chunk waits for a worker."""
+        """Answers in flight whose chunk is still in the queue."""
         self._clients: Counter[asyncio.Future[Answered]] = Counter()
-        """Number of clients that wait for each."""
+        """Number of clients that wait for each answer in flight."""
         self.implausible = 0
-        """Number of computed answers that break a rule which every correct answer keeps."""
+        """Number of computed answers with the warning `implausible`, each a fault of the program."""
 
     @property
     def queued(self) -> int:
-        """Single queries that wait for a worker."""
+        """Number of single queries that wait for a worker."""
         return self.executor.queue.singles
 
     def seconds_until_done(self) -> int:
-        """Whole seconds until the single queries that wait or run now are likely to be done, at least 1.
+        """Return the estimated time until the present single queries are done, in whole seconds and at least 1. [s]
 
-        By the measured rate, but no query runs beyond its time limit. The second matters for large queries that all
-        end at the limit: none of them counts as done, so that their work seems to take hours at the assumed rate.
+        The estimate by the measured rate is capped by the time limits of the queries. The cap matters for large queries
+        that all run into their limit: none of them is completed, and at the assumed rate their work seems to take
+        hours.
         """
         longest = math.ceil(self._submitted * self.executor.task_seconds / max(1, self.executor.single_capacity))
         return max(1, min(self._rate.seconds_for(self._work), longest))
 
     async def answer(self, operation: str, request: KeyedRequest, owner: str = "") -> Answered:
-        """Return the record of the request, and whether it was there already.
+        """Return the record of a request, and whether it came from the cache.
 
-        Equal requests in flight share one computation, in the turn of the owner who was first. When all have left, it
-        is given up: at once while it waits for a worker, after `ABANDONED_SECONDS` when it runs.
+        Equal requests in flight share one computation, queued for the owner who was first. It is cancelled when all
+        their clients have left: at once while it is queued, after `ABANDONED_SECONDS` while it runs.
 
         Raises
         ------
         QueriesWaitingError
-            If too many wait for a worker, or this one has waited too long.
+            If the queue is full, or this query has waited too long.
         """
         record = self.cache.recall(request.key)
         if record is not None:
             self._count(operation, record.outcome, "hit", 1)
             return record, "hit"
+        # The loop repeats only if the shared computation was cancelled by its owner.
         while True:
+            # A chunk in the queue is not shared: it may have to wait behind the other work of a busy owner.
             found = self.in_flight([request.key], queued=False).get(request.key)
             shared = found is not None
             if found is None:
@@ -238,18 +245,18 @@ class QueryService:
                 return answered
 
     async def result(self, key: str) -> Record | None:
-        """Return the record of this key, if there is one."""
+        """Return the record stored under a key, or None."""
         return self.cache.recall(key) or await run_sync(self.cache.get, key)
 
     def in_flight(self, keys: Iterable[str], *, queued: bool = True) -> dict[str, "asyncio.Future[Answered]"]:
-        """Return the answers with these keys that are being computed; to be waited for, never to be cancelled.
+        """Return the computations in flight with these keys. Callers may wait for them, but never cancel them.
 
-        One that is given up raises `ComputationCancelled`.
+        A computation that is cancelled by its owner raises `ComputationCancelled`.
 
         Parameters
         ----------
         queued
-            Whether to include those whose chunk waits for its turn: it may be the turn of an owner with much to do.
+            Include cases whose chunk is still queued, possibly behind much other work of its owner.
         """
         found = {key: self._in_flight[key] for key in keys if key in self._in_flight}
         return {key: future for key, future in found.items() if queued or future not in self._queued}
@@ -264,18 +271,20 @@ class QueryService:
         begun: Callable[[], None] = lambda: None,
         longest: float | None = None,
     ) -> "Chunk":
-        """Compute and keep a chunk of cases, no two alike and none in flight; from the call on, others share them.
+        """Compute and store a chunk of cases. Other requests share its computations from this call on.
 
         Parameters
         ----------
+        cases
+            Cases with different keys, none of which is in flight.
         owner
-            In whose turn it is computed.
+            Owner in whose turn the chunk is computed.
         remaining
-            Cost of all that is left of the job. [ordinary cases]
+            Cost of the rest of the job. [ordinary cases]
         begun
-            Called when a worker takes it.
+            Function called when a worker takes the chunk.
         longest
-            Time after which it is given up, from then on. [s]
+            Timeout of the chunk from the moment a worker takes it; None for no timeout. [s]
         """
         loop = asyncio.get_running_loop()
         futures: dict[str, asyncio.Future[Answered]] = {case.key: loop.create_future() for case in cases}
@@ -299,13 +308,15 @@ class QueryService:
             with limit:
                 results = await self.executor.run(calls, owner=owner, cost=cost, remaining=remaining, begun=taken)
             if results is not None:
-                with CancelScope(shield=True):  # What has been computed is kept before anything that waits goes on.
+                # Results are stored before anybody is told of them, so a case that is marked done can be read.
+                with CancelScope(shield=True):
                     outcomes = await run_sync(self._put, operation, cases, results)
-        except Exception as error:  # noqa: BLE001 (raised where the cases are waited for)
+        except Exception as error:  # noqa: BLE001 (set on the futures, and raised where they are awaited)
             outcomes = [error] * len(cases)
         finally:
             self._queued.difference_update(futures.values())
-            for key, future in futures.items():  # This comes first, as a key that stays here is never answered again.
+            # The keys are removed before the futures are set: one that stayed here could never be computed again.
+            for key, future in futures.items():
                 if self._in_flight.get(key) is future:
                     del self._in_flight[key]
             for future, outcome in zip(futures.values(), outcomes, strict=True):
@@ -313,13 +324,13 @@ class QueryService:
                     future.set_result((outcome, "miss"))
                 else:
                     future.set_exception(outcome)
-                    future.exception()  # Retrieved, so that asyncio does not report it if nothing waits.
+                    future.exception()  # Retrieving it keeps asyncio from reporting it if nobody awaits the future.
         seconds = [result.seconds for result in (results or ())[: len(cases)]]
         nbytes = sum(len(outcome.json) for outcome in outcomes if isinstance(outcome, Record))
         return Chunk(futures, seconds, nbytes, limit.cancelled_caught)
 
     async def _wait_for(self, key: str, found: "asyncio.Future[Answered]") -> Answered:
-        """Wait for an answer in flight; the last client to leave gives a single query up."""
+        """Wait for a computation in flight; a single query is cancelled when its last client leaves."""
         self._clients[found] += 1
         try:
             return await asyncio.shield(found)
@@ -329,11 +340,11 @@ class QueryService:
                 del self._clients[found]
                 if found in self._running:
                     asyncio.get_running_loop().call_later(ABANDONED_SECONDS, self._give_up, key, found)
-                elif isinstance(found, asyncio.Task):  # Cases of a chunk are not tasks; their chunk gives them up.
+                elif isinstance(found, asyncio.Task):  # Cases of a chunk are plain futures, which end with the chunk.
                     self._give_up(key, found)
 
     def _give_up(self, key: str, found: "asyncio.Future[Answered]") -> None:
-        """Cancel a single query, unless it is done or somebody waits for it again."""
+        """Cancel a single query, unless it is done or another client waits for it by now."""
         if not found.done() and not self._clients[found]:
             self._forget(key, found)
             found.cancel()
@@ -349,7 +360,7 @@ class QueryService:
         return await run_sync(self.cache.put, record), "miss"
 
     async def _compute(self, operation: str, request: KeyedRequest, owner: str) -> tuple[bytes, str]:
-        """Compute one request when it is its owner's turn."""
+        """Have a worker compute one request, and return its JSON and outcome."""
         return await self.submit(
             compute_single,
             self.operations[operation].compute,
@@ -369,12 +380,12 @@ class QueryService:
         cost: int,
         begun: Callable[[], None] = lambda: None,
     ) -> Result:
-        """Run a function in a worker when it is its owner's turn, as `Executor.submit` does.
+        """Run a function in a worker as `Executor.submit` does, within the limits on waiting queries.
 
         Raises
         ------
         QueriesWaitingError
-            If too many wait for a worker, or this one has waited too long.
+            If the queue is full, or this call has waited too long.
         """
         queue, busy = self.executor.queue, QueriesWaitingError(self.seconds_until_done())
         if queue.singles >= self._max_waiting and not queue.make_room(owner, busy):
@@ -387,8 +398,8 @@ class QueryService:
                     function, *arguments, owner=owner, cost=cost, begun=begun, longest_wait=self._queue_seconds
                 )
         except QueueTimeoutError:
-            # It has waited this long behind cheaper work of its owner, jobs among it, that `_work` does not count:
-            # nothing says that another attempt would wait less.
+            # The query has waited this long behind cheaper work of its owner, such as jobs, that `_work` does not
+            # count. Nothing suggests that another attempt would wait less.
             seconds = max(self.seconds_until_done(), math.ceil(self._queue_seconds))
             raise QueriesWaitingError(seconds) from None
         finally:
@@ -398,7 +409,7 @@ class QueryService:
     def _put(
         self, operation: str, cases: Sequence[KeyedRequest], results: Sequence[CallResult]
     ) -> list[Record | Exception]:
-        """Keep the results of a chunk, in one file."""
+        """Store the results of a chunk in one file."""
         outcomes: list[Record | Exception] = []
         for case, result in zip(cases, results[: len(cases)], strict=True):
             if result.error is not None:
@@ -407,15 +418,16 @@ class QueryService:
                 json, outcome = result.value
                 outcomes.append(self._record(operation, case, json, outcome))
         records = {outcome.key: outcome for outcome in outcomes if isinstance(outcome, Record)}
-        known = self.cache.known(list(records))  # another chunk may have kept some since they were looked up
+        known = self.cache.known(list(records))  # Another chunk may have stored some since they were looked up.
         segments: Sequence[Segment] = results[-1].value or () if results and results[-1].error is None else ()
         missing = [record for key, record in records.items() if key not in known]
+        # A file of the worker is stored as it is only if every result in it is missing here.
         segments = [segment for segment in segments if all(key in records and key not in known for key in segment[0])]
         records |= {record.key: record for record in self.cache.put_many(missing, segments)}
         return [records[outcome.key] if isinstance(outcome, Record) else outcome for outcome in outcomes]
 
     def _record(self, operation: str, request: KeyedRequest, json: bytes, outcome: str) -> Record:
-        """Return the record of a computed answer; log and count an implausible one."""
+        """Return the record of a computed answer; log and count answers that are implausible."""
         if IMPLAUSIBLE_MARK in json:
             self.implausible += 1
             log.warning("implausible answer of %s, result %s: %s", operation, request.key, request.json.decode())
@@ -426,22 +438,22 @@ class QueryService:
         if self._in_flight.get(key) is task:
             del self._in_flight[key]
         if task.done() and not task.cancelled():
-            task.exception()  # Retrieved, so that asyncio does not report it if nothing waits.
+            task.exception()  # Retrieving it keeps asyncio from reporting it if nobody awaits the task.
 
 
 class Chunk(NamedTuple):
-    """A chunk of cases that has been computed, or given up.
+    """A chunk of cases that has been computed or cancelled.
 
     Parameters
     ----------
     answers
-        Answers by key.
+        Futures of the answers by key, all of them done.
     seconds
-        Time that each case took in its worker; empty if no worker has computed the chunk.
+        Time that each case took in its worker; empty if no worker has computed the chunk. [s]
     nbytes
-        Size of all answers.
+        Size of all answers. [bytes]
     late
-        Whether it was given up because it took too long.
+        True if the chunk exceeded its timeout.
     """
 
     answers: Mapping[str, "asyncio.Future[Answered]"]

@@ -1,7 +1,8 @@
-"""What is recorded of requests: an entry of the log for each, with its id, and traces if they are enabled.
+"""Log entries and traces of requests.
 
-Traces go to OpenTelemetry, those of requests through FastAPI's own hook. OpenTelemetry's variables set the collector
-and the sampling, such as `OTEL_EXPORTER_OTLP_ENDPOINT` and `OTEL_TRACES_SAMPLER`.
+Every request has a log entry with its id. Traces are optional and go to OpenTelemetry, those of requests through
+FastAPI's own hook. The variables of OpenTelemetry, such as `OTEL_EXPORTER_OTLP_ENDPOINT` and `OTEL_TRACES_SAMPLER`, set
+the collector and the sampling.
 """
 
 import logging
@@ -30,16 +31,16 @@ from service.version import VERSION
 BEGUN = "ricochet.begun"
 """Key in the scope of a request: its start time on the performance counter [s]."""
 SANE_ID = re.compile(rb"[0-9A-Za-z._:-]{1,128}")
-"""Ids of others that are taken over: nothing that could be more than an id where it is printed."""
+"""Pattern of request ids accepted from clients: no character that could forge a line or a field of the log."""
 UNKNOWN = "unknown"
-"""Stands for every path that is no route: a label for each would fill the metrics."""
+"""Label of requests without a route. A label for each such path would let clients fill the metrics."""
 
 Observe = Callable[[str, str, int, float], None]
-"""Called for every request with its method, route, status and seconds."""
+"""Function called after each request with its method, route, status and duration [s]."""
 
 
 def configure_log(level: str) -> None:
-    """Write all log entries, also those of libraries, to standard error: as text on a terminal, as JSON elsewhere."""
+    """Send the log entries of the service and its libraries to standard error, as text on a terminal, else as JSON."""
     terminal = sys.stderr.isatty()
     shared: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,
@@ -57,12 +58,12 @@ def configure_log(level: str) -> None:
     handler = logging.StreamHandler()
     handler.setFormatter(formatter)
     logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
-    if terminal:  # `ricochet serve` prints the address itself
+    if terminal:  # `ricochet serve` prints the address itself, so uvicorn's lines at the start would repeat it.
         logging.getLogger("uvicorn.error").setLevel(logging.WARNING)
 
 
 def request_logger(level: str) -> structlog.typing.FilteringBoundLogger:
-    """Return the logger of requests. It bypasses the logging library, because there are thousands a second."""
+    """Return the logger of requests. It bypasses `logging`, which is too slow for thousands of entries a second."""
     terminal = sys.stderr.isatty()
     logger: structlog.typing.FilteringBoundLogger = structlog.wrap_logger(
         structlog.WriteLogger(sys.stderr) if terminal else structlog.BytesLogger(sys.stderr.buffer),
@@ -81,7 +82,7 @@ def request_logger(level: str) -> structlog.typing.FilteringBoundLogger:
 
 
 def timestamp(*, terminal: bool) -> structlog.processors.TimeStamper:
-    """Return the processor that adds the time: local on a terminal, ISO 8601 in UTC elsewhere."""
+    """Return the processor that adds the time: local time on a terminal, else ISO 8601 in UTC."""
     return structlog.processors.TimeStamper(fmt="%H:%M:%S" if terminal else "iso", utc=not terminal)
 
 
@@ -96,18 +97,18 @@ def text_renderer() -> structlog.dev.ConsoleRenderer:
 
 
 class RequestLog:
-    """Middleware, outside all others: gives each request an id, and logs it when it has been answered.
+    """Outermost middleware: assigns an id to each request, and logs the request once it has been answered.
 
     Parameters
     ----------
     app
-        What answers.
+        ASGI application to wrap.
     observe
-        Called for every request.
+        Function called after each request.
     level
-        Least weight of what is logged.
+        Lowest severity that is logged.
     secret
-        Prefix of API keys: an id with it is replaced, as a client may have put its key into the wrong header.
+        Prefix of API keys. An id that contains it is replaced, as a client may have sent its key in the wrong header.
     """
 
     def __init__(self, app: ASGIApp, observe: Observe, level: str, secret: str) -> None:
@@ -117,14 +118,14 @@ class RequestLog:
         self._secret = secret.encode()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request."""
+        """Pass a request on, with its id bound to the log and added to the response."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
         begun = scope[BEGUN] = time.perf_counter()
         request_id = id_of(scope, self._secret)
         structlog.contextvars.bind_contextvars(request_id=request_id.decode())
-        status = 500
+        status = 500  # Logged if the application fails before it sends a status.
 
         async def send_with_id(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -144,7 +145,7 @@ class RequestLog:
 
 
 def id_of(scope: Scope, secret: bytes) -> bytes:
-    """Return the id the client has given the request, or a new one."""
+    """Return the `X-Request-ID` of the client if it is acceptable, else a new id."""
     for name, value in scope["headers"]:
         if name == b"x-request-id" and SANE_ID.fullmatch(value) and secret not in value.lower():
             return bytes(value)
@@ -152,29 +153,29 @@ def id_of(scope: Scope, secret: bytes) -> bytes:
 
 
 def route_of(scope: Scope) -> str:
-    """Return the path of a request with the names of its parameters in place of their values."""
+    """Return the path template of a request, such as `/jobs/{job_id}`, or `UNKNOWN` without a route."""
     path: str = getattr(scope.get("route"), "path", UNKNOWN)
     return path
 
 
 def path_of(scope: Scope) -> str:
-    """Return the path of a request at this service, without the prefix of a proxy."""
+    """Return the path of a request without the prefix under which a proxy publishes the service."""
     path: str = scope["path"]
     return path.removeprefix(scope.get("root_path", ""))
 
 
 UNTRACED = frozenset({"/livez", "/readyz", "/metrics"})
-"""Polled every few seconds by monitors; not worth a trace."""
+"""Paths without traces: monitors poll them every few seconds."""
 REQUEST_ID = "ricochet.request_id"
-"""Attribute of a span: the id of its request in the log and in the answer."""
+"""Attribute of a span with the request id, which log and response carry too."""
 NO_TRACER: trace.Tracer = NoOpTracer()
-"""Traces nothing."""
+"""Tracer in use while traces are disabled."""
 TRACEPARENT = "traceparent"
 PROPAGATOR = TraceContextTextMapPropagator()
 
 
 def tracer_provider() -> trace.TracerProvider:
-    """Return what makes spans and sends them to a collector, many at a time.
+    """Return a tracer provider that sends spans to the collector in batches.
 
     Raises
     ------
@@ -189,6 +190,7 @@ def tracer_provider() -> trace.TracerProvider:
     except ModuleNotFoundError as error:
         raise MissingExtraError(missing_package("RICOCHET_TELEMETRY", str(error.name), "telemetry")) from None
     logging.getLogger("opentelemetry.util.re").addFilter(hide_header)
+    # `OTEL_RESOURCE_ATTRIBUTES` and `OTEL_SERVICE_NAME` take precedence over these names.
     named = Resource({"service.name": "ricochet", "service.version": VERSION})
     provider = TracerProvider(resource=named.merge(OTELResourceDetector().detect()), shutdown_on_exit=False)
     provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
@@ -196,18 +198,18 @@ def tracer_provider() -> trace.TracerProvider:
 
 
 def hide_header(record: logging.LogRecord) -> bool:
-    """Take the header out of the library's complaint about it: it holds the key of the collector."""
+    """Replace a warning of OpenTelemetry that would print a malformed header, which holds the key of the collector."""
     record.msg, record.args = "OTEL_EXPORTER_OTLP_HEADERS: an entry is not NAME=VALUE, URL encoded; it is left out", ()
     return True
 
 
 def tracing_config(provider: trace.TracerProvider | None) -> TelemetryConfig:
-    """Return the settings of FastAPI's hook: a span for each request, or nothing at all."""
+    """Return the settings of FastAPI's telemetry hook: a span per request if traces are enabled, else none."""
     return {
         "tracing": provider is not None,
         "tracer_provider": provider,
-        "metrics": False,  # there is /metrics
-        "logs": False,  # and the log
+        "metrics": False,  # Prometheus reads `/metrics` instead.
+        "logs": False,  # `RequestLog` writes them.
         "operation_spans": False,
         "auto_configure": False,
         "exclude": lambda scope: path_of(scope) in UNTRACED,
@@ -215,12 +217,12 @@ def tracing_config(provider: trace.TracerProvider | None) -> TelemetryConfig:
 
 
 def tracer(provider: trace.TracerProvider | None) -> trace.Tracer:
-    """Return what traces the work of jobs; nothing does where traces are not enabled."""
+    """Return the tracer for the work of jobs; it does nothing while traces are disabled."""
     return NO_TRACER if provider is None else provider.get_tracer("ricochet")
 
 
 def current_traceparent() -> str | None:
-    """Return the span that is current as W3C Trace Context writes it; None if nothing is traced."""
+    """Return the `traceparent` (W3C Trace Context) of the current span; None if nothing is traced."""
     carrier: dict[str, str] = {}
     PROPAGATOR.inject(carrier)
     return carrier.get(TRACEPARENT)
@@ -230,37 +232,38 @@ def current_traceparent() -> str | None:
 def span_within(
     tracer: trace.Tracer, name: str, traceparent: str | None, attributes: Mapping[str, str | int]
 ) -> Iterator[None]:
-    """Trace a part of the work of a job, as a child of the request that made it, also after a restart."""
+    """Trace a part of a job as a child of the request that made it, whose `traceparent` survives a restart."""
     parent = PROPAGATOR.extract({TRACEPARENT: traceparent} if traceparent else {})
     with tracer.start_as_current_span(name, context=parent, attributes=attributes):
         yield
 
 
 async def finish_traces(provider: trace.TracerProvider, seconds: float) -> None:
-    """Send what has not been sent yet; a collector that does not answer holds nobody up for longer than this."""
+    """Send the remaining spans, and wait at most `seconds` for it. [s]"""
+    # The thread is a daemon so that a collector that does not answer cannot keep the process alive.
     sending = threading.Thread(target=getattr(provider, "shutdown"), daemon=True)  # noqa: B009 (of the SDK alone)
     sending.start()
     await run_sync(sending.join, seconds)
 
 
 class LinkedTrace:
-    """Middleware that has the span of a request and its line in the log name each other.
+    """Middleware that links the span of a request with its log entry: each carries the id of the other.
 
     Parameters
     ----------
     app
-        What answers.
+        ASGI application to wrap.
 
     Notes
     -----
-    It also names the span of an answer from memory, which no route of FastAPI has given.
+    It also names the span after the route, which FastAPI does not do for responses that bypass its routes.
     """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request."""
+        """Pass a request on, with the ids of its span and its log entry exchanged."""
         span = trace.get_current_span()
         if scope["type"] != "http" or not span.get_span_context().is_valid:
             await self._app(scope, receive, send)

@@ -1,6 +1,6 @@
-"""Version of the package, from which the build takes it.
+"""Version of the package; the build reads it from here.
 
-It is not read from the metadata of the installation: those of an editable one are as old as the installation.
+The metadata of the installation are no substitute: an editable installation keeps those of the day it was made.
 """
 
 VERSION = "1.0.0rc1"

@@ -5,15 +5,15 @@
     found = critical_angle(projectile=projectile, target=target, velocity=238.0)
     math.degrees(found.angle)
 
-simulate, simulate_many                the motion of a strike, of many
-critical_angle, critical_angle_many    the angle from which on a strike is turned away
-critical_angle_sweep                   that angle over speeds, strengths, noses, laws
-least_thickness, limit_velocity        a wall that is just not perforated, the speed that just perforates one
-formulas                               the empirical formulas beside them
-flight, flight_after                   where a body lands that has left the target
-solver.uncertainty.verdict             a strike in one sentence, with the range of its angle
+simulate, simulate_many                motion of one strike or of many
+critical_angle, critical_angle_many    smallest oblique angle at which a projectile is turned away
+critical_angle_sweep                   that angle over a grid of speeds, strengths, noses or laws
+least_thickness, limit_velocity        least wall that is not perforated, least speed that perforates one
+formulas                               empirical formulas for penetration, scabbing and perforation
+flight, flight_after                   landing of a body that has left the target
+solver.uncertainty.verdict             assessment of a strike in one sentence, with the range of its angle
 solver.calibration                     strength factors from depths and motions
-warm_up                                compile all of it now: a minute, once for each installation
+warm_up                                compile the whole solver in advance: a minute, once for each installation
 
 Angles are from the inward normal of the face: 0 is a head-on strike. Arguments are given by name.
 """
@@ -76,8 +76,10 @@ from solver.trajectory import Motion, Trajectory, simulate
 from solver.warm_up import warm_up
 from solver.warnings import ModelWarning
 
+# A cached result is used only by the version that computed it. A new version is due whenever any part of a result
+# changes, including the text of a warning.
 ENGINE_VERSION = "15"
-"""Raised whenever results change, the text of a warning among them: results of another version are not used."""
+"""Version of the results of this package."""
 
 __all__ = [
     "ENGINE_VERSION",

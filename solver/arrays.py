@@ -1,7 +1,8 @@
-"""Array types, Gauss-Legendre rules, and short polynomials in place of library functions.
+"""Array types, Gauss-Legendre rules, and polynomials for the sine and the arc cosine.
 
-Library functions keep a loop from running several points at a time. The polynomials are interpolated at Chebyshev nodes
-when the package is imported; the errors given are the largest on a fine grid.
+A call of a library function keeps the compiler from processing several points of a loop at once; a polynomial does not.
+The polynomials are interpolated at Chebyshev nodes when the package is imported. The errors stated are the largest
+found on a fine grid.
 """
 
 import math
@@ -19,7 +20,7 @@ IntArray: TypeAlias = npt.NDArray[np.int64]
 
 
 class ComparedByFields:
-    """Base of dataclasses that hold arrays, which are equal if all their values are."""
+    """Base of dataclasses with array fields; two objects are equal if all values of their fields are."""
 
     __slots__ = ()
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -36,13 +37,15 @@ class ComparedByFields:
 
 @cache
 def gauss_rule(count: int) -> FloatArray:
-    """Nodes and weights on [0, 1], in the two columns of a (count, 2) array that is not to be written to."""
+    """Return nodes and weights of the Gauss-Legendre rule on [0, 1], as columns of a read-only (count, 2) array."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return np.column_stack(((nodes + 1.0) / 2.0, weights / 2.0))
 
 
 def interpolation(degree: int) -> tuple[FloatArray, FloatArray]:
-    """Chebyshev nodes on [-1, 1], and the matrix from values there to coefficients, constant first."""
+    """Return Chebyshev nodes on [-1, 1], and the matrix that turns values there into coefficients, constant first."""
+    # Interpolation at Chebyshev nodes comes close to the best polynomial of its degree, without a search for that. The
+    # detour over Chebyshev polynomials avoids the ill-conditioned Vandermonde matrix.
     nodes = np.cos((np.arange(degree + 1) + 0.5) * np.pi / (degree + 1))
     series = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, degree))
     powers = np.zeros((degree + 1, degree + 1))
@@ -52,29 +55,33 @@ def interpolation(degree: int) -> tuple[FloatArray, FloatArray]:
 
 
 def fit(function: Callable[[FloatArray], FloatArray], degree: int) -> FloatArray:
-    """(degree + 1,) coefficients, constant first, of a polynomial close to `function` on [-1, 1]."""
+    """Return the (degree + 1,) coefficients, constant first, of a polynomial close to `function` on [-1, 1]."""
     nodes, matrix = interpolation(degree)
     return np.asarray(matrix @ function(nodes))
 
 
 def _sine_ratio(t: FloatArray) -> FloatArray:
+    # sin(x)/x is even, so it is a smooth function of x² and needs half the degree that the sine itself would.
     x = np.sqrt((t + 1.0) / 2.0) * np.pi / 2.0
     return np.sin(x) / x
 
 
 def _arc_ratio(t: FloatArray) -> FloatArray:
+    # Near c = 1 the arc cosine grows like the root of 1 - c. Dividing by that root leaves a smooth function.
     c = (t + 1.0) / 2.0
     return np.arccos(c) / np.sqrt(1.0 - c)
 
 
+# The lowest degrees with errors of 1e-10 and 1e-8, both below the 1e-7 of the decay polynomials.
 SINE = tuple(float(c) for c in fit(_sine_ratio, 5))
 ARC = tuple(float(c) for c in fit(_arc_ratio, 8))
 SINE_SCALE = 8.0 / math.pi**2
+"""Factor that maps the square of an angle up to π/2 to the interval [0, 2]. [1/rad²]"""
 
 
 @exact
 def sine(x: float) -> float:
-    """Sine of an angle up to a quarter turn either side of zero, to 1e-10."""
+    """Return the sine of an angle between -π/2 and π/2, with an error of at most 1e-10."""
     t = SINE_SCALE * x * x - 1.0
     ratio = SINE[-1]
     for k in range(len(SINE) - 2, -1, -1):
@@ -84,7 +91,8 @@ def sine(x: float) -> float:
 
 @exact
 def arc_cosine(c: float) -> float:
-    """Angle of a cosine, to 1e-8."""
+    """Return the angle between 0 and π that has the cosine `c`, with an error of at most 1e-8. [rad]"""
+    # The polynomial covers 0 ≤ c ≤ 1; the angle of a negative cosine follows by symmetry.
     size = abs(c)
     t = 2.0 * size - 1.0
     ratio = ARC[-1]

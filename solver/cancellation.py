@@ -1,7 +1,7 @@
-"""Computations that end early: when a signal handler raises in the main thread, or when another thread gives them up.
+"""Cancellation of computations, by a signal handler in the main thread or by another thread.
 
-Python runs signal handlers between two steps of its own, never during a compiled call. So compiled code looks at two
-numbers before each of its steps, its control, and every call of it goes through `compute`.
+Python runs signal handlers between two bytecode instructions, never during a compiled call. So every call of compiled
+code goes through `compute`, and the compiled code reads two numbers, its control, before each of its steps.
 """
 
 import threading
@@ -18,32 +18,39 @@ from solver.arrays import IntArray
 from solver.compilation import lean
 
 CANCELLED, STEPS_LEFT = range(2)
-"""Places in a control: not zero to end the computation, and the number of steps that it may take."""
+"""Indices in a control: a flag that ends the computation if it is not zero, and the number of steps left to it."""
+# More than any computation takes, and far enough from the largest integer.
 NO_LIMIT = 2**62
-"""Steps, more than any computation takes."""
+"""Number of steps without a limit."""
+# A step takes 10 to 20 µs and a usual search 1,000 steps, so nearly all computations end in the main thread in 0.4 s.
+# A few in a thousand are repeated in another thread, which costs 0.3 ms and leaves the main thread free for signals.
 QUICK_STEPS = 20_000
-"""Steps of a computation in the main thread, of 10 to 20 µs each. One that needs more, a few in a thousand, is begun
-again in another thread, for 0.3 ms, and the main thread is free for signals. A usual search takes 1,000 steps."""
+"""Largest number of steps of a computation in the main thread."""
+# The loads on so many panels take about as long as one step by Gauss points.
 PANELS_PER_STEP = 100
-"""Panels whose loads take as long as those of a step by Gauss points."""
+"""Number of panels that count as one step."""
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 
 class CancelledError(Exception):
-    """A computation was given up by `Cancellation.cancel`. It is no `RicochetError`: it says nothing of the case."""
+    """Raised in a computation that `Cancellation.cancel` has ended.
+
+    It is no `RicochetError`, since it does not depend on the case.
+    """
 
 
 @lean
 def may_step(control: IntArray) -> bool:
-    """Count a step; return whether it may be taken. Another thread writes to the control meanwhile."""
+    """Count a step and return whether it may be taken."""
+    # Another thread may write to the control at any time. A flag of one machine word needs no lock.
     control[STEPS_LEFT] -= 1
     return bool(control[CANCELLED] == 0 and control[STEPS_LEFT] >= 0)
 
 
 class Cancellation:
-    """Gives up computations from another thread, those that run and those that begin later.
+    """Handle by which one thread cancels the computations of another, those that run and those that begin later.
 
     Examples
     --------
@@ -58,17 +65,17 @@ class Cancellation:
 
     def __init__(self) -> None:
         self._parent = _current.get()
-        self._lock = threading.RLock()  # A signal handler that cancels may interrupt this very class.
+        self._lock = threading.RLock()  # reentrant: a signal handler that cancels may interrupt this class
         self._cancelled = False
         self._controls: dict[int, IntArray] = {}
 
     def run(self, function: Callable[Arguments, Result], *args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-        """Call a function, whose computations in this thread can then be given up.
+        """Call a function whose computations in this thread `cancel` can end; return its result.
 
         Raises
         ------
         CancelledError
-            If they were.
+            If they were cancelled.
         """
         token = _current.set(self)
         try:
@@ -77,7 +84,7 @@ class Cancellation:
             _current.reset(token)
 
     def cancel(self) -> None:
-        """Give up the computations; this can be called by any thread, and more than once."""
+        """Cancel all computations, from any thread; further calls have no effect."""
         with self._lock:
             self._cancelled = True
             for control in self._controls.values():
@@ -85,7 +92,7 @@ class Cancellation:
 
     @contextmanager
     def covering(self, control: IntArray) -> Iterator[None]:
-        """Let a computation be given up, during this block."""
+        """Register the control of a computation during a block, so that `cancel` ends it."""
         with self._lock:
             self._controls[id(control)] = control
             control[CANCELLED] |= self._cancelled
@@ -98,18 +105,18 @@ class Cancellation:
 
 
 _current: ContextVar[Cancellation | None] = ContextVar("cancellation", default=None)
-"""The innermost cancellation that the present code runs under."""
+"""Innermost cancellation of the calling context."""
 
 
 class ComputingThreads(ThreadPoolExecutor):
-    """Threads that compute; when their block is left early, by Ctrl-C for instance, the computations are given up."""
+    """Thread pool whose computations are cancelled if its block is left by an exception, such as Ctrl-C."""
 
     def __init__(self, count: int) -> None:
         super().__init__(count, "solver")
         self._cancellation = Cancellation()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Begin a call, under the cancellation of these threads."""
+        """Submit a call that runs under the cancellation of this pool."""
         return super().submit(self._cancellation.run, fn, *args, **kwargs)
 
     def __exit__(
@@ -122,19 +129,19 @@ class ComputingThreads(ThreadPoolExecutor):
 
 
 def compute(function: Callable[[IntArray], Result], panels: int = 0) -> Result:
-    """Return what a function returns that calls compiled code, such that it can be given up.
+    """Call a function that runs compiled code, so that it can be cancelled; return its result.
 
     Parameters
     ----------
     function
-        Makes the arrays it writes to, as it may be called twice, and hands the control to the compiled code.
+        Passes the control to the compiled code. It may be called twice, so it allocates the arrays that it writes to.
     panels
-        Number of panels, which make each step take longer.
+        Number of panels, each of which makes a step longer.
 
     Raises
     ------
     CancelledError
-        If it was given up.
+        If the computation was cancelled.
     """
     in_main_thread = threading.current_thread() is threading.main_thread()
     quick_steps = QUICK_STEPS // (1 + panels // PANELS_PER_STEP)
@@ -151,10 +158,10 @@ def compute(function: Callable[[IntArray], Result], panels: int = 0) -> Result:
 
 
 def _compute_elsewhere(function: Callable[[IntArray], Result], control: IntArray) -> Result:
-    """Call a function in another thread, and wait for it as Python does, ready for signals."""
+    """Call a function in another thread and wait for it in Python, where signal handlers can run."""
     with ThreadPoolExecutor(1, "solver") as thread:
         try:
             return thread.submit(function, control).result()
         except BaseException:
-            control[CANCELLED] = 1  # The thread ends within a step, and this one waits for it.
+            control[CANCELLED] = 1  # the thread ends within a step, and leaving the block waits for it
             raise

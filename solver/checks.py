@@ -1,13 +1,13 @@
-"""Errors of the solver, and the checks of inputs that raise them: each names the field and the bound it missed.
+"""Errors of the solver, and checks of inputs that raise them with the name of the field and its bound.
 
     RicochetError
-    ├── ParameterError      an input is outside what the model accepts
+    ├── ParameterError      an input is outside its range, or of another type
     └── IntegrationError    the motion could not be integrated
         └── StepLimitError  more steps than a run may take
 
-Ways for a run or a search to end (embedded, no ricochet, ...) are results, not errors. Those in `BOUNDS` are the same
-in Python and in the HTTP contract: wider than any strike, narrower than a wrong unit. A number outside its bounds is
-refused with the unit it may have been meant in.
+Outcomes of a run or a search (embedded, no ricochet, ...) are results, not errors. The bounds in `BOUNDS` are the same
+in Python and in the HTTP contract: wide enough for any strike, and narrow enough to detect a wrong unit. The error for
+a number outside its bounds suggests the unit in which it may have been given.
 """
 
 import math
@@ -22,18 +22,18 @@ Row = TypeVar("Row")
 
 
 class RicochetError(Exception):
-    """Root of every error the solver raises on purpose."""
+    """Base class of the errors that the solver raises."""
 
 
 class ParameterError(RicochetError, ValueError):
-    """An input is outside what the model accepts.
+    """Raised if an input is outside its range, or of another type than the model accepts.
 
     Parameters
     ----------
     field
         Dotted name of the input, such as ``projectile.length``.
     requirement
-        What it must satisfy, with the bound and the value found.
+        Condition that the input must satisfy, with the bound and the value found.
     """
 
     def __init__(self, field: str, requirement: str) -> None:
@@ -46,25 +46,30 @@ class ParameterError(RicochetError, ValueError):
 
 
 class IntegrationError(RicochetError):
-    """The motion could not be integrated, for instance because the state is no longer finite."""
+    """Raised if a motion cannot be integrated, for instance because its state is no longer finite."""
 
 
 class StepLimitError(IntegrationError):
-    """The integration needed more steps than one run may take."""
+    """Raised if an integration takes more steps than one run may."""
 
 
 def plain(value: Any) -> Any:
-    """Return an array, a Series or a DataArray as a list, a number of NumPy as Python's, anything else as it is."""
+    """Convert an array, Series or DataArray to a list and a number of NumPy to one of Python; keep anything else."""
     return value.__array__().tolist() if hasattr(value, "__array__") else value
 
 
 def rows_of(field: str, rows: Any, kind: type[Row]) -> list[Row]:
-    """Return objects of a dataclass; the rows of a DataFrame, with columns named as its fields, become such objects.
+    """Return a list of objects of a dataclass, from such objects or from a DataFrame with a row for each.
+
+    Parameters
+    ----------
+    rows
+        Sequence of objects, or a DataFrame whose columns are named as the fields of the dataclass.
 
     Raises
     ------
     ParameterError
-        If the columns are not those of the dataclass, or something is not such an object.
+        If the columns are not those of the dataclass, or an item is of another type.
     """
     if hasattr(rows, "columns"):
         needed = [each.name for each in fields(kind) if each.default is MISSING]  # type: ignore[arg-type]
@@ -73,7 +78,7 @@ def rows_of(field: str, rows: Any, kind: type[Row]) -> list[Row]:
         text = f"must have the columns {', '.join(needed)}, and may have {', '.join(others)}; got "
         require(set(needed) <= set(names) <= {*needed, *others}, field, text + ", ".join(map(str, names)))
         cells = [dict(zip(names, row, strict=True)) for row in zip(*(plain(rows[name]) for name in names), strict=True)]
-        # NaN and NA, which are not equal to themselves, say that a row has none of what is optional.
+        # NaN and NA mark an optional value that a row does not have. Neither is equal to itself.
         rows = [
             kind(**{name: value for name, value in row.items() if name in needed or (value == value) is True})  # noqa: PLR0124
             for row in cells
@@ -91,12 +96,12 @@ def require(condition: bool, field: str, requirement: str) -> None:
 
 
 def require_number(field: str, value: object) -> float:
-    """Return a number, which may be one of NumPy's; refuse arrays, texts and other objects.
+    """Return a number of Python or NumPy as a float.
 
     Raises
     ------
     ParameterError
-        If it is not.
+        For arrays, texts and other objects.
     """
     if isinstance(value, float | int) and not isinstance(value, bool):
         return float(value)
@@ -111,12 +116,12 @@ def require_number(field: str, value: object) -> float:
 
 
 def require_kind(field: str, value: object, union: object) -> None:
-    """Refuse anything but an instance of one of the classes of a union.
+    """Check that a value is an instance of one of the classes of a union.
 
     Raises
     ------
     ParameterError
-        If it is not; it names the classes, and the one that a text or a bare class stands for.
+        If it is not; it names the classes, and suggests one for its name or for the class itself.
     """
     kinds = get_args(union)
     if isinstance(value, kinds):
@@ -130,19 +135,19 @@ def require_kind(field: str, value: object, union: object) -> None:
 
 
 def require_finite(field: str, value: float) -> None:
-    """Refuse NaN and infinities, and anything that is no number."""
+    """Raise `ParameterError` unless a value is a finite number."""
     require_number(field, value)
     require(math.isfinite(value), field, f"must be a finite number, got {value}")
 
 
 def require_positive(field: str, value: float) -> None:
-    """Refuse anything but a finite number above zero."""
+    """Raise `ParameterError` unless a value is a finite number above zero."""
     require_number(field, value)
     require(math.isfinite(value) and value > 0.0, field, f"must be greater than 0, got {value:g}")
 
 
 def require_between(field: str, value: float, lower: float, upper: float) -> None:
-    """Refuse anything outside the closed range from `lower` to `upper`."""
+    """Raise `ParameterError` unless a value is a number from `lower` to `upper`, both included."""
     require_number(field, value)
     require(
         math.isfinite(value) and lower <= value <= upper,
@@ -152,19 +157,22 @@ def require_between(field: str, value: float, lower: float, upper: float) -> Non
 
 
 class Bound(NamedTuple):
-    """Range of a number, both ends included unless said otherwise, and other units it is often given in."""
+    """Range of a number with its unit, and other units in which it is often given by mistake."""
 
     lower: float
+    """Lower end, in the unit."""
     upper: float
+    """Upper end, in the unit."""
     unit: str
+    """Symbol of the unit; empty for a ratio."""
     name: str
     """Name of the unit in a sentence."""
     mistaken: tuple[tuple[str, float], ...] = ()
     """Other units with their factors."""
     above: bool = False
-    """Whether the lower end itself is excluded."""
+    """True if the lower end is excluded."""
     below: bool = False
-    """Whether the upper end itself is excluded."""
+    """True if the upper end is excluded."""
 
     def holds(self, value: float) -> bool:
         """Return whether the value is in the range."""
@@ -173,7 +181,11 @@ class Bound(NamedTuple):
 
 
 MILLIMETRES = (("mm", 1e-3), ("cm", 1e-2))
+"""Units in which lengths are often given instead of metres."""
 PRESSURES = (("MPa", 1e6), ("kPa", 1e3), ("GPa", 1e9))
+"""Units in which strengths are often given instead of pascals."""
+# Each range includes every strike there is, with a margin, and excludes most values in the wrong unit. The values are
+# judgements.
 BOUNDS: Mapping[str, Bound] = {
     "projectile.diameter": Bound(1e-3, 5.0, "m", "metres", MILLIMETRES),
     "projectile.length": Bound(1e-3, 20.0, "m", "metres", MILLIMETRES),
@@ -192,7 +204,7 @@ BOUNDS: Mapping[str, Bound] = {
     "target.youngs_modulus": Bound(1e6, 1e12, "Pa", "pascals", (("GPa", 1e9), ("MPa", 1e6))),
     "target.poissons_ratio": Bound(0.0, 0.5, "", "a ratio"),
     "target.thickness": Bound(0.0, 1e3, "m", "metres", MILLIMETRES, above=True),
-    # Slabs of plants have up to some 2 % each way and face; ten leave room for every wall that can be cast.
+    # Slabs of plants have up to about 2 % each way and face. Ten per cent include every wall that can be cast.
     "target.reinforcement_ratio_percent": Bound(0.0, 10.0, "%", "percent"),
     "shot.depth": Bound(1e-6, 100.0, "m", "metres", MILLIMETRES),
     "impact.velocity": Bound(0.1, 1e4, "m/s", "m/s"),
@@ -202,16 +214,23 @@ BOUNDS: Mapping[str, Bound] = {
     "flight.drag_coefficient": Bound(0.0, 10.0, "", "a ratio"),
     "flight.height": Bound(0.0, 1e4, "m", "metres", MILLIMETRES),
 }
-"""By the dotted names of the solver."""
+"""Bounds of inputs, by their dotted names."""
 
 
 def require_bounds(field: str, value: object, like: str = "") -> None:
-    """Refuse anything but a number within the bounds of a field, or of the one it is like.
+    """Check that a value is a number within the bounds of a field.
+
+    Parameters
+    ----------
+    field
+        Name of the field in the error.
+    like
+        Name in `BOUNDS`, if it is not that of the field.
 
     Raises
     ------
     ParameterError
-        If it is not; it names the bounds, and the unit that the number may have been meant in.
+        If it is not; it names the bounds, and the unit in which the number may have been given.
     """
     bound, number = BOUNDS[like or field], require_number(field, value)
     if bound.holds(number):
@@ -228,7 +247,7 @@ def require_bounds(field: str, value: object, like: str = "") -> None:
 
 
 def require_one(field: str, value: object, kind: type) -> None:
-    """Refuse anything but one object of a class.
+    """Check that a value is one object of a class, not a sequence of them.
 
     Raises
     ------
@@ -241,12 +260,12 @@ def require_one(field: str, value: object, kind: type) -> None:
 
 
 def require_angle(field: str, value: object, *, below: bool) -> None:
-    """Refuse anything but an angle of less than 90° to either side, or of 90° at most.
+    """Check that a value is an angle of at most 90° to either side, or of less than 90° with `below`. [rad]
 
     Raises
     ------
     ParameterError
-        If it is not; it suggests radians for what looks like degrees.
+        If it is not; it suggests radians for a number that looks like degrees.
     """
     angle = require_number(field, value)
     if abs(angle) < math.pi / 2.0 or (not below and abs(angle) <= math.pi / 2.0):
@@ -259,7 +278,7 @@ def require_angle(field: str, value: object, *, below: bool) -> None:
 
 
 def name_keywords(package: dict[str, Any]) -> None:
-    """Let the public functions and classes of a package that take keywords only say which, if called by position."""
+    """Wrap the keyword-only functions and classes of a package, so that a call by position names the keywords."""
     for name in package["__all__"]:
         public = package[name]
         own = int(isinstance(public, type))
@@ -272,12 +291,14 @@ def name_keywords(package: dict[str, Any]) -> None:
         checked = _saying_keywords(function, own, f"{name}() takes keywords only: {', '.join(arguments.kwonlyargs)}")
         if own:
             public.__init__ = checked
-        else:  # in its own module too, where pickle looks for it
+        else:  # pickle looks for a function in its own module
             package[name] = checked
             setattr(sys.modules[function.__module__], name, checked)
 
 
 def _saying_keywords(function: Callable[..., Any], own: int, words: str) -> Callable[..., Any]:
+    """Wrap a function so that a call with more than `own` positional arguments raises `TypeError` with `words`."""
+
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         if len(args) > own:

@@ -1,13 +1,12 @@
-"""How the solver's functions are compiled, and where the compiled code is kept.
+"""Compilation of the solver's functions by numba, and the cache of compiled code on disk.
 
-`compiled` and the other decorators are `numba.njit`, but numba is imported only when the first function is called.
-Functions that Python calls are kept on disk, each with the code of all functions that it calls. numba does not see that
-one of those has changed, so the folder is named by a digest of every source of the package, of the versions of Python,
-numba and llvmlite, and of the processor: changed code goes to another folder, and a copy of an installation finds its
-code.
+`compiled` and the other decorators wrap `numba.njit`, but import numba only when the first function is called. The code
+of functions that Python calls is cached, each with the code of all functions that it calls. numba does not notice a
+change in one of those, so the cache folder is named by a digest of every source of the package, the versions of Python,
+numba and llvmlite, and the processor. Changed sources use another folder, and a copy of an installation finds its code.
 
-The container image carries code for x86-64-v3, the processors with AVX2, and for those with AVX-512 of AMD and of Intel
-(`entry-point.sh`): as fast as code compiled on the machine itself (`benchmarks/NOTES.md`).
+The container image includes code for x86-64-v3, the processors with AVX2, and for those with AVX-512 of AMD and of
+Intel (`entry-point.sh`), which is as fast as code compiled on the machine itself (`benchmarks/NOTES.md`).
 """
 
 import hashlib
@@ -28,20 +27,23 @@ from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
+# LLVM prefers 256 bits on Intel processors that have 512: there the wider registers gained nothing or cost up to 50 %.
 WITH_512_BITS = ("znver4", "znver5")
 """Processors on which LLVM uses registers of 512 bits."""
 PACKAGE = Path(__file__).parent
 JIT = os.environ.get("NUMBA_DISABLE_JIT", "0") in {"", "0"}
-"""Whether anything is compiled."""
+"""False if the user has turned compilation off."""
 CPU = os.environ.get("NUMBA_CPU_NAME") or get_host_cpu_name()
+# Batches of rings that are multiples of this width made searches 5 % faster on Intel and 9 to 12 % on Zen 4 and 5.
 VECTOR_WIDTH = 8 if CPU.startswith((*WITH_512_BITS, "x86-64-v4")) else 4
-"""Numbers that loops take at a time."""
+"""Numbers of 64 bits in a vector register."""
+# The whole solver takes about a minute. A few functions take seconds, for which a message would be noise.
 LONG = 10
-"""Number of functions that take some seconds to compile."""
+"""Number of functions to compile above which a terminal is told of it."""
 
 
 def _folder_name() -> str:
-    """Return the name of a folder of compiled code: a digest of all that the code depends on."""
+    """Return the name of the cache folder, with a digest of everything that the compiled code depends on."""
     digest = hashlib.sha256()
     for source in sorted(PACKAGE.rglob("*.py")):
         digest.update(source.relative_to(PACKAGE).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
@@ -52,29 +54,29 @@ def _folder_name() -> str:
 
 
 def _can_write(folder: Path) -> bool:
-    """Return whether a folder can be written to, or made."""
+    """Return whether a folder is writable or can be created."""
     try:
         folder.stat()
-    except FileNotFoundError:  # may be made
+    except FileNotFoundError:  # it can perhaps be created
         pass
-    except OSError:  # may not be entered, has a name that is too long, or a file for a parent
+    except OSError:  # no permission, a name that is too long, or a parent that is a file
         return False
     existing = next(each for each in (folder, *folder.parents) if os.path.exists(each))  # noqa: PTH110 (never raises)
     return existing.is_dir() and os.access(existing, os.W_OK)
 
 
 def _has_code(folder: Path) -> bool:
-    """Return whether a folder can be read and holds code."""
+    """Return whether a folder is readable and holds compiled code."""
     try:
         return any(folder.glob("*.nbi"))
-    except OSError:  # may not be entered, or has a name that is too long
+    except OSError:  # no permission, or a name that is too long
         return False
 
 
 def _choose_folder() -> Path:
-    """Return the folder in NUMBA_CACHE_DIR if that is set, else beside the sources; failing that the user's cache.
+    """Choose the cache folder: in NUMBA_CACHE_DIR, if that is set, or else beside the sources or in the user's cache.
 
-    A folder that can only be read is chosen if it holds code. Where none will do, every start compiles.
+    The first one that is writable, or holds compiled code, is chosen. If there is none, every process compiles anew.
     """
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     bases = [Path(chosen) if chosen else PACKAGE / "__pycache__"]
@@ -86,9 +88,9 @@ def _choose_folder() -> Path:
 
 
 FOLDER = _choose_folder()
-"""Where compiled code is read and kept."""
+"""Cache folder of compiled code."""
 BEGUN = FOLDER / "begun.txt"
-"""File with the names of the functions whose compilation has begun, in a process that may still run, a line each."""
+"""File with the names of the functions whose compilation has begun, one on each line; the process may still run."""
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -97,9 +99,10 @@ FUNCTIONS: list["Compiled"] = []
 
 
 class Progress(NamedTuple):
-    """How much of the solver is compiled, by this process or another."""
+    """Progress of compiling the solver, in this process or another one."""
 
     functions: int
+    """Number of functions in all."""
     left: list[str]
     """Functions that are neither compiled nor being compiled."""
     now: str = ""
@@ -111,7 +114,7 @@ class Progress(NamedTuple):
 
 
 def compilation_progress() -> Progress:
-    """Return how much is compiled, from the files on disk; numba is not imported."""
+    """Return the progress of compilation from the files in the cache, without importing numba."""
     if all(each.is_kept for each in FUNCTIONS if each.is_entry_point):
         return Progress(len(FUNCTIONS), [])
     try:
@@ -123,22 +126,23 @@ def compilation_progress() -> Progress:
 
 
 def can_keep() -> bool:
-    """Whether compiled code can be written to the folder."""
+    """Return whether compiled code can be written to the cache folder."""
     return _can_write(FOLDER)
 
 
 class NumbaSettingsError(OSError):
-    """numba cannot be used with the settings that it finds in the working directory or in the environment."""
+    """Raised if numba cannot be used with its settings in the working directory or in the environment."""
 
 
 SETTINGS = ".numba_config.yaml in the working directory, NUMBA_... in the environment"
+"""Sources of numba's settings, as error messages name them."""
 
 
 class Locator:
-    """Place of the compiled code of a function, for numba (its setting `NUMBA_CACHE_LOCATOR_CLASSES`).
+    """Cache locator for numba's setting `NUMBA_CACHE_LOCATOR_CLASSES`.
 
-    numba's own locators refuse a folder that can only be read, and name folders by the path of the package, so that a
-    copy of it would not find its code.
+    numba's own locators refuse a read-only folder, and name folders by the path of the package, so that a copy of the
+    package would not find its code.
     """
 
     def __init__(self, function: Any) -> None:
@@ -146,71 +150,72 @@ class Locator:
 
     @classmethod
     def from_function(cls, function: Callable[..., object], _: str) -> "Locator":
-        """Return the place of a function."""
+        """Create the locator of a function, as numba's registry calls it."""
         return cls(function)
 
     def get_cache_path(self) -> str:
-        """Return the folder."""
+        """Return the path of the cache folder, the same for all functions."""
         return str(FOLDER)
 
     def ensure_cache_path(self) -> None:
-        """Make the folder."""
+        """Create the cache folder if it is missing."""
         FOLDER.mkdir(parents=True, exist_ok=True)
 
     def get_source_stamp(self) -> str:
-        """Return what changes with the sources: the name of the folder does."""
+        """Return a string that changes with the sources: the name of the folder, which has their digest."""
         return FOLDER.name
 
     def get_disambiguator(self) -> str:
-        """Return what tells functions of the same name in a file apart."""
+        """Return the line of the function, which tells functions of the same name apart."""
         return self._line
 
 
 class Compiled:
-    """A function that numba compiles, or loads, when it is first called; numba itself is imported then.
+    """Function that numba compiles, or loads from the cache, at the first call.
 
-    It takes arguments of the types that it is first called with, and no others: two processes that add code for other
-    types to the same files at the same time could each overwrite that of the other.
+    It accepts arguments of the types of the first call only. Two processes that add code for other types to the same
+    cache files at the same time could overwrite each other's.
 
     Parameters
     ----------
     function
-        In Python.
+        Python function to compile.
     options
         Options of `numba.njit`.
     """
 
     keeping: ClassVar[bool] = True
-    """Whether code is kept in the folder and taken from there."""
+    """False if the cache is not used, neither for reading nor for writing."""
 
     def __init__(self, function: Callable[..., object], options: dict[str, Any]) -> None:
         update_wrapper(self, function)
         self.name = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
-        """Module and function, as numba names its files."""
+        """Module and function, as numba names its cache files."""
         self.is_entry_point = "no_cpython_wrapper" not in options
-        """Whether Python can call it."""
+        """True if Python can call the function."""
+        # numba reads these two attributes, by these names, from a function that it may inline.
         self.py_func: Any = function
         self.targetoptions = options
-        """Under these names numba looks for the options of a function that it may inline."""
         self._dispatcher: Any = None
         self._ready: Any = None
 
     def __call__(self, *arguments: object) -> object:
-        """Compute, in machine code."""
+        """Call the compiled function; the first call compiles or loads it."""
         if self._ready is None:
             self._prepare(arguments)
         return self._ready(*arguments)
 
     @property
     def is_kept(self) -> bool:
-        """Whether the folder has code of the function; numba writes its index, a file of this name, at the end."""
+        """True if the cache has code of the function."""
+        # numba writes the index of a function, a file of this name, after its code.
         line = self.py_func.__code__.co_firstlineno
         python = f"{sys.version_info.major}{sys.version_info.minor}{sys.abiflags}"
         return (FOLDER / f"{self.name}-{line}.py{python}.nbi").exists()
 
     @property
     def dispatcher(self) -> Any:
-        """numba's object for the function."""
+        """Dispatcher of numba for the function, created at the first use."""
         if self._dispatcher is None:
             numba = _numba()
             settings = numba.config
@@ -224,7 +229,7 @@ class Compiled:
         return self._dispatcher
 
     def forget(self) -> None:
-        """Have it compiled, or loaded, again."""
+        """Drop the compiled code, so that the next call compiles or loads it again."""
         self._dispatcher = self._ready = None
 
     def _prepare(self, arguments: tuple[object, ...]) -> None:
@@ -247,10 +252,10 @@ _LOCK = threading.RLock()
 
 @contextmanager
 def _no_exception_ignored() -> Iterator[None]:
-    """Raise, at the end of this block, what the handler of a signal raised where Python ignores it.
+    """Raise exceptions of signal handlers that Python would ignore, at the end of the block.
 
-    LLVM calls back into Python for each module that it compiles or loads, and Python can only report what is raised
-    there: Ctrl-C at that instant would be lost.
+    LLVM calls back into Python for each module that it compiles or loads. Python can only report an exception that is
+    raised in such a callback, so Ctrl-C at that instant would be lost.
     """
     ignored: list[BaseException] = []
 
@@ -266,7 +271,7 @@ def _no_exception_ignored() -> Iterator[None]:
     try:
         yield
     except Exception:
-        if not ignored:  # Else it may come of what was not done there.
+        if not ignored:  # else this error may be a consequence of the interrupted callback
             raise
     finally:
         sys.unraisablehook = before
@@ -275,9 +280,10 @@ def _no_exception_ignored() -> Iterator[None]:
 
 
 def _can_repair(error: Exception) -> bool:
-    """Return whether functions can be compiled again after an error: with the folder deleted, or without one.
+    """Return whether compilation can be repeated after an error, and prepare for it.
 
-    A handler of a signal may raise here as anywhere; that is not an error of ours.
+    A damaged cache is deleted. If that fails, or the cache cannot be written, it is no longer used. Exceptions of
+    signal handlers, which may be raised here as anywhere, are not repaired.
     """
     if _is_damaged():
         shutil.rmtree(FOLDER, ignore_errors=True)
@@ -292,7 +298,7 @@ def _can_repair(error: Exception) -> bool:
 
 
 def _is_damaged() -> bool:
-    """Return whether a file of the folder cannot be read; one that was cut short cannot be unpickled."""
+    """Return whether a file of the cache cannot be read or unpickled, as one that was cut short."""
     try:
         for path in FOLDER.glob("*.nb?"):
             content = path.read_bytes()
@@ -306,20 +312,20 @@ def _is_damaged() -> bool:
 
 @lru_cache(1)
 def _numba() -> ModuleType:
-    """Import numba, and tell it what a `Compiled` is.
+    """Import numba and register `Compiled` with it.
 
     Raises
     ------
     NumbaSettingsError
-        If settings of the user keep it from being imported, or from compiling.
+        If settings of the user prevent the import or the compilation.
     """
-    try:  # Here, since importing numba takes longer than importing the solver.
+    try:  # numba is imported late, since that takes longer than importing the rest of the solver
         numba, event = import_module("numba"), import_module("numba.core.event")
         typeof_impl: Any = import_module("numba.extending").typeof_impl
     except Exception as error:
         files = (Path(frame.filename).parts[-3:] for frame in traceback.extract_tb(error.__traceback__))
         if ("numba", "core", "config.py") not in files:
-            raise  # It is not about the settings, which numba reads there.
+            raise  # the error is not about settings, which numba reads in that file
         cause = f"{type(error).__name__}: {' '.join(str(error).split())}"
         raise NumbaSettingsError(f"numba cannot be used with the settings found ({SETTINGS}): {cause}") from error
     if numba.config.DISABLE_JIT:
@@ -330,7 +336,7 @@ def _numba() -> ModuleType:
         return numba.typeof(function.dispatcher)
 
     class Announcement(event.Listener):  # type: ignore[name-defined,misc]
-        """Announces each compilation of ours as it begins."""
+        """Listener that announces the beginning of each compilation of a solver function."""
 
         def on_start(self, event: Any) -> None:
             function = event.data["dispatcher"].py_func
@@ -339,14 +345,14 @@ def _numba() -> ModuleType:
                     _announce(each)
 
         def on_end(self, event: Any) -> None:
-            """Nothing has to be said."""
+            """Do nothing; numba calls this method at the end of each compilation."""
 
     event.register("numba:compile", Announcement())
     return numba
 
 
 def _announce(function: Compiled) -> None:
-    """Name a function where `compilation_progress` finds it; the first time, write to a terminal what is to come."""
+    """Record a function for `compilation_progress`; the first time, tell a terminal that a compilation begins."""
     _announce_all()
     with suppress(OSError):
         FOLDER.mkdir(parents=True, exist_ok=True)
@@ -359,7 +365,7 @@ def _announce_all() -> None:
     with suppress(OSError):
         BEGUN.unlink(missing_ok=True)
     left = len(compilation_progress().left)
-    # The cell of a notebook shows what is written there, though it is no terminal.
+    # A notebook shows the error stream in the cell, although that stream is no terminal.
     read = sys.stderr is not None and (sys.stderr.isatty() or "ipykernel" in sys.modules)
     if left > LONG and read:
         sys.stderr.write(f"compiling the solver, once on a machine: {left} functions, about a minute\n")
@@ -376,24 +382,29 @@ def _decorator(**options: Any) -> Callable[[Function], Function]:
     return decorate
 
 
+# Code that converts arguments from Python takes longer to compile than the function itself for nested tuples of arrays,
+# and would be compiled again in each caller.
 INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""Without code that converts arguments from Python: for nested tuples of arrays it takes longer to compile than the
-function, in each of its callers again."""
+"""Options of functions that Python does not call."""
+# These functions allocate nothing. With memory management the reference count of every array argument would go up and
+# down at each call. numba does not document the option `_nrt`.
 LEAN = {"_nrt": False, **INNER}
-"""These functions allocate nothing. With memory management, every array that they are handed would be counted in and
-out. It is an option of numba without documentation."""
+"""Options of functions that Python does not call and that allocate nothing."""
 
 compiled = _decorator(no_cfunc_wrapper=True)
 """Decorator of compiled functions that Python calls; they release the interpreter lock."""
 lean = _decorator(**LEAN)
 """Decorator of functions that only compiled code calls."""
+# numba would otherwise also make separate machine code for such a function and all that it calls, which nothing uses.
 once = _decorator(inline="always", **LEAN)
-"""Decorator of functions that are called in one place, and become part of the function there. numba would make machine
-code for them as for any other, together with all that they call, and nothing would ever use it."""
+"""Decorator of functions that are called in one place only and become part of their caller."""
+# Passing a hundred arguments took 7 % of a search, and reading them as much.
 inlined = _decorator(forceinline=True, **LEAN)
-"""Decorator of a function whose many arguments would cost as much to hand over as a tenth of its work."""
+"""Decorator of a function with many arguments that is inlined for speed."""
+# Reassociation must not reach these functions: the compiler would distribute a division over every term.
 exact = _decorator(fastmath={"contract", "nsz"}, **LEAN)
-"""Decorator of polynomials and quotients in loops over vectors. Reassociation must not reach them: the compiler would
-spread the division over every term."""
+"""Decorator of polynomials and quotients in loops over vectors."""
+# A sum in vector registers is evaluated in another order, which the compiler may do only with these flags. Inlining is
+# forced because LLVM stopped inlining the loops once walls called them too, which cost 5 to 8 %.
 vectorised = _decorator(forceinline=True, fastmath={"contract", "nsz", "arcp", "reassoc"}, **LEAN)
-"""Decorator of loops over vectors; only sums that may be reordered can use vector registers."""
+"""Decorator of loops over vectors."""

@@ -1,7 +1,7 @@
-"""Answers as tables of pandas, as text for consoles and notebooks, and as pictures of matplotlib.
+"""Tables of pandas, texts for consoles and notebooks, and figures of matplotlib for the answers of the solver.
 
-pandas and matplotlib are for those who have them: nothing here needs them otherwise. A picture is drawn into axes that
-are given, or as a figure of pyplot, so that its `savefig` and `show` find it.
+pandas and matplotlib are optional, and imported by the functions that need them. A plot is drawn into given axes, or
+into a new figure of pyplot, so that `savefig` and `show` of pyplot apply to it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -31,25 +31,33 @@ Row: TypeAlias = Mapping[str, str | float | None]
 """Texts and numbers of one answer by the names of columns; None where there is nothing."""
 
 INSTANTS = 5
-"""At which a side view shows the projectile."""
+"""Number of instants at which a side view shows the projectile."""
 ARC_POINTS = 40
+"""Number of points by which an arc is drawn."""
 COLORS: Mapping[str, str] = {
     "ricochet": "#c8102e",
     "embedded": "#123f73",
     "in_motion": "#8a8378",
     "perforated": "#2e7d32",
 }
-"""Colour of each outcome."""
+"""Colours of the outcomes."""
 BLUE, RED, GREY, CONCRETE = "#123f73", "#c8102e", "#5c6670", "#e4e1dc"
 
 
 def optional(module: str, needed_by: str, instead: str) -> Any:
-    """Return a module of a package that this one does not depend on.
+    """Import a module of an optional package.
+
+    Parameters
+    ----------
+    module
+        Name of the module.
+    needed_by, instead
+        Function that needs it, and an alternative without it, for the error.
 
     Raises
     ------
     ModuleNotFoundError
-        If the package is not installed; it says how to install it, and what does without.
+        If the package is not installed; it names the command to install it and the alternative.
     """
     package = module.partition(".")[0]
     try:
@@ -62,14 +70,14 @@ def optional(module: str, needed_by: str, instead: str) -> Any:
 
 
 def column_attributes(name: str, values: Any, *kinds: type) -> dict[str, str]:
-    """Return what a column or an input is, and the unit of its numbers where one is known.
+    """Return name, description and unit of a column as attributes of a table or dataset.
 
     Parameters
     ----------
     name
         Name of a field, or a dotted name.
     values
-        Its values.
+        Values of the column; texts get no unit.
     kinds
         Classes that may have the field.
     """
@@ -98,28 +106,28 @@ def dataframe(columns: Mapping[str, npt.NDArray[np.generic]], *kinds: type, inde
 
 
 class Warned(Protocol):
-    """A warning of an answer."""
+    """Interface of warnings of an answer."""
 
     @property
     def code(self) -> str:
-        """Stable name."""
+        """Stable name of the warning."""
 
     @property
     def detail(self) -> str:
-        """Explanation."""
+        """Explanation for people."""
 
     @property
     def standing(self) -> bool:
-        """Whether it comes with most answers."""
+        """True if most answers have the warning."""
 
 
 def line(answer: object, *parts: str) -> str:
-    """Return the class of an answer and what it holds, in one line; empty parts are left out."""
+    """Return the representation of an answer in one line: its class and some parts; empty parts are left out."""
     return f"<{type(answer).__name__}: {', '.join(filter(None, parts))}>"
 
 
 def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), more: str = "") -> str:
-    """Return an answer as HTML in the colours of the notebook, light or dark.
+    """Return the HTML of an answer for a notebook, in its light or dark colours.
 
     Parameters
     ----------
@@ -152,7 +160,7 @@ def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), m
 
 
 def new_figure(width: float, height: float) -> Any:
-    """Return an empty figure of pyplot, of a size in inches."""
+    """Return a new figure of pyplot of a given size in inches."""
     pyplot = optional("matplotlib.pyplot", "plot()", "columns() gives what it shows as arrays")
     figure = pyplot.figure(figsize=(width, height), layout="constrained")
     figure._ipython_display_ = partial(_show_once, figure)
@@ -160,11 +168,11 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def _show_once(figure: Any) -> None:
-    """Keep pyplot from showing a figure at the end of a cell of a notebook, whose result it is and which shows it."""
+    """Close a figure in a notebook, which shows it as the result of the cell, so that it is not shown twice."""
     pyplot = import_module("matplotlib.pyplot")
     if "inline" in pyplot.get_backend():
         pyplot.close(figure)
-    raise NotImplementedError  # With this, IPython takes its usual way to show an object.
+    raise NotImplementedError  # makes IPython display the object in its usual way
 
 
 def finished(panel: Any, title: str) -> Figure:
@@ -177,7 +185,7 @@ def finished(panel: Any, title: str) -> Figure:
 
 
 def plot_motion(history: Columns, title: str, projectile: Projectile | None, ax: Any) -> Figure:
-    """Return a figure with the side view of a motion, beside its histories; axes that are given take the view alone.
+    """Plot the side view of a motion and its histories; axes that are given show the side view only.
 
     Parameters
     ----------
@@ -186,7 +194,7 @@ def plot_motion(history: Columns, title: str, projectile: Projectile | None, ax:
     title
         Title of the side view.
     projectile
-        Drawn at some instants; without it its axis is, from the nose tip to the centre of gravity.
+        Projectile to draw at some instants; without it, its axis from the nose tip to the centre of gravity is drawn.
     """
     figure: Figure = new_figure(9.0, 5.0) if ax is None else ax.figure
     if ax is not None:
@@ -248,7 +256,7 @@ def _draw_side(panel: Any, history: Columns, projectile: Projectile | None, titl
 
 
 def _silhouette(projectile: Projectile) -> FloatArray:
-    """(n, 2) distance behind the tip and signed distance from the axis, once around. [m]"""
+    """Return the (n, 2) closed outline: distance behind the tip and signed distance from the axis. [m]"""
     edge: list[tuple[float, float]] = []
     for piece in projectile.outline():
         x, r, _, _ = piece.at(np.linspace(0.0, 1.0, 2 if isinstance(piece, Line) else ARC_POINTS))
@@ -258,7 +266,7 @@ def _silhouette(projectile: Projectile) -> FloatArray:
 
 
 def plot_search(trials: Columns, title: str, angle: float | None, ax: Any) -> Figure:
-    """Return a figure with the final position of each trial over its angle, rough trials hollow. [rad]"""
+    """Plot the final position of each trial over its angle, with hollow marks for rough trials; return the figure."""
     panel = new_figure(6.0, 4.0).subplots() if ax is None else ax
     degrees = np.degrees(trials["oblique_angle"])
     for outcome, color in COLORS.items():
@@ -277,7 +285,7 @@ def plot_search(trials: Columns, title: str, angle: float | None, ax: Any) -> Fi
 
 
 def plot_probability(curve: Columns, title: str, ax: Any) -> Figure:
-    """Return a figure with the probability of ricochet over the angle, with its interval. [rad]"""
+    """Plot the probability of ricochet over the angle with its interval; return the figure."""
     panel = new_figure(6.0, 4.0).subplots() if ax is None else ax
     degrees = np.degrees(curve["oblique_angle"])
     panel.fill_between(degrees, curve["lower"], curve["upper"], color=BLUE, alpha=0.25, linewidth=0.0, label="interval")
@@ -287,12 +295,12 @@ def plot_probability(curve: Columns, title: str, ax: Any) -> Figure:
 
 
 def plot_perforation(trials: Columns, title: str, label: str, bracket: tuple[float, float] | None, ax: Any) -> Figure:
-    """Return a figure with the speed behind the wall of each trial, with the bracket of the limit.
+    """Plot the speed behind the wall of each trial and the limit; return the figure.
 
     Parameters
     ----------
     trials
-        ``value``, ``outcome`` and ``speed``, the last one of those that perforated and zero of the others. [m/s]
+        Columns ``value``, ``outcome`` and ``speed``; the speed is 0 for trials that did not perforate. [m/s]
     title
         Title of the figure.
     label
@@ -313,7 +321,7 @@ def plot_perforation(trials: Columns, title: str, label: str, bracket: tuple[flo
 
 
 def plot_depths(predicted: FloatArray, measured: FloatArray, title: str, ax: Any) -> Figure:
-    """Return a figure with measured depths over predicted ones. [m]"""
+    """Plot measured depths over predicted ones [m]; return the figure."""
     panel = new_figure(6.0, 4.0).subplots() if ax is None else ax
     panel.plot(predicted, measured, "o", color=BLUE, label="tests")
     panel.axline((0.0, 0.0), slope=1.0, color=GREY, linestyle="--", label="as predicted")
@@ -328,9 +336,9 @@ def plot_endings(
     title: str,
     ax: Any,
 ) -> Figure:
-    """Return a figure with the probability of each outcome, beside how deep the runs go and how fast they leave.
+    """Plot the probability of each outcome, and quantiles of depth and exit speed; return the figure.
 
-    Axes that are given take the probabilities alone.
+    Axes that are given show the probabilities only.
 
     Parameters
     ----------
@@ -339,7 +347,7 @@ def plot_endings(
     depth
         Quantiles of the greatest depth: probability, depth and the ends of its interval. [1, m, m, m]
     speeds
-        The same of the speed of those that leave, by outcome. [1, m/s, m/s, m/s]
+        Quantiles of the exit speed in the same form, by outcome. [1, m/s, m/s, m/s]
     title
         Title of the figure.
     """

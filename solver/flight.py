@@ -14,25 +14,28 @@ AIR_DENSITY = 1.225
 GRAVITY = 9.80665
 """Standard gravity, 3rd CGPM (1901). [m/s²]"""
 TUMBLING_DRAG = 1.0
-"""Drag coefficient of a tumbling body on its mean projected area, when none is given. [1]"""
+"""Default drag coefficient, of a tumbling body on its mean projected area. [1]"""
+# Distances are then accurate to a millimetre in a kilometre, and vary smoothly enough with the elevation for the search
+# for the farthest one.
 TOLERANCE = 1e-10
-"""Relative tolerance of the integration. Distances then hold to a millimetre in a kilometre, and vary smoothly enough
-with the elevation for the search for the farthest one. [1]"""
+"""Relative tolerance of the integration. [1]"""
+# The derivative of the distance is zero at its maximum, so the relative error of the distance is of the order of the
+# square of this tolerance.
 ELEVATION_TOLERANCE = 1e-5
-"""Tolerance of the elevation of the farthest flight. The distance is flat there, so it holds to its square. [rad]"""
+"""Tolerance of the elevation of the farthest flight. [rad]"""
 
 IncidencePlane: TypeAlias = Literal["up", "level", "down"]
-"""How the plane of incidence lies on a tilted face: whether the body travels up the face, along it or down it."""
+"""Direction in which the body travels on a tilted face: up, along or down."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flight:
-    """Where a body lands, and how far it can land at most."""
+    """Landing of a body after its flight, and the farthest landing over all elevations."""
 
     range: float
     """Horizontal distance from launch to landing. [m]"""
     flight_time: float
-    """[s]"""
+    """Time from launch to landing. [s]"""
     impact_speed: float
     """Speed at landing. [m/s]"""
     apex: float
@@ -44,11 +47,11 @@ class Flight:
     range_without_drag: float
     """Greatest distance over all elevations without drag. [m]"""
     elevation: float
-    """Of the launch, above the horizontal. [rad]"""
+    """Elevation of the launch above the horizontal. [rad]"""
     drag_coefficient: float
-    """[1]"""
+    """Drag coefficient in use. [1]"""
     projected_area: float
-    """[m²]"""
+    """Area that the drag coefficient refers to. [m²]"""
 
     def __str__(self) -> str:
         return landing_sentence(self.range, self.farthest_range, self.range_without_drag)
@@ -56,23 +59,23 @@ class Flight:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightConditions:
-    """How the struck face stands, for the flight of a body that leaves it.
+    """Tilt and height of the struck face and drag of the body, for its flight after it leaves the target.
 
     Parameters
     ----------
     face_tilt
         Angle of the impact face from level ground, 0 to 90° for a vertical wall. [rad]
     incidence_plane
-        Whether the body travels up the face, level along it, or down it. Without effect on level ground.
+        Direction in which the body travels on the face: up, level or down. Without effect on level ground.
     drag_coefficient
-        On the mean projected area; 0 for no drag. [1]
+        Drag coefficient on the mean projected area; 0 for no drag. [1]
     height
-        Of the point struck above level ground, on which the body lands. [m]
+        Height of the point struck above level ground, on which the body lands. [m]
 
     Raises
     ------
     ParameterError
-        If a value is outside what is accepted.
+        If a value is outside its range.
     """
 
     face_tilt: float = 0.0
@@ -87,7 +90,7 @@ class FlightConditions:
 
 
 def mean_projected_area(projectile: Projectile) -> float:
-    """Mean area of the shadow of a body over all its directions: a quarter of its surface, base included. [m²]
+    """Return the projected area of a body averaged over all directions: a quarter of its surface. [m²]
 
     Notes
     -----
@@ -100,28 +103,28 @@ def mean_projected_area(projectile: Projectile) -> float:
 def launch_elevation(
     *, direction: float, face_tilt: float = 0.0, incidence_plane: IncidencePlane = "up", rear: bool = False
 ) -> float:
-    """Elevation above the horizontal of the velocity with which a body leaves a tilted face.
+    """Return the elevation above the horizontal of the velocity with which a body leaves a tilted face.
 
     Parameters
     ----------
     direction
-        Of that velocity from the outward normal of the face that it leaves through, as in `Exit`. [rad]
+        Angle of that velocity from the outward normal of the face through which the body leaves, as in `Exit`. [rad]
     face_tilt
         Angle of the impact face from level ground, 0 to 90° for a vertical wall. [rad]
     incidence_plane
-        Whether the body travels up the face, level along it, or down it. Without effect on level ground.
+        Direction in which the body travels on the face: up, level or down. Without effect on level ground.
     rear
-        Whether it leaves through the rear face, whose outward normal is opposite.
+        True if the body leaves through the rear face, whose outward normal is opposite.
 
     Returns
     -------
     float
-        [rad]
+        Elevation; negative below the horizontal. [rad]
 
     Raises
     ------
     ParameterError
-        If the tilt or the plane is not one of these.
+        If the tilt is outside its range or the plane is unknown.
     """
     require_between("face_tilt", face_tilt, 0.0, math.pi / 2.0)
     climb = {"up": 1.0, "level": 0.0, "down": -1.0}
@@ -130,7 +133,7 @@ def launch_elevation(
     # The outward normal of a face at tilt t has the vertical part cos t, the direction up the face sin t.
     normal, along = math.cos(direction) * (-1.0 if rear else 1.0), math.sin(direction)
     vertical = normal * math.cos(face_tilt) + climb[incidence_plane] * along * math.sin(face_tilt)
-    return math.asin(max(-1.0, min(1.0, vertical)))
+    return math.asin(max(-1.0, min(1.0, vertical)))  # rounding may exceed 1
 
 
 def flight(
@@ -142,22 +145,22 @@ def flight(
     drag_coefficient: float = TUMBLING_DRAG,
     height: float = 0.0,
 ) -> Flight:
-    """Flight of a point mass with quadratic drag, from a height above level ground.
+    """Compute the flight of a point mass with quadratic drag, from a height above level ground.
 
     Parameters
     ----------
     speed
-        At launch. [m/s]
+        Speed at launch. [m/s]
     elevation
-        Of the launch, above the horizontal; negative below it. [rad]
+        Elevation of the launch above the horizontal; negative below it. [rad]
     mass
-        [kg]
+        Mass of the body. [kg]
     projected_area
         Area that the drag coefficient refers to; `mean_projected_area` for a body that tumbles. [m²]
     drag_coefficient
-        0 for no drag. [1]
+        Drag coefficient; 0 for no drag. [1]
     height
-        Of the launch above the ground. [m]
+        Height of the launch above the ground. [m]
 
     Returns
     -------
@@ -166,13 +169,13 @@ def flight(
     Raises
     ------
     ParameterError
-        If a value is outside what is accepted.
+        If a value is outside its range.
 
     Notes
     -----
     Drag is ½ ρ c_D A v² against the velocity, in air of 1.225 kg/m³ at rest; lift, spin and wind are left out. The
-    direction in which a tumbling body leaves is the least certain of all, so the farthest distance over all elevations
-    is given beside that of this elevation.
+    direction in which a tumbling body leaves is the least certain input, so the farthest distance over all elevations
+    is returned beside that of this elevation.
 
     Examples
     --------
@@ -204,28 +207,36 @@ def flight(
 
 
 def flight_after(
-    exit: Exit,  # noqa: A002 (the name of the attribute of a trajectory that it is)
+    exit: Exit,  # noqa: A002 (named like `Trajectory.exit`)
     *,
     projectile: Projectile,
     conditions: FlightConditions | None = None,
     rear: bool = False,
 ) -> Flight:
-    """Flight of a body from where it leaves the target, as one that tumbles.
+    """Compute the flight of a tumbling body from where it leaves the target.
 
     Parameters
     ----------
     exit
-        How it leaves: `Trajectory.exit`.
+        State of the body as it leaves the target: `Trajectory.exit`.
     projectile
-        Its mass, and its surface for the drag.
+        Body, whose mass and surface determine the drag.
     conditions
-        How the face stands; level with the ground unless given.
+        Tilt and height of the face, and drag; a face level with the ground unless given.
     rear
-        Whether it leaves through the rear face of a wall.
+        True if the body leaves through the rear face of a wall.
 
     Returns
     -------
     Flight
+
+    Examples
+    --------
+    >>> from solver import flight_after, simulate
+    >>> from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+    >>> impact = paper_impact(oblique_angle_degrees=60.0)
+    >>> run = simulate(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
+    >>> landed = flight_after(run.exit, projectile=PAPER_PROJECTILE)
     """
     conditions = conditions or FlightConditions()
     elevation = launch_elevation(
@@ -245,7 +256,8 @@ def flight_after(
 
 
 def landing_sentence(distance: float, farthest: float, without_drag: float) -> str:
-    """Return how far a body flies, in words; distances are rounded up, the side on which a danger zone errs. [m]"""
+    """Return a sentence with three distances in metres: as computed, at any elevation, and without drag."""
+    # Distances are rounded up, as a danger zone that is too large is the safe side.
     computed, any_elevation, no_drag = map(_rounded_up, (distance, farthest, without_drag))
     return (
         f"Lands about {computed} m away if it tumbles as computed, up to {any_elevation} m at any elevation, at most "
@@ -254,24 +266,28 @@ def landing_sentence(distance: float, farthest: float, without_drag: float) -> s
 
 
 def _rounded_up(distance: float) -> str:
-    """Return a distance in whole metres, from 100 m on in tens."""
+    """Format a distance rounded up to whole metres, or to tens of metres above 100 m."""
     step = 10 if distance > 100.0 else 1
     return f"{math.ceil(distance / step) * step:,}"
 
 
 @dataclass(frozen=True, slots=True)
 class _Path:
-    """End of one flight, and its greatest height."""
+    """Landing of one flight, and its greatest height."""
 
     range: float
+    """Horizontal distance. [m]"""
     time: float
+    """Time of flight. [s]"""
     speed: float
+    """Speed at landing. [m/s]"""
     apex: float
+    """Greatest height above the ground. [m]"""
 
 
 @dataclass(frozen=True, slots=True)
 class _Event:
-    """Event of `solve_ivp`: a component of the state falls through zero."""
+    """Event for `solve_ivp`: a component of the state falls through zero."""
 
     component: int
     terminal: bool
@@ -286,7 +302,7 @@ def _path(speed: float, elevation: float, drag: float, height: float) -> _Path:
     climb = speed * math.sin(elevation)
     if height <= 0.0 and climb <= 0.0:
         return _Path(0.0, 0.0, speed, height)
-    from scipy.integrate import solve_ivp  # noqa: PLC0415 (takes a fifth of a second, which other uses need not spend)
+    from scipy.integrate import solve_ivp  # noqa: PLC0415 (importing it takes a fifth of a second)
 
     def rates(_: float, state: FloatArray) -> list[float]:
         along, up = state[2], state[3]
@@ -294,8 +310,9 @@ def _path(speed: float, elevation: float, drag: float, height: float) -> _Path:
         return [along, up, -resistance * along, -resistance * up - GRAVITY]
 
     ground, top = _Event(1, terminal=True), _Event(3, terminal=False)
-    # LSODA changes to an implicit method where a light body sinks at its terminal speed: the equations are stiff there.
-    found: Any = solve_ivp(  # its type says that events may be absent
+    # LSODA switches to an implicit method where a light body sinks at its terminal speed: the equations are stiff
+    # there.
+    found: Any = solve_ivp(  # the declared type of the result allows for absent events
         rates,
         (0.0, _longest(climb, drag, height)),
         [0.0, height, speed * math.cos(elevation), climb],
@@ -310,11 +327,9 @@ def _path(speed: float, elevation: float, drag: float, height: float) -> _Path:
 
 
 def _longest(climb: float, drag: float, height: float) -> float:
-    """Return a time by which any flight has landed. [s]
-
-    Twice the rise and fall in vacuum, as with drag the rise is shorter, and for the fall twice the time at terminal
-    speed and the time to reach that.
-    """
+    """Return a time by which any flight has landed, as the end of the integration. [s]"""
+    # With drag the rise takes less time than in vacuum. The fall takes at most the time in vacuum, that at terminal
+    # speed, and some times the time constant in which that speed is reached. The factor 2 is a margin.
     rise = max(climb, 0.0) / GRAVITY
     top = height + 0.5 * GRAVITY * rise**2
     fall = math.sqrt(2.0 * top / GRAVITY)
@@ -323,15 +338,16 @@ def _longest(climb: float, drag: float, height: float) -> float:
 
 
 def _farthest(speed: float, drag: float, height: float, elevation: float, distance: float) -> tuple[float, float]:
-    """Return the greatest distance over all elevations, and the elevation."""
+    """Return the greatest distance over all elevations, and its elevation. [m, rad]"""
     from scipy.optimize import minimize_scalar  # noqa: PLC0415 (as above)
 
-    # The distance has one maximum in the elevation: at 45° without drag from the ground, lower with drag or height.
+    # The distance has a single maximum over the elevation: at 45° without drag from the ground, lower with drag or
+    # height. So Brent's bounded minimisation, which needs no derivative, finds it.
     found = minimize_scalar(
         lambda angle: -_path(speed, float(angle), drag, height).range,
         bounds=(-math.pi / 2.0, math.pi / 2.0),
         method="bounded",
         options={"xatol": ELEVATION_TOLERANCE},
     )
-    # The search ends within its tolerance of the maximum, so that the flight itself may be a hair farther.
+    # The search ends within its tolerance of the maximum, so that the flight itself may go slightly farther.
     return max((-float(found.fun), float(found.x)), (distance, elevation))

@@ -1,10 +1,10 @@
-"""The empirical formulas of the field for a hard projectile on a concrete wall, each with its source and its range.
+"""Empirical formulas for a hard projectile on a concrete wall, each with its source and its range.
 
-Every formula answers for a wall struck by a rigid projectile: how deep it goes into thick concrete, below which
-thickness the back of the wall scabs, and below which it is perforated. They are fitted to different tests and differ by
-half and more; that spread is what they are good for beside a model. None has an angle: as is common practice, and
-nothing better, an oblique strike counts with the normal component of its velocity. Some were fitted to flat noses and
-have no factor for others; their sources do not say how far a pointed nose is off, so that it is out of their range.
+The formulas give the depth in thick concrete, and the thicknesses below which the rear of a wall scabs and below which
+it is perforated. They were fitted to different tests and differ by half and more; beside a model their spread is what
+counts. None includes an angle. As is common practice, an oblique strike is represented by the normal component of its
+velocity. Some formulas were fitted to flat noses and have no factor for others. Their sources do not state the error
+for pointed noses, so these are out of range.
 """
 
 import math
@@ -19,12 +19,13 @@ from solver.strike import Impact
 from solver.target import Target
 
 NoseClass: TypeAlias = Literal["flat", "blunt", "hemispherical", "sharp"]
-"""In the order in which they penetrate."""
+"""Class of a nose, in the order of increasing penetration."""
 NDRC_NOSE: Mapping[NoseClass, float] = {"flat": 0.72, "blunt": 1.0, "hemispherical": 1.0, "sharp": 1.14}
 NDRC_NOSE_NOTE = "nose factor 1.0, the safe side; 0.84 is printed too"
 HUGHES_NOSE: Mapping[NoseClass, float] = {"flat": 1.0, "blunt": 1.12, "hemispherical": 1.26, "sharp": 1.39}
+# Converted exactly, the form of the formula in US units has 3.8034e-5, 0.1 % more.
 NDRC_CONSTANT = 3.8e-5
-"""In SI units; converted exactly, the form in US units has 3.8034e-5, 0.1 % more."""
+"""Constant of the NDRC formula in SI units."""
 SCABBING_MARGIN, PERFORATION_MARGIN = 1.1, 1.2
 """Factors on the limit thicknesses that DOE-STD-3014-2006 requires in a design. [1]"""
 NAMES: Mapping[str, str] = {
@@ -42,30 +43,31 @@ NAMES: Mapping[str, str] = {
 }
 """Names of the formulas in sentences."""
 LIMIT_SPEEDS = (0.1, 1e4)
-"""Speeds along the normal among which a limit speed is sought: the bounds of `impact.velocity`. [m/s]"""
+"""Range of the normal speed in the search for a limit speed: the bounds of `impact.velocity`. [m/s]"""
 AGGREGATE_SIZE = 0.02
 """Largest aggregate of usual concrete. [m]"""
 POUND, INCH, FOOT, PSI = 0.45359237, 0.0254, 0.3048, 6894.757
-"""[kg, m, m, Pa]"""
+"""US units in SI units. [kg, m, m, Pa]"""
 
 
 @dataclass(frozen=True, slots=True)
 class OutOfRange:
-    """An input, or a result, outside the range of a formula."""
+    """Input or result outside the range of a formula."""
 
     field: str
-    """Name of the input, or of the result."""
+    """Name of the input or result."""
     detail: str
-    """The range, and what was given."""
+    """Range of the formula, and the value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FormulaResult:
-    """Answer of one formula; None where it has nothing to say."""
+    """Result of one formula; quantities that it does not give are None."""
 
     formula: str
+    """Name of the formula."""
     penetration_depth: float | None = None
-    """Into concrete that is thick enough. [m]"""
+    """Depth of penetration into thick concrete. [m]"""
     scabbing_thickness: float | None = None
     """Least thickness of a wall whose back does not scab. [m]"""
     perforation_thickness: float | None = None
@@ -73,50 +75,51 @@ class FormulaResult:
     limit_speed: float | None = None
     """Least speed that perforates the wall. [m/s]"""
     out_of_range: tuple[OutOfRange, ...] = ()
-    """What the formula was not fitted to; empty within its range."""
+    """Inputs and results outside the range to which the formula was fitted; empty within it."""
     range_known: bool = True
-    """Whether a source gives the range of the formula."""
+    """True if a source states the range of the formula."""
     note: str = ""
-    """What is in doubt, or assumed; empty where nothing is."""
+    """Doubts about the formula, and assumptions; empty without any."""
     source: str
     """Authors and year."""
     verified: bool
-    """Whether its constants were compared with an original, a standard or a published shot; the others come from
-    secondary sources alone."""
+    """True if the constants were compared with the original, a standard or a published shot. Other formulas come from
+    secondary sources only."""
 
     @property
     def in_range(self) -> bool:
-        """Whether the range of the formula is known, and every input and result lies within it."""
+        """True if the range of the formula is known and contains every input and result."""
         return self.range_known and not self.out_of_range
 
 
 Limit: TypeAlias = Literal["penetration_depth", "scabbing_thickness", "perforation_thickness"]
+"""Quantity that a formula gives."""
 LIMITS: tuple[Limit, ...] = get_args(Limit)
-"""What formulas give."""
+"""All quantities that formulas give."""
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """The lowest and the highest answer of the formulas that are in range."""
+    """Range of a quantity over the formulas that are in range."""
 
     lowest: float
+    """Lowest value. [m]"""
     highest: float
-    """[m]"""
+    """Highest value. [m]"""
     count: int
-    """How many different answers there are."""
+    """Number of different values."""
 
 
 def spread(results: Iterable[FormulaResult], limit: Limit) -> Spread | None:
-    """Spread of a limit over the formulas in range; None if none of these has an answer.
-
-    An answer that a formula takes from another counts once: Kar's for steel and Degen's depth are modified NDRC's.
-    """
+    """Return the spread of a quantity over the formulas in range; None if none of these gives it."""
+    # Equal values count once, since some formulas take theirs from another one: Kar's for steel and the depth of
+    # Degen's are those of modified NDRC.
     values = {value for each in results if each.in_range and (value := getattr(each, limit)) is not None}
     return Spread(min(values), max(values), len(values)) if values else None
 
 
 def nose_class(projectile: Projectile) -> NoseClass:
-    """Class of the nose in the sense of the formulas, from its length over its diameter.
+    """Return the class of the nose in the sense of the formulas, by its length over the diameter.
 
     Notes
     -----
@@ -126,13 +129,13 @@ def nose_class(projectile: Projectile) -> NoseClass:
     ratio = _nose_ratio(projectile)
     if ratio == 0.0:
         return "flat"
-    if ratio < 0.5 - 1e-9:
+    if ratio < 0.5 - 1e-9:  # the length of a hemisphere may be short by rounding
         return "blunt"
     return "hemispherical" if ratio <= 1.0 else "sharp"
 
 
 def modified_ndrc(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
-    """Penetration, scabbing and perforation by the modified NDRC formula.
+    """Compute penetration, scabbing and perforation by the modified NDRC formula.
 
     Notes
     -----
@@ -158,7 +161,7 @@ def modified_ndrc(*, projectile: Projectile, target: Target, impact: Impact) -> 
 
 
 def kar(*, projectile: Projectile, target: Target, impact: Impact, stiffness_ratio: float = 1.0) -> FormulaResult:
-    """Kar's extension of the NDRC formula to projectiles less stiff than steel; for steel it is that formula.
+    """Compute penetration, scabbing and perforation by Kar's extension of the NDRC formula to bodies softer than steel.
 
     Parameters
     ----------
@@ -176,7 +179,7 @@ def kar(*, projectile: Projectile, target: Target, impact: Impact, stiffness_rat
 
 
 def degen(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
-    """Perforation by Degen's formula, with the depth of the modified NDRC formula.
+    """Compute perforation by Degen's formula, with the depth of the modified NDRC formula.
 
     Notes
     -----
@@ -197,7 +200,7 @@ def degen(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
 
 
 def ace(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
-    """Penetration and perforation by the formula of the U.S. Army Corps of Engineers.
+    """Compute penetration and perforation by the formula of the U.S. Army Corps of Engineers.
 
     Notes
     -----
@@ -217,7 +220,7 @@ def ace(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaRes
 
 
 def brl(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
-    """Penetration and perforation by the formula of the Ballistic Research Laboratory.
+    """Compute penetration and perforation by the formula of the Ballistic Research Laboratory.
 
     Notes
     -----
@@ -238,7 +241,7 @@ def brl(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaRes
 
 
 def chang(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
-    """Scabbing and perforation by Chang's formulas.
+    """Compute scabbing and perforation by Chang's formulas.
 
     Notes
     -----
@@ -263,7 +266,7 @@ def chang(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
 
 
 def cea_edf(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
-    """Perforation by the formula of CEA and EDF, for flat noses.
+    """Compute perforation by the formula of CEA and EDF, for flat noses.
 
     Notes
     -----
@@ -289,14 +292,15 @@ def cea_edf(*, projectile: Projectile, target: Target, impact: Impact) -> Formul
 def cea_edf_limit_speed(
     *, projectile: Projectile, target: Target, thickness: float, oblique_angle: float = 0.0
 ) -> FormulaResult:
-    """Least speed that perforates a wall, by the formula of CEA and EDF for flat noses.
+    """Compute the least speed that perforates a wall, by the formula of CEA and EDF for flat noses.
 
     Parameters
     ----------
     thickness
         Thickness of the wall. [m]
     oblique_angle
-        From the inward normal of the face to the velocity; the formula is for the component along the normal. [rad]
+        Angle from the inward normal of the face to the velocity; the formula is for the component along the normal.
+        [rad]
 
     Notes
     -----
@@ -317,7 +321,7 @@ def cea_edf_limit_speed(
 
 
 def ukaea(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
-    """Penetration and scabbing by Barr's formula for the UKAEA, made for the slow strikes of plant safety.
+    """Compute penetration and scabbing by Barr's formula for the UKAEA, made for the slow strikes of plant safety.
 
     Notes
     -----
@@ -351,12 +355,12 @@ def ukaea(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
 def hughes(
     *, projectile: Projectile, target: Target, impact: Impact, tensile_strength: float | None = None
 ) -> FormulaResult:
-    """Penetration, scabbing and perforation by Hughes' formula.
+    """Compute penetration, scabbing and perforation by Hughes' formula.
 
     Parameters
     ----------
     tensile_strength
-        f_t, the modulus of rupture of the concrete; 0.63 MPa (f'c/MPa)^0.5 when not given. [Pa]
+        Modulus of rupture f_t of the concrete; 0.63 MPa (f'c/MPa)^0.5 when not given. [Pa]
 
     Notes
     -----
@@ -385,12 +389,12 @@ def hughes(
 def li_chen(
     *, projectile: Projectile, target: Target, impact: Impact, strength_factor: float | None = None
 ) -> FormulaResult:
-    """Penetration by Li and Chen's formula, with the shallow branch.
+    """Compute penetration by Li and Chen's formula, with its branch for shallow penetration.
 
     Parameters
     ----------
     strength_factor
-        S; 82.6 (f'c/MPa)^-0.544 when not given. [1]
+        Strength factor S; 82.6 (f'c/MPa)^-0.544 when not given. [1]
 
     Notes
     -----
@@ -424,7 +428,7 @@ def li_chen(
 def whiffen(
     *, projectile: Projectile, target: Target, impact: Impact, aggregate_size: float | None = None
 ) -> FormulaResult:
-    """Penetration by Whiffen's formula, which is within 15 % of its tests.
+    """Compute penetration by Whiffen's formula, which is within 15 % of its tests.
 
     Parameters
     ----------
@@ -459,21 +463,22 @@ def whiffen(
 
 
 Formula: TypeAlias = Callable[..., FormulaResult]
+"""Function of projectile, target and impact."""
 FORMULAS: tuple[Formula, ...] = (modified_ndrc, degen, cea_edf, ukaea, chang, hughes, kar, ace, brl, li_chen, whiffen)
 
 
 def formulas(*, projectile: Projectile, target: Target, impact: Impact) -> tuple[FormulaResult, ...]:
-    """Return the answers of all formulas for one strike.
+    """Return the results of all formulas for one strike.
 
     Parameters
     ----------
     projectile, target, impact
-        What strikes, what is struck, and how. Only the normal component of the velocity counts.
+        Projectile, concrete, and motion at first contact, of which only the normal component of the velocity counts.
 
     Returns
     -------
     tuple of FormulaResult
-        One for each formula, inside its range or not.
+        A result for each formula, inside its range or not.
 
     Raises
     ------
@@ -504,12 +509,13 @@ def limit_speeds(
     thickness
         Thickness of the wall. [m]
     oblique_angle
-        From the inward normal of the face to the velocity; the formulas are for the component along the normal. [rad]
+        Angle from the inward normal of the face to the velocity; the formulas are for the component along the normal.
+        [rad]
 
     Returns
     -------
     tuple of FormulaResult
-        One for each formula by which some speed up to 10 km/s along the normal perforates the wall.
+        A result for each formula by which some speed up to 10 km/s along the normal perforates the wall.
 
     Raises
     ------
@@ -518,8 +524,9 @@ def limit_speeds(
 
     Notes
     -----
-    CEA and EDF give their formula for the speed, see `cea_edf_limit_speed`; the others are solved for it. A formula
-    that falls by a hair where two of its branches meet has two solutions there, 0.2 % apart, of which one is given.
+    CEA and EDF give their formula for the speed, see `cea_edf_limit_speed`; the others are solved for it numerically.
+    A formula that falls slightly where two of its branches meet has two solutions there, 0.2 % apart, of which one is
+    returned.
     """
     require_positive("thickness", thickness)
     cosine = _normal_velocity(Impact(velocity=1.0, oblique_angle=oblique_angle))
@@ -551,7 +558,9 @@ def _solved_for_speed(
     lower, upper = LIMIT_SPEEDS
     if perforates(lower) or not perforates(upper):
         return None
-    while upper - lower > 1e-12 * upper:  # some 45 halvings; a rounding error of the formula is of this size
+    # Bisection converges although a formula may fall where its branches meet. On a logarithmic scale it takes about 45
+    # trials; a smaller tolerance would be below the rounding error of the formula.
+    while upper - lower > 1e-12 * upper:
         middle = math.sqrt(lower * upper)
         if not lower < middle < upper:
             break
@@ -581,12 +590,12 @@ def _normal_velocity(impact: Impact) -> float:
 
 
 def _nose_ratio(projectile: Projectile) -> float:
-    """Length of the nose over the diameter. [1]"""
+    """Return the length of the nose over the diameter. [1]"""
     return projectile.nose.length(projectile.radius) / projectile.diameter
 
 
 def _ndrc_impact(projectile: Projectile, target: Target, impact: Impact) -> float:
-    """G of the NDRC formula. [1]"""
+    """Return G of the NDRC formula. [1]"""
     d, nose = projectile.diameter, NDRC_NOSE[nose_class(projectile)]
     rate = math.pow(_normal_velocity(impact) / d, 1.8)
     return NDRC_CONSTANT * nose * projectile.mass / (d * math.sqrt(target.compressive_strength)) * rate
@@ -597,14 +606,14 @@ def _ndrc_note(projectile: Projectile) -> str:
 
 
 def _ndrc_depth(g: float) -> float:
-    """Penetration over the diameter, from G. [1]"""
+    """Return the penetration over the diameter by the NDRC formula, from G. [1]"""
     return 2.0 * math.sqrt(g) if g <= 1.0 else g + 1.0
 
 
 def _by_ndrc_limits(
     formula: str, projectile: Projectile, ratio: float, *, source: str, verified: bool
 ) -> FormulaResult:
-    """Limit thicknesses from the penetration over the diameter (Kennedy 1976)."""
+    """Return the limit thicknesses for a penetration over the diameter (Kennedy 1976)."""
     d = projectile.diameter
     scabbing = 7.91 * ratio - 5.06 * ratio**2 if ratio <= 0.65 else 2.12 + 1.36 * ratio
     perforation = 3.19 * ratio - 0.718 * ratio**2 if ratio <= 1.35 else 1.32 + 1.24 * ratio
@@ -629,7 +638,10 @@ def _not_flat(projectile: Projectile) -> tuple[OutOfRange, ...]:
 def _outside(
     field: str, value: float, lowest: float, highest: float, unit: str = "", *, of: str = ""
 ) -> tuple[OutOfRange, ...]:
-    """Compare a value with the range of the tests; every number has its unit, so that each can be converted alone."""
+    """Return an `OutOfRange` if a value is outside the range of the tests.
+
+    Every number in its text is followed by its unit, so that it can be converted to other units.
+    """
     if lowest <= value <= highest:
         return ()
     least, most, here = (f"{float(f'{number:.5g}'):g} {unit}".rstrip() for number in (lowest, highest, value))

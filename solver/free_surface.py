@@ -1,17 +1,17 @@
-"""Free-surface decay: how a nearby face weakens the resistance of the target (eqs. 2-3).
+"""Free-surface decay: the weakening of the resistance by a nearby face (eqs. 2-3).
 
-An element whose outward normal meets the face is resisted by a fraction f of what it would meet in an endless
-target: the wall pressure of a spherical cavity in a sphere of finite outer radius, over that in an endless solid.
-With k the outer radius over the cavity radius and y = 1/k its inverse (0 in an endless solid, 1 at the face),
+An element whose outward normal meets the face is resisted by a fraction f of the stress in an endless target: the wall
+pressure of a spherical cavity in a sphere of finite outer radius, over that in an endless solid. With k the outer
+radius over the cavity radius and y = 1/k its inverse (0 in an endless solid, 1 at the face),
 
     f = (P(y) + ρ v² Q(y)) / (P(0) + ρ v² Q(0)),
 
-so a decay model is its static wall pressure P and its inertia coefficient Q, and nothing else.
+so a decay model consists of its static wall pressure P and its inertia coefficient Q.
 
-The compiled code reads a decay function as polynomials on either side of its corner, for P / P(endless) and for Q. The
-corner is at the ratio k at which the plastic zone first reaches the face. Beyond it a shell of the solid stays elastic,
-and both parts are polynomials of degree four in 1/k. Nearer to the face they are so smooth in the variable
-``x = (k - a) / (k + a)``, with a the square root of k at the corner, that others follow them to 1e-7.
+The compiled code evaluates a decay function by polynomials on either side of its corner, for P / P(endless) and for Q.
+The corner is the ratio k at which the plastic zone first reaches the face. Beyond it a shell of the solid stays
+elastic, and both P and Q are polynomials of degree four in 1/k. Nearer to the face they are smooth functions of
+``x = (k - a) / (k + a)``, with a the square root of k at the corner, and polynomials in x approximate them to 1e-7.
 """
 
 import math
@@ -121,11 +121,11 @@ class NoFreeSurface:
     name: ClassVar[str] = "none"
 
     def static_pressure(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
-        """A constant: the same pressure at every distance. [Pa]"""
+        """Constant wall pressure at every distance. [Pa]"""
         return np.full_like(radius_ratio_inverse, target.compressive_strength, dtype=np.float64)
 
     def inertia_coefficient(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
-        """None. [1]"""
+        """Zero inertia coefficient at every distance. [1]"""
         return np.zeros_like(radius_ratio_inverse, dtype=np.float64)
 
 
@@ -133,14 +133,14 @@ FreeSurface: TypeAlias = ElasticPlastic | MohrCoulomb | NoFreeSurface
 
 
 def decay_laws(*, inertia: bool = False) -> tuple[FreeSurface, ...]:
-    """Return every decay law, those that can with the inertia of the expanding solid."""
+    """Return every decay law, on request with the inertia of the expanding solid where a law has it."""
     return ElasticPlastic(inertia=inertia), MohrCoulomb(inertia=inertia), NoFreeSurface()
 
 
 def decay_factor(
     *, model: FreeSurface, target: Target, radius_ratio: FloatArray, normal_velocity: float = 0.0
 ) -> FloatArray:
-    """Fraction f of the resistance of an endless target.
+    """Return the fraction f of the resistance of an endless target.
 
     Parameters
     ----------
@@ -174,7 +174,18 @@ def decay_factor(
 
 
 def _plastic_ratio(target: Target, least_modulus: float) -> float:
-    """Radius of the plastic zone over that of the cavity; at the least modulus [Pa] the zone vanishes."""
+    """Return the radius of the plastic zone over that of the cavity, in an endless solid. [1]
+
+    Parameters
+    ----------
+    least_modulus
+        Young's modulus at which the plastic zone vanishes. [Pa]
+
+    Raises
+    ------
+    ParameterError
+        If the modulus of the target is not above it.
+    """
     require(
         target.elastic_modulus > least_modulus,
         "target.youngs_modulus",
@@ -184,58 +195,66 @@ def _plastic_ratio(target: Target, least_modulus: float) -> float:
     return float((target.elastic_modulus / least_modulus) ** (1.0 / 3.0))
 
 
+# Degree 12 approximates the decay laws to 1e-7. A multiple of four lets terms be summed in groups of four (Estrin's
+# scheme), in a third of the time of Horner's scheme, where each term waits for the one before.
 DEGREE = 12
-"""Near the face. A multiple of four: terms are summed in groups of four, a third of the time of one after another."""
+"""Degree of the polynomials between the face and the corner."""
+# Beyond the corner the laws are exactly polynomials of degree four in 1/k.
 SHELL_DEGREE = 4
+"""Degree of the polynomials beyond the corner."""
 NODES, FROM_NODES = interpolation(DEGREE)
 SHARES = np.arange(SHELL_DEGREE + 1) / SHELL_DEGREE
+"""Nodes beyond the corner: 1/k over its value at the corner."""
 FROM_SHARES = np.linalg.inv(np.vander(SHARES, increasing=True))
-"""From values at `SHARES` of the corner's 1/k to coefficients."""
+"""Matrix from values at `SHARES` to coefficients, constant first."""
+# Added to a sum of lengths it avoids 0/0 and changes no other value.
 TINY = 1e-300
+"""Smallest denominator. [m]"""
 
 
 class Near(NamedTuple):
     """Decay between the face and the corner: polynomials in ``scale x``, coefficients constant first."""
 
     scale: float
-    """One over the largest x there is between them."""
+    """Inverse of the largest x between the face and the corner. [1]"""
     static: FloatArray
-    """(DEGREE + 1,) P / P(endless)."""
+    """(DEGREE + 1,) coefficients of P / P(endless)."""
     inertia: FloatArray
-    """(DEGREE + 1,) Q."""
+    """(DEGREE + 1,) coefficients of Q."""
 
 
 class Deep(NamedTuple):
     """Decay beyond the corner: polynomials in k of the corner over k, coefficients constant first."""
 
     static: FloatArray
-    """(SHELL_DEGREE + 1,) P / P(endless)."""
+    """(SHELL_DEGREE + 1,) coefficients of P / P(endless)."""
     inertia: FloatArray
-    """(SHELL_DEGREE + 1,) Q."""
+    """(SHELL_DEGREE + 1,) coefficients of Q."""
 
 
 class Decay(NamedTuple):
-    """Decay function of a target."""
+    """Decay function of a target, as polynomials."""
 
     corner: float
-    """k of the corner; 0 for a target without decay. [1]"""
+    """Ratio k at the corner; 0 for a target without decay. [1]"""
     pivot: float
-    """a, where x is zero. [1]"""
+    """Ratio k at which x is zero, a. [1]"""
     inertia_scale: float
-    """ρ / P(endless), zero for a decay without inertia. [s²/m²]"""
+    """Ratio ρ / P(endless); zero for a decay without inertia. [s²/m²]"""
     inertia_endless: float
-    """Q of an endless target. [1]"""
+    """Inertia coefficient Q of an endless target. [1]"""
     near: Near
     deep: Deep
 
 
 @lru_cache  # the cases of a study share few targets
 def build_decay(model: FreeSurface, target: Target) -> Decay:
-    """Polynomials of a decay model."""
+    """Convert a decay model to the polynomials of the compiled code."""
     if isinstance(model, NoFreeSurface):
         none, nothing = np.zeros(DEGREE + 1), np.zeros(SHELL_DEGREE + 1)
         return Decay(0.0, 1.0, 0.0, 0.0, Near(0.0, none, none), Deep(nothing, nothing))
     corner = float(model.plastic_ratio(target))
+    # The laws vary like ln k, and with this pivot x is an odd function of ln(k / a): the range of x is symmetric.
     pivot = math.sqrt(corner)
     edge = (pivot - 1.0) / (pivot + 1.0)
     near = (1.0 - edge * NODES) / (1.0 + edge * NODES) / pivot
@@ -255,6 +274,7 @@ def build_decay(model: FreeSurface, target: Target) -> Decay:
 
 @exact
 def _near_variable(inward: float, outward: float, decay: Decay) -> float:
+    # Here k = whole / outward. Multiplying out avoids the quotient, which has no value where outward is zero.
     whole = inward + outward + TINY
     return (whole - decay.pivot * outward) / (whole + decay.pivot * outward) * decay.near.scale
 
@@ -284,7 +304,15 @@ def _deep_value(coefficients: FloatArray, t: float) -> float:
 
 @exact
 def static_factor(inward: float, outward: float, decay: Decay, deep: bool) -> float:
-    """f of a decay without inertia, from the distance to the face and that to the axis, which make up k."""
+    """Return f of a decay without inertia at k = 1 + inward / outward. [1]
+
+    Parameters
+    ----------
+    inward, outward
+        Distances along the normal to the face and to the axis, both on any common scale.
+    deep
+        Selects the polynomials beyond the corner.
+    """
     if deep:
         return _deep_value(decay.deep.static, _deep_variable(inward, outward, decay))
     return _near_value(decay.near.static, _near_variable(inward, outward, decay))
@@ -292,7 +320,7 @@ def static_factor(inward: float, outward: float, decay: Decay, deep: bool) -> fl
 
 @exact
 def inertial_factor(inward: float, outward: float, speed: float, decay: Decay, deep: bool) -> float:
-    """f of a decay with inertia."""
+    """Return f of a decay with inertia at the normal velocity `speed`; other arguments as in `static_factor`. [1]"""
     if deep:
         t = _deep_variable(inward, outward, decay)
         static, inertia = _deep_value(decay.deep.static, t), _deep_value(decay.deep.inertia, t)
@@ -305,7 +333,15 @@ def inertial_factor(inward: float, outward: float, speed: float, decay: Decay, d
 
 @lean
 def decay_at(inward: float, outward: float, speed: float, decay: Decay) -> float:
-    """f of eq. 2 for one element: its distance to the face along its normal, that to the axis, its normal velocity."""
+    """Return f of eq. 2 for one element. [1]
+
+    Parameters
+    ----------
+    inward, outward
+        Distances along the normal to the face and to the axis, both on any common scale.
+    speed
+        Normal velocity of the element. [m/s]
+    """
     if decay.corner == 0.0 or outward <= 0.0:
         return 1.0
     deep = inward + outward >= decay.corner * outward

@@ -1,14 +1,14 @@
-"""Force and moment on the projectile at an instant (eqs. 1-5), and what they do to its motion (eq. 6), compiled.
+"""Compiled force and moment on the projectile at an instant (eqs. 1-5), and its accelerations (eq. 6).
 
-The route of the paper sums over panels. Ours integrates: the outline is cut into stretches on which the loaded arc
-changes smoothly, each loaded stretch gets Gauss-Legendre stations, and the rings at the stations are summed together,
-those of several states at a time.
+The route of the paper sums over panels. The adaptive route integrates: the outline is cut into stretches on which the
+loaded arc changes smoothly, and each loaded stretch gets Gauss-Legendre stations. The rings at all stations, of several
+states at a time, are then summed in one loop.
 
-In a wall, an element that faces the rear is weakened by it as one that faces out is by the impact face: with the same
-decay function, on the distance along its normal to the rear face. What is beyond the rear face is not loaded, nor is
-what is in the plug that shears out, if there is one. On a ring that gives up to four arcs, in the order of rising
-cos β: near the rear face, deep before it, deep behind the impact face, and near that. So every ring is laid out twice:
-once with the arcs that face the impact face, once with those that face the rear.
+In a wall, an element that faces the rear is weakened by the rear face as one that faces out is by the impact face: by
+the same decay function of the distance to that face along the normal. Elements beyond the rear face carry no load, nor
+do those in a plug that shears out. A ring then has up to four arcs, in the order of rising cos β: near the rear face,
+deep before it, deep behind the impact face, and near the impact face. Each ring is stored twice: once with the arcs
+that face the impact face, once with those that face the rear.
 """
 
 import math
@@ -78,50 +78,54 @@ from solver.surface_integration import (
 )
 from solver.target import Target
 
+# A Jacobian needs five evaluations: one for each of depth, axis angle and three velocities.
 MOST_STATES = 5
-"""That are evaluated together: their rings fill the same vectors, and none waits for another."""
+"""Largest number of states evaluated in one call, so that their rings fill whole vectors."""
+# The integrand changes little on a short stretch. Halving its stations took 6 % off a search at the same angles.
 SHORT = 0.1
-"""Part of an outline piece below which a stretch gets half of the stations."""
+"""Length of a stretch, over that of its outline piece, below which it gets half of the stations. [1]"""
 REAR = np.uint64(ROOM // 2)
-"""Place of the first ring with the arcs that face the rear; those that face the impact face begin at 0."""
+"""Index of the first ring with arcs that face the rear; rings with arcs that face the impact face begin at 0."""
 
 
 class Rule(NamedTuple):
     """A Gauss-Legendre rule on [0, 1] for loops over vectors."""
 
     size: int
-    """Stations."""
+    """Number of stations."""
     table: FloatArray
-    """(2, n) nodes and weights, filled up with zeros to whole vectors."""
+    """(2, n) nodes and weights, padded with zeros to whole vectors."""
 
 
 class Quadrature(NamedTuple):
-    """Gauss-Legendre nodes and weights on [0, 1]."""
+    """Gauss-Legendre rules for the integrals over the surface."""
 
     stations: Rule
-    """Along a stretch of the outline,"""
+    """Rule along a stretch of the outline."""
     few_stations: Rule
-    """along a short one, half as many."""
+    """Rule along a short stretch, with half as many stations."""
     points: FloatArray
-    """(m, 2) around an arc."""
+    """(m, 2) nodes and weights of the rule around an arc."""
 
 
 class Scratch(NamedTuple):
-    """Arrays to work in during one evaluation."""
+    """Scratch arrays of one evaluation."""
 
     cuts: FloatArray
-    """(3 `MAX_CUTS`,) of one outline piece: by the face, and in a wall by either face, then by its rear face."""
+    """(3 `MAX_CUTS`,) ends of the stretches of one outline piece. In a wall the first two thirds hold the cuts by both
+    faces, and the last third those by the rear face."""
     rows: FloatArray
+    """(`ROW_COUNT` × `CAPACITY`,) rows of ring data, see `solver.surface_integration`."""
     attitudes: FloatArray
-    """(`MOST_STATES`, 3) cosine of the axis angle, its sine without sign, and the sign."""
+    """(`MOST_STATES`, 3) cosine of the axis angle, absolute value of its sine, and the sign of the sine."""
     ends: IntArray
-    """(`MOST_STATES`, 2) places in the rows where the rings of a state end, and those resisted in full."""
+    """(`MOST_STATES`, 2) index behind the last ring of a state, and behind its last fully resisted ring."""
 
 
 def build_law(
     *, resistance: Resistance, target: Target, projectile: Projectile, strength_factor: float, ramp_velocity: float
 ) -> Law:
-    """Resistance of `target` with the strength factor of one strike."""
+    """Build the resistance of `target` with the strength factor of one strike."""
     thickness, crater = math.inf if target.thickness is None else float(target.thickness), resistance.crater
     return Law(
         static_stress=float(strength_factor * target.compressive_strength),
@@ -136,7 +140,7 @@ def build_law(
 
 
 def build_quadrature(*, stations: int, points: int) -> Quadrature:
-    """Rules with so many stations a stretch and points an arc."""
+    """Build the rules for a number of stations on each stretch and a number of points on each arc."""
     return Quadrature(_rule(stations), _rule((stations + 1) // 2), gauss_rule(points))
 
 
@@ -148,7 +152,7 @@ def _rule(count: int) -> Rule:
 
 
 def make_scratch() -> Scratch:
-    """Return arrays to work in."""
+    """Allocate the scratch arrays of an evaluation."""
     attitudes, ends = np.zeros((MOST_STATES, 3)), np.zeros((MOST_STATES, 2), np.int64)
     return Scratch(np.empty(3 * MAX_CUTS), np.empty(ROW_COUNT * CAPACITY), attitudes, ends)
 
@@ -157,15 +161,15 @@ def make_scratch() -> Scratch:
 def accelerate_by_gauss(
     states: FloatArray, body: Body, law: Law, quadrature: Quadrature, scratch: Scratch, out: FloatArray
 ) -> None:
-    """Write the accelerations of depth, lateral position and axis angle, of up to `MOST_STATES` states.
+    """Write the accelerations of depth, lateral position and axis angle for up to `MOST_STATES` states.
 
     Parameters
     ----------
     states
-        (6 n,) one after the other: depth and lateral position of the centre of gravity, axis angle, and their rates.
-        [m, rad, s]
+        (6 n,) states one after the other: depth and lateral position of the centre of gravity, axis angle, and their
+        rates. [m, rad, s]
     out
-        (3 n,) All zero only where nothing is loaded. [m/s², rad/s²]
+        (3 n,) output: accelerations, all zero where nothing is loaded. [m/s², rad/s²]
     """
     outline, cuts, rows = body.outline, scratch.cuts, scratch.rows
     rings = fulls = first = 0
@@ -174,28 +178,34 @@ def accelerate_by_gauss(
         at = 6 * k
         if k == 0 or states[at + 2] != states[at - 4]:
             c, s = math.cos(states[at + 2]), math.sin(states[at + 2])
+        # The order of the arcs on a ring holds for axis angles of 0 to 180° only. Other states are reflected about the
+        # normal of the face, and their accelerations reflected back.
         mirror = math.copysign(1.0, s)
         depth, lateral_speed, spin = states[at], mirror * states[at + 4], mirror * states[at + 5]
         forward, sideways = states[at + 3] * c + lateral_speed * abs(s), lateral_speed * c - states[at + 3] * abs(s)
         motion = (depth, c, abs(s), forward, sideways, spin)
         scratch.attitudes[k, 0], scratch.attitudes[k, 1], scratch.attitudes[k, 2] = c, abs(s), mirror
         out[3 * k], out[3 * k + 1], out[3 * k + 2] = 0.0, 0.0, 0.0
-        hidden = c >= 0.0 and law.decay.corner > 0.0  # a base that faces out is weakened to nothing
+        hidden = c >= 0.0 and law.decay.corner > 0.0  # the decay of a base that faces out is zero
         for index in range(outline.shape[0] - (1 if hidden else 0)):
             piece = outline[index]
+            # Stretches end where the loaded arc has a kink, so that each integrand is smooth and Gauss-Legendre
+            # quadrature converges fast.
             count = cut(cuts, piece, motion)
             for stretch in range(count):
                 begin, end = cuts[stretch], cuts[stretch + 1]
-                middle = ring_at(piece, 0.5 * (begin + end))  # loaded if the stretch is
+                middle = ring_at(piece, 0.5 * (begin + end))  # either all rings of a stretch are loaded or none is
                 if not is_loaded(middle, motion):
                     continue
                 short = end - begin < SHORT * (cuts[count] - cuts[0])
                 rule = quadrature.few_stations if short else quadrature.stations
+                # Full rows are integrated and emptied, so that the number of stretches has no limit.
                 if max(rings, fulls) + rule.table.shape[1] > ROOM:
                     scratch.ends[k, 0], scratch.ends[k, 1] = rings, FULL + fulls
                     integrate_rings(rows, rings, fulls, quadrature.points, law, body.bounds & BOUNDED > 0)
                     _add_up(first, k, body, scratch, out)
                     first, rings, fulls = k, 0, 0
+                # Rings without a decay have closed integrals. A loop of their own took 5 to 8 % off a search.
                 if law.decay.corner == 0.0 or is_full(piece, begin, end, middle, motion):
                     add_rings(rows, FULL + fulls, piece, begin, end, rule.table, motion)
                     fulls += rule.size
@@ -209,7 +219,7 @@ def accelerate_by_gauss(
 
 @lean
 def _add_up(first: int, last: int, body: Body, scratch: Scratch, out: FloatArray) -> None:
-    """Add what the rings laid out do to the accelerations of the states from `first` to `last`."""
+    """Add the loads of the stored rings to the accelerations of the states from `first` to `last`."""
     begin, begin_full, mobility, agility = 0, FULL, 1.0 / body.mass, 1.0 / body.moment_of_inertia
     for k in range(first, last + 1):
         end, end_full = scratch.ends[k, 0], scratch.ends[k, 1]
@@ -225,7 +235,7 @@ def _add_up(first: int, last: int, body: Body, scratch: Scratch, out: FloatArray
 
 @lean
 def weaken_in_crater(states: FloatArray, body: Body, crater_depth: float, out: FloatArray) -> None:
-    """Multiply the accelerations by the depth of each state over that of the crater, up to 1."""
+    """Scale the accelerations of each state by its deepest point over the depth of the crater, at most 1."""
     for k in range(out.size // 3):
         depth = states[6 * k] + deepest_offset(body, states[6 * k + 2])
         share = min(max(depth / crater_depth, 0.0), 1.0)
@@ -235,7 +245,10 @@ def weaken_in_crater(states: FloatArray, body: Body, crater_depth: float, out: F
 
 @lean
 def panel_loads(state: FloatArray, panels: Panels, law: Law) -> Load:
-    """The same sum over the panels of the paper, whose stress is not ramped."""
+    """Return force into depth, lateral force and moment as the sum over the panels of the paper. [N, N m]
+
+    The static stress is not ramped, as in the paper.
+    """
     depth, angle, spin = state[0], state[2], state[5]
     c, s = math.cos(angle), math.sin(angle)
     forward, sideways = state[3] * c + state[4] * s, state[4] * c - state[3] * s
@@ -251,6 +264,7 @@ def panel_loads(state: FloatArray, panels: Panels, law: Law) -> Load:
         if speed <= 0.0:
             continue
         tilt, cavity = n_lateral * s - n_axial * c, panels.cavity[i]
+        # An element is weakened by the face that its normal meets: the rear face if the normal points into depth.
         if tilt < 0.0 and law.thickness < math.inf:
             factor = decay_at(law.thickness - inside, -tilt * min(cavity, panels.radius), speed, law.decay)
         else:
@@ -266,7 +280,7 @@ def panel_loads(state: FloatArray, panels: Panels, law: Law) -> Load:
 def accelerate_in_wall(
     states: FloatArray, body: Body, law: Law, quadrature: Quadrature, scratch: Scratch, out: FloatArray
 ) -> None:
-    """Write the accelerations of depth, lateral position and axis angle, as `accelerate_by_gauss` does."""
+    """Write the accelerations of states in a wall; arguments are those of `accelerate_by_gauss`."""
     loaded = law.loaded_thickness
     for k in range(out.size // 3):
         at = 6 * k
@@ -277,7 +291,7 @@ def accelerate_in_wall(
         motion = (states[at], c, s, forward, sideways, spin)
         along = across = moment = 0.0
         count = 0
-        hidden = c >= 0.0 and law.decay.corner > 0.0  # a base that faces out is weakened to nothing
+        hidden = c >= 0.0 and law.decay.corner > 0.0  # the decay of a base that faces out is zero
         for index in range(body.outline.shape[0] - (1 if hidden else 0)):
             piece = body.outline[index]
             stretches = _cut(piece, motion, loaded, scratch.cuts)
@@ -303,7 +317,10 @@ def accelerate_in_wall(
 
 @lean
 def _cut(piece: FloatArray, motion: BodyMotion, loaded: float, cuts: FloatArray) -> int:
-    """Write the sorted ends of the stretches of a piece, cut at both ends of what is loaded; return their number."""
+    """Write the sorted ends of the stretches of a piece in a wall, cut by both faces; return the number of stretches.
+
+    The rear cut is at the rear face or, with a plug, where the plug begins.
+    """
     depth, c, s, forward, sideways, spin = motion
     behind = cuts[2 * MAX_CUTS :]
     count = cut(cuts, piece, motion)
@@ -317,7 +334,7 @@ def _cut(piece: FloatArray, motion: BodyMotion, loaded: float, cuts: FloatArray)
 
 @lean
 def _integrate(rows: FloatArray, count: int, points: FloatArray, law: Law, tapers: bool) -> Load:
-    """Force along and across the axis, and moment, of the first `count` rings."""
+    """Return the force along and across the axis and the moment of the first `count` rings in a wall. [N, N m]"""
     integrate_in_wall(rows, count, points, law, tapers)
     f, g, h = sum_rings(rows, 0, count)
     along, across, moment = sum_rings(rows[REAR:], 0, count)
@@ -326,7 +343,7 @@ def _integrate(rows: FloatArray, count: int, points: FloatArray, law: Law, taper
 
 @lean
 def integrate_in_wall(rows: FloatArray, count: int, points: FloatArray, law: Law, tapers: bool) -> None:
-    """Integrate around the first `count` rings in a wall, with the arcs that face the rear at `REAR`."""
+    """Integrate the stress around the first `count` rings in a wall; arcs that face the rear are stored at `REAR`."""
     end, at_rear = whole(count), rows[REAR:]
     if tapers:
         _load_tapering_rings(rows, end, law)
@@ -337,13 +354,14 @@ def integrate_in_wall(rows: FloatArray, count: int, points: FloatArray, law: Law
 
 
 def _ring_loader(name: str, *, tapers: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
-    """Function for bodies with or without a cavity that is bounded towards the rear face only: those without save it.
+    """Make the function that finds the arcs of rings in a wall, for bodies with or without a part that tapers.
 
-    Compiled code is kept by the name.
+    Towards the impact face the cavity of a tapering part is unbounded, towards the rear face it is bounded. Bodies
+    without such a part save the second evaluation. The cache of compiled code tells the two functions apart by `name`.
     """
 
     def load_rings(rows: FloatArray, last: np.uint64, law: Law) -> None:
-        """Find the arcs of every ring up to a place, those that face the rear at `REAR`; integrate those in full."""
+        """Find the arcs of the rings up to `last` and integrate around the fully resisted ones."""
         beyond, endless, loaded = law.decay.corner - 1.0, law.decay.corner == 0.0, law.loaded_thickness
         for i in range(last):
             j = i + REAR
@@ -355,22 +373,24 @@ def _ring_loader(name: str, *, tapers: bool) -> Callable[[FloatArray, np.uint64,
             depth_scale, tilt_scale = cavity_scales(rows[CAVITY + i], cosine, radius)
             outward, outward_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
             inward, inward_slope = depth_scale * inside, depth_scale * inside_slope
-            rear_tilt, rear_tilt_slope = outward, outward_slope  # outward, with the cavity towards the rear
+            rear_tilt, rear_tilt_slope = outward, outward_slope  # the tilt over the cavity towards the rear
             if tapers:
                 depth_scale, tilt_scale = cavity_scales(abs(rows[CAVITY + i]), cosine, radius)
                 rear_tilt, rear_tilt_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
             ahead, ahead_slope = depth_scale * (law.thickness - inside), -depth_scale * inside_slope
 
+            # Each clamp keeps an end between its neighbours, so that the arcs stay in order and an absent arc has no
+            # width. `TINY` avoids 0/0 where a ring has no slope, and vanishes in any other denominator.
             low, high = loaded_range(inside, inside_slope, speed, speed_slope)
             low = clamp((inside - loaded) / (TINY - inside_slope), low, high)
             start = clamp(-outward / (outward_slope + TINY), low, high)
             start = high if endless else start
-            full = start if endless else low  # up to here in full
+            full = start if endless else low  # end of the arc without decay
             rear = -(ahead + beyond * rear_tilt) / (ahead_slope + beyond * rear_tilt_slope + TINY)
             rear = clamp(rear, full, start)
             front = (inward - beyond * outward) / (beyond * outward_slope - inward_slope + TINY)
             front = clamp(front, start, high)
-            at_front, at_rear = high > start, start > full  # elsewhere any finite decay, without weight
+            at_front, at_rear = high > start, start > full  # an absent arc gets a tilt of 1, which keeps k finite
 
             static = ramped(speed + abs(speed_slope), law.static_stress, law.ramp_velocity, law.smooth_ramp)
             angle_low, angle_full, angle_rear = arc_cosine(low), arc_cosine(full), arc_cosine(rear)

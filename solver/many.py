@@ -1,7 +1,7 @@
 """Many cases at a time, on several threads, and their answers as one table.
 
-The compiled code releases the interpreter lock. A table has a row for each answer, in SI units and radians, under the
-names of the solver.
+Threads run in parallel, since the compiled code releases the interpreter lock. A table has a row for each answer, in SI
+units and radians, with the names of the solver.
 """
 
 import math
@@ -28,24 +28,27 @@ from solver.strike import Impact, Numerics, is_part, label, named_values, short_
 from solver.target import Target
 from solver.trajectory import Trajectory, simulate
 
+# Some strikes take thirty times as long as most, and the threads should not wait for one of them. With 64 two threads
+# were 1.91 to 1.95 times as fast as one, with 8 1.77 times.
 AHEAD = 64
-"""Strikes for each thread that may be begun before the oldest is fetched: some take thirty times as long as most, and
-nobody should wait behind them."""
+"""Largest number of cases, for each thread, computed ahead of the answer that the caller waits for."""
 
 Value = TypeVar("Value")
 Answer = TypeVar("Answer")
 
 
 class ArrayLike(Protocol):
-    """An array, a Series of pandas, a DataArray of xarray."""
+    """Object that converts to an array, such as a Series of pandas or a DataArray of xarray."""
 
     def __array__(self) -> npt.NDArray[Any]:
-        """Return its values."""
+        """Return the values as an array."""
 
 
 OneOrMany: TypeAlias = Value | Sequence[Value] | ArrayLike
+"""One value for all cases, or a value for each."""
 
 ANSWERS = (Trajectory, CriticalAngle, PerforationLimit)
+"""Classes whose objects are rows of tables."""
 INPUTS = (Impact, Target, Projectile, Resistance, Numerics)
 """Classes whose fields are columns of tables."""
 
@@ -63,22 +66,22 @@ def critical_angle_many(
     strength_scatter: ScatterSource = "law",
     threads: int = 1,
 ) -> Sequence[CriticalAngle | RicochetError]:
-    """Critical angles of many cases.
+    """Find the critical angles of many cases.
 
     Parameters
     ----------
     projectile, target, velocity, angle_of_attack, angular_velocity, resistance
         As for `critical_angle`: one for all cases, or a sequence, array, Series or DataArray with one for each.
     numerics, search, strength_scatter
-        The same for all.
+        As for `critical_angle`, the same for all cases.
     threads
-        How many cases run at a time.
+        Number of cases computed at a time.
 
     Returns
     -------
     sequence of CriticalAngle or RicochetError
-        In the order of the cases. Each is computed when it is first asked for, so the first are there while later ones
-        still run; a case that failed has its error in its place and stops nothing.
+        Answers in the order of the cases. Each is computed when it is first accessed, so that the first ones are
+        available while later ones still run. A case that failed has its error in its place.
 
     Raises
     ------
@@ -108,21 +111,21 @@ def simulate_many(
     strength_scatter: ScatterSource = "law",
     threads: int = 1,
 ) -> Sequence[Trajectory | RicochetError]:
-    """Trajectories of many strikes.
+    """Compute the trajectories of many strikes.
 
     Parameters
     ----------
     projectile, target, impact, resistance
         As for `simulate`: one for all strikes, or a sequence with one for each.
     numerics, sample_interval, strength_scatter
-        The same for all; no histories unless an interval is given. [s]
+        As for `simulate`, the same for all strikes; no histories unless an interval is given. [s]
     threads
-        How many strikes run at a time.
+        Number of strikes computed at a time.
 
     Returns
     -------
     sequence of Trajectory or RicochetError
-        In the order of the strikes, as of `critical_angle_many`.
+        Answers in the order of the strikes, as those of `critical_angle_many`.
 
     Raises
     ------
@@ -147,21 +150,21 @@ def least_thickness_many(
     tolerance: float = TOLERANCE,
     threads: int = 1,
 ) -> Sequence[PerforationLimit | RicochetError]:
-    """Least thicknesses that stop many strikes.
+    """Find the least thicknesses that stop many strikes.
 
     Parameters
     ----------
     projectile, target, impact, velocity, oblique_angle, angle_of_attack, angular_velocity, resistance
         As for `least_thickness`: one for all strikes, or a sequence, array, Series or DataArray with one for each.
     numerics, tolerance
-        The same for all.
+        As for `least_thickness`, the same for all strikes.
     threads
-        How many strikes run at a time.
+        Number of strikes computed at a time.
 
     Returns
     -------
     sequence of PerforationLimit or RicochetError
-        In the order of the strikes, as of `critical_angle_many`.
+        Answers in the order of the strikes, as those of `critical_angle_many`.
 
     Raises
     ------
@@ -195,21 +198,21 @@ def limit_velocity_many(
     tolerance: float = TOLERANCE,
     threads: int = 1,
 ) -> Sequence[PerforationLimit | RicochetError]:
-    """Least velocities that perforate many walls.
+    """Find the least velocities that perforate many walls.
 
     Parameters
     ----------
     projectile, target, impact, oblique_angle, angle_of_attack, angular_velocity, resistance
         As for `limit_velocity`: one for all walls, or a sequence, array, Series or DataArray with one for each.
     numerics, tolerance
-        The same for all.
+        As for `limit_velocity`, the same for all walls.
     threads
-        How many walls run at a time.
+        Number of walls computed at a time.
 
     Returns
     -------
     sequence of PerforationLimit or RicochetError
-        In the order of the walls, as of `critical_angle_many`.
+        Answers in the order of the walls, as those of `critical_angle_many`.
 
     Raises
     ------
@@ -230,9 +233,16 @@ def limit_velocity_many(
 
 
 class Answers(Sequence[Answer | RicochetError]):
-    """Answers to cases, computed in order when they are first asked for, and kept.
+    """Lazy sequence of answers to cases, computed in order at the first access and then kept.
 
-    Each column holds one argument of the function.
+    Parameters
+    ----------
+    function
+        Function that answers one case.
+    threads
+        Number of cases computed at a time.
+    **columns
+        Arguments of the function: one value for all cases, or a sequence with one for each.
     """
 
     def __init__(self, function: Callable[..., Answer], threads: int, **columns: Any) -> None:
@@ -252,7 +262,7 @@ class Answers(Sequence[Answer | RicochetError]):
         self._coming = self._begin()
 
     def _begin(self) -> Generator[Answer | RicochetError, None, None]:
-        """Yield the answers that are not kept yet."""
+        """Start computing the answers that are not kept yet, and yield them."""
         return _run(self._function, islice(self._cases(), len(self._kept), None), self._threads)
 
     def _cases(self) -> Iterator[dict[str, Any]]:
@@ -276,7 +286,7 @@ class Answers(Sequence[Answer | RicochetError]):
         while len(self._kept) <= place:
             try:
                 self._kept.append(next(self._coming))
-            except BaseException:  # After Ctrl-C, say: the generator has ended, and the rest may be asked for again.
+            except BaseException:  # such as Ctrl-C, which ends the generator; the next access starts it anew
                 self._coming = self._begin()
                 raise
         return self._kept[place]
@@ -285,14 +295,15 @@ class Answers(Sequence[Answer | RicochetError]):
         return f"<{self._length} answers, {len(self._kept)} of them computed>"
 
     def close(self) -> None:
-        """Give up the cases that have been begun ahead of the last answer."""
+        """Cancel the cases that have been started ahead of the last answer."""
         self._coming.close()
         self._coming = self._begin()
 
     def inputs(self, taken: Container[str]) -> Columns:
-        """Return what was given for each case, objects by their fields, under names that are not taken."""
+        """Return the inputs that vary over the cases as columns, objects by their fields, with names not in `taken`."""
         rows = [dict(named_values({name: case[name] for name in self._many})) for case in self._cases()]
-        # An object without a name is not a column, as its fields are; nor is what no case has.
+        # The fields of an object are columns. The object itself is one only if it has a name, and inputs that no case
+        # has are left out.
         names = {
             name: None
             for row in rows
@@ -304,14 +315,14 @@ class Answers(Sequence[Answer | RicochetError]):
 
 
 def _column(values: Sequence[Any]) -> npt.NDArray[Any]:
-    """Return numbers as an array with NaN for None, anything else as texts, which are empty for None."""
+    """Convert values to an array: numbers with NaN for None, or else texts that are empty for None."""
     if all(value is None or isinstance(value, float | int) for value in values):
         return np.array([math.nan if value is None else value for value in values])
     return np.array(["" if value is None else str(label(value)) for value in values])
 
 
 def attempt(function: Callable[..., Answer], case: Mapping[str, Any]) -> Answer | RicochetError:
-    """Return the answer to a case, or the error it ends with."""
+    """Call a function with a case, and return its answer or its `RicochetError`."""
     try:
         return function(**case)
     except RicochetError as error:
@@ -321,7 +332,7 @@ def attempt(function: Callable[..., Answer], case: Mapping[str, Any]) -> Answer 
 def _run(
     function: Callable[..., Answer], cases: Iterable[dict[str, Any]], threads: int
 ) -> Generator[Answer | RicochetError, None, None]:
-    """Answers in order; on threads, some ahead of the caller."""
+    """Yield the answers to cases in order; with several threads, some are computed ahead of the caller."""
     if threads == 1:
         yield from (attempt(function, case) for case in cases)
         return
@@ -336,25 +347,25 @@ def _run(
 
 
 class Tabular(Protocol):
-    """An answer with a table of its own."""
+    """Answer with a table of its own."""
 
     def to_dataframe(self) -> DataFrame:
-        """Return it."""
+        """Return the table as a ``pandas.DataFrame``."""
 
 
 class Labelled(Protocol):
-    """An answer under some laws, as of `solver.alternatives`."""
+    """Answer under a choice of laws, such as `Alternative`."""
 
     @property
     def answer(self) -> Any:
-        """Return the answer, or the error."""
+        """Answer, or error."""
 
     def laws(self) -> Row:
         """Return the names of the laws, as columns of a table."""
 
 
 def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError | Labelled]) -> Columns:
-    """Return what `simulate_many`, `critical_angle_many` and the like return as columns, a row for each answer.
+    """Return a table of the answers to many cases as arrays by name, with a row for each answer.
 
     Parameters
     ----------
@@ -364,14 +375,14 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
     Returns
     -------
     dict of str to array
-        First the inputs that were given one for each case, objects by their fields, if the answers are what the
-        function returned and not a list of them; of alternatives their laws. For trajectories ``outcome``,
+        The first columns are the inputs that vary over the cases, if the answers are the object that the function
+        returned and not a list of them; for alternatives they are the laws. For trajectories follow ``outcome``,
         ``maximum_depth``, ``protrusion_final`` and ``protrusion_greatest`` [m], ``bending_peak_stress`` [Pa],
         ``strength_factor`` and ``final_time`` [s] to ``final_kinetic_energy`` [J]; for critical angles ``status``,
         ``angle``, ``standard_error``, ``bracket_low`` and ``bracket_high`` [rad], and
         ``strength_factor``; for limits of perforation ``status``, ``value``, ``value_low``, ``value_high`` and
-        ``without_protrusion`` [m or m/s]. Then ``warnings``, their codes with blanks between them, and ``error``, empty
-        unless the case failed. NaN and empty text stand where there is nothing.
+        ``without_protrusion`` [m or m/s]. The last columns are ``warnings``, the codes separated by blanks, and
+        ``error``, empty unless the case failed. Missing values are NaN or empty text.
 
     Raises
     ------
@@ -400,9 +411,9 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
 def to_dataframe(
     answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError | Labelled] | Tabular,
 ) -> DataFrame:
-    """Return the same as a ``pandas.DataFrame``, whose `attrs` have the units.
+    """Return the table of `columns` as a ``pandas.DataFrame`` with the units in its `attrs`.
 
-    An object that has a table of its own, as a trajectory or a fit, gives that.
+    For an object with a table of its own, such as a trajectory or a fit, that table is returned.
 
     Raises
     ------

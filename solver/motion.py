@@ -1,8 +1,8 @@
-"""Motion under resistance (eq. 6): the right-hand side, steps and states inside them, and what ends a run, compiled.
+"""Compiled motion under resistance (eq. 6): right-hand side, dense output of steps, and events that end a run.
 
 The state is depth and lateral position of the centre of gravity, axis angle, and their three rates. [m, rad, s]
-A step is stored as a row: its start time and length, then four rows of six that give the state inside it, for a
-fraction x of the step, as ``(1-x) start + x (end + (1-x) (bend + x twist))``. The instants of events are roots on this
+A step is stored as a row: its start time and length, then four groups of six numbers that give the state at a fraction
+x of the step as ``(1-x) start + x (end + (1-x) (bend + x twist))``. The instants of events are roots on this
 interpolation.
 """
 
@@ -27,26 +27,37 @@ from solver.loads import (
 from solver.surface import CENTRED, Body, Panels, deepest_offset, deepest_point
 from solver.surface_integration import Law
 
+# A narrower ramp makes the equations stiffer, a wider one lets the body creep faster at rest. This one changes the
+# depth in normal impact by less than 1e-5 of it, as a test checks.
 RAMP_FRACTION = 1e-4
-"""Ramp velocity of the static stress over the impact velocity."""
+"""Ramp velocity of the static stress over the impact velocity. [1]"""
+# With the ramp the load of a contact that ends dies away instead of stopping at an instant, so a small load has to
+# count as none. A millionth of the load on a body of that size is a judgement.
 NEGLIGIBLE_LOAD = 1e-6
-"""Load below which nothing counts as loaded, over the static stress on the square of the distance to the tip: the ramp
-lets a contact that ends die away instead of stopping at an instant."""
+"""Load below which a body counts as unloaded, over the static stress times the squared distance to the tip. [1]"""
 STEP_WIDTH = 26
+"""Numbers in the row of a step: time, length, and four groups of six."""
+# GRK4T has four stages, and the estimate from the end of a step is a fifth.
 MOST_STAGES = 5
+"""Rows of stage increments in a `Workspace`."""
+# The static stress vanishes with the velocity, so the energy never reaches zero. This share is a hundredth of the
+# default retention energy, and so decides no outcome.
 REST_FRACTION = 1e-4
-"""Kinetic energy at rest, over its initial value."""
+"""Kinetic energy at rest, over its initial value. [1]"""
+# Bisection on the stored cubic takes no evaluation of the load, cannot fail, and 24 halvings give 6e-8 of a step.
 HALVINGS = 24
-"""Bisections of a step, to find the instant of an event: to 1e-7 of the step."""
+"""Bisections that locate an event within a step."""
+# A body that turns on end over end meets concrete that it has broken before and that the model takes for intact, so
+# that its motion has no meaning any more.
 MOST_TURN = 2.0 * math.pi
-"""How far the axis turns at most in a target: one that turns on end over end meets concrete that it has broken before,
-which the model takes for intact, so that its motion says nothing any more. [rad]"""
+"""Largest turn of the axis in a target before a run ends as `Termination.TUMBLED`. [rad]"""
+# Each of these takes an evaluation of the load. 2e-4 of a step is enough, as hardly any load is left at a release.
 RELEASE_HALVINGS = 12
-"""Bisections for a release, where each takes an evaluation and hardly any load is left."""
+"""Bisections that locate the release of a body within a step."""
 
 
 class Model(NamedTuple):
-    """All that the right-hand side needs. Panels are used if there are any, else Gauss points."""
+    """Parameters of the right-hand side. Panels are used if there are any, else Gauss points."""
 
     body: Body
     law: Law
@@ -55,26 +66,26 @@ class Model(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Arrays to try a step in."""
+    """Scratch arrays of a step."""
 
     start: FloatArray
-    """(3,) accelerations at its start,"""
+    """(3,) accelerations at the start of the step."""
     end: FloatArray
-    """at its end,"""
+    """(3,) accelerations at the end of the step."""
     stage: FloatArray
-    """and at a stage."""
+    """(3,) accelerations at a stage."""
     trial: FloatArray
-    """(6,) the state it leads to,"""
+    """(6,) state at the end of the step."""
     point: FloatArray
-    """and one in between."""
+    """(6,) state inside the step."""
     points: FloatArray
-    """(6 `MOST_STATES`,) states near its start, one after the other,"""
+    """(6 `MOST_STATES`,) states near the start for difference quotients, one after the other."""
     slopes: FloatArray
-    """(3 `MOST_STATES`,) and the accelerations there."""
+    """(3 `MOST_STATES`,) accelerations at `points`."""
     stages: FloatArray
     """(`MOST_STAGES`, 6) increments or rates of the stages."""
     scale: FloatArray
-    """(6,) size of the six numbers of a state, over which errors count."""
+    """(6,) scales of the six numbers of a state, over which errors are measured."""
     event: FloatArray
     """(7,) time and state of an event, see `end_of_step`."""
     scratch: Scratch
@@ -93,13 +104,13 @@ def start_state(
 
 @lean
 def assign(values: FloatArray, out: FloatArray) -> None:
-    """Copy values. An assignment to a slice would compile the formatting of an error of shapes into its function."""
+    """Copy values; assignment to a slice would also compile numba's error message about unequal shapes."""
     for n in range(out.size):
         out[n] = values[n]
 
 
 def make_workspace() -> Workspace:
-    """Return arrays to work in."""
+    """Allocate the scratch arrays of a run."""
     start, end, stage = np.zeros(3), np.zeros(3), np.zeros(3)
     trial, point = np.zeros(6), np.zeros(6)
     points, slopes = np.zeros(6 * MOST_STATES), np.zeros(3 * MOST_STATES)
@@ -109,9 +120,14 @@ def make_workspace() -> Workspace:
 
 @lean
 def accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> bool:
-    """Write the three accelerations of eq. 6 for each of the states; return whether anything is loaded in the last.
+    """Write the accelerations of eq. 6 for each state, and return whether the body is loaded in the last state.
 
-    Both are flat, one state after the other. With panels there is only one.
+    Parameters
+    ----------
+    states
+        (6 n,) states one after the other; with panels n must be 1. [m, rad, s]
+    out
+        (3 n,) output: accelerations. [m/s², rad/s²]
     """
     body, last = model.body, out.size - 3
     if model.panels.area.size > 0:
@@ -129,7 +145,7 @@ def accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArr
 
 @once
 def load(state: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> None:
-    """Write force and moment in one state."""
+    """Write force and moment in one state. [N, N m]"""
     accelerate(state, model, scratch, out)
     out[0] *= model.body.mass
     out[1] *= model.body.mass
@@ -138,23 +154,25 @@ def load(state: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> 
 
 @lean
 def kinetic_energy(state: FloatArray, body: Body) -> float:
-    """Energy of translation and rotation. [J]"""
+    """Return the kinetic energy of translation and rotation. [J]"""
     translation = body.mass * (state[3] ** 2 + state[4] ** 2)
     return 0.5 * float(translation + body.moment_of_inertia * state[5] ** 2)
 
 
 @lean
 def lasting_energy(start: FloatArray, body: Body) -> float:
-    """Part of the initial kinetic energy that no load can remove: that of the spin of a sphere. [J]
+    """Return the energy of the spin of a sphere, which no load can remove without friction; 0 for other bodies. [J]
 
-    Shares of the energy are of the rest. A sphere at rest in the target still spins there, as nothing rubs it.
+    Fractions of the initial energy refer to the energy without this part.
     """
     return 0.5 * body.moment_of_inertia * float(start[5] ** 2) if body.bounds & CENTRED > 0 else 0.0
 
 
 @lean
 def store_step(row: FloatArray, time: float, step: float, state: FloatArray, work: Workspace) -> None:
-    """Cubic Hermite interpolation through the rates at both ends of a step."""
+    """Store a step as the cubic Hermite interpolant of the states and rates at both of its ends."""
+    # The rates at both ends are known, so the interpolant takes no evaluation. It is of order 3 for a step of order 4,
+    # and its first derivative is continuous.
     row[0], row[1] = time, step
     for n in range(6):
         change = work.trial[n] - state[n]
@@ -167,7 +185,8 @@ def store_step(row: FloatArray, time: float, step: float, state: FloatArray, wor
 
 @lean
 def interpolate(step: FloatArray, fraction: float, out: FloatArray) -> None:
-    """State inside a step."""
+    """Write the state at a fraction of a stored step."""
+    # This form gives the stored states exactly at both ends, without cancellation between the terms of a cubic.
     rest = 1.0 - fraction
     for n in range(6):
         inner = step[14 + n] + fraction * step[20 + n]
@@ -175,7 +194,7 @@ def interpolate(step: FloatArray, fraction: float, out: FloatArray) -> None:
 
 
 def sample(steps: FloatArray, times: FloatArray) -> FloatArray:
-    """States at sorted `times` from a table of steps."""
+    """Return the (n, 6) states at sorted `times`, interpolated in a table of steps."""
     states = np.empty((times.size, 6))
     _fill_states(steps, times, states)
     return states
@@ -192,12 +211,10 @@ def _fill_states(steps: FloatArray, times: FloatArray, states: FloatArray) -> No
 
 
 def sample_accelerations(steps: FloatArray, times: FloatArray) -> FloatArray:
-    """(n, 3) rates of the velocities that `sample` gives at these times.
-
-    Where the body slides straight, its speed across the axis is some mm/s and decides the load, and the interpolated
-    speed misses it by more: loads of interpolated states then scatter by the greatest load there is. The slope of the
-    interpolation is exact at both ends of a step and smooth between them.
-    """
+    """Return the (n, 3) accelerations at sorted `times`, as derivatives of the velocities that `sample` returns."""
+    # A body that slides straight moves across its axis at some mm/s, and that speed decides the load. The interpolated
+    # speed is not that accurate, so loads computed from interpolated states scatter by their largest value. The
+    # derivative of the interpolant is exact at both ends of a step and smooth between them.
     rows = np.minimum(np.searchsorted(steps[:, 0] + steps[:, 1], times), steps.shape[0] - 1)
     step = steps[rows]
     fraction = np.minimum(1.0, (times - step[:, 0]) / step[:, 1])[:, None]
@@ -208,7 +225,7 @@ def sample_accelerations(steps: FloatArray, times: FloatArray) -> FloatArray:
 
 
 def sample_loads(states: FloatArray, model: Model) -> FloatArray:
-    """(n, 3) forces and moments at the given states."""
+    """Return the (n, 3) forces and moments at the given states. [N, N m]"""
     values = np.empty((states.shape[0], 3))
     _fill_loads(states, model, make_scratch(), values)
     return values
@@ -221,86 +238,90 @@ def _fill_loads(states: FloatArray, model: Model, scratch: Scratch, values: Floa
 
 
 class Termination(IntEnum):
-    """Why an integration stopped."""
+    """Reason why an integration stopped."""
 
     TIME = 0
+    """Termination time reached."""
     REST = 1
+    """Kinetic energy down to the rest threshold."""
     RETAINED = 2
-    """With less than the retention energy: no longer loaded and not moving in, beyond the rear face, or at the
-    termination time."""
+    """Less than the retention energy left: unloaded and not moving in, beyond the rear face, or at the termination
+    time."""
     EXIT = 3
+    """Clear of the impact face with more than the retention energy."""
     STEP_LIMIT = 4
+    """Largest number of steps tried."""
     NOT_FINITE = 5
     """Diverged: not finite, or with far more energy than at first contact."""
     NO_STRENGTH = 6
-    """Never begun: the strength factor is not above zero."""
+    """Not started: the strength factor is not above zero."""
     NONE = 7
+    """No end yet: the integration continues."""
     PERFORATED = 8
-    """Beyond the rear face, moving on."""
+    """Clear of the rear face with more than the retention energy."""
     TUMBLED = 9
     """Loaded after the axis has turned by more than `MOST_TURN` since first contact."""
     CANCELLED = 10
-    """Given up on the way, see `solver.cancellation`."""
+    """Cancelled by the caller, see `solver.cancellation`."""
 
 
 class Thresholds(NamedTuple):
-    """Shares of the initial kinetic energy, without that of a spin that nothing can remove."""
+    """Kinetic energies that decide the end of a run, over the initial one without the spin of a sphere. [1]"""
 
     retention: float
-    """A projectile that falls below it is retained, wherever its nose is."""
+    """Energy below which a projectile that is free counts as retained."""
     rest: float
-    """A run ends where it falls to this."""
+    """Energy at which a projectile counts as being at rest."""
 
 
 class Run(NamedTuple):
     """Result of an integration."""
 
     end: int
-    """A value of `Termination`."""
+    """Reason for the end, a value of `Termination`."""
     time: float
     """Time of the event that ended the run. [s]"""
     state: FloatArray
-    """(6,) at that time."""
+    """(6,) state at that time."""
     maximum_depth: float
     """Greatest depth of the deepest point of the body. [m]"""
     steps: int
-    """Rows of the step table that are filled."""
+    """Number of filled rows of the step table."""
     evaluations: int
-    """Evaluations of force and moment."""
+    """Number of evaluations of force and moment."""
     energy_gain: float
-    """Largest gain of kinetic energy over one step, relative to the initial energy; a true motion has none."""
+    """Largest gain of kinetic energy over one step, over the initial energy; a true motion has none. [1]"""
 
 
+# Compiled code returns numbers or plain tuples of numbers to Python. For arrays, named tuples and enumerations numba
+# runs Python code and assumes that it cannot fail: if a signal handler raises in there, the process crashes.
 RunValues = tuple[int, float, float, int, int, float]
-"""The values of a `Run` but the state, which an integrator writes to an array.
-
-What compiled code returns to Python is a number or a plain tuple of numbers. For arrays, named tuples and members of an
-enumeration numba runs Python code, and goes on as if that could not fail: should a signal handler raise in there, the
-process would crash."""
+"""Values of a `Run` in its order, without the state, which an integrator writes to an array."""
 
 
 @lean
 def tip_depth(state: FloatArray, body: Body) -> float:
-    """Depth of the nose tip. [m]"""
+    """Return the depth of the nose tip. [m]"""
     return float(state[0] + body.tip * math.cos(state[2]))
 
 
 @lean
 def _deepest(state: FloatArray, body: Body) -> tuple[float, float]:
-    """Depth of the deepest point of the body, and the speed at which it grows. [m, m/s]"""
+    """Return the depth of the deepest point of the body and the rate of that depth. [m, m/s]"""
     offset, growth = deepest_point(body, state[2])
     return state[0] + offset, state[3] + state[5] * growth
 
 
 @lean
 def greatest_depth(step: FloatArray, until: float, body: Body, state: FloatArray) -> float:
-    """Greatest depth of the deepest point of the body behind the start of a step, up to a time.
+    """Return the greatest depth of the deepest point of the body during a step, up to the time `until`. [m]
 
-    `state` is overwritten.
+    `state` is scratch space.
     """
     low, high = 0.0, min(1.0, (until - step[0]) / step[1])
     interpolate(step, high, state)
     greatest, speed = _deepest(state, body)
+    # The greatest depth lies inside the step only if its rate changes sign; else it is that of an end.
     if speed < 0.0 < _deepest(step[2:8], body)[1]:
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
@@ -315,7 +336,7 @@ def greatest_depth(step: FloatArray, until: float, body: Body, state: FloatArray
 
 @once
 def _rest_fraction(step: FloatArray, body: Body, threshold: float, state: FloatArray) -> float:
-    """Fraction of the step at which the kinetic energy falls to `threshold`."""
+    """Return the fraction of the step at which the kinetic energy falls to `threshold` [J], by bisection."""
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
@@ -329,7 +350,7 @@ def _rest_fraction(step: FloatArray, body: Body, threshold: float, state: FloatA
 
 @once
 def _release_fraction(step: FloatArray, model: Model, work: Workspace, state: FloatArray) -> float:
-    """Fraction of the step at which the last element is unloaded."""
+    """Return the fraction of the step at which the last element is unloaded, by bisection."""
     low, high = 0.0, 1.0
     for _ in range(RELEASE_HALVINGS):
         middle = 0.5 * (low + high)
@@ -343,11 +364,10 @@ def _release_fraction(step: FloatArray, model: Model, work: Workspace, state: Fl
 
 @lean
 def _is_clear(state: FloatArray, body: Body) -> bool:
-    """Whether the body will not touch the face again.
-
-    It moves out, and either it is too far out to touch the face however it turns, or all of it is outside and no point
-    of it can turn inwards as fast as the body leaves.
-    """
+    """Return whether a body that moves out will not touch the impact face again."""
+    # In free flight the velocity and the spin are constant. Either the whole body is outside and leaves faster than any
+    # of its points can turn inwards, or it is too far out to touch the face in any attitude. A run that ends as soon as
+    # the first holds takes 25 steps instead of 59 at 80°.
     reach = 0.0
     for i in range(body.corners.shape[0]):
         reach = max(reach, math.hypot(body.corners[i, 0], body.corners[i, 1]))
@@ -359,7 +379,7 @@ def _is_clear(state: FloatArray, body: Body) -> bool:
 
 @lean
 def _is_through(state: FloatArray, body: Body, thickness: float) -> bool:
-    """Whether the body has left through the rear face and will not touch it again; see `_is_clear`."""
+    """Return whether the body has left through the rear face and will not touch it again, as in `_is_clear`."""
     if state[0] <= thickness:
         return False
     reach = 0.0
@@ -382,27 +402,28 @@ def end_of_step(
     last: bool,
     event: FloatArray,
 ) -> Termination:
-    """Whether the run ends with this step, and how.
+    """Return the reason if the run ends within a step, and write the time and state of the event.
 
     Parameters
     ----------
     step
-        The step, as stored.
+        Row of the step, as `store_step` writes it.
     was_loaded, loaded
-        Whether anything was loaded at its start, and at its end.
+        Load on the body at the start and at the end of the step, as `accelerate` returns it.
     thresholds
-        As energies. [J]
+        Energies of retention and rest. [J]
     begin_angle
         Axis angle at first contact. [rad]
     last
-        Whether the step reaches the termination time.
+        True if the step reaches the termination time.
     event
-        (7,) time and state of the event; between steps, of the last release. Its time is -1 while anything is loaded.
+        (7,) input and output: time and state of the event. Between steps it holds the last release; its time is -1
+        while the body is loaded.
 
     Returns
     -------
     Termination
-        `Termination.NONE` to go on.
+        `Termination.NONE` if the run continues.
     """
     body, time, state = model.body, step[0], event[1:]
     if kinetic_energy(step[8:14], body) <= thresholds.rest:
@@ -416,10 +437,11 @@ def end_of_step(
         fraction = _release_fraction(step, model, work, state)
         event[0] = time + fraction * step[1]
         interpolate(step, fraction, state)
-    elif event[0] < 0.0 and _is_through(step[8:14], body, model.law.thickness):  # nothing was ever loaded
+    elif event[0] < 0.0 and _is_through(step[8:14], body, model.law.thickness):  # the body was never loaded
         event[0] = time + step[1]
         interpolate(step, 1.0, state)
     if event[0] >= 0.0:
+        # The energy at the release decides: it is constant in free flight.
         retained = kinetic_energy(state, body) < thresholds.retention
         if retained and state[3] <= 0.0:
             return Termination.RETAINED
@@ -427,6 +449,7 @@ def end_of_step(
             return Termination.RETAINED if retained else Termination.PERFORATED
         if not retained and (_is_clear(step[8:14], body) or (last and step[11] < 0.0)):
             return Termination.EXIT
+    # The axis of a sphere may turn without end, as no element is loaded by its spin.
     tumbled = loaded and body.bounds & CENTRED == 0 and abs(step[10] - begin_angle) > MOST_TURN
     if last or tumbled:
         event[0] = time + step[1]

@@ -1,4 +1,4 @@
-"""Perforation of a wall: the least thickness that stops a projectile, and the least velocity that gets through."""
+"""Perforation of a wall: the least thickness that stops a projectile, and the least velocity that perforates."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -30,23 +30,30 @@ from solver.target import Target
 from solver.trajectory import run_warnings
 from solver.warnings import DEEPER_THAN_WALL, TUMBLING, UNDECIDED, ModelWarning, decided_by_time, undecided
 
+# Real projectiles penetrate far less. A body that no such wall holds is reported as always perforating.
 MOST_DIAMETERS = 1000.0
-"""Thickest wall that is tried, over the diameter of the projectile: far more than a rigid projectile goes. [1]"""
+"""Thickest wall tried, over the diameter of the projectile. [1]"""
+# No projectile stays rigid at the upper end.
 VELOCITIES = (1.0, 2000.0)
-"""Range that is searched: no projectile stays rigid at its upper end. [m/s]"""
+"""Range of velocities searched. [m/s]"""
+# The outcome need not be monotonic, and the first change is sought: larger steps could pass over it, smaller ones take
+# more trials. The factor is a judgement.
 GROWTH = 1.5
-"""From trial to trial until the outcome changes. [1]"""
+"""Ratio of the values of consecutive trials until the outcome changes. [1]"""
+# This is far below the scatter of S, and takes about twelve bisections.
 TOLERANCE = 1e-4
-"""Width of the final bracket over its upper end. [1]"""
+"""Default width of the final bracket over its upper end. [1]"""
+# With these a limit is within 5e-5 of its converged value, half the width of the bracket.
 RUN_TOLERANCE, RUN_STATIONS = 3e-5, 8
-"""Relative tolerance and stations of the runs unless given: what is found is within 5e-5 of its converged value. [1]"""
+"""Default relative tolerance and stations of the runs."""
 
 
 PreparedStrike: TypeAlias = tuple[PreparedCase, Impact]
+"""Prepared case of a trial, and its impact."""
 
 
 class PerforationStatus(StrEnum):
-    """How a search for perforation ended."""
+    """Result of a search for perforation: a limit, or the outcome over the whole range."""
 
     CONVERGED = "converged"
     ALWAYS_PERFORATED = "always_perforated"
@@ -55,48 +62,48 @@ class PerforationStatus(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PerforationTrial:
-    """One wall or velocity tried."""
+    """One run of a search, at one thickness or velocity."""
 
     value: float
     """Thickness or velocity. [m or m/s]"""
     outcome: Outcome
-    """How the trial ended."""
+    """Outcome of the trial."""
     exit: Exit | None
-    """How the projectile left; None if it did not."""
+    """State of the projectile as it leaves the wall; None if it stays."""
     protrusion: Protrusion | None
-    """How far it stood out of the rear face of a wall that it did not perforate; None if nothing of it did."""
+    """Protrusion out of the rear face of a wall that was not perforated; None if there was none."""
 
     @property
     def comes_out(self) -> bool:
-        """Whether anything of the projectile was ever beyond the rear face."""
+        """True if some part of the projectile was ever beyond the rear face."""
         return self.outcome is Outcome.PERFORATED or self.protrusion is not None
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class PerforationLimit:
-    """Answer of `least_thickness` or `limit_velocity`."""
+    """Result of `least_thickness` or `limit_velocity`, with all trials of the search."""
 
     quantity: Literal["thickness", "velocity"]
-    """What was sought."""
+    """Quantity whose limit was sought."""
     status: PerforationStatus
-    """How the search ended."""
+    """Result of the search: a limit, or the outcome over the whole range."""
     value: float | None
     """Least thickness that was seen to stop the projectile, or least velocity that was seen to perforate; None if the
     outcome does not change in the range. [m or m/s]"""
     bracket: tuple[float, float] | None
-    """Values between which the outcome was last pinned down. [m or m/s]"""
+    """Values on the two sides of the change, at the end of the search. [m or m/s]"""
     iterations: tuple[PerforationTrial, ...]
-    """Every trial, in order."""
+    """All trials, in the order of computation."""
     without_protrusion: float | None
-    """Least thickness with which nothing of the projectile was seen to come out of the rear face, or greatest velocity;
-    None if something does over all of the range, or nothing. [m or m/s]"""
+    """Least thickness, or greatest velocity, at which no part of the projectile was seen beyond the rear face; None if
+    that is so over the whole range, or nowhere in it. [m or m/s]"""
     warnings: tuple[ModelWarning, ...]
-    """Those of the trial at the value found, of the last trial if there is none, and ``undecided`` if a trial on either
-    side of the change, or any trial if there is none, was still in motion at its termination time; so too beside the
-    value without protrusion."""
+    """Warnings of the trial at the value found, or of the last trial if there is none. ``undecided`` is added if a
+    trial beside the change or beside the value without protrusion, or any trial if there is no change, was still in
+    motion at its termination time."""
 
     def row(self) -> Row:
-        """Return what was found, by the names of the columns of `solver.columns`."""
+        """Return status, limit and bracket by the names of the columns of `solver.columns`."""
         low, high = self.bracket or (None, None)
         return {
             "status": self.status.value,
@@ -107,7 +114,7 @@ class PerforationLimit:
         }
 
     def columns(self) -> Columns:
-        """Return the trials as arrays by name, in order."""
+        """Return the trials as arrays by name, in the order of computation."""
         trials = self.iterations
         return {
             "value": np.array([trial.value for trial in trials], float),
@@ -115,14 +122,11 @@ class PerforationLimit:
         }
 
     def to_dataframe(self) -> DataFrame:
-        """Return the trials as a ``pandas.DataFrame``, which has to be installed."""
+        """Return the trials as a ``pandas.DataFrame``; pandas has to be installed."""
         return dataframe(self.columns(), PerforationTrial)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
-        """Return the speed behind the wall of each trial as a ``matplotlib.figure.Figure``.
-
-        It is one of pyplot unless axes are given.
-        """
+        """Plot the speed behind the wall of each trial, in a new figure of pyplot unless axes are given; return it."""
         behind = [trial.exit if trial.outcome is Outcome.PERFORATED else None for trial in self.iterations]
         trials = self.columns() | {"speed": np.array([0.0 if each is None else each.speed for each in behind])}
         label = "thickness of the wall [m]" if self.quantity == "thickness" else "velocity at first contact [m/s]"
@@ -159,14 +163,14 @@ def least_thickness(
     numerics: Numerics | None = None,
     tolerance: float = TOLERANCE,
 ) -> PerforationLimit:
-    """Least thickness of a wall that a strike does not perforate: it is embedded or turned away.
+    """Find the least thickness of a wall that a strike does not perforate.
 
     Parameters
     ----------
     projectile
-        What strikes.
+        Projectile that strikes the wall.
     impact
-        How it strikes.
+        Its motion at first contact.
     velocity, oblique_angle, angle_of_attack, angular_velocity
         The same as numbers, in place of `impact`. [m/s, rad, rad, rad/s]
     target
@@ -181,22 +185,23 @@ def least_thickness(
     Returns
     -------
     PerforationLimit
-        ``never_perforated`` if not even the thinnest wall is that the model takes, a tenth of the diameter.
+        Its status is ``never_perforated`` if the strike does not even perforate the thinnest wall accepted, a tenth of
+        the diameter.
 
     Raises
     ------
     ParameterError
-        If an input is outside what the model accepts, or the target has a thickness.
+        If an input is outside its range, or the target has a thickness.
     IntegrationError
         If a run could not be integrated.
 
     Notes
     -----
-    Each wall is half as thick again as the one before until one holds; bisection follows. Then the same for the least
-    wall out of whose rear face nothing of the projectile comes. A wall that is not perforated
+    Each wall tried is half as thick again as the one before until one holds; bisection follows. A second search finds
+    the least thickness with which no part of the projectile comes out of the rear face. A wall that is not perforated
     by the termination time, or before the projectile has turned by more than 360°, counts as one that holds, with a
-    warning if it is next to the change. Without a plug that
-    shears out and a crater, see `Resistance`, real walls have to be thicker: compare with `solver.formulas`.
+    warning if it is next to the change. Without a plug and a crater, see `Resistance`, real walls have to be thicker
+    than the result: compare with `solver.formulas`.
 
     Examples
     --------
@@ -231,16 +236,16 @@ def limit_velocity(
     numerics: Numerics | None = None,
     tolerance: float = TOLERANCE,
 ) -> PerforationLimit:
-    """Least velocity at which a projectile perforates a wall, its ballistic limit in this model.
+    """Find the least velocity at which a projectile perforates a wall, its ballistic limit in this model.
 
     Parameters
     ----------
     projectile
-        What strikes.
+        Projectile that strikes the wall.
     target
         The wall, with its thickness.
     impact
-        How it strikes; its velocity is not used.
+        Motion of the projectile at first contact; its velocity is not used.
     oblique_angle, angle_of_attack, angular_velocity
         The same as numbers, in place of `impact`. [rad, rad, rad/s]
     resistance
@@ -253,20 +258,20 @@ def limit_velocity(
     Returns
     -------
     PerforationLimit
-        ``never_perforated`` if the wall holds at 2,000 m/s.
+        Its status is ``never_perforated`` if the wall holds at 2,000 m/s.
 
     Raises
     ------
     ParameterError
-        If an input is outside what the model accepts, or the target has no thickness.
+        If an input is outside its range, or the target has no thickness.
     IntegrationError
         If a run could not be integrated.
 
     Notes
     -----
-    Each velocity is half as high again as the one before, from 1 m/s, until one perforates; bisection follows. Then the
-    same for the greatest velocity at which nothing of the projectile comes out of the rear face. A wall
-    that is not perforated by the termination time counts as one that holds, with a warning if it is next to the change.
+    Each velocity tried is half as high again as the one before, from 1 m/s, until one perforates; bisection follows. A
+    second search finds the greatest velocity at which no part of the projectile comes out of the rear face. A wall that
+    is not perforated by the termination time counts as one that holds, with a warning if it is next to the change.
 
     Examples
     --------
@@ -295,12 +300,12 @@ def _impact(
     angle_of_attack: float,
     angular_velocity: float,
 ) -> Impact:
-    """Return what was given as an object or as numbers.
+    """Return the impact, which is given either as an object or as numbers.
 
     Raises
     ------
     ParameterError
-        If it was given as both, or as neither.
+        If it is given in both forms or in neither.
     """
     numbers = {
         "velocity": velocity,
@@ -347,7 +352,15 @@ def _search(
     *,
     perforated_at_first: bool,
 ) -> PerforationLimit:
-    """Least value from the lower bound on at which the wall is perforated, or is not, unlike at that bound."""
+    """Find the first change to or from perforation above the lower bound, and the limit without protrusion.
+
+    Parameters
+    ----------
+    strike
+        Function from a thickness or velocity to the prepared strike.
+    perforated_at_first
+        Outcome at the lower bound if there is a limit: True for a thickness, False for a velocity.
+    """
     require_between("tolerance", tolerance, 1e-8, 0.1)
     always, never = PerforationStatus.ALWAYS_PERFORATED, PerforationStatus.NEVER_PERFORATED
     trials: dict[float, PerforationTrial] = {}
@@ -382,10 +395,10 @@ def _search(
         if bracket is None:
             status = always if perforated_at_first else never
     value, last = None if bracket is None else bracket[1], next(reversed(trials))
-    # The nose comes out of walls somewhat thicker than those that are perforated, at speeds somewhat lower.
+    # Parts of the body come out of walls somewhat thicker than those perforated, and at velocities somewhat lower.
     beside = _first_change(comes_out, bounds, tolerance) if comes_out(bounds[0]) is perforated_at_first else None
 
-    # The wall of a trial thickness is not the target of one's own shots.
+    # Own shots were not fired at walls of the trial thickness, so a warning that they are deeper would be wrong.
     others = {UNDECIDED, DEEPER_THAN_WALL} if perforated_at_first else {UNDECIDED}
     found = [each for each in warnings[value or last] if each.code not in others]
     tumbled = [each for each in warnings[bracket[0]] if each.code == TUMBLING] if bracket else []
@@ -402,7 +415,7 @@ def _search(
         value=value,
         bracket=bracket,
         iterations=tuple(trials.values()),
-        # On the side on which nothing comes out: that of thicker walls, and of lower speeds.
+        # The limit is the end of the bracket without protrusion: the thicker wall, or the lower velocity.
         without_protrusion=None if beside is None else beside[1 if perforated_at_first else 0],
         warnings=tuple(found),
     )
@@ -411,10 +424,11 @@ def _search(
 def _first_change(
     holds: Callable[[float], bool], bounds: tuple[float, float], tolerance: float
 ) -> tuple[float, float] | None:
-    """Values between which a condition changes first from the lower bound on; None if it does not change.
+    """Return the values between which a condition first changes above the lower bound; None if it does not change.
 
-    Each value is `GROWTH` times the one before, up to the upper bound; bisection to the tolerance follows.
+    Each value tried is `GROWTH` times the one before, up to the upper bound; bisection to the tolerance follows.
     """
+    # The condition is true or false, without a size that a faster method than bisection could use.
     value, upper = bounds
     before, at_first = value, holds(value)
     while holds(value) is at_first:

@@ -1,4 +1,7 @@
-"""Rules that every true answer keeps, looked at on every answer since they cost nothing: a fault of the code shows."""
+"""Checks of every answer against conservation of energy, to detect errors of the program.
+
+They take no measurable time and run on every answer. A failed check gives the warning ``implausible``.
+"""
 
 import itertools
 import math
@@ -14,30 +17,36 @@ from solver.resistance import plug_height
 from solver.strike import Impact
 from solver.warnings import ModelWarning, implausible
 
+# A true motion has no gain, and error control leaves less than this at the default tolerances.
 MOST_GAIN = 1e-3
-"""Gain of kinetic energy over its initial value: a true motion has none, and error control leaves less. [1]"""
+"""Largest gain of kinetic energy over its initial value. [1]"""
+# A motion has hundreds of steps, whose errors mostly cancel. Ten is a judgement.
 ERROR_OF_TOLERANCE = 10.0
-"""Error of an energy over the relative tolerance of a step: a motion has hundreds, whose errors mostly cancel. [1]"""
+"""Largest error of an energy over the relative tolerance of a step. [1]"""
+# On an oblique path both faces weaken the resistance, so the bound has to be far below 1. Its value is a judgement.
 LEAST_WORK = 0.05
-"""Energy lost in a wall over S f'c, weakened by the rear face, times cross section and thickness; on an oblique way the
-other face weakens it too. [1]"""
+"""Least energy lost in a wall, over S f'c, weakened by the rear face, times cross section and thickness. [1]"""
+# A thinner wall may lie between the weakened zones of its two faces, where it takes hardly any energy.
 LEAST_WALL = 0.5
-"""Thickness over the diameter from which a wall takes energy from whatever passes. [1]"""
+"""Least thickness, over the diameter, of walls whose work is checked. [1]"""
+# The weaker resistance between two faces adds to the depth that the energy allows: up to 2.2 diameters in 750 random
+# strikes on usual concrete.
 MARGIN = 4.0
-"""Thickness that holds beyond the depth that the energy allows, in diameters: what the weaker resistance between two
-faces can add, up to 2.2 in 750 random strikes on usual concrete. [1]"""
+"""Additional thickness that may be perforated because of the faces, over the diameter. [1]"""
+# While the static stress builds up over the ramp, even a strike of hardly any energy goes a little way.
 RAMP = 0.01
-"""Depth over the diameter that a strike reaches while the static stress builds up, however little its energy. [1]"""
+"""Depth over the diameter below which a strike is not checked against its energy. [1]"""
+# Trials near the limit have an error of the exit speed, as its slope over the thickness is infinite there.
 MOST_RISE = 0.01
-"""Rise of the exit speed from one wall to a thicker one, over the striking speed. [1]"""
+"""Largest rise of the exit speed from one wall to a thicker one, over the striking speed. [1]"""
 
 
 def check_energy(
     prepared: PreparedCase, impact: Impact, outcome: Outcome, left: Exit | None
 ) -> tuple[ModelWarning, ...]:
-    """Warn of a projectile that leaves with more energy than it had, or goes through a wall without losing any.
+    """Check that a projectile has not gained energy, and has lost some in a wall that it perforates.
 
-    Steps of a fixed length may gain energy, of which another warning tells.
+    The panel route is not checked: its fixed steps may gain energy, which another warning reports.
     """
     if left is None or prepared.numerics.method != "adaptive":
         return ()
@@ -56,7 +65,7 @@ def check_energy(
 
 
 def check_depth(prepared: PreparedCase, impact: Impact, depth: float) -> tuple[ModelWarning, ...]:
-    """Warn of a head-on strike that goes deeper into a half-space than its energy takes it against S f'c alone."""
+    """Check that a head-on strike goes no deeper into a half-space than its energy allows against S f'c alone."""
     if not _is_head_on(impact) or prepared.target.thickness is not None or prepared.numerics.method != "adaptive":
         return ()
     most = deepest_by_energy(prepared, impact)
@@ -67,7 +76,7 @@ def check_depth(prepared: PreparedCase, impact: Impact, depth: float) -> tuple[M
 
 
 def deepest_by_energy(prepared: PreparedCase, impact: Impact) -> float:
-    """Depth at which S f'c on the cross section has used up the energy, behind nose and crater. [m]"""
+    """Return the depth at which S f'c on the cross section has used up the energy, plus nose and crater. [m]"""
     crater = prepared.resistance.crater
     front = 0.0 if crater is None else crater.depth_diameters * prepared.projectile.diameter
     energy = _energy(mass_properties(prepared.projectile), impact)
@@ -77,24 +86,27 @@ def deepest_by_energy(prepared: PreparedCase, impact: Impact) -> float:
 def check_walls(
     prepared: PreparedCase, impact: Impact, passed: Iterable[tuple[float, Exit]]
 ) -> tuple[ModelWarning, ...]:
-    """Warn of walls perforated with more energy than there is, and of head-on exits faster from thicker walls.
+    """Check that no wall is thicker than the energy allows, and that exits from thicker walls are not faster.
 
-    An oblique or turning projectile may leave a thicker wall faster, as it takes another way there.
+    The second check is for head-on strikes: an oblique or turning projectile takes another path in a thicker wall, and
+    may leave it faster.
 
     Parameters
     ----------
     passed
-        Thickness of each perforated wall and how the projectile left it.
+        Thickness of each perforated wall [m], and the exit of the projectile.
     """
     half_space = replace(prepared.target, thickness=None)
     sheared = plug_height(resistance=prepared.resistance, target=half_space, projectile=prepared.projectile)
-    # The zone that each face weakens reaches as many radii deep as that which yields, here as if it did not resist.
+    # Each face weakens a zone as many radii deep as the plastic zone. Here both zones count as if they had no
+    # resistance.
     weakened = max(MARGIN, _plastic_ratio(prepared)) * prepared.projectile.diameter
     most = deepest_by_energy(prepared, impact) + weakened + sheared
     walls = sorted(passed, key=lambda each: each[0])
     if walls and walls[-1][0] > most:
         return (implausible(f"{walls[-1][0]:.4g} m are perforated, and {most:.4g} m use up its energy"),)
     rises = (after.speed - before.speed for (_, before), (_, after) in itertools.pairwise(walls))
+    # Only in head-on strikes is the exit speed known to fall with the thickness.
     if _is_head_on(impact) and max(rises, default=0.0) > MOST_RISE * impact.velocity:
         return (implausible("the projectile leaves a thicker wall faster than a thinner one"),)
     return ()
@@ -110,11 +122,12 @@ def _plastic_ratio(prepared: PreparedCase) -> float:
 
 
 def _least_work(prepared: PreparedCase, impact: Impact) -> float:
-    """Energy that a wall takes at least from what perforates it. [J]"""
+    """Return the least energy that a wall takes from a projectile that perforates it. [J]"""
     thickness, resistance = prepared.target.thickness, prepared.resistance
     crushed = resistance.crater is not None or resistance.rear_plug is not None
     if thickness is None or crushed or thickness < LEAST_WALL * prepared.projectile.diameter:
         return 0.0
+    # The mean of the decay over the thickness needs no accuracy beyond that of the bound, which 33 points give.
     ratios = 1.0 + np.linspace(0.0, thickness / prepared.projectile.radius, 33)
     left = float(decay_factor(model=resistance.free_surface, target=prepared.target, radius_ratio=ratios).mean())
     return LEAST_WORK * left * _static_force(prepared, impact) * thickness
@@ -126,6 +139,6 @@ def _energy(properties: MassProperties, impact: Impact) -> float:
 
 
 def _static_force(prepared: PreparedCase, impact: Impact) -> float:
-    """S f'c on the cross section. [N]"""
+    """Return the force of S f'c on the cross section. [N]"""
     strength = prepared.strength_factor_at(impact.oblique_angle) * prepared.target.compressive_strength
     return strength * math.pi * prepared.projectile.radius**2

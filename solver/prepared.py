@@ -1,4 +1,7 @@
-"""What every strike of a projectile on a target has in common, made ready once for the compiled code."""
+"""Preparation of a case for the compiled code, its integration, and the interpretation of the result.
+
+A prepared case holds everything that strikes of one projectile on one target share, so that it is built once.
+"""
 
 import math
 from collections.abc import Sequence
@@ -38,14 +41,17 @@ from solver.time_integration import (
     make_linearisation,
 )
 
+# A thinner plate fails by bending and tearing, which the model does not include.
 LEAST_THICKNESS = 0.1
 """Least thickness of a wall over the diameter of the projectile. [1]"""
+# The square of a velocity of 1e154 m/s overflows, and with it the energy of an answer. This is far below that and far
+# above any motion.
 LARGEST_STATE = 1e100
-"""Position, angle or velocity beyond which a run has diverged: the energy of a larger one may overflow. [m, rad, s]"""
+"""Position, angle or rate beyond which a run counts as diverged. [m, rad, s]"""
 
 
 class Outcome(StrEnum):
-    """How a run ended."""
+    """Outcome of a run."""
 
     RICOCHET = "ricochet"
     EMBEDDED = "embedded"
@@ -55,7 +61,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Exit:
-    """How a projectile leaves the target, through the impact face or the rear face."""
+    """State of a projectile as it leaves the target, through the impact face or the rear face."""
 
     speed: float
     """Speed of the centre of gravity as the projectile leaves. [m/s]"""
@@ -71,11 +77,17 @@ class Exit:
     kinetic_energy: float
     """Kinetic energy of translation and rotation as the projectile leaves. [J]"""
     lateral: float
-    """Way of the centre of gravity along the face since first contact. [m]"""
+    """Distance of the centre of gravity along the face from first contact. [m]"""
 
 
 def exit_of(outcome: Outcome, state: Sequence[float], body: Body) -> Exit | None:
-    """Exit from depth and lateral position of the centre of gravity, axis angle, and their rates; None if it stays."""
+    """Return the exit of a projectile from its final state; None if it stays in the target.
+
+    Parameters
+    ----------
+    state
+        Depth and lateral position of the centre of gravity, axis angle, and their rates. [m, rad, s]
+    """
     if outcome not in (Outcome.RICOCHET, Outcome.PERFORATED):
         return None
     _, lateral, axis_angle, inward_speed, lateral_speed, spin = state
@@ -94,22 +106,22 @@ def exit_of(outcome: Outcome, state: Sequence[float], body: Body) -> Exit | None
 
 @dataclass(frozen=True, slots=True)
 class Protrusion:
-    """How far a projectile stands out of the rear face of a wall that it does not perforate."""
+    """Protrusion of a projectile out of the rear face of a wall that it does not perforate."""
 
     final: float | None
-    """Way of the deepest point out of the rear face at the end of the run, unless the projectile leaves by the front.
-    [m]"""
+    """Distance of the deepest point beyond the rear face at the end of the run; None if the projectile leaves by the
+    impact face. [m]"""
     greatest: float
-    """Greatest way of the deepest point out of the rear face. [m]"""
+    """Greatest distance of the deepest point beyond the rear face. [m]"""
 
 
 def protrusion_of(outcome: Outcome, run: Run, body: Body, thickness: float | None) -> Protrusion | None:
-    """Protrusion of a run; None in a half-space, if the projectile perforates, and if nothing of it ever protrudes.
+    """Return the protrusion of a run; None if the projectile perforates or never reaches beyond the rear face.
 
     Parameters
     ----------
     thickness
-        Of the wall; None for a half-space. [m]
+        Thickness of the wall; None for a half-space. [m]
     """
     if thickness is None or outcome is Outcome.PERFORATED or run.maximum_depth <= thickness:
         return None
@@ -122,34 +134,34 @@ def protrusion_of(outcome: Outcome, run: Run, body: Body, thickness: float | Non
 
 @dataclass(frozen=True, slots=True)
 class PreparedCase:
-    """All of a strike but its angle, ready for the compiled code."""
+    """Projectile, target, laws and settings of a strike without its impact, converted for the compiled code."""
 
     projectile: Projectile
     target: Target
     resistance: Resistance
     numerics: ResolvedNumerics
     model: Model
-    """What the compiled code takes, with a strength factor of 1."""
+    """Parameters of the compiled code, with a strength factor of 1 and a ramp velocity of 1 m/s."""
 
     @property
     def is_centred(self) -> bool:
-        """Whether no load turns the projectile, as all its normals pass through its centre of gravity."""
+        """True if no load turns the projectile, since all its normals pass through its centre of gravity."""
         return bool(self.model.body.bounds & CENTRED)
 
     def strength_factor_at(self, oblique_angle: float) -> float:
-        """Strength factor of a strike at this angle. [1]
+        """Return the strength factor of a strike at an oblique angle. [1]
 
         Raises
         ------
         ParameterError
-            If the model gives a value that is not above zero.
+            If the law gives a value that is not above zero.
         """
         return strength_factor(
             resistance=self.resistance, oblique_angle=oblique_angle, target=self.target, projectile=self.projectile
         )
 
     def law_at(self, impact: Impact) -> Law:
-        """Resistance with the strength factor of this strike."""
+        """Return the resistance with the strength factor and ramp velocity of a strike."""
         factor = self.strength_factor_at(impact.oblique_angle)
         return self.model.law._replace(
             static_stress=float(factor * self.target.compressive_strength),
@@ -160,12 +172,12 @@ class PreparedCase:
 def prepare(
     *, projectile: Projectile, target: Target, resistance: Resistance, numerics: ResolvedNumerics
 ) -> PreparedCase:
-    """Build what every strike of these has in common.
+    """Convert a case for the compiled code.
 
     Raises
     ------
     ParameterError
-        If a number is outside its bounds, which are those of the HTTP contract.
+        If projectile and target do not fit each other or the settings, or an argument is of the wrong type.
     """
     check_case(projectile, target)
     if target.thickness is not None:
@@ -202,12 +214,12 @@ def prepare(
 
 
 def check_case(projectile: Projectile, target: Target) -> None:
-    """Refuse what is not a projectile or a target, such as a list of them.
+    """Check that the arguments are one projectile and one target.
 
     Raises
     ------
     ParameterError
-        If one is not.
+        If one of them is of another type, such as a list.
     """
     require_one("projectile", projectile, Projectile)
     require_one("target", target, Target)
@@ -216,14 +228,28 @@ def check_case(projectile: Projectile, target: Target) -> None:
 def integrate(
     prepared: PreparedCase, model: Model, impact: Impact, *, keep_steps: bool, thresholds: Thresholds | None = None
 ) -> tuple[Run, FloatArray]:
-    """Run the compiled integrator of the chosen route; return the run and its table of steps.
+    """Integrate a strike by the route of the case; return the run and its table of steps.
 
-    Unless given, the thresholds are the retention energy of the case and rest.
+    Parameters
+    ----------
+    model
+        Model of the case with the law of the strike.
+    keep_steps
+        Keep every step in the table, not only the last one.
+    thresholds
+        Energies that end the run; unless given, the retention energy of the case and the energy of rest.
+
+    Raises
+    ------
+    IntegrationError
+        If the motion diverges or takes too many steps.
+    CancelledError
+        If the computation was cancelled.
     """
     numerics, start = prepared.numerics, initial_state(impact, model.body)
     end_time = float(numerics.termination_time)
     retention, rest = thresholds or (numerics.retention_energy_fraction, REST_FRACTION)
-    thresholds = Thresholds(float(retention), float(rest))  # Compiled code takes no integers for them.
+    thresholds = Thresholds(float(retention), float(rest))  # an integer would be another type for compiled code
 
     def run_to_end(control: IntArray) -> tuple[Run, FloatArray]:
         state, work = np.empty(6), make_workspace()
@@ -247,7 +273,7 @@ def integrate(
 
 
 def initial_state(impact: Impact, body: Body) -> FloatArray:
-    """State at first contact, when the deepest point of the surface touches the face."""
+    """Return the (6,) state at first contact, when the deepest point of the surface touches the face."""
     state = np.empty(6)
     start_state(
         body,
@@ -268,13 +294,13 @@ OUTCOMES: dict[float, Outcome] = {
     Termination.PERFORATED: Outcome.PERFORATED,
     Termination.TUMBLED: Outcome.IN_MOTION,
 }
-"""What the end of a run comes to."""
+"""Outcome for each termination of a run that could be integrated."""
 RELEASED = (Termination.EXIT, Termination.RETAINED, Termination.PERFORATED)
-"""Ends after which a projectile flies freely."""
+"""Terminations after which a projectile flies freely."""
 
 
 def check_end(end: float, time: float) -> None:
-    """Raise an error if a run ended because it could not be integrated."""
+    """Raise an `IntegrationError` if a run ended at `time` because it could not be integrated."""
     if end in OUTCOMES:
         return
     if end == Termination.STEP_LIMIT:
@@ -285,16 +311,17 @@ def check_end(end: float, time: float) -> None:
 
 
 def final_tip_depth(run: Run, body: Body, time: float) -> float:
-    """Depth of the nose tip at `time`, after free flight if the projectile was turned away before. [m]"""
+    """Return the depth of the nose tip at `time`, after free flight if the projectile was released before. [m]"""
     flight = max(0.0, time - run.time) if run.end in RELEASED else 0.0
     angle = run.state[2] + run.state[5] * flight
     return float(run.state[0] + run.state[3] * flight + body.tip * math.cos(angle))
 
 
 def positions_at(run: Run, steps: FloatArray, times: FloatArray) -> FloatArray:
-    """(n, 3) depth and lateral position of the centre of gravity and axis angle, at sorted `times`. [m, m, rad]
+    """Return the (n, 3) depth and lateral position of the centre of gravity and axis angle at sorted `times`.
 
     After the end of the run the projectile stays where it came to rest, or flies freely once it was released.
+    [m, m, rad]
     """
     inside = int(np.searchsorted(times, run.time, side="right")) if len(steps) else 0
     flight = times[inside:, None] - run.time if run.end in RELEASED else 0.0

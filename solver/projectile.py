@@ -1,4 +1,4 @@
-"""The projectile: the shapes of its nose, its outline, its dimensions and its mass properties."""
+"""Projectile: nose shapes, outline, dimensions and mass properties."""
 
 import math
 from collections.abc import Sequence
@@ -20,15 +20,20 @@ from solver.checks import (
     require_one,
 )
 
-GAUSS_POINTS = 48  # on one piece of the outline; exact for lines, near machine precision for arcs
-MATCH = 1e-6  # relative; how closely a profile must end at the radius of the shank: single precision suffices
+# Integrals over lines are polynomials, which so many points integrate exactly; those over arcs are near machine
+# precision.
+GAUSS_POINTS = 48
+"""Number of Gauss-Legendre points on one piece of the outline."""
+# Dimensions that were kept in single precision must pass.
+MATCH = 1e-6
+"""Relative tolerance of dimensions that must agree, as of a profile and the shank. [1]"""
+# Points of a straight line are off it by their rounding: 1e-16 of its size or, if written to the micrometre, 1e-5. No
+# nose is made as accurately as 1e-4.
 DENT = 1e-4
-"""How far a point of a profile may lie inside the line between others, over the size of the nose. Points of a straight
-line lie off it by what they are rounded to, 1e-16 of its size or, to the micrometre, 1e-5; no nose is made to 1e-4. [1]
-"""
+"""Largest distance of a point of a profile inside the line between others, over the size of the nose. [1]"""
 
 Point = tuple[float, float]
-"""Distance behind the tip and from the axis. [m]"""
+"""Distance behind the tip, and distance from the axis. [m]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,16 +47,16 @@ class Line:
 
     @property
     def length(self) -> float:
-        """Along the outline. [m]"""
+        """Length along the outline. [m]"""
         return math.hypot(self.x_end - self.x_start, self.r_end - self.r_start)
 
     @property
     def tangent_angle(self) -> float:
-        """α. [rad]"""
+        """Angle α between the axis and the tangent of the outline. [rad]"""
         return math.atan2(self.r_end - self.r_start, self.x_end - self.x_start)
 
     def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """x, r, sin α and cos α at the fractions `t` of its length."""
+        """Return x, r, sin α and cos α at the fractions `t` of the length. [m, m, 1, 1]"""
         rise, run = self.r_end - self.r_start, self.x_end - self.x_start
         level = np.ones_like(t)
         return self.x_start + t * run, self.r_start + t * rise, level * rise / self.length, level * run / self.length
@@ -69,11 +74,11 @@ class Arc:
 
     @property
     def length(self) -> float:
-        """Along the outline. [m]"""
+        """Length along the outline. [m]"""
         return self.radius * (self.angle_start - self.angle_end)
 
     def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """x, r, sin α and cos α at the fractions `t` of its length."""
+        """Return x, r, sin α and cos α at the fractions `t` of the length. [m, m, 1, 1]"""
         angle = self.angle_start + t * (self.angle_end - self.angle_start)
         sine, cosine = np.sin(angle), np.cos(angle)
         return self.x_center - self.radius * sine, self.r_center + self.radius * cosine, sine, cosine
@@ -83,22 +88,22 @@ OutlinePiece: TypeAlias = Line | Arc
 
 
 class Nose(Protocol):
-    """What a nose shape provides. `radius` is that of the shank. [m]"""
+    """Interface of nose shapes. In all methods `radius` is that of the shank. [m]"""
 
     @property
     def name(self) -> str:
         """Name of the shape in requests and results."""
 
     def length(self, radius: float) -> float:
-        """From the tip to the shank. [m]"""
+        """Return the length from the tip to the shank. [m]"""
 
     def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
-        """Pieces from the tip to the shank."""
+        """Return the pieces of the outline from the tip to the shank."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ogive:
-    """Tangent ogive.
+    """Tangent ogive: a circular arc that meets the shank without a corner.
 
     Parameters
     ----------
@@ -114,11 +119,11 @@ class Ogive:
         require_bounds("projectile.nose.caliber_radius_head", self.caliber_radius_head)
 
     def length(self, radius: float) -> float:
-        """``a sqrt(4 ψ - 1)``. [m]"""
+        """Return the length ``a sqrt(4 ψ - 1)`` for the radius a of the shank. [m]"""
         return radius * math.sqrt(4.0 * self.caliber_radius_head - 1.0)
 
     def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
-        """One arc, tangent to the shank."""
+        """Return one arc, tangent to the shank."""
         ogive_radius = 2.0 * radius * self.caliber_radius_head
         tip_angle = math.atan2(self.length(radius), ogive_radius - radius)
         return (Arc(self.length(radius), radius - ogive_radius, ogive_radius, tip_angle, 0.0),)
@@ -126,7 +131,7 @@ class Ogive:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conical:
-    """Cone.
+    """Conical nose.
 
     Parameters
     ----------
@@ -141,17 +146,17 @@ class Conical:
         require_bounds("projectile.nose.length_to_diameter", self.length_to_diameter)
 
     def length(self, radius: float) -> float:
-        """Height of the cone. [m]"""
+        """Return the height of the cone. [m]"""
         return 2.0 * radius * self.length_to_diameter
 
     def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
-        """One line."""
+        """Return one line, from the tip to the shank."""
         return (Line(0.0, 0.0, self.length(radius), radius),)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spherical:
-    """Spherical cap.
+    """Spherical cap as a nose.
 
     Parameters
     ----------
@@ -166,12 +171,12 @@ class Spherical:
         require_bounds("projectile.nose.caliber_radius_head", self.caliber_radius_head)
 
     def length(self, radius: float) -> float:
-        """Height of the cap. [m]"""
+        """Return the height of the cap. [m]"""
         sphere = 2.0 * radius * self.caliber_radius_head
         return sphere - math.sqrt(sphere**2 - radius**2)
 
     def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
-        """One arc, centred on the axis."""
+        """Return one arc, centred on the axis."""
         sphere = 2.0 * radius * self.caliber_radius_head
         return (Arc(sphere, 0.0, sphere, math.pi / 2.0, math.acos(radius / sphere)),)
 
@@ -183,11 +188,11 @@ class Flat:
     name: ClassVar[str] = "flat"
 
     def length(self, radius: float) -> float:
-        """Zero. [m]"""
+        """Return zero, as a flat face has no length. [m]"""
         return 0.0
 
     def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
-        """One line, from the axis outwards."""
+        """Return one line, from the axis outwards."""
         return (Line(0.0, 0.0, 0.0, radius),)
 
 
@@ -201,6 +206,11 @@ class Profile:
         (x, r) pairs from the tip, x from 0 and not decreasing. Either r does not decrease, and its last value is that
         of the shank; or it falls behind its widest point, and the profile is that of the whole body, up to its flat
         base or to an end in a point. A list or an array of pairs becomes a tuple. [m]
+
+    Raises
+    ------
+    ParameterError
+        If the points are not such pairs, or the profile is not convex; it names the point.
 
     Notes
     -----
@@ -235,7 +245,7 @@ class Profile:
 
     @property
     def falls(self) -> bool:
-        """Whether the radius falls behind the widest point, so that the profile is that of the whole body."""
+        """True if the radius falls behind the widest point, so that the profile is that of the whole body."""
         return self.end_radius < self.widest
 
     @property
@@ -244,19 +254,19 @@ class Profile:
         return self.points[-1][1]
 
     def length(self, radius: float) -> float:
-        """x of the last point; of the first of the widest points where the radius falls behind them. [m]"""
+        """Return x at the end of the nose: the last point, or the first of the widest points of a whole body. [m]"""
         widest = self.widest
         return next(x for x, r in self.points if r == widest) if self.falls else self.points[-1][0]
 
     def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
-        """The flat face, if any, then a line between each pair of the points that span the nose."""
+        """Return the flat face, if any, and a line between each pair of the points that span the nose."""
         blunt = self.points[0][1]
         face = (Line(0.0, 0.0, 0.0, blunt),) if blunt > 0.0 else ()
         end = self.length(radius)
         return face + tuple(line for line in self._lines() if line.x_end <= end)
 
     def tail(self, radius: float) -> tuple[OutlinePiece, ...]:
-        """Lines behind the nose, where the radius falls behind the widest point."""
+        """Return the lines behind the widest point of a whole body."""
         end = self.length(radius)
         return tuple(line for line in self._lines() if line.x_end > end)
 
@@ -267,22 +277,22 @@ class Profile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sphere:
-    """A ball: not a nose but a whole body, as long as it is wide."""
+    """Sphere as a whole body, as long as it is wide."""
 
     name: ClassVar[str] = "sphere"
     falls: ClassVar[bool] = True
     end_radius: ClassVar[float] = 0.0
 
     def length(self, radius: float) -> float:
-        """Of the half ahead of the widest point. [m]"""
+        """Return the length of the half ahead of the widest point. [m]"""
         return radius
 
     def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
-        """Its front half."""
+        """Return the front half, as one arc."""
         return (Arc(radius, 0.0, radius, math.pi / 2.0, 0.0),)
 
     def tail(self, radius: float) -> tuple[OutlinePiece, ...]:
-        """Its rear half."""
+        """Return the rear half, as one arc."""
         return (Arc(radius, 0.0, radius, 0.0, -math.pi / 2.0),)
 
 
@@ -293,7 +303,7 @@ class BoatTail:
     Parameters
     ----------
     length
-        Part of the length of the projectile that tapers, at most what is behind the nose. [m]
+        Length of the tapering part, at most the length behind the nose. [m]
     base_diameter
         Diameter of the flat base, at most that of the shank. [m]
     """
@@ -307,12 +317,12 @@ class BoatTail:
 
 
 def _points(field: str, given: object) -> tuple[Point, ...]:
-    """Return points as pairs of numbers, which can be compared and hashed.
+    """Convert points to a tuple of pairs of floats, which can be compared and hashed.
 
     Raises
     ------
     ParameterError
-        If they are not from 2 to 1,000 pairs of finite numbers; it names the point.
+        Unless there are 2 to 1,000 pairs of finite numbers; it names the point.
     """
     rows = _members(plain(given))
     require(rows is not None, field, f"must be (x, r) pairs, got {type(given).__name__}")
@@ -329,7 +339,7 @@ def _points(field: str, given: object) -> tuple[Point, ...]:
 
 
 def _members(given: Any) -> tuple[Any, ...] | None:
-    """Return what a list, a tuple or an array holds; None if it is nothing of the kind."""
+    """Return the items of a list, a tuple or an array as a tuple; None for anything else."""
     try:
         return None if isinstance(given, str) else tuple(given)
     except TypeError:
@@ -337,13 +347,13 @@ def _members(given: Any) -> tuple[Any, ...] | None:
 
 
 def _inside(start: Point, middle: Point, end: Point) -> float:
-    """Return how far a point lies inside the line between two others, below 0 where it lies outside. [m]"""
+    """Return the distance of a point inside the line between two others; negative for a point outside. [m]"""
     x, r = end[0] - start[0], end[1] - start[1]
     return ((middle[0] - start[0]) * r - (middle[1] - start[1]) * x) / math.hypot(x, r)
 
 
 def _spanning(points: Sequence[Point]) -> list[int]:
-    """Return the places of the points that span the convex chain around all of them, by Andrew's monotone chain."""
+    """Return the indices of the points on the convex chain around all points, by Andrew's monotone chain (1979)."""
     kept: list[int] = []
     for place, point in enumerate(points):
         while len(kept) > 1 and _inside(points[kept[-2]], points[kept[-1]], point) >= 0.0:
@@ -353,7 +363,7 @@ def _spanning(points: Sequence[Point]) -> list[int]:
 
 
 def _rise(points: Sequence[Point]) -> int | None:
-    """Return the place of the first point to which the slope rises in a dent of a profile; None if it has none."""
+    """Return the index of the first point to which the slope rises in a dent of a profile; None without a dent."""
     size = math.hypot(*points[-1])
     for first, last in pairwise(_spanning(points)):
         if any(_inside(points[first], each, points[last]) > DENT * size for each in points[first + 1 : last]):
@@ -366,7 +376,7 @@ NoseShape: TypeAlias = Ogive | Conical | Spherical | Flat | Profile | Sphere
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Projectile:
-    """A rigid body of revolution.
+    """Rigid body of revolution.
 
     Parameters
     ----------
@@ -451,7 +461,7 @@ class Projectile:
             require_bounds("projectile.yield_strength", self.yield_strength)
 
     def _check_profile(self, nose: Profile) -> None:
-        """Refuse a profile that does not fit the diameter or, where it is that of the whole body, the length."""
+        """Raise `ParameterError` if a profile does not fit the diameter or, for a whole body, the length."""
         field = "projectile.nose.points"
         require(
             math.isclose(nose.widest, self.radius, rel_tol=MATCH),
@@ -468,7 +478,7 @@ class Projectile:
         )
 
     def _check_boat_tail(self, boat_tail: BoatTail) -> None:
-        """Refuse a boat-tail that does not fit behind the nose, is wider than the shank, or has no shank before it."""
+        """Raise `ParameterError` if a boat-tail is too long or too wide, or the body has no shank."""
         require_one("projectile.boat_tail", boat_tail, BoatTail)
         field, room = "projectile.boat_tail", self.length - self.nose_length
         require(self._whole is None, field, f"must be left out: the {self.nose.name} is the whole body")
@@ -485,7 +495,7 @@ class Projectile:
 
     @property
     def _whole(self) -> Sphere | Profile | None:
-        """The nose where it is the whole body, without a shank."""
+        """Nose that is the whole body, without a shank; None for other noses."""
         return self.nose if isinstance(self.nose, Sphere | Profile) and self.nose.falls else None
 
     @property
@@ -495,7 +505,7 @@ class Projectile:
 
     @property
     def nose_length(self) -> float:
-        """From the tip to the shank. [m]"""
+        """Length from the tip to the shank. [m]"""
         return self.nose.length(self.radius)
 
     @property
@@ -507,7 +517,7 @@ class Projectile:
         return self.length - self.boat_tail.length if self.boat_tail.length < room else self.nose_length
 
     def outline(self) -> tuple[OutlinePiece, ...]:
-        """Pieces from the tip to the rear edge; the flat base is not part of it."""
+        """Return the pieces of the outline from the tip to the rear edge, without the flat base."""
         pieces, whole, end = self.nose.outline(self.radius), self._whole, self.shank_end
         if whole is not None:
             return (*pieces, *whole.tail(self.radius))
@@ -519,7 +529,7 @@ class Projectile:
 
     @property
     def base(self) -> Line:
-        """The flat base, from the rear edge to the axis; without length where a body ends in a point."""
+        """Flat base, from the rear edge to the axis; its length is zero where a body ends in a point."""
         radius = self.radius
         if self._whole is not None:
             radius = self._whole.end_radius
@@ -530,16 +540,16 @@ class Projectile:
 
 @dataclass(frozen=True, slots=True)
 class SolidProperties:
-    """Geometry of the outer shape and of the homogeneous solid that fills it, but for a bore."""
+    """Geometry of the outer shape and of the homogeneous solid that fills it, without a bore."""
 
     surface_area: float
-    """Without the flat base. [m²]"""
+    """Area of the outer surface without the flat base. [m²]"""
     volume: float
-    """[m³]"""
+    """Volume of the solid. [m³]"""
     centroid: float
-    """Distance behind the tip. [m]"""
+    """Distance of the centroid behind the tip. [m]"""
     inertia_per_mass: float
-    """About a transverse axis through the centroid, for each unit of mass. [m²]"""
+    """Moment of inertia over the mass, about a transverse axis through the centroid. [m²]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -547,16 +557,16 @@ class MassProperties:
     """Mass properties in use for one run."""
 
     mass: float
-    """[kg]"""
+    """Mass of the projectile. [kg]"""
     center_of_gravity: float
-    """Distance behind the tip. [m]"""
+    """Distance of the centre of gravity behind the tip. [m]"""
     moment_of_inertia: float
-    """About a transverse axis through the centre of gravity. [kg m²]"""
+    """Moment of inertia about a transverse axis through the centre of gravity. [kg m²]"""
 
 
 @lru_cache  # as for `mass_properties`
 def solid_properties(projectile: Projectile) -> SolidProperties:
-    """Geometry of the homogeneous solid of the outer shape, by Gauss quadrature on each piece."""
+    """Return the geometry of the homogeneous solid of the outer shape, by Gauss quadrature on each piece."""
     t, w = gauss_rule(GAUSS_POINTS).T
     area = volume = first = second = 0.0
     for piece in projectile.outline():
@@ -580,12 +590,12 @@ def solid_properties(projectile: Projectile) -> SolidProperties:
 
 @lru_cache  # the cases of a study share few projectiles
 def mass_properties(projectile: Projectile) -> MassProperties:
-    """Mass properties in use: those given, the homogeneous solid's for the rest.
+    """Return the mass properties in use: those given, and those of the homogeneous solid for the rest.
 
     Notes
     -----
-    A moment of inertia that is not given is the homogeneous solid's about its own centroid, also when the centre
-    of gravity is given: the two differ in the warnings of a run.
+    A moment of inertia that is not given is that of the homogeneous solid about its own centroid, even if another
+    centre of gravity is given. The warnings of a run name those that were not given.
     """
     solid = solid_properties(projectile)
     center, inertia = projectile.center_of_gravity, projectile.moment_of_inertia

@@ -1,8 +1,8 @@
-"""Descriptions of quantities: text and unit of each field of a dataclass, as its documentation has them.
+"""Descriptions of quantities: text and unit of each field of a dataclass, read from its docstrings.
 
 A field is described once, where it is defined: by the docstring below it or under *Parameters* in that of its class,
-with the unit in brackets. The manual and editors show that text; the contract of the service, the columns of tables and
-the labels of axes take it from here.
+with the unit in brackets. The manual and editors show that text. The contract of the service, the columns of tables and
+the labels of axes get it from this module.
 """
 
 import ast
@@ -16,13 +16,13 @@ from itertools import pairwise
 from typing import NamedTuple, get_args, get_origin, get_type_hints
 
 UNIT = re.compile(r"\s*\[([^\]]+)\]")
-"""A unit, at the end of a description or of one of its sentences."""
+"""Unit in brackets, at the end of a description or of one of its sentences."""
 PARAMETER = re.compile(r"^ {4}(\w+(?:, \w+)*)\n((?: {8}.*\n?)+)", re.MULTILINE)
-"""Names under *Parameters*, and what is said of them."""
+"""Names under *Parameters*, and their description."""
 
 
 class Quantity(NamedTuple):
-    """Description of a field."""
+    """Description and unit of a field."""
 
     text: str
     """Description of the quantity, without its unit."""
@@ -31,28 +31,27 @@ class Quantity(NamedTuple):
 
     @property
     def short(self) -> str:
-        """First sentence, as the description of a column or the label of an axis."""
+        """First sentence of the description, for a column or the label of an axis."""
         sentence = self.text.partition(". ")[0].rstrip(".")
         return sentence[:1].lower() + sentence[1:]
 
     @classmethod
     def of(cls, docstring: str) -> "Quantity":
-        """Return the description in a docstring."""
+        """Separate the text of a docstring from the first unit in it."""
         units = [found for found in UNIT.findall(docstring) if " or " not in found]
         return cls(UNIT.sub("", docstring).strip(), "".join(units[:1]))
 
 
 @cache
 def field_docstrings(module: str) -> Mapping[str, Mapping[str, str]]:
-    """Return what the classes of a module say of their fields, by class and field, each on one line.
-
-    It is read from the source, which is there wherever Python runs it: an interpreter keeps no docstrings of fields.
-    """
+    """Return the docstrings of the fields of all classes of a module, by class and field, each on one line."""
+    # They are read from the source, since the interpreter keeps no docstrings of fields.
     classes = [node for node in ast.parse(getsource(sys.modules[module])).body if isinstance(node, ast.ClassDef)]
     return {node.name: dict(_parameters(node)) | dict(_attributes(node)) for node in classes}
 
 
 def _parameters(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
+    """Yield name and description of each field under *Parameters* in the docstring of a class."""
     lines = ast.get_docstring(node, clean=False) or ""
     _, _, section = lines.partition("    Parameters\n    ----------\n")
     section, *_ = re.split(r"\n\n    \w+\n    -+\n", section)
@@ -62,6 +61,7 @@ def _parameters(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
 
 
 def _attributes(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
+    """Yield name and description of each field with a docstring below it."""
     for field, text in pairwise(node.body):
         if (
             isinstance(field, ast.AnnAssign)
@@ -75,7 +75,7 @@ def _attributes(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
 
 @cache
 def quantities(kind: type) -> Mapping[str, Quantity]:
-    """Return the descriptions of the fields of a dataclass."""
+    """Return the descriptions of the fields of a dataclass, those of base classes included."""
     found: dict[str, str] = {}
     for base in reversed(kind.__mro__):
         if is_dataclass(base):
@@ -85,9 +85,10 @@ def quantities(kind: type) -> Mapping[str, Quantity]:
 
 @cache
 def columns_of(kind: type) -> Mapping[str, Quantity]:
-    """Return the descriptions of the columns that objects of a class are in tables.
+    """Return the descriptions of the columns of a table of objects of a class.
 
-    Those of an object in a field begin with the name of the field, and a pair of numbers is two columns.
+    The columns of a nested object begin with the name of its field. A pair of numbers makes two columns, ``_low`` and
+    ``_high``.
     """
     found: dict[str, Quantity] = {}
     for name, quantity in quantities(kind).items():
@@ -99,14 +100,14 @@ def columns_of(kind: type) -> Mapping[str, Quantity]:
 
 
 def _parts_in(kind: type, name: str) -> list[type]:
-    """Return the other dataclasses of which one may be in a field."""
+    """Return the dataclasses that the type of a field allows, other than the class itself."""
     hint = get_type_hints(kind)[name]
     known = [get_origin(each) or each for each in (hint, *get_args(hint))]
     return [each for each in known if isinstance(each, type) and is_dataclass(each) and each is not kind]
 
 
 def described(name: str, *kinds: type) -> Quantity:
-    """Return the description of a column of objects of some classes or of their parts; an empty one if none has it.
+    """Return the description of a column of a table of objects of some classes; empty if it is unknown.
 
     Parameters
     ----------

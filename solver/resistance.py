@@ -1,7 +1,7 @@
-"""Resistance of the target: stress on an element, eq. 1, and the strength-factor models behind it.
+"""Resistance of the target: the stress on an element (eq. 1), and the laws of the strength factor S.
 
-The strength factor S scales the static part, ``σ = f (S f'c + B ρ v_n²)``. It is fixed over one run. In normal impact
-with a crater the depth follows in closed form.
+The strength factor scales the static part of the stress, ``σ = f (S f'c + B ρ v_n²)``, and is constant over one run.
+For normal impact with a crater the depth is given in closed form.
 """
 
 import math
@@ -30,39 +30,44 @@ from solver.projectile import GAUSS_POINTS, Profile, Projectile
 from solver.target import MOST_PLUG, Crater, ShearPlug, Target
 
 FIELD = "resistance.strength_factor"
+# A covariance that was written with six or seven digits is symmetric and semidefinite to about this.
 ROUNDING = 1e-6
-"""Tolerance on correlations, for a covariance that was written with some digits."""
+"""Tolerance in the check of correlations. [1]"""
+# With trapezoids over so many points S of a measured depth has an error of 1e-5.
 PATH_POINTS = 401
-"""Points over which a nose enters, for S of a measured depth: true to 10⁻⁵."""
+"""Points of the path over which a nose enters."""
+# Eight hundred intervals of the usual range are a tenth of a degree each, which is fine enough for the range of a
+# search.
 STRENGTH_CHECKS = 801
-"""Angles of a range at which the strength factor is looked at."""
+"""Number of angles at which the sign of the strength factor is checked."""
 EQUATION_9_COEFFICIENTS = (8.469, 0.0149, -0.0013)
-"""Eq. 9, fitted to an 80 mm projectile in concrete of 39 MPa. [1, 1/°, 1/°²]"""
+"""Coefficients of eq. 9, fitted to an 80 mm projectile in concrete of 39 MPa. [1, 1/°, 1/°²]"""
 
+# This is the end of the search range of the paper. Extrapolated further, the parabola falls to zero at 86.6°, so that
+# bodies that move nearly along the face would meet hardly any resistance.
 HELD_FROM = math.radians(60.0)
-"""Oblique angle from which S by eq. 9 stays what it is there: the end of the paper's search range. Extrapolated further
-the parabola falls to zero at 86.6°, so that bodies nearly along the face would meet hardly any concrete. [rad]"""
+"""Oblique angle from which S by eq. 9 is constant. [rad]"""
 NOT_HELD = math.pi / 2.0
-"""Such an angle that no strike reaches. [rad]"""
+"""Value of `held_from` for laws that are not held: no strike reaches it. [rad]"""
 
 ObliquityShape: TypeAlias = Literal["constant", "equation_9", "finite_elements"]
-"""How a law of strength and diameter varies with the oblique angle: not at all, as S(θ)/S(0) of eq. 9, or as that of
-finite element motions with the decay law in use."""
+"""Dependence of S on the oblique angle: none, S(θ)/S(0) of eq. 9, or that of finite element motions with the decay law
+in use."""
+# Each is a cubic through the S of the 13 oblique and 6 normal finite element runs of both meshes, each fitted up to its
+# deepest tip. A quadratic leaves twice the misfit with Mohr-Coulomb decay, whose S has its least value near 48°.
 FINITE_ELEMENT_SHAPES: Mapping[str, tuple[float, ...]] = {
     "elastic_plastic": (1.0, 0.003176, -0.0004476, 4.425e-06),
     "mohr_coulomb": (1.0, 0.009102, -0.001073, 1.357e-05),
     "none": (1.0, -0.01498, 0.0004548, -3.918e-06),
 }
-"""S(θ)/S(0) by decay law: cubic through the S of the 13 oblique and 6 normal finite element runs of both meshes, each
-fitted up to its deepest tip. A quadratic leaves twice the misfit with Mohr-Coulomb decay, whose S has a least value
-near 48°. [1, 1/°, 1/°², 1/°³]"""
+"""Coefficients of S(θ)/S(0) of finite element motions, by decay law. [1, 1/°, 1/°², 1/°³]"""
 FINITE_ELEMENTS_TO = math.radians(55.0)
-"""Oblique angle of the last of these runs, from which the shape is held. [rad]"""
+"""Largest oblique angle of these runs, from which the shape is held. [rad]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConstantStrengthFactor:
-    """The same strength factor for every strike.
+    """Constant strength factor, the same for every strike.
 
     Parameters
     ----------
@@ -77,7 +82,7 @@ class ConstantStrengthFactor:
         require_positive(f"{FIELD}.value", self.value)
 
     def polynomial(self, *, target: Target, projectile: Projectile) -> tuple[float, ...]:
-        """S in powers of the oblique angle in degrees, constant first."""
+        """Return the coefficients of S in powers of the oblique angle in degrees, constant first."""
         return (self.value,)
 
 
@@ -88,13 +93,13 @@ class ObliquityPolynomial:
     Parameters
     ----------
     coefficients
-        From the constant term upwards. [1, 1/°, 1/°², ...]
+        Coefficients from the constant term upwards. [1, 1/°, 1/°², ...]
     covariance
         Covariance of the coefficients, if known: a search then gives the standard error of its angle.
         [products of their units]
     held_from
-        Oblique angle from which S stays what it is there. Not given, it is 60° for the coefficients of eq. 9, written
-        or not, and others are not held; 90° holds none, 0 makes S a constant. [rad]
+        Oblique angle from which S is constant. Unless given, it is 60° for the coefficients of eq. 9, whether they are
+        written or not, and other polynomials are not held; 90° holds none, 0 makes S a constant. [rad]
 
     Notes
     -----
@@ -121,19 +126,35 @@ class ObliquityPolynomial:
             require(0.0 <= degrees <= 90.0 + 1e-9, f"{FIELD}.held_from", f"must be 0° to 90°, got {degrees:g}°")
 
     def standard_error(self, oblique_angle: float) -> float:
-        """Standard error of S at an oblique angle, from the covariance. [1]"""
+        """Return the standard error of S at an oblique angle, from the covariance. [1]
+
+        Raises
+        ------
+        ParameterError
+            If the law has no covariance.
+        """
         if self.covariance is None:
             raise ParameterError(f"{FIELD}.covariance", "must be given for a standard error")
+        # Error propagation for a linear combination of the coefficients. Rounding may leave a variance just below zero.
         powers = math.degrees(min(abs(oblique_angle), held_from(self))) ** np.arange(len(self.coefficients))
         return math.sqrt(max(0.0, float(powers @ np.array(self.covariance) @ powers)))
 
     def polynomial(self, *, target: Target, projectile: Projectile) -> tuple[float, ...]:
-        """S in powers of the oblique angle in degrees, constant first."""
+        """Return the coefficients of S in powers of the oblique angle in degrees, constant first."""
         return self.coefficients
 
 
 def positive_up_to(coefficients: Sequence[float], held: float, lower: float, upper: float) -> float:
-    """The upper end of a range of oblique angles, or the angle below it up to which a polynomial S is above 0. [rad]"""
+    """Return the angle up to which a polynomial S is above 0, at most the upper end of the range. [rad]
+
+    Parameters
+    ----------
+    held
+        Oblique angle from which S is constant. [rad]
+    lower, upper
+        Range of oblique angles. [rad]
+    """
+    # Values on a grid serve polynomials of any degree, where roots of high degree would be ill-conditioned.
     angles = np.linspace(lower, upper, STRENGTH_CHECKS)
     values = np.polynomial.polynomial.polyval(np.degrees(np.minimum(np.abs(angles), held)), coefficients)
     beyond = np.flatnonzero(~(values > 0.0))
@@ -141,7 +162,7 @@ def positive_up_to(coefficients: Sequence[float], held: float, lower: float, upp
 
 
 def _check_covariance(covariance: tuple[tuple[float, ...], ...], size: int) -> None:
-    """Refuse what is no covariance of so many coefficients."""
+    """Raise `ParameterError` unless a matrix is a covariance of `size` coefficients."""
     name = f"{FIELD}.covariance"
     require(len(covariance) == size, name, f"must have a row for each of the {size} coefficients")
     for index, row in enumerate(covariance):
@@ -151,7 +172,8 @@ def _check_covariance(covariance: tuple[tuple[float, ...], ...], size: int) -> N
     matrix = np.array(covariance)
     variances = np.diagonal(matrix)
     require(bool(np.all(variances >= 0.0)), name, "must have no variance below 0")
-    # In units of the standard errors, or the small ones of high powers would pass unseen.
+    # The matrix is scaled to correlations: the coefficients of high powers have such small variances that any error in
+    # them would be below the tolerance.
     errors = np.where(variances > 0.0, np.sqrt(variances), 1.0)
     correlation = matrix / errors[:, None] / errors
     require(bool(np.allclose(correlation, correlation.T, rtol=0.0, atol=ROUNDING)), name, "must be symmetric")
@@ -161,7 +183,7 @@ def _check_covariance(covariance: tuple[tuple[float, ...], ...], size: int) -> N
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StrengthPowerLaw:
-    """Power law of the compressive strength and, if wanted, of the diameter of the projectile.
+    """Power law of the compressive strength and, on request, of the diameter of the projectile.
 
     Parameters
     ----------
@@ -170,11 +192,11 @@ class StrengthPowerLaw:
     exponent
         Exponent of the strength. [1]
     reference_strength
-        Strength over which that of the target counts. [Pa]
+        Strength by which that of the target is divided. [Pa]
     diameter_exponent
         Exponent of the diameter; 0 leaves it out. [1]
     reference_diameter
-        Diameter over which that of the projectile counts. [m]
+        Diameter by which that of the projectile is divided. [m]
     obliquity_shape
         ``equation_9`` multiplies by S(θ)/S(0) of eq. 9, held from 60°, ``finite_elements`` by that of
         finite element motions with the decay law in use, held from 55°.
@@ -203,7 +225,7 @@ class StrengthPowerLaw:
     def polynomial(
         self, *, target: Target, projectile: Projectile, decay: str = ElasticPlastic.name
     ) -> tuple[float, ...]:
-        """S in powers of the oblique angle in degrees, constant first, beside a decay law of this name."""
+        """Return the coefficients of S in powers of the oblique angle in degrees, for a decay law of this name."""
         try:
             by_strength = (target.compressive_strength / self.reference_strength) ** self.exponent
             by_diameter = (projectile.diameter / self.reference_diameter) ** self.diameter_exponent
@@ -235,13 +257,14 @@ class PublishedTests:
     Notes
     -----
     ``S = 8.84 (f'c / 39 MPa)^-0.18 (d / 76.2 mm)^-0.24``, the median of a mixed model with a random intercept for each
-    series, fitted to 251 tests of 34 articles up to 900 m/s (Concrete Penetration Failure Response Dataset). 38 of
-    these are said to be heavier than solid steel.
+    series, fitted to 251 tests of 34 articles up to 900 m/s (Concrete Penetration Failure Response Dataset). The stated
+    masses of 38 of these are above that of solid steel.
 
-    About it, the variance of ln S within a series is scaled inverse chi-square, with `degrees_of_freedom` and
-    `within_series` as its scale, and the series itself is normal with a variance in proportion, so that over all series
-    it has Student's distribution with `between_series` as its scale. So has the next shot, without shots into the same
-    concrete as with them.
+    The scatter about the median is modelled as follows. Within a series, ln S is normal with a variance that has a
+    scaled inverse chi-square distribution, with `degrees_of_freedom` and the scale `within_series`. The mean of a
+    series is normal with a variance in proportion to that, so that over all series it has Student's distribution with
+    the scale `between_series`. The next shot has Student's distribution too, with or without shots into the same
+    concrete.
     """
 
     name: ClassVar[str] = "published_tests"
@@ -249,18 +272,19 @@ class PublishedTests:
         coefficient=8.84, exponent=-0.18, reference_strength=39e6, diameter_exponent=-0.24, reference_diameter=0.0762
     )
     between_series: ClassVar[float] = 0.266
-    """Scale of ln S between series of tests: how far a concrete nobody has tested is from the law. [ln]"""
+    """Scale of ln S between series: the scatter of a concrete that nobody has tested about the law. [ln]"""
     within_series: ClassVar[float] = 0.0677
     """Scale of ln S between shots of one projectile type into one concrete. [ln]"""
+    # The likelihood is greatest at 5 for both scales together and at 3.2 for the scatter within a series alone. 3 is
+    # nearly as likely and safer: series of articles that no fit has seen lie farther off than those of the fit.
     degrees_of_freedom: ClassVar[float] = 3.0
-    """Of both. Most likely are 5 for both together and 3.2 for the scatter within a series alone; 3 is nearly as likely
-    and the safer: series of articles that no fit has seen lie farther off than those of the fit. [1]"""
+    """Degrees of freedom of Student's distribution at both scales. [1]"""
     compressive_strengths: ClassVar[tuple[float, float]] = (13.13e6, 108.3e6)
-    """Least and greatest of the tests. [Pa]"""
+    """Least and greatest compressive strength of the tests. [Pa]"""
     diameters: ClassVar[tuple[float, float]] = (0.0099, 0.203)
-    """Least and greatest of the tests. [m]"""
+    """Least and greatest diameter of the tests. [m]"""
     velocities: ClassVar[tuple[float, float]] = (67.1, 897.0)
-    """Least and greatest of the tests. [m/s]"""
+    """Least and greatest speed of the tests. [m/s]"""
     obliquity_shape: ObliquityShape = "equation_9"
 
     def __post_init__(self) -> None:
@@ -269,20 +293,23 @@ class PublishedTests:
     def polynomial(
         self, *, target: Target, projectile: Projectile, decay: str = ElasticPlastic.name
     ) -> tuple[float, ...]:
-        """S in powers of the oblique angle in degrees, constant first, beside a decay law of this name."""
+        """Return the coefficients of S in powers of the oblique angle in degrees, for a decay law of this name."""
         law = replace(self.law, obliquity_shape=self.obliquity_shape)
         return law.polynomial(target=target, projectile=projectile, decay=decay)
 
 
+# No laboratory fires as many shots into one concrete.
 MOST_SHOTS = 1000
+"""Largest number of own tests."""
 NORMAL_QUANTILE = 1.6448536
 """Half-width of the 90 % interval of a normal distribution. [standard deviations]"""
+# Measured values lie between 2.3 and 30. A depth that needs a value outside this range is in a wrong unit or belongs to
+# another projectile.
 PLAUSIBLE_FACTORS = (2.0, 60.0)
-"""Least and greatest S of a shot, wider than any concrete: measured ones lie between 2.3 and 30. A depth that takes
-another is in a wrong unit or not of this projectile. [1]"""
+"""Least and greatest S accepted from a shot. [1]"""
+# For the first shot this is as unlikely as 3 standard deviations of a normal distribution with the same 90 % interval.
 FAR_OFF = 2.5
-"""Dispersions from what the other shots predict, beyond which a shot does not seem to belong to them. For the first
-shot, 2.5 are what 3 of a normal distribution with the same 90 % interval would be."""
+"""Deviation of a shot from the prediction by the others, over its dispersion, above which a warning is given. [1]"""
 SLIPS: tuple[tuple[str, float, str], ...] = (
     ("depth", 1e-3, "millimetres given as metres"),
     ("depth", 1e-2, "centimetres given as metres"),
@@ -293,7 +320,7 @@ SLIPS: tuple[tuple[str, float, str], ...] = (
     ("mass", 1e-3, "grams given as kilograms"),
     ("mass", 1e3, "kilograms given as grams"),
 )
-"""Slips that make a shot implausible: the quantity, the factor that mends it, and what was done."""
+"""Usual mistakes of units: the quantity, the factor that corrects it, and a description."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -307,9 +334,9 @@ class Shot:
     depth
         Depth of the nose tip at rest, one that takes a strength factor of 2 to 60. [m]
     mass
-        That of the projectile of the strike when not given. [kg]
+        Mass of the projectile; that of the strike unless given. [kg]
     diameter
-        That of the projectile of the strike when not given; a nose of another diameter has the same shape. [m]
+        Diameter of the projectile; that of the strike unless given. A nose of another diameter has the same shape. [m]
     """
 
     velocity: float
@@ -319,21 +346,25 @@ class Shot:
 
 
 def student_dispersion(scale: float, degrees_of_freedom: float) -> float:
-    """Standard deviation of Student's distribution; where it has none, that of a normal one with its 90 % interval."""
+    """Return the standard deviation of Student's distribution, or a substitute where it has none.
+
+    Up to two degrees of freedom the variance is infinite. The substitute is the standard deviation of the normal
+    distribution with the same 90 % interval.
+    """
     if degrees_of_freedom > 2.0:
         return scale * math.sqrt(degrees_of_freedom / (degrees_of_freedom - 2.0))
     return scale * tail_ratio(degrees_of_freedom)
 
 
 def tail_ratio(degrees_of_freedom: float) -> float:
-    """90 % interval of Student's distribution over that of a normal one of the same scale. [1]"""
+    """Return the 90 % interval of Student's distribution over that of a normal one of the same scale. [1]"""
     from scipy.special import stdtrit  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
 
     return float(stdtrit(degrees_of_freedom, 0.95)) / NORMAL_QUANTILE
 
 
 def _student_range(median: float, scale: float, degrees_of_freedom: float) -> tuple[float, float]:
-    """90 % range of a number whose logarithm has Student's distribution."""
+    """Return the 90 % range of a quantity whose logarithm has Student's distribution."""
     reach = math.exp(scale * NORMAL_QUANTILE * tail_ratio(degrees_of_freedom))
     return median / reach, median * reach
 
@@ -343,15 +374,15 @@ class ShotPrediction:
     """Student's distribution of ln S of the next shot of a series about the law of the published tests."""
 
     location: float
-    """[ln]"""
+    """Location, which is the median of ln S over the law. [ln]"""
     scale: float
-    """[ln]"""
+    """Scale. [ln]"""
     degrees_of_freedom: float
-    """[1]"""
+    """Degrees of freedom. [1]"""
 
     @property
     def dispersion(self) -> float:
-        """Standard deviation. [ln]"""
+        """Standard deviation of ln S. [ln]"""
         return student_dispersion(self.scale, self.degrees_of_freedom)
 
     @property
@@ -367,22 +398,22 @@ def predict_shot(
     within: float = PublishedTests.within_series,
     degrees_of_freedom: float = PublishedTests.degrees_of_freedom,
 ) -> ShotPrediction:
-    """Return what is known of the next shot of a series, of which some shots missed the law by this much. [ln]
+    """Return the predictive distribution of ln S of the next shot of a series.
 
     Parameters
     ----------
     misses
-        (n,) of the shots, perhaps none. [ln]
+        (n,) deviations of ln S of the shots so far from the law; n may be 0. [ln]
     between, within
         Scales of ln S between series and within one. [ln, ln]
     degrees_of_freedom
-        Of both. [1]
+        Degrees of freedom at both scales. [1]
 
     Notes
     -----
-    The conjugate posterior of `PublishedTests`, a normal mean with a scaled inverse chi-square variance (Gelman et al.,
-    Bayesian Data Analysis, 3rd ed., section 3.3); the law counts as so many shots as the ratio of the two scales,
-    squared, says.
+    This is the conjugate posterior of the model of `PublishedTests`, a normal mean with a scaled inverse chi-square
+    variance (Gelman et al., Bayesian Data Analysis, 3rd ed., section 3.3). The prior mean counts as
+    ``(within / between)²`` shots.
     """
     prior, count = (within / between) ** 2, len(misses)
     mean = float(misses.mean()) if count else 0.0
@@ -398,20 +429,20 @@ def predict_shot(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StrengthPosterior:
-    """What shots say of the strength factor of the next one in the same concrete: ln S has Student's distribution."""
+    """Posterior of the strength factor of the next shot into the same concrete: ln S has Student's distribution."""
 
     median: float
-    """Of S. [1]"""
+    """Median of S. [1]"""
     scale: float
     """Scale of ln S. [ln]"""
     degrees_of_freedom: float
-    """[1]"""
+    """Degrees of freedom of the distribution of ln S. [1]"""
     prior_median: float
     """Median by the law of the published tests, without the shots. [1]"""
     factors: tuple[float, ...]
-    """S of each shot, carried to the diameter of the projectile. [1]"""
+    """S of each shot, converted to the diameter of the projectile. [1]"""
     deviations: tuple[float, ...]
-    """ln S of each shot minus what the law and the other shots predict, over the dispersion of that prediction. [1]"""
+    """Deviation of ln S of each shot from the prediction by the law and the other shots, over its dispersion. [1]"""
 
     @property
     def dispersion(self) -> float:
@@ -437,7 +468,7 @@ class StrengthPosterior:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OwnTests:
-    """Strength factor of a concrete into which shots were fired, with the published tests as what is known before.
+    """Strength factor of a concrete into which shots were fired, with the published tests as the prior.
 
     Parameters
     ----------
@@ -445,9 +476,14 @@ class OwnTests:
         Shots, each with an S of 2 to 60, 1 to 1,000 of them. One on the law narrows the standard deviation of ln S from
         0.48 to 0.12.
     obliquity_shape
-        As for `PublishedTests`.
+        Dependence on the oblique angle, as for `PublishedTests`.
     residual
         Factor on S, for studies in which S scatters. [1]
+
+    Raises
+    ------
+    ParameterError
+        If there are no shots, or a value is outside its range.
 
     Examples
     --------
@@ -457,9 +493,9 @@ class OwnTests:
 
     Notes
     -----
-    S of each shot follows from its depth and is carried to the diameter of the projectile by the exponent of
-    `PublishedTests`, whose scatter is what is known before; see `predict_shot`. The dispersion is that of the next
-    shot: it grows with the scatter of the shots, and with their distance from the law.
+    S of each shot follows from its depth and is converted to the diameter of the projectile by the exponent of
+    `PublishedTests`, whose scatter is the prior; see `predict_shot`. The dispersion is that of the next shot: it grows
+    with the scatter of the shots, and with their distance from the law.
     """
 
     name: ClassVar[str] = "own_tests"
@@ -482,14 +518,14 @@ class OwnTests:
     def posterior(
         self, *, target: Target, projectile: Projectile, inertia_factor: float = 1.0, crater: Crater | None = None
     ) -> StrengthPosterior:
-        """Distribution of S of the next shot in the same concrete, in normal impact.
+        """Return the posterior of S of the next shot into the same concrete, in normal impact.
 
         Parameters
         ----------
         target, projectile
             The concrete, and the projectile of the next shot.
         inertia_factor, crater
-            Those of the resistance with which S is used.
+            Inertia factor and crater of the resistance with which S is used.
 
         Raises
         ------
@@ -507,7 +543,7 @@ class OwnTests:
         crater: Crater | None = None,
         decay: str = ElasticPlastic.name,
     ) -> tuple[float, ...]:
-        """S in powers of the oblique angle in degrees, constant first, beside a decay law of this name."""
+        """Return the coefficients of S in powers of the oblique angle in degrees, for a decay law of this name."""
         law = self.power_law(target=target, projectile=projectile, inertia_factor=inertia_factor, crater=crater)
         return law.polynomial(target=target, projectile=projectile, decay=decay)
 
@@ -518,8 +554,9 @@ class OwnTests:
 
         Notes
         -----
-        A depth gives the product of S and strength. So S of the shots falls as the strength they are read with rises,
-        and the exponent of the posterior is the mean of -1 and that of the law, with their shares in the posterior.
+        A depth gives the product of S and the strength, so S of the shots is inversely proportional to the strength
+        assumed for them. The exponent of the posterior is the mean of -1 and the exponent of the law, weighted by the
+        shots and the prior.
         """
         found = self.posterior(target=target, projectile=projectile, inertia_factor=inertia_factor, crater=crater)
         between, within = PublishedTests.between_series**2, PublishedTests.within_series**2
@@ -538,6 +575,7 @@ class OwnTests:
 def _posterior(
     law: OwnTests, target: Target, projectile: Projectile, inertia_factor: float, crater: Crater | None
 ) -> StrengthPosterior:
+    """Return the posterior of S from own tests; see `OwnTests.posterior`."""
     prior = PublishedTests(obliquity_shape="constant").polynomial(target=target, projectile=projectile)[0]
     exponent = PublishedTests.law.diameter_exponent
 
@@ -560,7 +598,7 @@ def _posterior(
             factor = factor_of(shot)
         except ParameterError as error:
             name, text = error.field, error.requirement
-            if name.startswith("projectile."):  # A body in proportion to its diameter comes out too small or too large.
+            if name.startswith("projectile."):  # the scaled body of this shot is too small or too large
                 name, text = "diameter", f"makes a {name} that {text}"
             raise ParameterError(f"{FIELD}.shots.{index}.{name}", text) from None
         if not lower <= factor <= upper:
@@ -573,7 +611,7 @@ def _posterior(
         factors.append(factor)
     misses = np.log(np.array(factors) / prior)
     found = predict_shot(misses)
-    # Each shot is set beside the prediction by the law and all the others.
+    # A shot is compared with the prediction by the law and all other shots; a prediction from itself would follow it.
     others = [predict_shot(np.delete(misses, place)) for place in range(len(misses))]
     deviations = [(miss - each.location) / each.dispersion for miss, each in zip(misses.tolist(), others, strict=True)]
     return StrengthPosterior(
@@ -587,23 +625,23 @@ def _posterior(
 
 
 def _likely_slip(shot: Shot, mass: float, factor_of: Callable[[Shot], float], prior: float) -> str:
-    """Return what may be wrong with a shot that no concrete explains: the slip without which S is next to the law.
+    """Return the mistake that best explains an implausible shot: corrected for it, S is nearest to the law.
 
     Parameters
     ----------
     mass
-        Of the projectile of the shot. [kg]
+        Mass of the projectile of the shot. [kg]
     factor_of
-        Returns S of a shot. [1]
+        Function from a shot to its S. [1]
     prior
-        S by the law. [1]
+        Value of S by the law. [1]
     """
     found = []
     for quantity, factor, slip in SLIPS:
         right = factor * (mass if quantity == "mass" else getattr(shot, quantity))
         try:
             other = factor_of(replace(shot, **{quantity: right}))
-        except ParameterError:  # no S explains the mended shot either
+        except ParameterError:  # no S gives the depth of the corrected shot either
             continue
         if PLAUSIBLE_FACTORS[0] <= other <= PLAUSIBLE_FACTORS[1]:
             unit = {"depth": "m", "velocity": "m/s", "mass": "kg"}[quantity]
@@ -613,18 +651,18 @@ def _likely_slip(shot: Shot, mass: float, factor_of: Callable[[Shot], float], pr
 
 
 def _body_of(shot: Shot, projectile: Projectile) -> Projectile:
-    """Return the projectile of a shot: the one of the strike, with its mass, and in proportion to its diameter."""
+    """Return the projectile of a shot: that of the strike scaled to the diameter of the shot, with its mass."""
     mass = projectile.mass if shot.mass is None else shot.mass
     scale = 1.0 if shot.diameter is None else shot.diameter / projectile.diameter
     nose = projectile.nose
     if isinstance(nose, Profile):
         nose = Profile(points=tuple((scale * x, scale * r) for x, r in nose.points))
-    # A normal shot does not turn: where its centre of gravity is, and its inertia, do not count.
+    # A normal shot does not turn, so centre of gravity and moment of inertia have no effect.
     return Projectile(nose=nose, diameter=scale * projectile.diameter, length=scale * projectile.length, mass=mass)
 
 
 def shaped_as_finite_elements(model: "StrengthFactor") -> "StrengthFactor":
-    """Return a law with the S(θ)/S(0) of the finite element motions in place of that of eq. 9; others as they are."""
+    """Return a law with S(θ)/S(0) of finite element motions instead of that of eq. 9; other laws are unchanged."""
     if isinstance(model, ObliquityPolynomial):
         if model.coefficients != EQUATION_9_COEFFICIENTS or held_from(model) != HELD_FROM:
             return model
@@ -638,7 +676,7 @@ StrengthFactor: TypeAlias = ConstantStrengthFactor | ObliquityPolynomial | Stren
 
 
 def held_from(model: StrengthFactor) -> float:
-    """Oblique angle from which S of a law stays what it is there; 90° if it is not held. [rad]"""
+    """Return the oblique angle from which S of a law is constant; 90° if it is not held. [rad]"""
     if isinstance(model, ObliquityPolynomial):
         if model.held_from is not None:
             return model.held_from
@@ -650,20 +688,30 @@ def held_from(model: StrengthFactor) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resistance:
-    """How the target resists.
+    """Laws of the resistance of the target.
 
     Parameters
     ----------
     strength_factor
-        Model of S; eq. 9 unless given.
+        Law of S; eq. 9 unless given.
     inertia_factor
         Factor B on density times velocity squared. [1]
     free_surface
-        Model of the decay near the faces.
+        Law of the decay near the faces.
     crater
         A front crater, in which the resistance builds up; none when not given.
     rear_plug
         A plug that shears out of the rear of a wall; none when not given. Without effect on a half-space.
+
+    Raises
+    ------
+    ParameterError
+        If a law is of another type, or the inertia factor is negative.
+
+    Examples
+    --------
+    >>> from solver import MohrCoulomb, PublishedTests, Resistance
+    >>> resistance = Resistance(strength_factor=PublishedTests(), free_surface=MohrCoulomb())
     """
 
     strength_factor: StrengthFactor = field(default_factory=ObliquityPolynomial)
@@ -683,9 +731,9 @@ class Resistance:
         )
 
     def strength_polynomial(self, *, target: Target, projectile: Projectile) -> tuple[float, ...]:
-        """S in powers of the oblique angle in degrees, constant first."""
+        """Return the coefficients of S in powers of the oblique angle in degrees, constant first."""
         model, decay = self.strength_factor, self.free_surface.name
-        if isinstance(model, OwnTests):  # S of a measured depth depends on what else resists
+        if isinstance(model, OwnTests):  # S of a measured depth depends on inertia and crater
             return model.polynomial(
                 target=target,
                 projectile=projectile,
@@ -699,21 +747,21 @@ class Resistance:
 
     @property
     def held_from(self) -> float:
-        """Oblique angle from which S stays what it is there; 90° if it is not held. [rad]"""
+        """Oblique angle from which S is constant; 90° if it is not held. [rad]"""
         return held_from(self.strength_factor)
 
 
 EQUATION_9 = Resistance()
-"""The resistance of the source paper, used unless another is given."""
+"""Resistance of the source paper, used unless another is given."""
 
 
 def usual_unless_given(resistance: object) -> Resistance:
-    """Return a resistance as given, and the usual one for None.
+    """Return the resistance given, or that of the source paper for None.
 
     Raises
     ------
     ParameterError
-        If it is neither; a law by itself is named with the parameter of `Resistance` that it belongs to.
+        If it is of another type. For a law by itself the error names the parameter of `Resistance` that it belongs to.
     """
     if resistance is None:
         return EQUATION_9
@@ -727,26 +775,26 @@ def usual_unless_given(resistance: object) -> Resistance:
 
 
 def strength_factor(*, resistance: Resistance, oblique_angle: float, target: Target, projectile: Projectile) -> float:
-    """Strength factor S of one strike.
+    """Return the strength factor S of one strike.
 
     Parameters
     ----------
     resistance
-        Holds the model of S.
+        Resistance with the law of S.
     oblique_angle
-        Initial, from the inward normal. [rad]
+        Initial oblique angle from the inward normal. [rad]
     target, projectile
-        The concrete, and what strikes it: some models go by its strength and by the diameter.
+        Concrete and projectile: some laws depend on strength and diameter.
 
     Returns
     -------
     float
-        [1]
+        Strength factor. [1]
 
     Raises
     ------
     ParameterError
-        If the model gives a value that is not above zero at this angle.
+        If the law gives a value that is not above zero at this angle.
     """
     resistance = usual_unless_given(resistance)
     degrees, value = math.degrees(min(abs(oblique_angle), resistance.held_from)), 0.0
@@ -762,14 +810,15 @@ def strength_factor(*, resistance: Resistance, oblique_angle: float, target: Tar
 
 
 def plug_height(*, resistance: Resistance, target: Target, projectile: Projectile) -> float:
-    """Height of the plug that shears out of the rear of a wall, at most `MOST_PLUG` of it; 0 without a plug. [m]
+    """Return the height of the plug that shears out of the rear of a wall; 0 without a plug. [m]
 
     Notes
     -----
     The shear strength of the concrete is ``(S / S_ref) f'c / √3``, where S_ref is the median of `PublishedTests` for
-    its strength and this diameter, in normal impact. So S is a measure of the concrete that scales the force of the
-    projectile and the shear strength alike, and the height is that of a concrete of the median S.
+    its strength and this diameter, in normal impact. So S scales the force of the projectile and the shear strength of
+    the concrete alike, and the height is that of a concrete of the median S. It is at most `MOST_PLUG` of the wall.
     """
+    # With a height that grew with S, a larger S could lower the limit speed: 144, 158 and 128 m/s at 5, 50 and 95 %.
     if resistance.rear_plug is None:
         return 0.0
     (reference,) = PublishedTests.law.polynomial(target=target, projectile=projectile)
@@ -778,11 +827,11 @@ def plug_height(*, resistance: Resistance, target: Target, projectile: Projectil
 
 
 def nose_factor(projectile: Projectile) -> float:
-    """N: resistance of the nose to inertia over that of a flat face.
+    """Return the nose factor N, the inertial resistance of the nose over that of a flat face. [1]
 
     Notes
     -----
-    ``N = (2/a²) ∫ r sin²α dr`` over the nose, by Gauss quadrature; for an ogive (8ψ - 1) / (24ψ²).
+    ``N = (2/a²) ∫ r sin²α dr`` over the nose, by Gauss quadrature; for an ogive it is (8ψ - 1) / (24ψ²).
     """
     t, w = gauss_rule(GAUSS_POINTS).T
     total = 0.0
@@ -801,25 +850,25 @@ def strength_factor_of_depth(
     inertia_factor: float = 1.0,
     crater: Crater | None = None,
 ) -> float:
-    """Strength factor S with which a normal shot into a half-space comes to rest at a measured depth.
+    """Return the strength factor S with which a normal shot into a half-space comes to rest at a measured depth.
 
     Parameters
     ----------
     projectile, target
-        What strikes and what is struck; the thickness of the target does not count.
+        Projectile and concrete; the thickness of the target has no effect.
     velocity
-        At first contact. [m/s]
+        Speed at first contact. [m/s]
     depth
-        Of the nose tip at rest. [m]
+        Depth of the nose tip at rest. [m]
     inertia_factor
-        B. [1]
+        Factor B of eq. 1. [1]
     crater
         A front crater, in which the resistance builds up; none unless given.
 
     Returns
     -------
     float
-        [1]
+        Strength factor. [1]
 
     Raises
     ------
@@ -840,16 +889,17 @@ def strength_factor_of_depth(
     inside, area, drag = _nose_inside(projectile)
     crater_depth = 0.0 if crater is None else crater.depth_diameters * projectile.diameter
     drag = drag * 2.0 * inertia_factor * target.density / projectile.mass
-    # Beyond nose and crater the integrand is an exponential with a known integral; before, a fine grid is enough.
+    # Beyond nose and crater the integrand is an exponential with a known integral. Before that the trapezoidal rule is
+    # used, with the corners of the integrand among its points.
     varied = min(depth, max(inside[-1], crater_depth))
     corners = sorted({0.0, varied, *(z for z in (float(inside[-1]), crater_depth) if z < varied)})
     z = np.unique(np.concatenate([np.linspace(*ends, PATH_POINTS) for ends in pairwise(corners)] or [np.zeros(1)]))
     share = np.ones_like(z) if crater_depth == 0.0 else np.minimum(z / crater_depth, 1.0)
     exponent = _cumulative(share * np.interp(z, inside, drag), z)
     growth = float(drag[-1]) * (depth - varied)
-    with np.errstate(over="ignore"):  # a depth that no projectile reaches is refused below
+    with np.errstate(over="ignore"):  # an integral that overflows gives S = 0, which is refused below
         integral = float(np.trapezoid(share * np.interp(z, inside, area) * np.exp(exponent), z))
-        beyond = float(np.expm1(growth)) / growth if growth > 0.0 else 1.0
+        beyond = float(np.expm1(growth)) / growth if growth > 0.0 else 1.0  # no cancellation for a small exponent
         integral += float(area[-1]) * float(np.exp(exponent[-1])) * beyond * (depth - varied)
     found = float(projectile.mass * velocity**2 / (2.0 * target.compressive_strength * integral))
     if not (math.isfinite(found) and found > 0.0):
@@ -858,7 +908,7 @@ def strength_factor_of_depth(
 
 
 def _nose_inside(projectile: Projectile) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Depth of the tip [m], and of the part of the nose then inside its area [m²] and ``∫ sin²α dA`` [m²]."""
+    """Return depths of the tip [m], and area [m²] and ``∫ sin²α dA`` [m²] of the part of the nose that is inside."""
     t = np.linspace(0.0, 1.0, PATH_POINTS)
     pieces = [(piece.length, piece.at(t)) for piece in projectile.nose.outline(projectile.radius)]
     depth = np.concatenate([x for _, (x, _, _, _) in pieces])
@@ -871,22 +921,22 @@ def _nose_inside(projectile: Projectile) -> tuple[FloatArray, FloatArray, FloatA
 
 
 def _cumulative(values: FloatArray, places: FloatArray) -> FloatArray:
-    """Integral from the first place to each, by trapezoids."""
+    """Return the integrals from the first place to each place, by the trapezoidal rule."""
     steps = 0.5 * (values[1:] + values[:-1]) * np.diff(places)
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
 def closed_form_depth(*, projectile: Projectile, target: Target, velocity: float, strength_factor: float) -> float:
-    """Depth of normal impact with a crater of two diameters, in closed form.
+    """Return the depth of a normal impact with a crater of two diameters, in closed form.
 
     Parameters
     ----------
     projectile, target
-        What strikes and what is struck.
+        Projectile and concrete.
     velocity
-        At first contact. [m/s]
+        Speed at first contact. [m/s]
     strength_factor
-        S. [1]
+        Strength factor S. [1]
 
     Returns
     -------
@@ -905,9 +955,9 @@ def closed_form_depth(*, projectile: Projectile, target: Target, velocity: float
 
         z = 4a + m / (2π a² N ρ) ln(1 + N ρ V₁² / (S f'c)),  V₁² = (m V² - 4π a³ S f'c) / (m + 4π a³ N ρ)
 
-    with the speed V₁ at the end of the crater. A projectile too slow to get there stops where the spring has taken up
-    its energy, ``z = V sqrt(m/c)`` with c of V₁ = 0, π a S f'c / 4; at the limit both are 4a. The source has ogives
-    only; for other noses N is the same integral over their outline.
+    with the speed V₁ at the end of the crater. A projectile too slow to get there stops where the resistance ``c z``
+    has taken up its energy, at ``z = V sqrt(m/c)`` with the c of V₁ = 0, π a S f'c / 4; at the limit both formulas give
+    4a. The source has ogives only; for other noses N is the same integral over their outline.
     """
     require_positive("velocity", velocity)
     require_positive("strength_factor", strength_factor)
@@ -917,4 +967,5 @@ def closed_form_depth(*, projectile: Projectile, target: Target, velocity: float
     if excess <= 0.0:
         return velocity * math.sqrt(4.0 * m / (math.pi * a * static))
     after_crater = excess / (m + 4.0 * math.pi * a**3 * inertia)
+    # For slow projectiles the argument of the logarithm is close to 1, which `log1p` handles without cancellation.
     return 4.0 * a + m / (2.0 * math.pi * a**2 * inertia) * float(np.log1p(inertia * after_crater / static))

@@ -1,4 +1,4 @@
-"""How sure the strength factor of a strike is: its scatter by the law in use, and how strength shares in it."""
+"""Scatter of the strength factor of a strike about its law, and the part of it that is due to the strength."""
 
 import math
 from dataclasses import dataclass, replace
@@ -28,51 +28,53 @@ TABLE_1 = OwnTests(
         Shot(velocity=369.5, depth=0.53, mass=12.914),
     )
 )
-"""The shots behind eq. 9: they are own tests of the concrete and the nose of the paper."""
+"""Shots behind eq. 9, as own tests of the concrete and the nose of the paper."""
 ScatterSource: TypeAlias = Literal["law", "paper_table_1"]
 """Tests from which the scatter of S comes: those of the law of published tests, or the four of the paper's Table 1."""
 STRENGTH_DISPERSION = 0.12
-"""Usual scatter of the compressive strength about the one stated. [ln]"""
+"""Usual standard deviation of the compressive strength about the one stated. [ln]"""
+# The laws are power laws or nearly so: the logarithm is nearly linear, and the step may be as large as one per cent.
 STRENGTH_STEP = 0.01
-"""Step of ln f'c for the slope of ln(S f'c). [ln]"""
+"""Increment of ln f'c in the difference quotient of ln(S f'c). [ln]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StrengthScatter:
-    """Scatter of S about its law, with that of the strength apart from it.
+    """Scatter of S about its law, separated into that of the strength and a remainder.
 
     Notes
     -----
-    Depths of tests give the product S f'c, and the laws of S were fitted to stated strengths. So what is known of S by
-    tests holds for the product at the stated strength, and the scatter of the strength about the stated one is part of
-    it. What is left, `residual`, is the scale of S beside a strength that scatters too, with the tails of the product.
-    Of the squared 90 % range of the product by the law the strength has 6 %: (0.82 × 0.12 × 1.645)² in ln S.
-    The two together have that range to 1 %. Where tests leave less than the strength alone would give, each has half
-    the square.
+    Depths of tests give the product S f'c, and the laws of S were fitted to stated strengths. So the scatter of S in
+    tests is that of the product at the stated strength, and includes the scatter of the strength about the stated one.
+    The remainder, `residual`, is the scale of a factor on S beside a strength that scatters too, with the tails of the
+    product. The strength makes up 6 % of the squared 90 % range of the product by the law: (0.82 × 0.12 × 1.645)² in
+    ln S. Both together have that range to 1 %. Where tests leave less scatter than the strength alone would cause, each
+    gets half of the squared range.
     """
 
     dispersion: float
     """Standard deviation of ln S at the stated strength. [ln]"""
     strength: float
-    """Of the compressive strength. [ln]"""
+    """Standard deviation of the logarithm of the compressive strength. [ln]"""
     residual: float
     """Scale of a factor on S, independent of the strength. [ln]"""
     degrees_of_freedom: float
-    """Of that factor. [1]"""
+    """Degrees of freedom of that factor. [1]"""
 
 
 def known_strength(
     *, projectile: Projectile, target: Target, resistance: Resistance, strength_scatter: ScatterSource = "law"
 ) -> tuple[ShotPrediction, StrengthPosterior | None]:
-    """Return the scatter of S of the next shot, and what shots into the very concrete say of it, if there are any.
+    """Return the predictive distribution of S of the next shot, and the posterior of own shots, if there are any.
 
     Parameters
     ----------
     projectile, target, resistance
-        As for `critical_angle`.
+        Parts of the strike, as for `critical_angle`.
     strength_scatter
-        ``"law"``: S scatters as about the law of published tests, or as own tests in the resistance leave it.
-        ``"paper_table_1"``: as the four shots of the paper leave it, whatever the strike; the caller vouches for it.
+        ``"law"``: S scatters as about the law of published tests, or by the posterior of own tests in the resistance.
+        ``"paper_table_1"``: S has the posterior of the four shots of the paper, whatever the strike; the caller is
+        responsible for that choice.
 
     Raises
     ------
@@ -101,13 +103,13 @@ def known_strength(
 def scatter_of_strength(
     *, projectile: Projectile, target: Target, resistance: Resistance, strength_scatter: ScatterSource = "law"
 ) -> StrengthScatter:
-    """Return how S scatters beside the strength; for the arguments see `known_strength`."""
+    """Return the scatter of S and of the strength; arguments are those of `known_strength`."""
     known, _ = known_strength(
         projectile=projectile, target=target, resistance=resistance, strength_scatter=strength_scatter
     )
     slope = strength_slope(projectile, target, resistance)
     strength = STRENGTH_DISPERSION
-    # Ranges of a normal and of Student's distribution add as squares nearly, where their scales do not.
+    # The squares of 90 % ranges of a normal and of Student's distribution nearly add up; those of their scales do not.
     ratio = tail_ratio(known.degrees_of_freedom)
     total = known.scale * ratio
     if slope != 0.0:
@@ -121,7 +123,8 @@ def scatter_of_strength(
 
 
 def strength_slope(projectile: Projectile, target: Target, resistance: Resistance) -> float:
-    """Return d ln(S f'c) / d ln f'c in normal impact."""
+    """Return the derivative d ln(S f'c) / d ln f'c in normal impact. [1]"""
+    # A strength at the upper bound gets a backward difference quotient.
     step = STRENGTH_STEP
     if not BOUNDS["target.compressive_strength"].holds(math.exp(step) * target.compressive_strength):
         step = -step

@@ -1,4 +1,4 @@
-"""A strike: the impact, the numerical settings of its run, its fields by dotted names, and the paper's strike."""
+"""Parts of a strike: impact and numerical settings, their fields by dotted names, and the strike of the paper."""
 
 import math
 from collections.abc import Container, Iterator, Mapping, Sequence
@@ -12,23 +12,32 @@ from solver.target import Target
 
 Method: TypeAlias = Literal["adaptive", "panels"]
 
+# A usual strike takes a few milliseconds.
 TERMINATION_TIME = 0.05
-"""Far beyond the few milliseconds a usual strike takes. [s]"""
+"""Default termination time of strikes that are not slow. [s]"""
+# Slow, long bodies would otherwise run for minutes of simulated time.
 LONGEST_TERMINATION_TIME = 1.0
-"""The most that a run is given by default. [s]"""
+"""Longest default termination time. [s]"""
+# Of the projectiles that are turned away, 999 of 1,000 leave sooner. A fixed time left large, slow ones undecided.
 TRANSITS = 20.0
-"""Times a projectile could travel its length until it is given up: 999 of 1,000 turned away leave sooner. [1]"""
+"""Default termination time, over the time to travel the length of the projectile. [1]"""
+# 3e-7 balances work and energy of a trajectory to 1e-6. A search needs only the angle, and has finer levels in doubt.
 TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 3e-4
+"""Default relative tolerances. [1]"""
+# The integrands are smooth on each stretch, so that few stations suffice.
 TRAJECTORY_STATIONS, SEARCH_STATIONS = 12, 8
+"""Default numbers of Gauss-Legendre points along a stretch of the outline."""
+# This is a tenth of the speed. The fate of a slower body depends on friction and rubble, which the model leaves out.
 RETENTION_ENERGY_FRACTION = 0.01
-"""A tenth of the speed: friction and rubble, which the model leaves out, decide what becomes of slower bodies. [1]"""
+"""Default retention energy over the initial kinetic energy. [1]"""
+# At the lower bound the retention energy is that of rest. The upper bound is a judgement.
 RETENTION_BOUNDS = (1e-4, 0.5)
-"""Accepted retention energies. [1]"""
+"""Accepted retention energies, over the initial kinetic energy. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Impact:
-    """The strike.
+    """Motion of the projectile at first contact.
 
     Parameters
     ----------
@@ -61,38 +70,43 @@ class Impact:
 
     @property
     def axis_angle(self) -> float:
-        """From the inward normal to the axis. [rad]"""
+        """Angle from the inward normal of the face to the axis. [rad]"""
         return self.oblique_angle + self.angle_of_attack
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Numerics:
-    """How a run is computed.
+    """Route and resolution of a run.
 
     Parameters
     ----------
     method
-        ``"adaptive"``: Gauss points on closed-form arcs and error-controlled steps. ``"panels"``: the paper's surface
-        elements and fixed step. Left open, it is adaptive, or panels in the searches of the paper.
+        ``"adaptive"``: Gauss points on closed-form arcs and error-controlled steps. ``"panels"``: surface elements and
+        fixed step of the paper. The default is adaptive, or panels in the searches of the paper.
     termination_time
-        Time at which a run is given up undecided. Left open, 50 ms or, where that is longer, the time to travel 20
-        lengths of the projectile, at most 1 s; 50 ms on the panel route, 5 ms in the searches of the paper. [s]
+        Time at which a run ends undecided. Unless given, 50 ms or, where that is longer, the time to travel 20 lengths
+        of the projectile, at most 1 s; 50 ms on the panel route, 5 ms in the searches of the paper. [s]
     panels
         Surface elements of the panel route. The reference runs used 96,000. [1]
     time_step
-        Step of the panel route, a hundredth to a hundred of the paper's. [s]
+        Step of the panel route, from a hundredth to a hundred times that of the paper, 0.01 ms. [s]
     relative_tolerance
-        Error of one step of the adaptive route, over the scale of the motion; left open, 3e-7 for a trajectory, which
-        balances energy to 1e-6, and 3e-4 for a search, which goes on more finely where that may not do. [1]
+        Error of one step of the adaptive route, over the scale of the motion. Unless given, 3e-7 for a trajectory,
+        which balances energy to 1e-6, and 3e-4 for a search, which uses a finer level where the angle is in doubt. [1]
     stations
-        Gauss-Legendre points of the adaptive route along a stretch of the outline. Left open, 12 for a trajectory and 8
-        for a search. [1]
+        Gauss-Legendre points of the adaptive route along a stretch of the outline. Unless given, 12 for a trajectory
+        and 8 for a search. [1]
     points
         Gauss-Legendre points of the adaptive route around an arc. [1]
     retention_energy_fraction
         Share of the initial kinetic energy with which a projectile must leave to count as turned away; below it, it is
         embedded, wherever its nose is. Not used by the searches ``bisection`` and ``secant``, which have a rule of
         their own. [1]
+
+    Raises
+    ------
+    ParameterError
+        If the method is unknown, or a value is outside its range.
     """
 
     method: Method | None = None
@@ -125,7 +139,7 @@ class Numerics:
         relative_tolerance: float = TRAJECTORY_TOLERANCE,
         stations: int = TRAJECTORY_STATIONS,
     ) -> "ResolvedNumerics":
-        """The same settings with what was left open filled in."""
+        """Return the settings with defaults in place of the values that were not given."""
         return ResolvedNumerics(
             method=self.method or method,
             termination_time=termination_time if self.termination_time is None else self.termination_time,
@@ -139,19 +153,19 @@ class Numerics:
 
 
 def usual_termination_time(*, length: float, velocity: float, method: Method = "adaptive") -> float:
-    """Termination time of a run that is given none, for a projectile of this length and velocity. [s]"""
+    """Return the default termination time for a projectile of this length [m] and velocity [m/s]. [s]"""
     if method == "panels":
         return TERMINATION_TIME
     return min(max(TERMINATION_TIME, TRANSITS * length / velocity), LONGEST_TERMINATION_TIME)
 
 
 USUAL = Numerics()
-"""With everything left open."""
+"""Default numerical settings."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResolvedNumerics:
-    """Numerical settings with nothing left open; fields as in `Numerics`."""
+    """Numerical settings with all defaults filled in; fields as in `Numerics`."""
 
     method: Method
     termination_time: float
@@ -164,12 +178,12 @@ class ResolvedNumerics:
 
     @property
     def fixed_steps(self) -> int:
-        """Steps of the panel route up to the termination time."""
+        """Number of steps of the panel route up to the termination time."""
         return math.ceil(self.termination_time / self.time_step)
 
 
 def is_part(value: Any) -> bool:
-    """Whether it is an object with fields."""
+    """Return whether a value is an instance of a dataclass."""
     return is_dataclass(value) and not isinstance(value, type)
 
 
@@ -180,7 +194,7 @@ def strike_parts(
     resistance: Resistance | None,
     numerics: Numerics | None,
 ) -> dict[str, Any]:
-    """Return the parts of a strike, those not given filled in."""
+    """Return the parts of a strike by name, with defaults for those not given."""
     return {
         "projectile": projectile,
         "target": target,
@@ -191,7 +205,7 @@ def strike_parts(
 
 
 def named_values(parts: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield parts, their fields and those of the objects in them, by dotted names."""
+    """Yield the parts, their fields, and the fields of nested objects, each with its dotted name."""
     for name, part in parts.items():
         yield f"{before}{name}", part
         if is_part(part):
@@ -200,12 +214,23 @@ def named_values(parts: Mapping[str, Any], before: str = "") -> Iterator[tuple[s
 
 
 def full_name(parts: Mapping[str, Any], field: str, where: str, *others: str) -> str:
-    """Return the dotted name of a field, or one of others, that may be given by its last part.
+    """Return the dotted name of a field that may be given by its last part only.
+
+    Parameters
+    ----------
+    parts
+        Parts of the strike, as `strike_parts` returns them.
+    field
+        Dotted name of a field, or its last part.
+    where
+        Argument that an error is reported for.
+    others
+        Further names that are accepted.
 
     Raises
     ------
     ParameterError
-        Of `where`, if there is no such field, or several.
+        If no field has this name, or several have.
     """
     known = [*(name for name, _ in named_values(parts) if "." in name), *others]
     found = [field] if field in known else [name for name in known if name.endswith(f".{field}")]
@@ -216,7 +241,7 @@ def full_name(parts: Mapping[str, Any], field: str, where: str, *others: str) ->
 
 
 def short_names(names: Sequence[str], taken: Container[str]) -> list[str]:
-    """Return the last part of each dotted name, or all of it where that is not clear or is taken."""
+    """Return the last part of each dotted name, or the whole name where that part is ambiguous or in `taken`."""
     last = [name.rpartition(".")[2] for name in names]
     return [
         short if last.count(short) == 1 and short not in taken else name
@@ -225,14 +250,14 @@ def short_names(names: Sequence[str], taken: Container[str]) -> list[str]:
 
 
 def label(value: Any) -> Any:
-    """Return a number or a text as it is, the name of a model, "none" for None, and any other object in full."""
+    """Return a value for a table: numbers and texts unchanged, "none" for None, and other objects by name or repr."""
     if isinstance(value, float | int | str):
         return value
     return "none" if value is None else getattr(value, "name", repr(value))
 
 
 def put(part: Any, path: Sequence[str], value: Any) -> Any:
-    """Return a copy of a part with this value there."""
+    """Return a copy of a dataclass with the nested field at `path` replaced by a value."""
     name, *rest = path
     return replace(part, **{name: put(getattr(part, name), rest, value) if rest else value})
 
@@ -240,9 +265,9 @@ def put(part: Any, path: Sequence[str], value: Any) -> Any:
 PAPER_PROJECTILE = Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.08, length=0.53, mass=13.0)
 PAPER_TARGET = Target(compressive_strength=39e6, density=2250.0)
 PAPER_VELOCITY = 238.0
-"""[m/s]"""
+"""Speed of the paper's strike at first contact. [m/s]"""
 
 
 def paper_impact(*, oblique_angle_degrees: float) -> Impact:
-    """The paper's strike at an oblique angle in degrees from the normal."""
+    """Return the impact of the paper's strike at an oblique angle, in degrees from the normal."""
     return Impact(velocity=PAPER_VELOCITY, oblique_angle=math.radians(oblique_angle_degrees))

@@ -1,7 +1,7 @@
-"""The surface of a projectile as the compiled code reads it: outline pieces, and the paper's panels.
+"""Surface of a projectile for the compiled code: outline pieces, and the panels of the paper.
 
 A piece of outline is cut into stretches on which the loaded arcs change smoothly. Cuts are where the face, or the line
-on which elements start to separate, crosses the top or the bottom of a ring.
+beyond which elements separate from the target, crosses the top or the bottom of a ring.
 """
 
 import math
@@ -17,48 +17,56 @@ from solver.compilation import compiled, lean
 from solver.projectile import Arc, Line, MassProperties, OutlinePiece, Projectile
 
 LINE, ARC = 0.0, 1.0
-"""First column of an outline row, the kind of the piece."""
+"""Kinds of an outline piece, as in the first column of `Body.outline`."""
 BOUNDED, TAPERED, CENTRED = 1, 2, 4
-"""Whether the cavity is bounded towards both faces somewhere, whether it is towards the rear face only, and whether all
-normals of the body pass through its centre of gravity, so that no load turns it: those of a sphere."""
-CENTRED_WITHIN = 1e-9
-"""Distance of the centre of a sphere from its centre of gravity, over its radius, that is rounding. [1]"""
+"""Flags of a body, of which `Body.bounds` is the sum.
 
+`BOUNDED`: some cavity is bounded towards both faces. `TAPERED`: some cavity is bounded towards the rear face only.
+`CENTRED`: all normals pass through the centre of gravity, as those of a sphere do, so that no load turns the body."""
+# A centre of gravity that is computed from the shape misses the centre by rounding, which is far below this bound.
+CENTRED_WITHIN = 1e-9
+"""Largest distance of the centre of a sphere from its centre of gravity to count as `CENTRED`, over its radius. [1]"""
+
+# Where the base faces the impact face, the channel that the body has cut is behind it: a cavity without bound, whose
+# decay is zero to the precision of its polynomials. A cosine of zero would divide by zero.
 BEHIND = 1e-100
-"""Cosine of α that stands for that of the base: where the base faces the impact face, the channel that the body has cut
-is behind it, which a cavity without bound describes. The decay is then zero to the precision of its polynomials."""
+"""Cosine of α used for the base. [1]"""
+# This ratio gives 60 by 200 panels for the 12,000 of the paper.
 AROUND_PER_AXIAL = 0.3
-"""Panels around over panels along the axis: 60 by 200 for the paper's 12,000."""
+"""Number of panels around the axis over that along it. [1]"""
 
 HALF_TURN = math.pi / 2.0
+# A piece has two ends. The top and the bottom of its rings each cross the face twice and the separation line once.
 MAX_CUTS = 8
-"""Ends of the stretches of one outline piece: two ends and at most six crossings."""
+"""Largest number of ends of stretches on one outline piece."""
 
 BodyMotion = tuple[float, float, float, float, float, float]
-"""Depth of the centre of gravity, cosine and sine of the axis angle; velocities along and across the axis, and spin."""
+"""Depth of the centre of gravity [m], cosine and sine of the axis angle, velocities along and across the axis [m/s],
+and angular velocity [rad/s]."""
 Ring = tuple[float, float, float, float]
-"""Sine and cosine of α, axial position and radius."""
+"""Sine and cosine of α, axial position and radius of a ring. [1, m]"""
 
 
 class Body(NamedTuple):
     """A projectile for the compiled code. The centre of gravity is the origin, positions ahead of it are positive."""
 
     outline: FloatArray
-    """(n, 8), the base last, without length where a body ends in a point. A line: kind, axial position and radius at
-    its start, its length, sine and cosine of α, and α. An arc: kind, axial position and radius of its centre, its
-    radius, smallest and largest α, and nothing. Last in each row the bound of the cavity, as `Section` has it.
-    [m, rad]"""
+    """(n, 8) pieces of the outline; the last is the base, with length zero where a body ends in a point. [m, rad]
+
+    The columns of a line are its kind, axial position and radius at its start, length, sine and cosine of α, α, and
+    the bound of the cavity as in `Section`. Those of an arc are its kind, axial position and radius of its centre, its
+    radius, smallest and largest α, an unused zero, and the bound of the cavity."""
     corners: FloatArray
-    """(m, 2) axial position and radius of the points between pieces, tip and rear edge included. [m]"""
+    """(m, 2) axial position and radius of the ends of all pieces, nose tip and rear edge included. [m]"""
     tip: float
     """Axial position of the nose tip. [m]"""
     mass: float
-    """[kg]"""
+    """Mass of the body. [kg]"""
     moment_of_inertia: float
-    """About a transverse axis through the centre of gravity. [kg m²]"""
+    """Moment of inertia about a transverse axis through the centre of gravity. [kg m²]"""
     bounds: int
-    """Whether the cavity is bounded anywhere but on the base, and whether the body is a sphere: the sum of `BOUNDED`,
-    `TAPERED` and `CENTRED`. One number for all, since this is handed over at every evaluation."""
+    """Sum of the flags `BOUNDED`, `TAPERED` and `CENTRED` that apply. The base does not count for the first two. One
+    number holds all flags, since a body is passed at every evaluation."""
 
 
 class Panels(NamedTuple):
@@ -68,7 +76,7 @@ class Panels(NamedTuple):
     """
 
     axial: FloatArray
-    """Ahead of the centre of gravity. [m]"""
+    """Distance ahead of the centre of gravity. [m]"""
     lateral: FloatArray
     """Offset from the axis in the plane of incidence, along u. [m]"""
     normal_axial: FloatArray
@@ -97,18 +105,21 @@ class Section(NamedTuple):
 
     piece: OutlinePiece
     cavity: float
-    """0 where the cavity is r / cos α. Where that is larger than the radius of the shank, this radius, the bound; where
-    the normal points backwards its negative, as the bound holds towards the rear face of a wall only. [m]"""
+    """Bound of the radius of the cavity; 0 where the cavity is r / cos α. [m]
+
+    The bound is the radius of the shank. It is negative where the normal points backwards, since there it holds towards
+    the rear face of a wall only."""
 
 
 def sections(pieces: tuple[OutlinePiece, ...], radius: float) -> Iterator[Section]:
     """Cut pieces of an outline where the distance to the axis along the normal reaches the radius of the shank.
 
-    The decay law takes that distance for the radius of a cavity. A blunt face would open one without bound, wider than
-    the hole that the body makes, and feel a distant rear face as if it were near. So the cavity is no wider than the
-    shank. An ogive is nowhere beyond the bound, a cap everywhere: its normals meet in its centre. What looks backwards
-    and faces the impact face has the channel that the body has cut behind it: there the distance is not bounded, so
-    that the steeper a body tapers, the less its rear is resisted, down to the nothing of the flat base.
+    The decay law takes that distance as the radius of a cavity. On a blunt face the distance has no bound: the cavity
+    would be wider than the hole that the body makes, and a distant rear face would weaken the resistance as if it were
+    near. So the cavity is at most as wide as the shank. An ogive never reaches the bound; a cap exceeds it everywhere,
+    since its normals meet in its centre. Elements that look backwards, towards the impact face, have the channel of the
+    body behind them. There the distance is not bounded: the steeper a body tapers, the smaller the resistance of its
+    rear, down to zero at a flat base.
     """
     for piece in pieces:
         if isinstance(piece, Arc):
@@ -128,7 +139,7 @@ def sections(pieces: tuple[OutlinePiece, ...], radius: float) -> Iterator[Sectio
 
 @lru_cache  # as for `mass_properties`
 def build_body(projectile: Projectile, properties: MassProperties) -> Body:
-    """Outline and mass properties of `projectile` for the compiled code."""
+    """Convert a projectile and its mass properties to the arrays of the compiled code."""
     center = properties.center_of_gravity
     rows, corners = [], []
     outline = tuple(sections(projectile.outline(), projectile.radius))
@@ -145,7 +156,7 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
             for angle in (piece.angle_start, piece.angle_end):
                 x, r = piece.x_center - piece.radius * math.sin(angle), piece.r_center + piece.radius * math.cos(angle)
                 corners.append((center - x, r))
-    tip, mass, inertia = map(float, (center, properties.mass, properties.moment_of_inertia))  # 13 is another type
+    tip, mass, inertia = map(float, (center, properties.mass, properties.moment_of_inertia))  # an int is another type
     bounded, tapered = (any(sign * cavity > 0.0 for _, cavity in outline) for sign in (1.0, -1.0))
     centred = all(
         isinstance(piece, Arc)
@@ -159,19 +170,21 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
 
 @compiled
 def deepest_offset(body: Body, axis_angle: float) -> float:
-    """Depth of the deepest point of the surface ahead of the centre of gravity. [m]"""
+    """Return the depth of the deepest point of the surface below the centre of gravity. [m]"""
     return deepest_point(body, axis_angle)[0]
 
 
 @lean
 def deepest_point(body: Body, axis_angle: float) -> tuple[float, float]:
-    """Depth of the deepest point of the surface ahead of the centre of gravity, and its growth with the axis angle.
+    """Return the depth of the deepest point below the centre of gravity, and its derivative by the axis angle.
 
-    In metres, and metres per radian.
+    The units are m and m/rad.
     """
     c, s = math.cos(axis_angle), math.sin(axis_angle)
     mirror, s = math.copysign(1.0, s), abs(s)
     facing = math.atan2(c, s)  # α of the element whose normal points into depth
+    # The deepest point of a convex body is a corner of the outline, or a point on an arc whose normal points into
+    # depth.
     reach, axial, radius = -math.inf, 0.0, 0.0
     for i in range(body.corners.shape[0]):
         depth = body.corners[i, 0] * c + body.corners[i, 1] * s
@@ -182,18 +195,24 @@ def deepest_point(body: Body, axis_angle: float) -> tuple[float, float]:
         if piece[0] == ARC and piece[4] < facing < piece[5]:
             depth = piece[1] * c + piece[2] * s + piece[3]
             if depth > reach:
-                reach, axial, radius = depth, piece[1], piece[2]  # its centre turns as the point on it does
+                reach, axial, radius = depth, piece[1], piece[2]  # the deepest point of an arc stays below its centre
     return reach, mirror * (radius * c - axial * s)
 
 
 def build_panels(projectile: Projectile, properties: MassProperties, count: int) -> Panels:
-    """Midpoint panels, about `count` on nose and shank, half of the rings on the nose; the base has its own beside.
+    """Build the midpoint panels of the paper: half of the rings on the nose, half on the shank, and a base besides.
 
     Parameters
     ----------
     count
-        Panels of nose and shank; what does not fill a ring is left out.
+        Number of panels on nose and shank, rounded down to whole rings.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer rings than pieces of the outline.
     """
+    # The number around is even, since one half of the body is the mirror image of the other.
     around = max(4, 2 * round(math.sqrt(AROUND_PER_AXIAL * count) / 2.0))
     rings = count // around
     outline = tuple(sections(projectile.outline(), projectile.radius))
@@ -213,9 +232,13 @@ def build_panels(projectile: Projectile, properties: MassProperties, count: int)
 
 
 def _strip(section: Section, rings: int, center: float, azimuth: FloatArray) -> tuple[FloatArray, ...]:
-    """Columns of the panels of one section, `rings` along it and one for each azimuth; the base has no bound."""
+    """Return the columns of `Panels` for one section, with `rings` along it and one panel for each azimuth.
+
+    The base has an infinite bound.
+    """
     t = (np.arange(rings) + 0.5) / rings
     x, r, sine, cosine = section.piece.at(t)
+    # A panel and its mirror image are two of the equal parts of a ring.
     area = 2.0 * 2.0 * math.pi * r * (section.piece.length / rings) / (2 * azimuth.size)
 
     def spread(along: FloatArray) -> FloatArray:
@@ -236,7 +259,7 @@ def _strip(section: Section, rings: int, center: float, azimuth: FloatArray) -> 
 
 @lean
 def insert(cuts: FloatArray, count: int, value: float, upper: float) -> int:
-    """Put `value` in its place among the sorted `cuts`, if it lies inside; return how many there are."""
+    """Insert `value` into the sorted `cuts` if it lies between the first one and `upper`; return the new count."""
     if not cuts[0] < value < upper:
         return count
     place = count
@@ -249,9 +272,10 @@ def insert(cuts: FloatArray, count: int, value: float, upper: float) -> int:
 
 @lean
 def _cut_arc(cuts: FloatArray, piece: FloatArray, motion: BodyMotion) -> int:
-    """Angles α at which the face or the separation line crosses the top or bottom of a circular piece."""
+    """Cut an arc at the angles α where the face or the separation line crosses the top or bottom of a ring."""
     depth, c, s, forward, sideways, spin = motion
     axial, radius, size, upper = piece[1], piece[2], piece[3], piece[5]
+    # An error of 1e-8 rad moves a cut by as much, which changes the sum of two smooth integrals by far less than that.
     angle = arc_cosine(c)
     cuts[0] = piece[4]
     count = 1
@@ -269,7 +293,7 @@ def _cut_arc(cuts: FloatArray, piece: FloatArray, motion: BodyMotion) -> int:
 
 @lean
 def _cut_line(cuts: FloatArray, piece: FloatArray, motion: BodyMotion) -> int:
-    """Distances along a straight piece at which they do."""
+    """Cut a line at the distances where the face or the separation line crosses the top or bottom of a ring."""
     depth, c, s, forward, sideways, spin = motion
     axial, radius, length, sine_, cosine = piece[1], piece[2], piece[3], piece[4], piece[5]
     cuts[0] = 0.0
@@ -287,7 +311,7 @@ def _cut_line(cuts: FloatArray, piece: FloatArray, motion: BodyMotion) -> int:
 
 @lean
 def ring_at(piece: FloatArray, place: float) -> Ring:
-    """The ring at a place on a piece."""
+    """Return the ring at a place on a piece: an angle α on an arc, a distance from the start on a line."""
     if piece[0] == ARC:
         sine_, half = sine(place), sine(0.5 * place)
         cosine = 1.0 - 2.0 * half * half
@@ -297,13 +321,13 @@ def ring_at(piece: FloatArray, place: float) -> Ring:
 
 @lean
 def cut(cuts: FloatArray, piece: FloatArray, motion: BodyMotion) -> int:
-    """Write the sorted ends of the stretches of a piece; return how many stretches there are."""
+    """Write the sorted ends of the stretches of a piece; return the number of stretches."""
     return _cut_arc(cuts, piece, motion) if piece[0] == ARC else _cut_line(cuts, piece, motion)
 
 
 @lean
 def is_loaded(ring: Ring, motion: BodyMotion) -> bool:
-    """Whether any of a ring is below the face, and any of it moves into the target."""
+    """Return whether some point of a ring is below the face and some point of it moves into the target."""
     sine, _, axial, radius = ring
     depth, c, s, forward, _, _ = motion
     return depth + axial * c + radius * s > 0.0 and forward * sine + abs(_turning(ring, motion)) > 0.0
@@ -311,7 +335,7 @@ def is_loaded(ring: Ring, motion: BodyMotion) -> bool:
 
 @lean
 def _turning(ring: Ring, motion: BodyMotion) -> float:
-    """How the normal velocity grows with cos β."""
+    """Return the slope of the normal velocity over cos β. [m/s]"""
     sine, cosine, axial, radius = ring
     _, _, _, _, sideways, spin = motion
     return (sideways + spin * axial) * cosine - spin * radius * sine
@@ -319,13 +343,16 @@ def _turning(ring: Ring, motion: BodyMotion) -> float:
 
 @lean
 def _faces_in(ring: Ring, motion: BodyMotion) -> bool:
-    """Whether all of its normals point into the target."""
+    """Return whether all normals of a ring point into the target."""
     return ring[0] * motion[1] >= ring[1] * motion[2]
 
 
 @lean
 def _dips_in(ring: Ring, motion: BodyMotion) -> bool:
-    """Whether those below the face do, as its own meets the axis above the face."""
+    """Return whether the normals of a ring below the face point into the target.
+
+    That is so where the normals of the ring meet the axis above the face.
+    """
     sine, cosine, axial, radius = ring
     depth, c, _, _, _, _ = motion
     return radius * sine * c >= (depth + axial * c) * cosine
@@ -333,15 +360,14 @@ def _dips_in(ring: Ring, motion: BodyMotion) -> bool:
 
 @lean
 def is_full(piece: FloatArray, begin: float, end: float, middle: Ring, motion: BodyMotion) -> bool:
-    """Whether a stretch, of which the ring in its middle is known, is resisted in full wherever it is loaded.
-
-    The shank is where it moves sideways into the target. Elsewhere what holds at both ends of a stretch holds within:
-    α and where the normals meet the axis change in one direction only.
-    """
+    """Return whether a stretch is resisted in full wherever it is loaded; `middle` is the ring in its middle."""
+    # A shank (sin α = 0) that moves sideways into the target is loaded on the side whose normals point into it.
     if middle[0] == 0.0 and _turning(middle, motion) < 0.0:
         return True
     if not (_faces_in(middle, motion) or _dips_in(middle, motion)):
         return False
-    nearest, farthest = (begin, end) if motion[1] >= 0.0 else (end, begin)  # of an arc, by how its α faces in
+    # Along a stretch α and the point where the normals meet the axis are monotonic, so that a condition which holds at
+    # both ends holds in between.
+    nearest, farthest = (begin, end) if motion[1] >= 0.0 else (end, begin)  # the end of an arc that faces in least
     first = ring_at(piece, nearest)
     return _faces_in(first, motion) or (_dips_in(first, motion) and _dips_in(ring_at(piece, farthest), motion))

@@ -1,14 +1,13 @@
-"""Stress integrated around many rings of the surface at a time, compiled.
+"""Compiled integrals of the stress around many rings of the surface at a time.
 
-On the ring of the surface at one station depth, normal velocity and the tilt of the normal are all linear in c = cos β.
-So the loaded range of c is known in closed form, and it falls into at most three arcs. In the order of rising c: an arc
-whose normal points into the target and which is resisted in full, with integrals in closed form; one so deep that the
-plastic zone does not reach the face; and one near the face. On the last two the integrand is smooth, and a few
-Gauss-Legendre points in β do. (That order holds for an axis angle of 0 to 180°; others are mirrored before.)
+On the ring of the surface at one station, depth, normal velocity and the tilt of the normal are linear in c = cos β.
+So the loaded range of c is known in closed form, and it consists of at most three arcs. In the order of rising c: an
+arc whose normal points into the target and which is resisted in full, with integrals in closed form; one so deep that
+the plastic zone does not reach the face; and one near the face. On the last two the integrand is smooth, so that a few
+Gauss-Legendre points in β suffice. This order holds for axis angles of 0 to 180°; callers mirror other states first.
 
 Rings lie side by side in rows of one flat array, so that loops over them fill vector registers. No loop has a branch:
-an arc that is not there has no width. Rings known to have the first arc only lie apart from the others, and cost a
-fraction of them.
+an absent arc has zero width. Rings that have the first arc only are stored apart from the others and cost a fraction.
 """
 
 import math
@@ -22,33 +21,42 @@ from solver.compilation import VECTOR_WIDTH, exact, lean, vectorised
 from solver.free_surface import TINY, Decay, inertial_factor, static_factor
 from solver.surface import ARC, BodyMotion
 
+# A wall stores each ring twice, so half of the rows must hold one stretch with the most stations there may be, 256.
 ROOM = 520
-"""Rings of either kind in a batch: two stretches with the most stations there may be, and more."""
+"""Largest number of rings of either kind in a batch."""
 FULL = ROOM
-"""Place of the first ring that is resisted in full; the others begin at 0."""
+"""Index of the first ring that is resisted in full; the other rings begin at 0."""
 CAPACITY = 2 * ROOM
+"""Rings of both kinds in a batch: the length of a row."""
+# A loop without a remainder compiles to vector instructions alone. It may run over stale rings, which no sum includes.
 VECTOR = np.uint64(VECTOR_WIDTH)
-"""Loops go on to a multiple of this, so that none has a remainder, over rings of before that no sum takes in."""
+"""Loops over rings run to a multiple of this number."""
+# The indices are unsigned, since an index that might be negative costs a test at each access.
 (
     ALPHA, AXIAL, RADIUS, SIZE, WEIGHT, DEPTH, COSINE, SINE, FORWARD, SIDEWAYS, SPIN,
     INWARD, INWARD_SLOPE, OUTWARD, OUTWARD_SLOPE, SPEED, SPEED_SLOPE, STATIC, ALONG, ACROSS, TURN,
     DEEP_BEGIN, DEEP_SPAN, NEAR_BEGIN, NEAR_SPAN, EVEN, ODD, CAVITY,
 ) = (np.uint64(row * CAPACITY) for row in range(28))  # fmt: skip
-"""Where the rows begin. Unsigned, since an index that might be negative costs a test each time.
+"""Offsets of the rows in the flat array.
 
-What `add_rings` writes: α; axial position and radius of the centre of curvature; radius of curvature; the ring's share
-of the outline; the motion of its body; the bound of its cavity. On a straight piece the second and
-third are those of the ring itself, and the radius of curvature is zero. What `_load_rings` adds, as values and slopes
-in c: depth times cos α and outward tilt of the normal times the radius, which make up k, where the cavity is bounded
-depth and outward tilt times the bound; normal velocity. Then S f'c, ramped; what the integral of the stress adds
-to the force along the axis, and that of the stress times c to the force across and the moment; where the two arcs with
-a decay begin, as β - π/2, and how far they reach; and the two integrals, to which the sums over the arcs add."""
+`add_rings` writes α (`ALPHA`), the axial position and radius of the centre of curvature (`AXIAL`, `RADIUS`), the radius
+of curvature (`SIZE`), the length of outline that the ring stands for (`WEIGHT`), the motion of the body (`DEPTH` to
+`SPIN`), and the bound of the cavity (`CAVITY`). On a straight piece axial position and radius are those of the ring,
+and the radius of curvature is zero.
+
+`_load_rings` writes values and slopes in c of the distance to the face and of the outward tilt, scaled as
+`cavity_scales` has it (`INWARD`, `OUTWARD`), and of the normal velocity (`SPEED`). Then come the ramped S f'c
+(`STATIC`); factors from the integral of the stress to the force along the axis (`ALONG`), and from that of the stress
+times c to the force across the axis and the moment (`ACROSS`, `TURN`); beginning, as β - π/2, and width of the two arcs
+with a decay (`DEEP_BEGIN` to `NEAR_SPAN`); and the two integrals (`EVEN`, `ODD`)."""
 ROW_COUNT = 28
+"""Number of rows."""
 SPAN = np.uint64(CAPACITY)
-"""From the row where arcs begin to the one with their ends."""
+"""Offset from the row with the beginning of an arc to the row with its width."""
 HALF_TURN = math.pi / 2.0
 
 Load = tuple[float, float, float]
+"""Two components of the force, and the moment. [N, N m]"""
 
 
 class Law(NamedTuple):
@@ -62,31 +70,34 @@ class Law(NamedTuple):
     """Normal velocity over which the static stress of a ring builds up. [m/s]
 
     S f'c acts in full for any v_n > 0, as dry friction does, so a shank at rest sideways in its hole would need forces
-    that switch infinitely often. Below this velocity they go to zero smoothly instead, which lets the shank creep at a
+    that switch infinitely often. Below this velocity they go to zero smoothly instead, and the shank creeps at a
     fraction of it."""
     smooth_ramp: bool
-    """Whether the ramp begins without a corner. Rough steps do not see one, and take a smooth ramp, which has no
-    stiffness at rest, for freedom to move."""
+    """Selects a ramp whose slope at zero velocity is zero. Steps with a coarse tolerance need the other one: without
+    stiffness at rest they would find the body free to move."""
     decay: Decay
     thickness: float
     """Depth of the rear face; infinite for a half-space. [m]"""
     loaded_thickness: float
-    """Depth from which nothing is loaded: the rear face, or where the plug begins. [m]"""
+    """Depth beyond which no element is loaded: that of the rear face, or of the beginning of the plug. [m]"""
     crater_depth: float
-    """From which the target resists in full; 0 for no crater. [m]"""
+    """Depth from which the target resists in full; 0 without a crater. [m]"""
 
 
 @vectorised
 def clamp(value: float, low: float, high: float) -> float:
-    """The value, or the end of the range that it is beyond."""
+    """Limit a value to the range from `low` to `high`."""
     bounded = max(low, value)
     return min(high, bounded)
 
 
 @vectorised
 def loaded_range(depth: float, depth_slope: float, speed: float, speed_slope: float) -> tuple[float, float]:
-    """Lowest and highest c that is below the face and moves into the target; the same if none does."""
+    """Return the range of c that is below the face and moves into the target; an empty range has equal ends."""
+    # The slope of the depth is never positive, so the denominator is not zero. Without a slope the quotient is so large
+    # in either direction that all of the ring is below the face or none of it.
     face = depth / (TINY - depth_slope)
+    # The quotient may be infinite or not a number; the comparisons below then leave it unused.
     separation = -speed / speed_slope
     high = min(1.0, face)
     high = separation if speed_slope < 0.0 and separation < high else high
@@ -97,7 +108,10 @@ def loaded_range(depth: float, depth_slope: float, speed: float, speed_slope: fl
 
 @vectorised
 def ramped(fastest: float, static_stress: float, ramp_velocity: float, smooth: bool) -> float:
-    """Static stress on a ring with this largest normal velocity. [Pa]"""
+    """Return the static stress on a ring whose fastest point has the normal velocity `fastest`. [Pa]"""
+    # The form r² / √(1 + r⁴) needs a root only; a hyperbolic tangent would be a library call in each pass of the loop.
+    # It reaches 1 with an error of r⁻⁴ / 2. An earlier form, r² / (1 + r²), has an error of r⁻² and made normal shots
+    # 5e-6 of their depth deeper than the closed form.
     ramp = fastest / ramp_velocity
     ramp *= ramp if smooth else 1.0
     return static_stress * ramp / math.sqrt(1.0 + ramp * ramp)
@@ -107,7 +121,11 @@ def ramped(fastest: float, static_stress: float, ramp_velocity: float, smooth: b
 def integrate_full(
     low: float, high: float, turn: float, static: float, density: float, speed: float, speed_slope: float
 ) -> tuple[float, float]:
-    """Integrals over β of the full stress, and of it times c, from low to high c, which lie `turn` apart in β."""
+    """Return the integrals over β of the undiminished stress, and of that stress times c, between two values of c.
+
+    The difference of β between `low` and `high` is passed as `turn`, since callers have it already.
+    """
+    # The stress is a polynomial of degree 2 in c, and c1, c2 and c3 are the integrals of the powers of cos β.
     sine_low, sine_high = math.sqrt(1.0 - low * low), math.sqrt(1.0 - high * high)
     c1 = sine_low - sine_high
     c2 = 0.5 * (turn + sine_low * low - sine_high * high)
@@ -121,8 +139,8 @@ def integrate_full(
 def add_rings(
     rows: FloatArray, place: int, piece: FloatArray, begin: float, end: float, stations: FloatArray, motion: BodyMotion
 ) -> None:
-    """Write what makes up the rings at the stations of a stretch. What fills the last vector has no weight."""
-    # On an arc of the outline α runs along it, on a straight piece the position: the same loop does both.
+    """Write the rows of the rings at the stations of a stretch. Rings that pad the last vector have zero weight."""
+    # On an arc of the outline α varies, on a straight piece the position does: one loop without a branch serves both.
     span, first = end - begin, np.uint64(place)
     depth, c, s, forward, sideways, spin = motion
     axial, radius, cavity = piece[1], piece[2], piece[7]
@@ -142,7 +160,8 @@ def add_rings(
 
 @exact
 def place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
-    """Sine and cosine of α, axial position and radius of a ring."""
+    """Return sine and cosine of α, axial position and radius of a ring."""
+    # The half-angle formula gets the cosine from the polynomial of the sine, up to the angles where the sine has it.
     sine_, half = sine(rows[ALPHA + i]), sine(0.5 * rows[ALPHA + i])
     cosine = 1.0 - 2.0 * half * half
     return sine_, cosine, rows[AXIAL + i] + rows[SIZE + i] * sine_, rows[RADIUS + i] + rows[SIZE + i] * cosine
@@ -150,17 +169,17 @@ def place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
 
 @exact
 def cavity_scales(bound: float, cosine: float, radius: float) -> tuple[float, float]:
-    """Factors of the depth and of the outward tilt of a ring, of which the ratio, plus one, is k.
+    """Return the factors of depth and outward tilt of a ring; the ratio of the two products is k - 1.
 
-    With a cavity of radius r / cos α they are cos α and r, so that a ring near the axis needs no division by zero; with
-    a bounded one, 1 and the bound.
+    For a cavity of radius r / cos α the factors are cos α and r, so that no quotient is needed near the axis, where r
+    is zero. For a bounded cavity they are 1 and the bound.
     """
     return (1.0, bound) if bound > 0.0 else (cosine, radius)
 
 
 @exact
 def ring_motion(rows: FloatArray, i: int) -> BodyMotion:
-    """Motion of the body that a ring is part of."""
+    """Return the motion of the body at the state to which a ring belongs."""
     return (
         rows[DEPTH + i], rows[COSINE + i], rows[SINE + i], rows[FORWARD + i], rows[SIDEWAYS + i], rows[SPIN + i],
     )  # fmt: skip
@@ -168,7 +187,7 @@ def ring_motion(rows: FloatArray, i: int) -> BodyMotion:
 
 @vectorised
 def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
-    """Integrate around rings that are resisted in full wherever they are loaded, up to a place."""
+    """Integrate the stress around the rings from `FULL` up to `end`, which are resisted in full where loaded."""
     for i in range(np.uint64(FULL), end):
         depth, c, s, forward, sideways, spin = ring_motion(rows, i)
         sine_, cosine, axial, radius = place_ring(rows, i)
@@ -176,7 +195,7 @@ def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
         speed = forward * sine_
         speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
         low, high = loaded_range(depth + axial * c, -radius * s, speed, speed_slope)
-        # One static stress for the ring, by its fastest point, leaves a polynomial in c, which has a closed integral.
+        # A single static stress for the ring, by its fastest point, leaves a polynomial in c with a closed integral.
         static = ramped(speed + abs(speed_slope), law.static_stress, law.ramp_velocity, law.smooth_ramp)
         turn = arc_cosine(low) - arc_cosine(high)
         even, odd = integrate_full(low, high, turn, static, law.dynamic_density, speed, speed_slope)
@@ -188,13 +207,14 @@ def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
 
 
 def _ring_loader(name: str, *, bounded: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
-    """Function for bodies with or without a bounded cavity: those without, as ogives are, save the choice of it.
+    """Make the function that finds the arcs of rings, for bodies with or without a bounded cavity.
 
-    Compiled code is kept by the name.
+    Bodies without one, such as ogives, save a selection for each ring. The cache of compiled code tells the two
+    functions apart by `name`.
     """
 
     def load_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
-        """Find the arcs of every ring, and integrate around those that are resisted in full, up to a place."""
+        """Find the arcs of the rings up to `end` and integrate around the fully resisted ones."""
         beyond = law.decay.corner - 1.0
         for i in range(end):
             depth, c, s, forward, sideways, spin = ring_motion(rows, i)
@@ -209,7 +229,7 @@ def _ring_loader(name: str, *, bounded: bool) -> Callable[[FloatArray, np.uint64
             outward, outward_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
 
             # Above `tilted` the normal leans out of the target; above `plastic` k lies below the corner of the decay.
-            # Clamped one by one they leave arcs in order, and an arc that is not there has equal ends, for no branch.
+            # Clamping one by one keeps the arcs in order and gives an absent arc equal ends, without a branch.
             low, high = loaded_range(inside, inside_slope, speed, speed_slope)
             tilted = -outward / (outward_slope + TINY)
             plastic = (inward - beyond * outward) / (beyond * outward_slope - inward_slope + TINY)
@@ -243,20 +263,20 @@ _load_bounded_rings = _ring_loader("_load_bounded_rings", bounded=True)
 
 @exact
 def _point(rows: FloatArray, ring: int, begin: np.uint64, node: float) -> tuple[float, float, float, float]:
-    """The point at a fraction of an arc: c, distance to the face, distance to the axis, normal velocity."""
+    """Return c, scaled distances to the face and to the axis, and normal velocity at a fraction of an arc."""
     c = -sine(rows[begin + ring] + rows[begin + SPAN + ring] * node)
     inward = rows[INWARD + ring] + rows[INWARD_SLOPE + ring] * c
     outward = rows[OUTWARD + ring] + rows[OUTWARD_SLOPE + ring] * c
     speed = rows[SPEED + ring] + rows[SPEED_SLOPE + ring] * c
-    return c, max(0.0, inward), outward, speed
+    return c, max(0.0, inward), outward, speed  # at the face itself rounding can put a point outside
 
 
 @vectorised
 def _sum_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, law: Law) -> None:
-    """Load of the arcs on one side of the corner, of rings up to a place and a decay without inertia."""
+    """Add the integrals of the arcs on one side of the corner to rings up to `end`, for a decay without inertia."""
     begin = DEEP_BEGIN if deep else NEAR_BEGIN
-    # Points outside, rings inside: an arc has a few points only, and the rings fill the vectors. The decay has its
-    # corner between the two sides, so each takes one smooth formula, and few points do.
+    # The inner loop runs over rings, which fill the vectors; an arc has a few points only. On each side of the corner
+    # the decay is one smooth formula, so few Gauss-Legendre points suffice.
     for j in range(points.shape[0]):
         node, weight = points[j, 0], points[j, 1]
         for i in range(end):
@@ -270,7 +290,8 @@ def _sum_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, 
 
 @vectorised
 def _sum_inertial_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, law: Law) -> None:
-    """The same for a decay with inertia: a separate loop, since the other takes half its time without."""
+    """Add the integrals of the arcs on one side of the corner to rings up to `end`, for a decay with inertia."""
+    # This loop takes twice the time of the one without inertia, which is the default, so the two are kept apart.
     begin = DEEP_BEGIN if deep else NEAR_BEGIN
     for j in range(points.shape[0]):
         node, weight = points[j, 0], points[j, 1]
@@ -285,7 +306,7 @@ def _sum_inertial_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: Flo
 
 @lean
 def add_arcs(rows: FloatArray, end: np.uint64, points: FloatArray, law: Law) -> None:
-    """Add the arcs with a decay to the integrals of the rings up to a place."""
+    """Add the arcs with a decay to the integrals of the rings up to `end`."""
     if law.decay.inertia_scale > 0.0:
         _sum_inertial_arcs(rows, end, True, points, law)
         _sum_inertial_arcs(rows, end, False, points, law)
@@ -296,13 +317,13 @@ def add_arcs(rows: FloatArray, end: np.uint64, points: FloatArray, law: Law) -> 
 
 @lean
 def whole(count: int) -> np.uint64:
-    """So many rings and what it takes to fill vectors."""
+    """Round a number of rings up to whole vectors."""
     return (np.uint64(count) + VECTOR - np.uint64(1)) // VECTOR * VECTOR
 
 
 @lean
 def integrate_rings(rows: FloatArray, count: int, full: int, points: FloatArray, law: Law, bounded: bool) -> None:
-    """Integrate around the first `count` rings, and around so many that are resisted in full."""
+    """Integrate the stress around the first `count` rings and around the first `full` fully resisted ones."""
     if count > 0:
         end = whole(count)
         if bounded:
@@ -316,7 +337,7 @@ def integrate_rings(rows: FloatArray, count: int, full: int, points: FloatArray,
 
 @lean
 def sum_rings(rows: FloatArray, begin: int, end: int) -> Load:
-    """Force along and across the axis, and moment, of the rings between two places."""
+    """Return force along and across the axis, and moment, of the rings from `begin` to `end`. [N, N m]"""
     along = across = moment = 0.0
     for i in range(np.uint64(begin), np.uint64(end)):
         along += rows[ALONG + i] * rows[EVEN + i]

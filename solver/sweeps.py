@@ -1,6 +1,7 @@
-"""Sweeps: one case over a grid of inputs, and under every decay law and every strength law on offer.
+"""Sweeps of one case over a grid of inputs, and its answers under every decay law and strength law.
 
-A grid comes as an ``xarray.Dataset``, for those who have xarray. The laws show how much the choice of model decides.
+The result over a grid is an ``xarray.Dataset``, which requires xarray. Answers under all laws show the effect of the
+choice of model.
 """
 
 import itertools
@@ -37,28 +38,31 @@ from solver.trajectory import Trajectory
 if TYPE_CHECKING:
     import xarray
 
+# Such a sweep takes minutes to hours. A larger one is more likely a slip in the axes.
 MOST_POINTS = 100_000
+"""Largest number of points of a grid."""
 ANY_VELOCITY = 1.0
-"""Velocity of a strike until the axis sets it. [m/s]"""
+"""Velocity of a strike that an axis replaces by its own values. [m/s]"""
 SWEPT = ("projectile", "target", "impact", "resistance")
 """Parts of a strike whose fields can be axes."""
 SYMBOLS = {"caliber_radius_head": "ψ"}
-"""Symbols that labels have in place of the names of fields."""
+"""Symbols of fields in labels."""
 DECAY_LAWS = {
     ElasticPlastic: "decay: theory",
     MohrCoulomb: "decay: theory, nearest to finite element motions",
     NoFreeSurface: "no decay",
 }
-"""Decay models, with what each was fitted to."""
+"""Decay laws, and the evidence for each."""
 STRENGTH_LAWS = {
     ObliquityPolynomial: "S: finite elements, 80 mm into 39 MPa, 0° to 45°",
     PublishedTests: "S: 251 tests at 0°, 10 to 203 mm, 13 to 108 MPa, over the angle as eq. 9",
     StrengthPowerLaw: "S: tests at 0° of Frew et al. (1998), over the angle constant",
 }
-"""Models of the strength factor with their default constants, with what each was fitted to."""
+"""Laws of the strength factor, and the data to which their default constants were fitted."""
 FINITE_ELEMENT_MOTIONS = "S: eq. 9 at 0°, over the angle finite element motions with this decay, to 55°"
+"""Data to which `FINITE_ELEMENT_LAW` was fitted."""
 FINITE_ELEMENT_LAW = shaped_as_finite_elements(ObliquityPolynomial())
-"""S of eq. 9 in normal impact, over the angle as finite element motions with the decay law in use."""
+"""Law with S of eq. 9 in normal impact, and S(θ)/S(0) of finite element motions with the decay law in use."""
 
 Answer = TypeVar("Answer")
 
@@ -78,23 +82,23 @@ def critical_angle_sweep(
     degrees: bool = False,
     threads: int = 1,
 ) -> "xarray.Dataset":
-    """Critical angles over every combination of the values of some inputs.
+    """Find the critical angles over every combination of the values of some inputs.
 
     Parameters
     ----------
     projectile, target, angle_of_attack, angular_velocity, resistance, numerics, search, strength_scatter
         As for `critical_angle`. [SI, rad]
     axes
-        Values by field: a dotted name, as in ``target.compressive_strength``, or its last part where that is clear.
-        Models, as in ``resistance.free_surface`` or ``projectile.nose``, become coordinates by their names, those of
-        one name with what they differ in, as in ``ogive ψ=3``; other objects by their text. Other labels of a DataArray
-        stay beside its values.
+        Values by field: a dotted name, as in ``target.compressive_strength``, or its last part where that is
+        unambiguous. Models, as in ``resistance.free_surface`` or ``projectile.nose``, become coordinates by their
+        names; models of one name also show the values in which they differ, as in ``ogive ψ=3``. Other objects become
+        coordinates by their text. Further labels of a DataArray are kept beside its values.
     velocity
         As for `critical_angle`; not needed where it is an axis. [m/s]
     degrees
-        Whether the dataset has its angles in degrees, as for plots; values of axes are given in radians all the same.
+        Return the angles in degrees, as for plots; values of axes are given in radians nevertheless.
     threads
-        How many searches run at a time.
+        Number of searches computed at a time.
 
     Returns
     -------
@@ -105,7 +109,7 @@ def critical_angle_sweep(
     Raises
     ------
     ParameterError
-        If an axis is no field of a strike, or a value is outside what the model accepts.
+        If an axis is no field of a strike, or a value is outside its range.
     ModuleNotFoundError
         If xarray is not installed.
 
@@ -157,7 +161,7 @@ def simulate_sweep(
     degrees: bool = False,
     threads: int = 1,
 ) -> "xarray.Dataset":
-    """Trajectories over every combination of the values of some inputs, each by its end.
+    """Compute trajectories over every combination of the values of some inputs, and return their final states.
 
     Parameters
     ----------
@@ -166,19 +170,19 @@ def simulate_sweep(
     axes
         Values by field, as for `critical_angle_sweep`.
     degrees
-        Whether the dataset has its angles in degrees.
+        Return the angles in degrees.
     threads
-        How many strikes run at a time.
+        Number of strikes computed at a time.
 
     Returns
     -------
     xarray.Dataset
-        As of `critical_angle_sweep`.
+        The columns of `solver.columns` over the axes, as for `critical_angle_sweep`.
 
     Raises
     ------
     ParameterError
-        If an axis is no field of a strike, or a value is outside what the model accepts.
+        If an axis is no field of a strike, or a value is outside its range.
     ModuleNotFoundError
         If xarray is not installed.
     """
@@ -191,12 +195,12 @@ def simulate_sweep(
 
 
 class _Grid:
-    """A strike, and the values of the inputs that vary.
+    """Grid of strikes: one strike, and the values of the inputs that vary.
 
     Parameters
     ----------
     parts
-        The strike.
+        Parts of the strike by name.
     axes
         Values by field.
 
@@ -220,7 +224,7 @@ class _Grid:
         require(count <= MOST_POINTS, "axes", f"must make {MOST_POINTS:,} points at most, got {count:,}")
 
     def strikes(self) -> list[dict[str, Any]]:
-        """Return the parts of every strike, the last axis fastest."""
+        """Return the parts of every strike; the last axis varies fastest."""
         found = []
         for values in itertools.product(*self._values):
             parts = dict(self._parts)
@@ -233,7 +237,7 @@ class _Grid:
     def dataset(
         self, answers: Iterable[Trajectory | CriticalAngle | RicochetError], title: str, found: Sequence[str] = ()
     ) -> "xarray.Dataset":
-        """Return the answers as a dataset; `found` are inputs that the answers are, not the strike's."""
+        """Return the answers as a dataset; `found` names inputs that are part of the answers, not of the strike."""
         table = columns(list(answers))
         names = short_names(self.fields, table)
         coordinates: dict[str, tuple[Any, ...]] = {}
@@ -255,7 +259,7 @@ class _Grid:
 
 
 def _in_full(value: Any, name: str, instead: Mapping[str, str]) -> str:
-    """Return the text of an object as `repr` does, with other words at some dotted names."""
+    """Return the text of an object as `repr` does, with other texts for the fields in `instead`."""
     if name in instead:
         return instead[name]
     if not is_part(value):
@@ -285,8 +289,8 @@ def _in_degrees(dataset: "xarray.Dataset") -> "xarray.Dataset":
 def _coordinates(name: str, field: str, values: Sequence[Any]) -> dict[str, tuple[Any, ...]]:
     """Return the labels of an axis as a coordinate.
 
-    Models of one name have what they differ in behind it, or a number where that is no number itself, as lists have: so
-    that a label stands for one of them. A second coordinate has them in full.
+    Models of the same name get a suffix that distinguishes them: the numbers in which they differ or, if they differ in
+    other values, a running number. A second coordinate has their full text.
     """
     texts = [field.rpartition(".")[2] if isinstance(value, list | tuple) else label(value) for value in values]
     if any(isinstance(each, str) for each in texts):
@@ -303,7 +307,7 @@ def _coordinates(name: str, field: str, values: Sequence[Any]) -> dict[str, tupl
 
 
 def _differences(models: Sequence[Any]) -> list[str]:
-    """Return in which of their numbers some models differ, each from all others; else the number of each."""
+    """Return for each model the numbers that distinguish it from all others, or else running numbers."""
     numbered = [str(number) for number in range(1, len(models) + 1)]
     if not all(is_part(model) for model in models) or len(set(map(type, models))) > 1:
         return numbered
@@ -326,8 +330,9 @@ class Alternative(Generic[Answer]):
     """Answer to a case under one choice of the laws."""
 
     resistance: Resistance
+    """Resistance with these laws."""
     answer: Answer | RicochetError
-    """The error, if the case cannot be computed with these laws."""
+    """Answer, or the error if the case cannot be computed with these laws."""
 
     def laws(self) -> Row:
         """Return the names of its laws, as columns of a table."""
@@ -350,26 +355,27 @@ class Alternative(Generic[Answer]):
 
     @property
     def obliquity_shape(self) -> ObliquityShape:
-        """How S varies with the oblique angle."""
+        """Dependence of S on the oblique angle."""
         return obliquity_shape(self.resistance)
 
     @property
     def fitted_to(self) -> str:
-        """What the laws were fitted to."""
+        """Data to which the laws were fitted."""
         return fitted_to(self.resistance)
 
 
 def alternatives(
     function: Callable[..., Answer], *, resistance: Resistance | None = None, **case: Any
 ) -> tuple[Alternative[Answer], ...]:
-    """Answers to one case under each decay law with each strength law.
+    """Compute the answers to one case under each decay law with each strength law.
 
     Parameters
     ----------
     function
-        `critical_angle` or `simulate`.
+        Function to call: `critical_angle` or `simulate`.
     resistance
-        As in the case; only its inertia factor, and whether the decay includes inertia, are kept.
+        Resistance of the case, of which both laws are replaced. The inertia factor and the inertia of the decay are
+        kept.
     **case
         The other arguments of the function.
 
@@ -377,8 +383,8 @@ def alternatives(
     -------
     tuple of Alternative
         Decay laws in the order elastic-plastic, Mohr-Coulomb, none; with each the strength laws of eq. 9, of the
-        published tests, and of the strength alone. The theories of the decay also stand with the S(θ) that was fitted
-        to finite element motions with them, after eq. 9.
+        published tests, and of the strength alone. The two theories of the decay are also combined with the S(θ) that
+        was fitted to finite element motions with them, after eq. 9.
 
     Examples
     --------
@@ -403,20 +409,20 @@ def alternative_resistances(resistance: Resistance = EQUATION_9) -> tuple[Resist
 
 
 def _strength_laws(decay: FreeSurface) -> tuple[StrengthFactor, ...]:
-    """Return the laws of S that stand beside a decay law."""
+    """Return the laws of S that are combined with a decay law."""
     first, *others = (law() for law in STRENGTH_LAWS)
     own = () if isinstance(decay, NoFreeSurface) else (FINITE_ELEMENT_LAW,)
     return (first, *own, *others)
 
 
 def obliquity_shape(resistance: Resistance) -> ObliquityShape:
-    """Return how S of one of these resistances varies with the oblique angle."""
+    """Return the dependence of S on the oblique angle for one of the alternative resistances."""
     model = resistance.strength_factor
     return model.obliquity_shape if isinstance(model, PublishedTests | StrengthPowerLaw) else "equation_9"
 
 
 def fitted_to(resistance: Resistance) -> str:
-    """Return what the laws of one of these resistances were fitted to."""
+    """Return the data to which the laws of one of the alternative resistances were fitted."""
     model = resistance.strength_factor
     strength = FINITE_ELEMENT_MOTIONS if model == FINITE_ELEMENT_LAW else STRENGTH_LAWS[type(model)]
     return f"{strength}; {DECAY_LAWS[type(resistance.free_surface)]}"

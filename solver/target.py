@@ -1,17 +1,14 @@
-"""The concrete: strength, density and elastic constants, and what comes off its faces.
-
-A crater at the impact face, and the plug that shears out of the rear of a wall.
-"""
+"""Concrete of a target: strength, density, elastic constants, and the crater and the plug that break out of it."""
 
 import math
 from dataclasses import dataclass, fields
 
 from solver.checks import require, require_bounds
 
+# A plug as high as the wall would leave nothing to resist, and the slowest body would perforate. With a tenth of the
+# wall left, the paper's body perforates 50 mm from 33 m/s on. CEA-EDF has 18 m/s, and the model without a plug 86 m/s.
 MOST_PLUG = 0.9
-"""Height of a plug over the thickness of the wall, at most. A plug as high as the wall would leave nothing to resist,
-and the slowest body would perforate. With a tenth left the paper's body perforates 50 mm from 33 m/s on, where CEA-EDF
-has 18 m/s and the model without a plug 86 m/s. [1]"""
+"""Largest height of a plug over the thickness of the wall. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,8 +32,8 @@ class Target:
         Strength that 95 % of the concrete has, as of a strength class. Design values of walls rest on it where it is
         given; all else takes the compressive strength, which is the mean. [Pa]
     reinforcement_ratio_percent
-        Steel over concrete, each way and each face. Neither the model nor a formula here takes it: answers are those
-        of plain concrete, and say so. [%]
+        Area of steel over that of concrete, each way and each face. Neither the model nor any formula uses it: answers
+        are those for plain concrete, with a warning. [%]
 
     Raises
     ------
@@ -60,24 +57,24 @@ class Target:
 
     @property
     def elastic_modulus(self) -> float:
-        """Young's modulus in use: the one given, or the correlation's. [Pa]"""
+        """Young's modulus in use: the value given, or that of `concrete_youngs_modulus`. [Pa]"""
         if self.youngs_modulus is not None:
             return self.youngs_modulus
         return concrete_youngs_modulus(compressive_strength=self.compressive_strength)
 
 
 def concrete_youngs_modulus(*, compressive_strength: float) -> float:
-    """Young's modulus of normal-weight concrete from its compressive strength.
+    """Return Young's modulus of normal-weight concrete by its compressive strength.
 
     Parameters
     ----------
     compressive_strength
-        [Pa]
+        Unconfined compressive strength. [Pa]
 
     Returns
     -------
     float
-        [Pa]
+        Young's modulus. [Pa]
 
     Notes
     -----
@@ -88,7 +85,7 @@ def concrete_youngs_modulus(*, compressive_strength: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crater:
-    """A front crater, in which the resistance builds up with depth.
+    """Front crater, in which the resistance builds up with depth.
 
     Parameters
     ----------
@@ -101,8 +98,8 @@ class Crater:
     All forces are those of the cavity expansion times ``x / (k d)``, with the depth ``x`` of the deepest point of the
     surface, up to the crater depth ``k d``. Forrestal, Altman, Cargile and Hanchak (1994) let the axial force rise in
     proportion to depth with k = 2, Li and Chen (2003) with k = 0.707 + nose length / d; there the slope is the force at
-    the end of the crater over its depth, here the velocity of the instant counts. Both are for normal impact; no test
-    says what a crater does to an oblique strike.
+    the end of the crater over its depth, here the velocity of the instant counts. Both are for normal impact; the
+    effect of a crater on an oblique strike has not been tested.
     """
 
     depth_diameters: float = 2.0
@@ -114,7 +111,7 @@ class Crater:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShearPlug:
-    """A cone that shears out of the rear of a wall; within its height nothing resists.
+    """Cone of concrete that shears out of the rear of a wall and no longer resists.
 
     Parameters
     ----------
@@ -126,9 +123,9 @@ class ShearPlug:
     The height h is that at which a quasi-static force S f'c on the cross section shears the cone at
     (S / S_ref) f'c / √3: ``h / d = (√(1 + √3 S_ref tan α) - 1) / (2 tan α)``, as Li and Tong (2003) and Chen, Fan and
     Li (2004) have it for a shear strength of f'c / √3, with α = 66.1° after the tests of Dancygier (1998). S_ref is the
-    median of the published tests for the concrete and the diameter: a concrete with a higher S is as much stronger in
-    shear. The plug takes up at most nine tenths of a wall. The force of inertia, the obliquity, and the mass and energy
-    of the plug do not count. The decay near the rear face stays.
+    median of the published tests for the concrete and the diameter: the shear strength of a concrete is proportional to
+    its S. The plug takes up at most nine tenths of a wall. The inertial force, the obliquity, and the mass and energy
+    of the plug are neglected. The decay near the rear face is kept.
     """
 
     cone_angle: float = math.radians(66.1)
@@ -139,6 +136,6 @@ class ShearPlug:
         require(fits, "resistance.rear_plug.cone_angle", f"must be 10° to 85°, got {degrees:g}°")
 
     def height(self, *, strength_factor: float, diameter: float) -> float:
-        """Height of the plug, with S_ref, in a wall of any thickness. [m]"""
+        """Return the height of the plug for a strength factor of S_ref, in a wall of any thickness. [m]"""
         slope = math.tan(self.cone_angle)
         return diameter * (math.sqrt(1.0 + math.sqrt(3.0) * strength_factor * slope) - 1.0) / (2.0 * slope)

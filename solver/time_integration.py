@@ -1,10 +1,10 @@
-"""Time integration of a motion, compiled: the fixed step of the paper, and the error-controlled steps of this package.
+"""Compiled time integration of a motion: the fixed step of the paper, and the error-controlled steps of this package.
 
-The route of the paper is the classical Runge-Kutta method of order 4 with a fixed step. That of this package takes
-steps of GRK4T, a Rosenbrock pair of order 4 (3) for stiff equations. A shank at rest sideways in its hole makes the
-equations stiff; this pair walks over that in steps of the motion's own size. Coefficients: Kaps and Rentrop, Numerische
-Mathematik 33 (1979) 55-68, in the form of Hairer and Wanner, Solving Ordinary Differential Equations II (1996), IV.7.
-The state is (position, velocity) with equal positions and velocities in number, so each stage needs one 3 × 3 solve.
+The route of the paper is the classical Runge-Kutta method of order 4 with a fixed step. The adaptive route uses GRK4T,
+a Rosenbrock pair of order 4 (3) for stiff equations: a shank at rest sideways in its hole makes the equations stiff,
+and an explicit method would need thousands of steps there. Coefficients: Kaps and Rentrop, Numerische Mathematik 33
+(1979) 55-68, in the form of Hairer and Wanner, Solving Ordinary Differential Equations II (1996), IV.7. The state
+consists of three positions and their three velocities. Eliminating the velocities leaves a 3 × 3 system in each stage.
 """
 
 import math
@@ -32,18 +32,20 @@ from solver.motion import (
 )
 from solver.surface import Body
 
+# A gain of energy above this limit means a step that is too long for the strike, and must stay visible in the answer.
 UNRESOLVED_ENERGY = 1e-2
-"""Kinetic energy, over its initial value, below which a fixed step may be unable to tell motion from rest."""
+"""Kinetic energy, over its initial value, below which a fixed step may mistake the end of a motion. [1]"""
 
+# A true motion gains nothing. With too few stations a body between the faces of a wall gains without bound, in ever
+# shorter steps: searches on walls took seconds before such runs were ended. The factor 2 is far above any error of a
+# run that is still worth reporting.
 MOST_ENERGY = 2.0
-"""Kinetic energy, over its initial value, from which on a run has diverged: a true motion has no gain at all. With too
-few stations a body between the faces of a wall can gain without bound, in ever shorter steps; so can fixed
-steps that are too long."""
+"""Kinetic energy, over its initial value, above which a run counts as diverged. [1]"""
 
 
 @once
 def _attempt_fixed_step(state: FloatArray, step: float, model: Model, work: Workspace) -> None:
-    """One step; the new state is in ``work.trial``."""
+    """Write the state after one Runge-Kutta step to ``work.trial``."""
     rate, point = work.stages, work.point
     for n in range(6):
         point[n] = state[n]
@@ -62,7 +64,7 @@ def _attempt_fixed_step(state: FloatArray, step: float, model: Model, work: Work
 
 @lean
 def _impulse_energy(acceleration: FloatArray, step: float, body: Body) -> float:
-    """Kinetic energy that the present load gives or takes within one step, from rest or to rest. [J]"""
+    """Return the kinetic energy that a constant load gives a body at rest within one step. [J]"""
     translation = body.mass * (acceleration[0] ** 2 + acceleration[1] ** 2)
     return 0.5 * float(translation + body.moment_of_inertia * acceleration[2] ** 2) * step**2
 
@@ -81,22 +83,22 @@ def integrate_fixed(
 ) -> RunValues:
     """Integrate with the fixed step of the paper until an event or `end_time`.
 
-    A fixed step cannot follow the end of the motion: it overshoots rest and then gains energy, which no true motion
-    does. A step that gains energy while the load could stop the projectile within one step is taken for rest, if little
-    energy is left; with more, the step is too long for the strike, which the reported gain shows.
+    A fixed step overshoots rest and then gains energy, which no true motion does. A step that gains energy counts as
+    rest if the load could stop the projectile within one step and less than `UNRESOLVED_ENERGY` is left. A gain at a
+    higher energy is reported in the result: the step is too long for the strike.
 
     Parameters
     ----------
     start
         (6,) state at first contact.
     steps
-        (n, `STEP_WIDTH`) table to fill: a row for each step, or one row to keep none.
+        (n, `STEP_WIDTH`) output: a row for each step. With a single row, only the last step is kept.
     state
-        (6,) to fill, at the end of the run.
+        (6,) output: state at the end of the run.
     control
-        See `solver.cancellation`.
+        Shared array that cancels the run, see `solver.cancellation`.
     work
-        Arrays to work in.
+        Scratch arrays.
     """
     body, lasting = model.body, lasting_energy(start, model.body)
     initial_energy = kinetic_energy(start, body) - lasting
@@ -106,7 +108,7 @@ def integrate_fixed(
     assign(start, state)
     deepest, gain, energy = 0.0, 0.0, initial_energy  # a run begins with the deepest point at the face
     loaded = accelerate(state, model, work.scratch, work.start)
-    # A termination time of a whole number of steps must not gain one more by rounding.
+    # Without the factor, rounding could add a step to a termination time that is a whole number of steps.
     count = math.ceil(end_time / time_step * (1.0 - 1e-12))
     for index in range(count):
         time = index * time_step
@@ -116,6 +118,7 @@ def integrate_fixed(
         _attempt_fixed_step(state, step, model, work)
         was_loaded, loaded = loaded, accelerate(work.trial, model, work.scratch, work.end)
         before, energy = energy, kinetic_energy(work.trial, body) - lasting
+        # The panels have no ramp: near rest the load changes sides from step to step and pumps energy into the body.
         enough = min(_impulse_energy(work.end, step, body), UNRESOLVED_ENERGY * initial_energy)
         if before < energy < enough:
             return Termination.REST.value, time, deepest, index, 4 * index, gain
@@ -125,7 +128,7 @@ def integrate_fixed(
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], index == count - 1, event)
-        until = time + step if event[0] < 0.0 else event[0]  # what coasts on out of a wall is not held any deeper
+        until = time + step if event[0] < 0.0 else event[0]  # depth counts up to the release of the body only
         if until > time:
             deepest = max(deepest, greatest_depth(row, until, body, work.point))
         if end != Termination.NONE:
@@ -137,9 +140,10 @@ def integrate_fixed(
 
 
 STAGES = 4
+# With this value the method is A(89.3°)-stable (Kaps and Rentrop 1979). The similar methods GRK4A and ROS4 stepped over
+# the kinks of nose entry, chattered, or erred two to six times as much (`benchmarks/NOTES.md`).
 GAMMA = 0.231
-"""Diagonal element of the method; with it, any decay of the linear test equation whose eigenvalues lie within 89.3° of
-the negative real axis stays a decay, however long the step."""
+"""Diagonal coefficient γ of GRK4T. [1]"""
 
 STAGE_WEIGHTS = np.array(
     [
@@ -148,7 +152,10 @@ STAGE_WEIGHTS = np.array(
         [4.524708207373116, 4.163528788597648],
     ]
 )
-"""The last stage is at the state of the one before, and needs no further evaluation."""
+"""Coefficients of earlier stages in the state of a stage. The last stage reuses the evaluation of the third."""
+# The first four rows are those of GRK4T. The fifth is this package's own: no stage looks beyond 0.88 of a step, so a
+# load that begins after that is seen at the end only. Solving the fifth row for the change of the rates from start to
+# end of the step cancels the other stages up to order 3. Without it 26 of 400 runs lost energy unnoticed, with it one.
 COUPLINGS = np.array(
     [
         [0.0, 0.0, 0.0, 0.0],
@@ -158,48 +165,56 @@ COUPLINGS = np.array(
         [8.567684694187544, -4.513188113271111, -4.443119282433976, -5.224572232181423],
     ]
 )
-"""The last row is our own. No stage looks beyond 0.88 of a step, so what happens there is seen from its end only: with
-the change of the rates from start to end, which it is solved for, the other stages cancel to order 3."""
+"""Coefficients of earlier stages in the right-hand side of a stage, over the step."""
 WEIGHTS = np.array([3.957503746640777, 4.624892388363313, 0.6174772638750108, 1.282612945269037])
+"""Weights of the stages in the solution of order 4."""
 ERROR_WEIGHTS = np.array([2.302155402932996, 3.073634485392623, -0.8732808018045032, -1.282612945269037])
-"""Weights of the difference of the pair."""
+"""Weights of the stages in the difference of the solutions of order 4 and 3."""
 EVALUATIONS = 2
-"""For one attempt of a step, without its end."""
+"""Evaluations of the load in one attempt at a step, without those at its two ends."""
+# The error of a forward quotient is least near the square root of the rounding error, 1.5e-8. Several times that leaves
+# room for the rounding of the sums over the rings.
 DIFFERENCE = 1e-7
-"""Step of the difference quotients in position, over the distance from centre of gravity to tip. Forward quotients
-lose half the digits at best, near the square root of the rounding error, 1.5e-8; some times that leaves room for the
-rounding of the sums over the rings."""
+"""Increment of position in difference quotients, over the distance from centre of gravity to tip. [1]"""
+# The static stress rises from zero over the ramp velocity, so the increment has to be a small part of that.
 VELOCITY_DIFFERENCE = 1e-3
-"""That in velocity, over the ramp velocity: below it the static stress is smooth."""
+"""Increment of velocity in difference quotients, over the ramp velocity. [1]"""
 DIFFERENCES = MOST_STATES
-"""Evaluations for one linearisation, all at once."""
+"""Evaluations of the load for one linearisation."""
 
 
 class Linearisation(NamedTuple):
-    """Derivatives of the accelerations by position and velocity, and the inverse that the stages share; all (3, 3)."""
+    """Jacobian of the accelerations at the start of a step, and the inverse matrix that its stages share."""
 
     stiffness: FloatArray
+    """(3, 3) derivatives of the accelerations by position."""
     damping: FloatArray
+    """(3, 3) derivatives of the accelerations by velocity."""
     inverse: FloatArray
+    """(3, 3) inverse of ``I/(hγ) - damping - hγ stiffness`` for the step h."""
 
 
 def make_linearisation() -> Linearisation:
-    """Return arrays to fill."""
+    """Allocate a `Linearisation` for one run."""
     return Linearisation(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
 @once
 def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearisation) -> None:
-    """Difference quotients of the accelerations, each away from zero. Nothing depends on the lateral position.
+    """Compute the Jacobian of the accelerations at `state` by forward difference quotients.
 
-    Velocities are varied along the axis and across it: a shank that sits in its hole is free in one direction and held
-    in the other, with a corner between the sides, and a mixture of the two would blur that by what it is held with.
+    The column of the lateral position stays zero: the target is the same everywhere along its face.
     """
     points, slopes, length = work.points, work.slopes, model.body.tip
+    # Velocities are varied along and across the axis, not along the coordinates. A shank in its hole is free to move
+    # along its axis and held across it, and a difference that mixes both directions would mix a small derivative with
+    # a large one. This took 11 to 20 % off the evaluations of a search.
     for k in range(DIFFERENCES):
         for n in range(6):
             points[6 * k + n] = state[n]
     small, c, s = VELOCITY_DIFFERENCE * model.law.ramp_velocity, math.cos(state[2]), math.sin(state[2])
+    # Increments point away from zero, so that mirrored states have mirrored quotients. Central quotients of the
+    # velocities did so too, with three evaluations more in each step.
     deeper, turned = math.copysign(DIFFERENCE * length, state[0]), math.copysign(DIFFERENCE, state[2])
     along = math.copysign(small, c * state[3] + s * state[4])
     across = math.copysign(small, c * state[4] - s * state[3])
@@ -211,6 +226,7 @@ def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearis
     points[12 + 4] += across * c
     points[18 + 5] += spun
     points[24 + 2] += turned
+    # One call for all five states fills the vector registers, which made a search 13 % faster than five calls.
     accelerate(points, model, work.scratch, slopes)
     damping, stiffness = linear.damping, linear.stiffness
     for i in range(3):
@@ -223,9 +239,9 @@ def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearis
 
 @lean
 def _invert(linear: Linearisation, step: float) -> None:
-    """Inverse of ``I/(hγ) - ∂a/∂v - hγ ∂a/∂q``, by cofactors."""
-    # Eliminating velocities first leaves three equations instead of six. For so few, cofactors cost less than an
-    # elimination, and need no pivot, which would be a branch.
+    """Invert ``I/(hγ) - ∂a/∂v - hγ ∂a/∂q`` for the step h."""
+    # Eliminating velocities first leaves three equations instead of six. For so few, cofactors cost less than Gaussian
+    # elimination and need no pivoting, which would be a branch.
     g, m, damping, stiffness = step * GAMMA, linear.inverse, linear.damping, linear.stiffness
     for i in range(3):
         for j in range(3):
@@ -247,7 +263,8 @@ def _invert(linear: Linearisation, step: float) -> None:
 def _solve_stage(
     point: FloatArray, acceleration: FloatArray, step: float, linear: Linearisation, stages: FloatArray, index: int
 ) -> None:
-    """Fill row `index` of `stages` from the rate at its state."""
+    """Write the increments of one stage to row `index` of `stages`, from the rates at the state of that stage."""
+    # Hairer and Wanner's form with increments needs no product of the Jacobian with earlier stages.
     g, rate = step * GAMMA, 1.0 / step
     for n in range(3):
         position = velocity = 0.0
@@ -269,7 +286,7 @@ def _solve_stage(
 def attempt_step(
     state: FloatArray, step: float, model: Model, work: Workspace, linear: Linearisation, scale: FloatArray
 ) -> float:
-    """Try a step from the accelerations in ``work.start`` to the state in ``work.trial``; return its error."""
+    """Try a step with the accelerations in ``work.start``, write ``work.trial`` and return the norm of its error."""
     stages, trial = work.stages, work.trial
     _invert(linear, step)
     _solve_stage(state, work.start, step, linear, stages, 0)
@@ -292,7 +309,7 @@ def attempt_step(
 
 @lean
 def end_error(state: FloatArray, step: float, work: Workspace, linear: Linearisation, scale: FloatArray) -> float:
-    """Error of the step just tried as seen from its end, where the accelerations are in ``work.end``."""
+    """Return a second error estimate of the last step, from the accelerations at its end in ``work.end``."""
     for n in range(3):
         work.point[n + 3] = work.trial[n + 3] - state[n + 3]
         work.stage[n] = work.end[n] - work.start[n]
@@ -302,27 +319,33 @@ def end_error(state: FloatArray, step: float, work: Workspace, linear: Linearisa
 
 @lean
 def _size(error: FloatArray, scale: FloatArray) -> float:
+    """Return the root mean square of the errors over their scales, the norm of Hairer and Wanner. [1]"""
     total = 0.0
     for n in range(6):
         total += (error[n] / scale[n]) ** 2
     return math.sqrt(total / 6.0)
 
 
+# Usual runs take some tens to hundreds of steps. This limit was reached only in a stiff phase at tolerances of 1e-8 and
+# below.
 STEP_LIMIT = 100_000
-"""Reached only in a stiff phase at tolerances of 1e-8 and below."""
+"""Largest number of steps tried in one run."""
+# The first step is short, as the step control has no history yet. The largest one keeps steps from passing over the
+# kinks of nose entry; a quarter is a judgement. Below the smallest one, near the rounding error of time, a run has
+# diverged.
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 1e-2, 0.25, 1e-15
-"""Over the time to travel the distance from centre of gravity to tip."""
+"""Lengths of steps, over the time to travel the distance from centre of gravity to tip at the speed of impact. [1]"""
 
 
 class Accuracy(NamedTuple):
-    """What limits a step."""
+    """Tolerance and limits of the error-controlled steps."""
 
     relative_tolerance: float
-    """Error of one step over the scale of the motion."""
+    """Largest error of one step, over the scale of the motion. [1]"""
     largest_step: float
-    """Over the time to travel, at the present speed, the distance from centre of gravity to tip."""
+    """Largest step, over the time to travel the distance from centre of gravity to tip at the present speed. [1]"""
     most_steps: int = STEP_LIMIT
-    """Steps that are tried before a run is given up."""
+    """Steps tried before a run ends as `Termination.STEP_LIMIT`."""
 
 
 @compiled
@@ -345,19 +368,20 @@ def integrate_adaptive(
     start
         (6,) state at first contact.
     steps
-        (n, `STEP_WIDTH`) table to fill: `STEP_LIMIT` rows to keep every step, one row to keep none.
+        (n, `STEP_WIDTH`) output: `STEP_LIMIT` rows keep every step, a single row only the last one.
     state
-        (6,) to fill, at the end of the run.
+        (6,) output: state at the end of the run.
     control
-        See `solver.cancellation`.
+        Shared array that cancels the run, see `solver.cancellation`.
     work, linear
-        Arrays to work in.
+        Scratch arrays.
     """
     body, lasting = model.body, lasting_energy(start, model.body)
     initial_energy = kinetic_energy(start, body) - lasting
     energies = Thresholds(lasting + thresholds.retention * initial_energy, lasting + thresholds.rest * initial_energy)
     impact = math.hypot(start[3], start[4])
-    # Errors count over the size of the body and the velocity of impact, so that one tolerance serves all six numbers.
+    # Errors are measured over the size of the body and the velocity of impact, so that one tolerance serves lengths,
+    # angles and rates. A scale by the current value would ask for ever smaller errors as the body comes to rest.
     scale = work.scale
     scale[0] = scale[1] = body.tip
     scale[2], scale[3], scale[4], scale[5] = 1.0, impact, impact, impact / body.tip
@@ -371,10 +395,12 @@ def integrate_adaptive(
     for _ in range(accuracy.most_steps):
         if not may_step(control):
             return Termination.CANCELLED.value, time, deepest, count, evaluations, 0.0
-        # The nose enters by a row of kinks, which a longer step would pass over however smooth its own estimate is.
+        # Each outline piece that enters makes a kink in the load. A longer step could pass over one and its error
+        # estimate would not notice.
         pace = math.hypot(state[3], state[4]) + abs(state[5]) * body.tip
         step = min(step, accuracy.largest_step * body.tip / pace, end_time - time)
-        # The Jacobian takes five of the eight evaluations of a step. It belongs to the state: a rejected step keeps it.
+        # The Jacobian takes five of the eight evaluations of a step. It depends on the state only, so a step that is
+        # repeated with another length keeps it. Renewing it every second step made as many more steps fail.
         if not fresh:
             linearise(state, model, work, linear)
             evaluations += DIFFERENCES
@@ -383,13 +409,13 @@ def integrate_adaptive(
         evaluations += EVALUATIONS
         if error <= 1.0:
             # No stage looks beyond 0.88 of the step, so a load that begins after that is only seen from the end. The
-            # accelerations there are also those that the next step starts from: the second estimate costs one solve.
+            # next step needs the accelerations there anyway: the second estimate costs one solve.
             end_loaded = accelerate(work.trial, model, work.scratch, work.end)
             evaluations += 1
             error = max(error, end_error(state, step, work, linear, scale) / accuracy.relative_tolerance)
-        if not error <= 1.0:  # NaN is refused too
-            # The error falls with the fourth power of the step. A tenth is held back so that the next attempt passes,
-            # and a step shrinks fivefold at most, as an estimate beside a kink says little of a much shorter one.
+        if not error <= 1.0:  # also true for NaN
+            # The error estimate falls with the fourth power of the step. The factor 0.9 makes the next attempt likely
+            # to pass, and a step shrinks fivefold at most: beside a kink the estimate does not follow that power.
             step *= max(0.2, 0.9 / math.sqrt(math.sqrt(error))) if math.isfinite(error) else 0.2
             if step < SMALLEST_STEP * body.tip / impact:
                 return Termination.NOT_FINITE.value, time, deepest, count, evaluations, 0.0
@@ -400,10 +426,11 @@ def integrate_adaptive(
         count += 1
         if kinetic_energy(work.trial, body) - lasting > MOST_ENERGY * initial_energy:
             return Termination.NOT_FINITE.value, time, deepest, count, evaluations, 0.0
+        # The sum of the steps may miss the termination time by rounding, which must not add another step.
         last = time + step >= end_time * (1.0 - 1e-12)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], last, event)
         # An event lies on the cubic through both ends of the step, so that no step has to be cut short to meet it.
-        until = time + step if event[0] < 0.0 else event[0]  # what coasts on out of a wall is not held any deeper
+        until = time + step if event[0] < 0.0 else event[0]  # depth counts up to the release of the body only
         if until > time:
             deepest = max(deepest, greatest_depth(row, until, body, work.point))
         if end != Termination.NONE:
@@ -413,6 +440,7 @@ def integrate_adaptive(
         assign(work.trial, state)
         assign(work.end, work.start)
         fresh = False
-        # In free flight the error is zero and says nothing of the load ahead, so a step grows fivefold at most.
+        # In free flight the error is zero, whatever load lies ahead, so a step grows fivefold at most. The floor of the
+        # error avoids a division by zero and lies below the value where the factor 5 takes over.
         step *= min(5.0, 0.9 / math.sqrt(math.sqrt(max(error, 1e-10))))
     return Termination.STEP_LIMIT.value, time, deepest, count, evaluations, 0.0

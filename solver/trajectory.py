@@ -1,4 +1,4 @@
-"""One run: integrate the motion, classify how it ended, return it as data."""
+"""Motion of one strike: its integration, its outcome and history, and the warnings that belong to it."""
 
 import math
 from dataclasses import dataclass, fields
@@ -32,24 +32,27 @@ from solver.target import Target
 from solver.warnings import ModelWarning
 
 SAMPLE_INTERVAL = 1e-5
-"""Interval of a history unless said otherwise. [s]"""
+"""Default interval of a history. [s]"""
+# A history has 14 quantities of 8 bytes for each instant: 112 MB at this limit.
 MOST_INSTANTS = 1_000_000
+"""Largest number of instants in a history."""
+# A true motion gains no energy. The rounding errors of the panel route stay far below this limit.
 ENERGY_GAIN_TOLERATED = 1e-6
-"""Over the initial energy; rounding of the panel route stays far below."""
+"""Gain of kinetic energy in one step above which a warning is given, over the initial energy. [1]"""
 
 Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, slots=True, repr=False, eq=False)
 class Motion(ComparedByFields, Generic[Value]):
-    """The motion at one instant (floats) or at many (arrays of equal length). Depth is positive inside the target."""
+    """Motion at one instant (floats) or at many (arrays of equal length). Depth is positive inside the target."""
 
     time: Value
     """Time since first contact. [s]"""
     center_of_gravity_depth: Value
     """Depth of the centre of gravity, positive inside the target. [m]"""
     center_of_gravity_lateral: Value
-    """Way of the centre of gravity along the face since first contact. [m]"""
+    """Distance of the centre of gravity along the face from first contact. [m]"""
     nose_tip_depth: Value
     """Depth of the nose tip, positive inside the target. [m]"""
     axis_angle: Value
@@ -67,21 +70,21 @@ class Motion(ComparedByFields, Generic[Value]):
     moment: Value
     """Moment of the resistance about the centre of gravity. [N m]"""
     axial_acceleration: Value
-    """Acceleration of the centre of gravity along the axis, positive toward the nose. It is by the resistance, and
-    negative as the body is slowed. [m/s²]"""
+    """Acceleration of the centre of gravity along the axis, positive toward the nose. It is caused by the resistance,
+    and negative while the body is slowed. [m/s²]"""
     transverse_acceleration: Value
-    """Acceleration of the centre of gravity across the axis, positive the way the nose moves as the axis angle grows.
-    It is by the resistance. By panels, samples scatter about the mean where the body slides straight: a speed across
-    it of mm/s decides. [m/s²]"""
+    """Acceleration of the centre of gravity across the axis, positive in the direction in which the nose moves as the
+    axis angle grows. It is caused by the resistance. On the panel route, samples scatter about the mean where the body
+    slides straight, since the load depends on a transverse speed of some mm/s. [m/s²]"""
     kinetic_energy: Value
     """Kinetic energy of translation and rotation. [J]"""
 
     def columns(self) -> Columns:
-        """Return the quantities as arrays by name; one instant as arrays of one value."""
+        """Return the quantities as arrays by name; one instant gives arrays of one value."""
         return {field.name: np.atleast_1d(getattr(self, field.name)) for field in fields(self)}
 
     def to_dataframe(self) -> DataFrame:
-        """Return them over time as a ``pandas.DataFrame``, which has to be installed; `attrs` has the units."""
+        """Return the quantities over time as a ``pandas.DataFrame`` with their units in `attrs`; it requires pandas."""
         return dataframe(self.columns(), Motion, index="time")
 
     def __repr__(self) -> str:
@@ -94,36 +97,38 @@ class Motion(ComparedByFields, Generic[Value]):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Trajectory:
-    """How a run went and how it ended."""
+    """Result of `simulate`: outcome, final state and history of a run."""
 
     outcome: Outcome
-    """How the run ended."""
+    """Outcome of the run."""
     final: Motion[float]
-    """At the event that ended the run."""
+    """Motion at the event that ended the run."""
     history: Motion[FloatArray] | None
-    """At even intervals and at that event; None if not requested."""
+    """Motion at even intervals and at that event; None if not requested."""
     maximum_depth: float | None
     """Greatest depth of the deepest point of the projectile, unless it perforates a wall. [m]"""
     protrusion: Protrusion | None
-    """How far it stands out of the rear face of a wall; None if it never does, and if it perforates."""
+    """Protrusion out of the rear face of a wall; None if there never is one, and if the projectile perforates."""
     strength_factor: float
     """Strength factor in use, at this oblique angle. [1]"""
     warnings: tuple[ModelWarning, ...]
+    """Warnings of the inputs and of the run."""
     steps: int
-    """Time steps taken."""
+    """Number of time steps."""
     evaluations: int
-    """Evaluations of force and moment."""
+    """Number of evaluations of force and moment."""
     exit: Exit | None
-    """How the projectile left; None if it did not."""
+    """State of the projectile as it leaves the target; None if it stays."""
     strength_factor_dispersion: float
-    """Of S of a next shot in the same concrete: by own shots, or by the law of the published tests. [ln]"""
+    """Standard deviation of ln S of the next shot into the same concrete, by own shots or by the law of the published
+    tests. [ln]"""
     own_tests: StrengthPosterior | None
-    """What shots into the very concrete say of S; None without any."""
+    """Posterior of S from shots into the same concrete; None without any."""
     bending: Bending | None
     """Largest bending stress; None if the centre of gravity or moment of inertia given are not those of the shape."""
 
     def row(self) -> Row:
-        """Return how the run ended, by the names of the columns of `solver.columns`."""
+        """Return the result at the end of the run by the names of the columns of `solver.columns`."""
         protrusion = self.protrusion
         return {
             "outcome": self.outcome.value,
@@ -141,23 +146,23 @@ class Trajectory:
         Raises
         ------
         ParameterError
-            If there is none.
+            If the run has no history.
         """
         if self.history is None:
             raise ParameterError("sample_interval", "must be given for a history, which these columns are of")
         return self.history.columns()
 
     def to_dataframe(self) -> DataFrame:
-        """Return the history over time as a ``pandas.DataFrame``, which has to be installed; `attrs` has the units."""
+        """Return the history over time as a ``pandas.DataFrame`` with its units in `attrs`; it requires pandas."""
         return dataframe(self.columns(), Motion, index="time")
 
     def plot(self, projectile: Projectile | None = None, *, ax: "Axes | None" = None) -> Figure:
-        """Return the side view and the histories as a ``matplotlib.figure.Figure``; matplotlib has to be installed.
+        """Plot the side view and the histories; return the ``matplotlib.figure.Figure``.
 
         Parameters
         ----------
         projectile
-            That of the strike, to draw its outline; without it the axis is drawn.
+            Projectile of the strike, to draw its outline; without it the axis is drawn.
         ax
             Axes for the side view alone; a new figure of pyplot unless given.
 
@@ -203,12 +208,12 @@ def simulate(
     sample_interval: float | None = SAMPLE_INTERVAL,
     strength_scatter: ScatterSource = "law",
 ) -> Trajectory:
-    """Motion of a rigid projectile from first contact until it is turned away, through, at rest, or out of time.
+    """Compute the motion of a rigid projectile from first contact until it leaves, rests, or time is up.
 
     Parameters
     ----------
     projectile, target, impact
-        What strikes, what is struck, and how.
+        Projectile, the concrete that it strikes, and its motion at first contact.
     resistance
         Resistance of the target; eq. 9 and elastic-plastic decay unless given.
     numerics
@@ -225,18 +230,27 @@ def simulate(
     Raises
     ------
     ParameterError
-        If an input is outside what the model accepts.
+        If an input is outside its range.
     IntegrationError
         If the motion could not be integrated.
 
     Notes
     -----
-    Eq. 6. The outcome is `Outcome.EMBEDDED` once kinetic energy falls below ``numerics.retention_energy_fraction`` of
-    its initial value, wherever the nose is; the run then goes on to rest, at 1e-4 of it, or to the end of all load, so
-    that depths are complete. It is `Outcome.RICOCHET` when before that nothing is loaded any more and the projectile
-    moves out for good, `Outcome.PERFORATED` when before that all of it is beyond the rear face of a target with a
-    thickness and moves on, and `Outcome.IN_MOTION` when the termination time comes first, or the axis has turned by
-    more than 360° in the target.
+    The equations of motion are eq. 6 of the source paper. The outcome is `Outcome.EMBEDDED` once the kinetic energy
+    falls below ``numerics.retention_energy_fraction`` of its initial value, wherever the nose is; the run then
+    continues until the body is at rest, with 1e-4 of the energy, or no longer loaded, so that depths are complete. It
+    is `Outcome.RICOCHET` if the body comes free before that and leaves through the impact face, `Outcome.PERFORATED`
+    if it leaves through the rear face of a wall, and `Outcome.IN_MOTION` if the termination time comes first or the
+    axis has turned by more than 360° in the target.
+
+    Examples
+    --------
+    >>> from solver import simulate
+    >>> from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+    >>> impact = paper_impact(oblique_angle_degrees=60.0)
+    >>> run = simulate(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=impact)
+    >>> run.outcome.value
+    'ricochet'
     """
     if sample_interval is not None:
         require_positive("sample_interval", sample_interval)
@@ -258,7 +272,7 @@ def simulate(
 def run_prepared(
     prepared: PreparedCase, impact: Impact, sample_interval: float | None, strength_scatter: ScatterSource
 ) -> Trajectory:
-    """One strike of a prepared case."""
+    """Run one strike of a prepared case; arguments are those of `simulate`."""
     model = prepared.model._replace(law=prepared.law_at(impact))
     run, steps = integrate(prepared, model, impact, keep_steps=True)
     outcome = OUTCOMES[run.end]
@@ -307,6 +321,7 @@ def _motion_at(run: Run, model: Model) -> Motion[float]:
 
 
 def _history(run: Run, steps: FloatArray, model: Model, sample_interval: float) -> Motion[FloatArray]:
+    # The factors keep rounding from dropping or doubling the last instant of a run of a whole number of intervals.
     count = math.floor(run.time / sample_interval * (1.0 + 1e-12)) + 1
     if count > MOST_INSTANTS:
         raise ParameterError("sample_interval", f"must give at most {MOST_INSTANTS} samples, got {count}")
@@ -314,6 +329,8 @@ def _history(run: Run, steps: FloatArray, model: Model, sample_interval: float) 
     times = np.concatenate((times[times < run.time * (1.0 - 1e-12)], [run.time]))
     states = sample(steps, times) if len(steps) else np.repeat(run.state[None, :], times.size, axis=0)
     states[-1] = run.state
+    # The final load is evaluated, as it is in `Trajectory.final`; earlier ones are the slope of the interpolated
+    # motion, see `sample_accelerations`.
     loads = sample_loads(states[-1:], model)
     if len(steps):
         inertia = np.array([model.body.mass, model.body.mass, model.body.moment_of_inertia])
@@ -346,7 +363,7 @@ def _columns(times: FloatArray, states: FloatArray, forces: FloatArray, model: M
 
 
 def run_warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outcome) -> tuple[ModelWarning, ...]:
-    """Warnings of the inputs, and of how a run went."""
+    """Return the warnings of the inputs and of a run."""
     found = list(
         model_warnings.input_warnings(
             projectile=prepared.projectile,

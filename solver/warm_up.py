@@ -1,4 +1,4 @@
-"""Load or compile every compiled function, so that no query has to wait for it."""
+"""Compilation of the whole solver in advance, so that no query has to wait for it."""
 
 import os
 import subprocess
@@ -12,20 +12,23 @@ from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, Numeri
 from solver.trajectory import simulate
 
 POLL_SECONDS = 1.0
+"""Interval of the reports of progress. [s]"""
 
 Report = Callable[[str], object]
+"""Function that shows a line of progress to the user."""
 
 
 def warm_up(report: Report | None = None) -> None:
-    """Run both routes and a search once: half a minute on a new machine, a fraction of a second after.
+    """Compile all functions of the solver, or load them from the cache.
 
-    What is not on disk is compiled in another process; the memory that the compiler takes ends with it. If it fails, a
-    `RuntimeWarning` says so and this process compiles the rest.
+    The first call on a machine takes about a minute, later ones a fraction of a second. Functions that are not in the
+    cache are compiled in another process, so that the memory of the compiler is freed with it. If that process fails, a
+    `RuntimeWarning` gives the reason, and this process compiles the rest.
 
     Parameters
     ----------
     report
-        Called with a line of text, such as `print`, at the beginning and once a second while that changes.
+        Function such as `print`, called with a line of text at the beginning and once a second while that changes.
     """
     progress = compilation_progress()
     if progress.left and sys.executable and can_keep():
@@ -35,6 +38,7 @@ def warm_up(report: Report | None = None) -> None:
 
 
 def _compile_elsewhere(report: Report, progress: Progress) -> None:
+    """Compile the solver in another process and report its progress."""
     report(str(progress))
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     script = f"from {__name__} import run_search, run_trajectories; run_trajectories(); run_search()"
@@ -55,7 +59,7 @@ def _compile_elsewhere(report: Report, progress: Progress) -> None:
 
 
 def run_trajectories() -> None:
-    """Run both routes once."""
+    """Run a short trajectory by each route, which compiles the functions of trajectories."""
     for method in ("adaptive", "panels"):
         simulate(
             projectile=PAPER_PROJECTILE,
@@ -67,5 +71,5 @@ def run_trajectories() -> None:
 
 
 def run_search() -> None:
-    """Find one critical angle."""
+    """Find the critical angle of the paper, which compiles the functions of searches."""
     critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)

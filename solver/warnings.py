@@ -1,4 +1,4 @@
-"""Warnings that travel with a result: what an assessor should know before using a number."""
+"""Warnings that are part of a result: limits of its validity that an assessor should know before using a number."""
 
 import math
 from collections.abc import Sequence
@@ -23,39 +23,45 @@ from solver.resistance import (
 from solver.strike import PAPER_PROJECTILE, Impact
 from solver.target import MOST_PLUG, Target
 
+# Steel noses were seen to erode above about this speed (Forrestal et al. 1996).
 RIGID_VELOCITY = 800.0
-"""Steel noses were seen to erode above about this speed (Forrestal et al. 1996). [m/s]"""
+"""Speed above which a body does not stay rigid. [m/s]"""
 TESTED_STRENGTH = (13e6, 97e6)
 """Compressive strengths of the penetration tests behind eq. 1 (Forrestal et al. 1994, Frew et al. 1998). [Pa]"""
 EQUATION_9_STRENGTH, EQUATION_9_DIAMETER = 39e6, 0.08
-"""Concrete and projectile that eq. 9 was fitted to. [Pa, m]"""
+"""Strength of the concrete and diameter of the projectile to which eq. 9 was fitted. [Pa, m]"""
+# By the law of published tests S changes by 2 % over the first and 5 to 7 % over the second, less than it scatters.
 SAME_STRENGTH, SAME_DIAMETER = 0.1, 0.25
-"""Relative difference from them up to which eq. 9 is used without a warning. [1]"""
+"""Relative differences from these up to which eq. 9 is used without a warning. [1]"""
 MEAN_DENSITY = (1e3, 2e4)
-"""Mean densities of bodies, from hollow ones to those of tungsten or uranium. [kg/m³]"""
+"""Usual mean densities of bodies, from hollow ones to those of tungsten or uranium. [kg/m³]"""
+# This is the lowest value of hardened 4340 steel, Rc 45.
 USUAL_YIELD_STRENGTH = 1.2e9
-"""Yield strength of the body where none is given: the least of hardened 4340 steel, Rc 45. [Pa]"""
+"""Default yield strength of the body. [Pa]"""
+# At larger angles of attack bodies bend and break; the value is a judgement.
 SMALL_ATTACK = math.radians(5.0)
+"""Largest angle of attack without a warning. [rad]"""
 MOST_NAMED = 5
-"""Shots that a warning names."""
+"""Largest number of shots that a warning names."""
+# The theory of deep cavities does not apply within the crater, where spalling governs (Forrestal et al. 1994).
 CRATER_CALIBERS = 2.0
-"""Depth of the front crater over the diameter, for which the theory of deep cavities was not made."""
+"""Depth of the front crater over the diameter. [1]"""
 
 
 @dataclass(frozen=True, slots=True)
 class ModelWarning:
-    """Something to know before relying on a result.
+    """Warning about a result: a limit of its validity, or an assumption behind it.
 
     Parameters
     ----------
     code
-        Stable, for programs.
+        Stable name for programs.
     detail
-        For people, quantities as a number, a blank and an SI unit, so that they can be converted.
+        Explanation for people. Quantities are a number, a blank and an SI unit, so that they can be converted.
     standing
-        Whether it says of most answers what it says of this one, and hardly moves it: shown with its like in one note.
+        True if most answers have the warning and it hardly moves them. Such warnings are shown together in one note.
     angle_shift
-        Change of the critical angle by what it names, if that is computed. [rad]
+        Change of the critical angle by the effect that the warning names, if it was computed. [rad]
     """
 
     code: str
@@ -65,7 +71,7 @@ class ModelWarning:
 
 
 def range_warnings(*, target: Target, velocity: float) -> tuple[ModelWarning, ...]:
-    """Warnings about a speed or a strength beyond what the resistance law was tested for."""
+    """Warn about a speed or a strength outside the range of the tests of the resistance law."""
     found = []
     if velocity > RIGID_VELOCITY:
         found.append(
@@ -88,7 +94,7 @@ def range_warnings(*, target: Target, velocity: float) -> tuple[ModelWarning, ..
 
 
 def body_warnings(projectile: Projectile) -> tuple[ModelWarning, ...]:
-    """Warning about a body too light or too heavy for its size, whose mass or size may be in another unit."""
+    """Warn about a body too light or too heavy for its size, whose mass or size may be in another unit."""
     lowest, highest = MEAN_DENSITY
     density = projectile.mass / solid_properties(projectile).volume
     if lowest <= density <= highest:
@@ -103,7 +109,7 @@ def body_warnings(projectile: Projectile) -> tuple[ModelWarning, ...]:
 
 
 def reinforcement_warnings(target: Target) -> tuple[ModelWarning, ...]:
-    """Warning that a reinforcement ratio changes nothing, if the target has one above 0."""
+    """Warn that a reinforcement ratio above 0 has no effect."""
     ratio = target.reinforcement_ratio_percent
     if not ratio:
         return ()
@@ -129,9 +135,12 @@ def input_warnings(
     angle_of_attack: float,
     angle_shift: float | None = None,
 ) -> tuple[ModelWarning, ...]:
-    """Warnings about the inputs alone, whatever the oblique angle.
+    """Return the warnings about the inputs, which do not depend on the oblique angle.
 
-    With an `angle_shift`, the change of the critical angle for a moment of inertia 10 % larger, they state it. [rad]
+    Parameters
+    ----------
+    angle_shift
+        Change of the critical angle for a moment of inertia 10 % larger, which a warning states if it is given. [rad]
     """
     found = list(range_warnings(target=target, velocity=velocity))
     if abs(angle_of_attack) > SMALL_ATTACK:
@@ -166,13 +175,14 @@ def _mass_properties_assumed(projectile: Projectile, angle_shift: float | None) 
 def law_warnings(
     *, projectile: Projectile, target: Target, resistance: Resistance, impact: Impact
 ) -> tuple[ModelWarning, ...]:
-    """Warnings about laws that were fitted to other angles, another concrete or other strikes, or leave much out."""
+    """Return the warnings about laws outside the range of their data, and about effects that they leave out."""
     model, oblique_angle = resistance.strength_factor, impact.oblique_angle
     found = []
     shape = getattr(model, "obliquity_shape", "equation_9")  # polynomials are fits like eq. 9
     by_angle = not isinstance(model, ConstantStrengthFactor) and shape != "constant"
     fitted_to = FINITE_ELEMENTS_TO if shape == "finite_elements" else ObliquityPolynomial.fitted_to
     held = resistance.held_from
+    # An angle converted from degrees may exceed the limit by rounding.
     if by_angle and abs(oblique_angle) > fitted_to * (1.0 + 1e-12):
         found.append(
             ModelWarning(
@@ -214,7 +224,7 @@ def law_warnings(
 
 
 def _rear_face(*, projectile: Projectile, target: Target, resistance: Resistance, impact: Impact) -> ModelWarning:
-    """Warning about what the model of the rear face leaves out, with what the formulas require against the strike."""
+    """Warn about effects that the model of the rear face leaves out, with the thicknesses that formulas require."""
     if resistance.rear_plug is not None:
         code, detail = "rear_plug_quasi_static", REAR_PLUG_QUASI_STATIC
     else:
@@ -233,12 +243,12 @@ def _rear_face(*, projectile: Projectile, target: Target, resistance: Resistance
 
 
 def _millimetres(length: float) -> str:
-    """Length with three significant digits and never an exponent: 1170, not 1.17e+03. [mm]"""
+    """Format a length [m] in millimetres with three significant digits and no exponent: 1170, not 1.17e+03."""
     return f"{float(f'{1e3 * length:.3g}'):.15g}"
 
 
 def _plug_through_wall(projectile: Projectile, target: Target, resistance: Resistance) -> tuple[ModelWarning, ...]:
-    """Warning of a plug that would be as high as the wall, or nearly."""
+    """Warn about a plug that would be higher than `MOST_PLUG` of the wall."""
     height = plug_height(resistance=resistance, target=replace(target, thickness=None), projectile=projectile)
     if target.thickness is None or height <= MOST_PLUG * target.thickness:
         return ()
@@ -253,7 +263,7 @@ def _plug_through_wall(projectile: Projectile, target: Target, resistance: Resis
 
 
 def _other_concrete(projectile: Projectile, target: Target) -> tuple[ModelWarning, ...]:
-    """Warning about eq. 9 in another concrete, or with a projectile of another size, than it was fitted to."""
+    """Warn about eq. 9 for a concrete or a projectile other than those to which it was fitted."""
     if _like_equation_9(projectile, target):
         return ()
     strength, diameter = target.compressive_strength, projectile.diameter
@@ -270,14 +280,14 @@ def _other_concrete(projectile: Projectile, target: Target) -> tuple[ModelWarnin
 
 
 def _like_equation_9(projectile: Projectile, target: Target) -> bool:
-    """Whether strength and diameter are about those that eq. 9 was fitted to."""
+    """Return whether strength and diameter are close to those to which eq. 9 was fitted."""
     strength = abs(target.compressive_strength / EQUATION_9_STRENGTH - 1.0)
     diameter = abs(projectile.diameter / EQUATION_9_DIAMETER - 1.0)
     return strength <= SAME_STRENGTH * (1.0 + 1e-12) and diameter <= SAME_DIAMETER * (1.0 + 1e-12)
 
 
 def scatter_of_table_1(projectile: Projectile, target: Target) -> ModelWarning:
-    """Warning that S is taken to be known as well as after the paper's four tests."""
+    """Warn that the scatter of S is assumed to be that which the paper's four tests leave."""
     same = projectile.nose == PAPER_PROJECTILE.nose and _like_equation_9(projectile, target)
     detail = (
         "the scatter of the strength factor is the one that the four tests of the paper's Table 1 leave, into its "
@@ -289,7 +299,7 @@ def scatter_of_table_1(projectile: Projectile, target: Target) -> ModelWarning:
 
 
 def own_tests_apart(posterior: StrengthPosterior) -> tuple[ModelWarning, ...]:
-    """Warning about own shots that are far from what the published tests and the other shots predict."""
+    """Warn about own shots that are far from the prediction by the published tests and the other shots."""
     apart = [
         f"shot {number} (S {factor:.3g}, {abs(deviation):.2g} dispersions {'above' if deviation > 0.0 else 'below'})"
         for number, (factor, deviation) in enumerate(zip(posterior.factors, posterior.deviations, strict=True), start=1)
@@ -308,7 +318,7 @@ def own_tests_apart(posterior: StrengthPosterior) -> tuple[ModelWarning, ...]:
 
 
 def _own_tests_deeper_than_wall(tests: OwnTests, target: Target) -> tuple[ModelWarning, ...]:
-    """Warning about own shots that would have gone through a target as thick as the wall."""
+    """Warn about own shots that are deeper than the wall."""
     if target.thickness is None:
         return ()
     deeper = [number for number, shot in enumerate(tests.shots, start=1) if shot.depth >= target.thickness]
@@ -326,7 +336,7 @@ def _own_tests_deeper_than_wall(tests: OwnTests, target: Target) -> tuple[ModelW
 
 
 def _beyond_published_tests(projectile: Projectile, target: Target, velocity: float) -> tuple[ModelWarning, ...]:
-    """Warning about a strike outside the range of the tests that the law was fitted to."""
+    """Warn about a strike outside the range of the tests to which the law was fitted."""
     limits = (
         ("compressive strength", target.compressive_strength, PublishedTests.compressive_strengths, 1e-6, "MPa"),
         ("diameter", projectile.diameter, PublishedTests.diameters, 1e3, "mm"),
@@ -350,11 +360,13 @@ def _beyond_published_tests(projectile: Projectile, target: Target, velocity: fl
 UNDECIDED = "undecided"
 """Code of the warnings about runs that the termination time ended."""
 DEEPER_THAN_WALL = "own_tests_deeper_than_wall"
+"""Code of the warning about own tests deeper than the wall."""
 RETENTION_DECIDES = "retention_decides"
+"""Code of the warning about angles that depend on the retention energy."""
 
 
 def undecided(*, termination_time: float) -> ModelWarning:
-    """Warning of a run that was still going on at its termination time."""
+    """Return the warning about a run that was still in motion at its termination time."""
     return ModelWarning(
         UNDECIDED,
         f"still loaded or moving in at the termination time, {termination_time:g} s: neither embedded, turned away nor "
@@ -363,7 +375,7 @@ def undecided(*, termination_time: float) -> ModelWarning:
 
 
 def decided_by_time(*, termination_time: float) -> ModelWarning:
-    """Warning of an angle, or another change of outcome, that such a run is next to."""
+    """Return the warning about a change of outcome next to a run that was still in motion at its termination time."""
     return ModelWarning(
         UNDECIDED,
         "next to a change of outcome, a trial was still loaded or moving in at the termination time, "
@@ -372,12 +384,19 @@ def decided_by_time(*, termination_time: float) -> ModelWarning:
     )
 
 
+# The retention energy is a convention. A factor of ten either way is a factor of three in speed.
 RETENTION_RANGE = (0.1, 10.0)
-"""Retention energies, over the one in use, between which an angle should hardly move."""
+"""Range of retention energies, over the one in use, within which an angle should hardly move. [1]"""
 
 
 def retention_decides(*, retention: float, below: float, above: float) -> ModelWarning:
-    """Warning of an angle that depends on the retention energy, with the energy left half a degree below and above."""
+    """Return the warning about an angle that depends on the retention energy.
+
+    Parameters
+    ----------
+    below, above
+        Fractions of the energy left half a degree below and above the angle. [1]
+    """
     low, high = (factor * retention for factor in RETENTION_RANGE)
     return ModelWarning(
         RETENTION_DECIDES,
@@ -388,7 +407,15 @@ def retention_decides(*, retention: float, below: float, above: float) -> ModelW
 
 
 def retention_decides_perforation(*, angle: float, retention: float, outside: float, inside: float) -> ModelWarning:
-    """Warning of a change to or from perforation, with the energy left half a degree outside and inside of it."""
+    """Return the warning about a change to or from perforation that depends on the retention energy.
+
+    Parameters
+    ----------
+    angle
+        Angle of the change. [rad]
+    outside, inside
+        Fractions of the energy left half a degree outside and inside the perforated range. [1]
+    """
     low, high = (factor * retention for factor in RETENTION_RANGE)
     return ModelWarning(
         "retention_decides_perforation",
@@ -400,16 +427,16 @@ def retention_decides_perforation(*, angle: float, retention: float, outside: fl
 
 
 def _share(energy: float, least: float) -> str:
-    """Share of the energy in percent, or that it is less than what is computed."""
+    """Format a fraction of the energy in percent; 0 means less than the bound `least` of the computation."""
     return f"{100.0 * energy:.2g} %" if energy > 0.0 else f"less than {100.0 * least:g} %"
 
 
 IMPLAUSIBLE = "implausible"
-"""Code of the warnings about answers that break a rule which every true one keeps."""
+"""Code of the warnings about answers that no strike can have."""
 
 
 def implausible(what: str) -> ModelWarning:
-    """Warning of an answer that breaks such a rule."""
+    """Return the warning about an answer that no strike can have, and that shows an error of the program."""
     return ModelWarning(
         IMPLAUSIBLE, f"{what}: no such strike exists; this is a fault of the program, please report it with the inputs"
     )
@@ -420,7 +447,7 @@ TUMBLING = "tumbling"
 
 
 def tumbling(*, turned: float, oblique_angle: float) -> tuple[ModelWarning, ...]:
-    """Warning of a projectile that turns end over end in the target."""
+    """Warn about a projectile that turns end over end in the target."""
     if turned <= math.pi:
         return ()
     ends = "; the run ends there, in motion" if turned > MOST_TURN else ""
@@ -435,7 +462,7 @@ def tumbling(*, turned: float, oblique_angle: float) -> tuple[ModelWarning, ...]
 
 
 def range_clipped(*, upper: float, given: float) -> ModelWarning:
-    """Warning of a search that ends below the end of its range, where the strength factor falls to zero."""
+    """Return the warning about a search that ends below its range, where the strength factor falls to zero."""
     return ModelWarning(
         "range_clipped",
         f"the strength factor is above 0 up to {math.degrees(upper):.4g}° only: the search ends there, not at "
@@ -444,7 +471,7 @@ def range_clipped(*, upper: float, given: float) -> ModelWarning:
 
 
 def shallow(*, depth: float, diameter: float) -> tuple[ModelWarning, ...]:
-    """Warning of a body that came to rest within the front crater."""
+    """Warn about a body that came to rest within the front crater."""
     if depth >= CRATER_CALIBERS * diameter:
         return ()
     return (
@@ -457,7 +484,7 @@ def shallow(*, depth: float, diameter: float) -> tuple[ModelWarning, ...]:
 
 
 def bends(*, stress: float, time: float, distance: float, yield_strength: float | None) -> tuple[ModelWarning, ...]:
-    """Warning of a projectile whose surface yields in bending, so that it does not stay rigid."""
+    """Warn about a projectile whose surface yields in bending, so that it does not stay rigid."""
     limit = USUAL_YIELD_STRENGTH if yield_strength is None else yield_strength
     if stress <= limit:
         return ()
@@ -530,7 +557,7 @@ STANDARD_ERROR_UNKNOWN = ModelWarning(
 
 
 def shallow_shots(*, depths: Sequence[float], diameters: Sequence[float]) -> tuple[ModelWarning, ...]:
-    """Warning of depth tests that ended within the front crater, where the law of the published tests has none."""
+    """Warn about depth tests that ended within the front crater."""
     shallow_ones = [
         index
         for index, (depth, diameter) in enumerate(zip(depths, diameters, strict=True))
@@ -549,7 +576,7 @@ def shallow_shots(*, depths: Sequence[float], diameters: Sequence[float]) -> tup
 
 
 def group_of_one(name: str) -> ModelWarning:
-    """Warning of a group of tests that gets no fit."""
+    """Return the warning about a group with a single test, which gets no fit of its own."""
     return ModelWarning(
         "group_of_one", f"group {name} has one test, which leaves no scatter to judge by: it is not fitted by itself"
     )

@@ -1,7 +1,7 @@
-"""Check that a run of the tests left none out: `python -m tests.completeness build/tests.xml`.
+"""Check that a run of the tests left none of them out: `python -m tests.completeness build/tests.xml`.
 
-The report is one that pytest wrote (`--junitxml`). Every test must have run in it, but those that `slow.csv` names, and
-a skipped one must have its reason in `skips.csv`. With `--record`, the results in the report are entered in `slow.csv`.
+The file is a report of pytest (`--junitxml`). Every test must have run, except those listed in `slow.csv`, and
+the reason of a skipped test must be in `skips.csv`. With `--record`, the results are written to `slow.csv`.
 """
 
 import argparse
@@ -24,7 +24,7 @@ COLUMNS = ("test", "result", "seconds", "date", "engine")
 
 @dataclass(frozen=True)
 class Result:
-    """How a test ended: `passed`, `failed` or `skipped`, its time [s] and the reason if it was skipped."""
+    """Outcome of a test (`passed`, `failed` or `skipped`), its time [s], and the reason if it was skipped."""
 
     outcome: str
     seconds: float
@@ -32,7 +32,7 @@ class Result:
 
 
 def read_report(text: str) -> dict[str, Result]:
-    """Return the results in a report of pytest, by a name that `name_in_report` gives a test."""
+    """Return the results in a report of pytest by the names that `name_in_report` returns."""
     found: dict[str, Result] = {}
     for case in ET.fromstring(text).iter("testcase"):  # noqa: S314 (a file that our own run wrote)
         skipped = case.find("skipped")
@@ -45,7 +45,7 @@ def read_report(text: str) -> dict[str, Result]:
 
 
 def name_in_report(test: str) -> str:
-    """Return the name under which a report has the test of this node id."""
+    """Return the name of a test in a report, from its node id."""
     path, _, rest = test.partition("::")
     function, bracket, parameters = rest.partition("[")
     return ".".join([path.removesuffix(".py").replace("/", "."), *function.split("::")]) + bracket + parameters
@@ -54,7 +54,7 @@ def name_in_report(test: str) -> str:
 def faults(
     tests: Iterable[str], results: Mapping[str, Result], slow: Iterable[str], skips: Iterable[tuple[str, str]]
 ) -> list[str]:
-    """Return a line for each test that was left out, or skipped without a listed reason, and each wrong entry."""
+    """Return a line for each test that was left out or skipped without a listed reason, and for each invalid entry."""
     tests, slow, skips = list(tests), set(slow), list(skips)
     found = [f"{test} is in {SLOW.name}, and there is no such test" for test in sorted(slow - set(tests))]
     for test in tests:
@@ -72,7 +72,7 @@ def faults(
 
 
 def collected() -> list[str]:
-    """Return the node ids of all tests, also of slow ones."""
+    """Return the node ids of all tests, including slow ones."""
     command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-m", "slow or not slow"]
     done = subprocess.run(command, cwd=HERE.parent, capture_output=True, text=True, check=True)
     return [line for line in done.stdout.splitlines() if "::" in line]
@@ -85,7 +85,7 @@ def read_table(path: Path) -> list[dict[str, str]]:
 
 
 def record(results: Mapping[str, Result], rows: Iterable[dict[str, str]]) -> list[dict[str, str]]:
-    """Return the rows of the slow tests with the results that the report has of them."""
+    """Return the rows of `slow.csv`, updated with the results in a report."""
     date = datetime.now(UTC).date().isoformat()
     return [
         {
@@ -102,7 +102,7 @@ def record(results: Mapping[str, Result], rows: Iterable[dict[str, str]]) -> lis
 
 
 def main() -> int:
-    """Compare a report with the tests that there are; return 1 if any was left out."""
+    """Compare a report with the existing tests; return 1 if any was left out."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("report", type=Path)
     parser.add_argument("--record", action="store_true", help=f"enter the results in {SLOW.name} instead")

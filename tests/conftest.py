@@ -1,4 +1,4 @@
-"""A real service on a real socket, one for all tests: starting its workers is what takes time."""
+"""A real service on a real socket, shared by the tests because starting its workers takes time."""
 
 import os
 import socket
@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[1]
 START_LIMIT_S = 240.0  # the first start on a machine compiles the solver
 STOP_LIMIT_S = 20.0
 NO_TLS = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-"""For a client of plain HTTP: what it would trust by default takes 20 ms to read, for each client anew."""
+"""TLS context for clients of plain HTTP; reading the default certificates would take 20 ms for each client."""
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
@@ -65,7 +65,7 @@ def free_port() -> int:
 
 
 def until(claim: Callable[[], bool]) -> None:
-    """Wait until it holds; fail after a minute."""
+    """Wait until a condition holds; fail after a minute."""
     deadline = time.monotonic() + 60.0
     while not claim():
         assert time.monotonic() < deadline
@@ -88,20 +88,20 @@ def wait_until_ready(service: "Service", verify: ssl.SSLContext = NO_TLS) -> Non
 
 @dataclass(frozen=True)
 class Service:
-    """A service of its own on a free port."""
+    """A service on a free port."""
 
     url: str
     process: subprocess.Popen[bytes]
 
 
 RunService: TypeAlias = Callable[..., AbstractContextManager[Service]]
-"""What the fixture `service_on` gives."""
+"""Type of the fixture `service_on`."""
 
 
 @contextmanager
 def running_service(folder: Path, verify: ssl.SSLContext = NO_TLS, **settings: str) -> Iterator[Service]:
-    """A service with an empty data folder, which must end well and log no failure; over TLS if what is to be trusted
-    is given."""
+    """Run a service with an empty data folder; it must end without an error and log no failure. With a context
+    it uses TLS."""
     port = free_port()
     names = {"host": "127.0.0.1", "port": str(port), "data_dir": str(folder / "data"), "workers": "2"}
     names |= {"log_level": "warning"} | settings
@@ -125,13 +125,13 @@ def running_service(folder: Path, verify: ssl.SSLContext = NO_TLS, **settings: s
 
 @pytest.fixture(scope="session")
 def service_on() -> Callable[..., AbstractContextManager[Service]]:
-    """Run a service with settings of its own."""
+    """Return a function that runs a service with given settings."""
     return running_service
 
 
 @pytest.fixture
 def dedicated_service(tmp_path: Path) -> Iterator[Service]:
-    """A service that the test may end."""
+    """A service that the test may stop."""
     with running_service(tmp_path) as service:
         yield service
 
@@ -145,9 +145,9 @@ def live_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def hurried_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of a service that gives no query more than 2 s, and answers no study of more than 300 samples at once.
+    """Address of a service with a time limit of 2 s for queries, which answers studies of up to 300 samples directly.
 
-    Queries wait for a worker as long as they have to: clients with few requests at a time are not told that it is busy.
+    Queries may wait for a worker as long as necessary, so that tests with few requests are never answered with 503.
     """
     with running_service(
         tmp_path_factory.mktemp("hurried"), task_seconds="2", small_samples="300", queue_seconds="100"

@@ -1,4 +1,4 @@
-"""Odd strikes as bodies of `/verdict`: of every kind that a verdict tells apart, the same ones for the same seed."""
+"""Odd strikes as bodies of `/verdict`, of every kind that it distinguishes; the same seed gives the same strikes."""
 
 from typing import Any
 
@@ -23,7 +23,7 @@ LAWS: tuple[dict[str, Any], ...] = (
 
 
 def odd_strikes(count: int, seed: int) -> list[dict[str, Any]]:
-    """Return `count` strikes, the kinds in turn: slow and fast, light and heavy, steep and grazing.
+    """Return `count` strikes of all kinds in turn: slow and fast, light and heavy, steep and grazing.
 
     Velocity 40 to 900 m/s, angle of attack up to 4°, concrete of 15 to 90 MPa; ogives, cones, caps and flat noses of
     15 to 250 mm.
@@ -78,7 +78,7 @@ def _nose(random: np.random.Generator, kind: str) -> tuple[dict[str, Any], float
 
 
 def _shots(random: np.random.Generator, strike: dict[str, Any]) -> list[dict[str, float]]:
-    """Return one to four shots whose depths are some that the body may reach."""
+    """Return one to four shots with depths that the body can reach."""
     request = ReportRequest.model_validate(strike)
     body, concrete = request.projectile.to_solver(), request.target.to_solver()
     shots = []

@@ -1,4 +1,4 @@
-"""`python -m validation reproduce` and `validate`: pages with figures and tables, from the folder of the project."""
+"""`python -m validation reproduce` and `validate` write reports with figures and tables."""
 
 import argparse
 import sys
@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def write(report: Any, folder: Path) -> tuple[Path, list[str]]:
-    """Write the report of a module, with a progress bar on standard error; return its page and what to print of it.
+    """Write the report of a module, with a progress bar on standard error; return its page and the summary to print.
 
     Raises
     ------

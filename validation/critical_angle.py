@@ -1,4 +1,4 @@
-"""Figures 13 to 16: the searches of the critical angle, the motion at it, and what it costs."""
+"""Figures 13 to 16: the searches for the critical angle, the motion at that angle, and the computing time."""
 
 import math
 import time
@@ -91,7 +91,7 @@ def search(method: SearchMethod) -> CriticalAngle:
 
 
 def trials_of(answer: CriticalAngle) -> Attempts:
-    """Every trial of a search, with the position that Figure 14 shows."""
+    """Return every trial of a search, with the position that Figure 14 shows."""
     return Attempts(
         degrees=[math.degrees(trial.oblique_angle) for trial in answer.iterations],
         final=[trial.final_position for trial in answer.iterations],
@@ -204,18 +204,18 @@ def _trial_columns(attempts: dict[SearchMethod, Attempts]) -> dict[str, list[obj
 
 
 INSTANTS = (0.0, 1e-3, 2e-3, 3.2e-3, 5e-3)
-"""[s]"""
+"""Instants that Figure 15 shows. [s]"""
 ASIDE = math.radians(0.5)
 """Distance of the strikes just below and above from the critical angle. [rad]"""
 RUNS = ("oblique-48", "oblique-50", "oblique-52")
 VIEW_LATERAL, VIEW_DEPTH = (-0.52, 0.95), (-0.42, 0.2)
-"""[m]"""
+"""Ends of the axes of Figure 15. [m]"""
 WORDS = {"embedded": "embedded", "ricochet": "turned away", "in_motion": "tip still inside, sliding"}
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """One panel."""
+    """One panel of Figure 15."""
 
     title: str
     path: TipPath
@@ -305,14 +305,14 @@ def _path_columns(path: TipPath) -> dict[str, Column]:
 
 REPEATS: dict[SearchMethod, int] = {"bisection": 2, "secant": 2, "outcome": 15}
 PAPER_RUNS, PAPER_CORES = 5, 4
-"""Finite element runs behind the paper's critical angle, at least, and cores that each took."""
+"""Least number of finite element runs behind the paper's critical angle, and cores that each used."""
 NEAR = 45.0
-"""Our finite element runs from this angle on bracket the critical one. [°]"""
+"""Smallest angle of our finite element runs that count towards the bracket of the critical angle. [°]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """CPU time of one way to the critical angle."""
+    """CPU time of one way to compute the critical angle."""
 
     way: str
     seconds: float
@@ -376,7 +376,7 @@ def _finite_elements() -> tuple[Cost, Cost]:
 
 
 def _measured(method: SearchMethod) -> Cost:
-    """The shortest of several searches, on one thread."""
+    """Shortest CPU time of several searches on one thread. [s]"""
     search(method)
     shortest = min(_cpu_seconds(method) for _ in range(REPEATS[method]))
     way = "outcome search (ours)" if method == "outcome" else f"{method} (paper's elements)"

@@ -1,4 +1,4 @@
-"""Ratios of predicted to measured depths, and why the closed form goes deeper than the trajectory model."""
+"""Ratios of predicted to measured depths, and why the closed form gives greater depths than the trajectory model."""
 
 import math
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ DEPTHS = (0.12, 4.0)
 
 
 def depth_figure(assessment: Assessment, factor_model: str, name: str) -> Figure:
-    """Predicted against measured depth, and their ratio over velocity, by both methods."""
+    """Draw predicted against measured depth, and their ratio over velocity, for both methods."""
     figure, axes = style.panels(4, rows=2, height=7.4)
     velocities = np.array([strike.test.velocity for strike in assessment.strikes])
     columns: dict[str, Sequence[object]] = {
@@ -65,7 +65,7 @@ def depth_figure(assessment: Assessment, factor_model: str, name: str) -> Figure
 
 
 def _marks(axes: Axes, assessment: Assessment, x: FloatArray, y: FloatArray) -> None:
-    """One mark a test, by series, and a cross for what is not counted."""
+    """Draw a mark for each test by series, and a cross for tests that are not counted."""
     for series, mark, color in zip(assessment.series, MARKS, COLORS, strict=False):
         places = assessment.chosen(of_series(series))
         axes.plot(x[places], y[places], mark, color=color, markerfacecolor="none", label=series)
@@ -103,7 +103,7 @@ FIGURE_NAMES = ("power-law-82.6", "power-law-72", "constant-8.52", "leave-one-ou
 
 
 def ratios_section(assessment: Assessment) -> Section:
-    """Every choice of the strength factor, by both methods."""
+    """Return the section on every choice of the strength factor, with both methods."""
     text = (
         (
             "Four choices of the strength factor S. Two are correlations with the strength f'c in MPa, of Frew et "
@@ -130,12 +130,12 @@ def ratios_section(assessment: Assessment) -> Section:
 
 
 def agreement_1994(assessment: Assessment, method: str) -> Agreement:
-    """The 1994 series with the power law 82.6."""
+    """Return the agreement for the 1994 series with the power law 82.6."""
     return assessment.agreement(method, POWER_LAW, of_series(SERIES))
 
 
 def _reading(assessment: Assessment) -> str:
-    """Which definition gives the mean that was set."""
+    """Describe the definition of the mean that gives the value predicted before the comparison."""
     ratios = assessment.ratios(CLOSED_FORM, POWER_LAW)
     with_outlier = agreement(ratios[[strike.test.series == SERIES for strike in assessment.strikes]])
     without = agreement_1994(assessment, CLOSED_FORM)
@@ -199,7 +199,7 @@ FASTEST = 1300.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CraterDifference:
-    """Depth of the closed form less that of the trajectory model, over the counted tests of one nose and calibre."""
+    """Depth of the closed form less that of the trajectory model, for the counted tests of one nose and calibre."""
 
     diameter: float
     """[m]"""
@@ -212,18 +212,18 @@ class CraterDifference:
 
     @property
     def extent(self) -> str:
-        """Least and most, for a text."""
+        """Smallest and largest difference, as text."""
         return f"{self.differences.min() * 1e3:.1f} to {self.differences.max() * 1e3:.1f} mm"
 
 
 def static_difference(projectile: Projectile) -> float:
-    """Depth of the closed form less that of the trajectory model if nothing but S f'c resisted. [m]
+    """Depth of the closed form less that of the trajectory model if only S f'c resisted. [m]
 
     Notes
     -----
-    Full resistance on the area A from the face on would stop the projectile at m V² / (2 S f'c A). A crater two
-    diameters deep that resists as a linear spring saves half of it, one diameter. The trajectory model loads what
-    section of the nose is in the face, which saves the length of the nose less its volume over A.
+    Full resistance on the area A from the face on would stop the projectile at m V² / (2 S f'c A). With a crater two
+    diameters deep that resists as a linear spring, it goes one diameter deeper. The trajectory model loads the part of
+    the nose inside the target, with which it goes deeper by the length of the nose less its volume over A.
     """
     nose = replace(projectile, length=projectile.nose_length, center_of_gravity=None)
     area = math.pi * projectile.radius**2

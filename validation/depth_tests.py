@@ -1,4 +1,4 @@
-"""Published depth tests, the depths predicted for them, and how well they agree."""
+"""Published depth tests, the depths predicted for them, and their agreement."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -31,14 +31,14 @@ OUTLIER_ROW = 55
 LIKELY_VELOCITY = 690.0
 """Velocity of that test, if its 590 m/s are a slip. [m/s]"""
 STEEL_DENSITY = 7850.0
-"""[kg/m³]"""
+"""Density of steel. [kg/m³]"""
 NEXT_GRADE = 1.25
 """A strength more than this many times the next lower one of its series begins another grade of concrete."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PublishedStrike:
-    """A test and what the solver needs for it."""
+    """A test with the inputs of the solver."""
 
     test: PenetrationTest
     projectile: Projectile
@@ -46,11 +46,11 @@ class PublishedStrike:
     group: str
     """Series and grade of concrete, within which one strength factor is fitted."""
     flags: tuple[ModelWarning, ...]
-    """What the model warns of."""
+    """Warnings of the model."""
 
     @property
     def counted(self) -> bool:
-        """Whether it enters fits and statistics."""
+        """Whether the test is used in fits and statistics."""
         return self.test.row != OUTLIER_ROW
 
 
@@ -87,7 +87,7 @@ def _strike(test: PenetrationTest, group: str) -> PublishedStrike:
 
 
 def _projectile(test: PenetrationTest) -> Projectile:
-    """The body; where its length is not known, that of a solid one of steel with the mass of the test."""
+    """The projectile. If its length is not known, it is that of a solid steel body with the mass of the test."""
     nose = Ogive(caliber_radius_head=test.caliber_radius_head)
     nose_length = nose.length(test.diameter / 2.0)
     body = Projectile(nose=nose, diameter=test.diameter, length=test.length or nose_length, mass=test.mass)
@@ -98,9 +98,9 @@ def _projectile(test: PenetrationTest) -> Projectile:
 
 
 FIT_RANGE = (3.0, 15.0)
-"""Strength factors among which the best is sought. [1]"""
+"""Range in which the best strength factor is searched. [1]"""
 CURVE_DEGREE = 6
-"""Order of the polynomial that stands for depth over S while fitting: true to 10⁻⁶ of the depth."""
+"""Degree of the polynomial that approximates depth over S in a fit, to 10⁻⁶ of the depth."""
 
 DepthCurve: TypeAlias = Callable[[float], float]
 """Depth of the nose tip by strength factor. [m]"""
@@ -108,7 +108,7 @@ DepthCurve: TypeAlias = Callable[[float], float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """Depths of all tests by one choice of the strength factor and one way to the depth."""
+    """Depths of all tests with one choice of the strength factor and one method."""
 
     factor_model: str
     method: str
@@ -157,7 +157,7 @@ METHODS: Mapping[str, Callable[[PublishedStrike, float], float]] = {
 
 
 def predict(strikes: Sequence[PublishedStrike], method: str, curves: Sequence[DepthCurve]) -> list[Prediction]:
-    """Depths of all strikes by one method, for every choice of the strength factor; `curves` are theirs by it."""
+    """Depths of all strikes with one method, for every choice of S; `curves` are their depth curves."""
     depth = METHODS[method]
     found = [
         Prediction(
@@ -174,7 +174,7 @@ def predict(strikes: Sequence[PublishedStrike], method: str, curves: Sequence[De
 
 
 def model_factors(strikes: Sequence[PublishedStrike], model: StrengthFactor) -> FloatArray:
-    """Strength factor of each strike by a model that knows the concrete only. [1]"""
+    """Strength factor of each strike by a law of the concrete. [1]"""
     resistance = Resistance(strength_factor=model)
     return np.array(
         [
@@ -185,7 +185,7 @@ def model_factors(strikes: Sequence[PublishedStrike], model: StrengthFactor) -> 
 
 
 def depth_curve(strike: PublishedStrike, method: str) -> DepthCurve:
-    """Depth over S as a polynomial between the logarithms of both, so that a fit costs a dozen runs only."""
+    """Depth over S as a polynomial in their logarithms, so that a fit costs only a dozen runs."""
     depth = METHODS[method]
 
     def logarithms(factors: FloatArray) -> FloatArray:
@@ -219,7 +219,7 @@ def fit_factor(measured: Sequence[tuple[float, DepthCurve]]) -> float:
 
 
 def exact_factor(strike: PublishedStrike, curve: DepthCurve) -> float:
-    """Strength factor with which a test goes as deep as was measured; nan if there is none in `FIT_RANGE`. [1]"""
+    """Strength factor that gives the measured depth of a test; nan if there is none in `FIT_RANGE`. [1]"""
 
     def difference(factor: float) -> float:
         return curve(factor) - strike.test.depth
@@ -235,7 +235,7 @@ BAND = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """How predicted over measured depth is spread over some tests."""
+    """Statistics of predicted over measured depth for some tests."""
 
     number: int
     mean_ratio: float
@@ -247,7 +247,7 @@ class Agreement:
 
 
 def agreement(ratios: FloatArray) -> Agreement:
-    """Mean, spread and number of some ratios."""
+    """Return the statistics of some ratios."""
     mean = float(ratios.mean())
     return Agreement(
         number=len(ratios),
@@ -258,26 +258,26 @@ def agreement(ratios: FloatArray) -> Agreement:
 
 
 Choice: TypeAlias = Callable[[PublishedStrike], bool]
-"""Choice of tests."""
+"""Predicate that selects tests."""
 
 
 def every(_: PublishedStrike) -> bool:
-    """Choose all tests."""
+    """Select all tests."""
     return True
 
 
 def of_series(series: str) -> Choice:
-    """Choose the tests of one series."""
+    """Select the tests of one series."""
     return lambda strike: strike.test.series == series
 
 
 def of_group(group: str) -> Choice:
-    """Choose the tests of one series and grade of concrete."""
+    """Select the tests of one series and grade of concrete."""
     return lambda strike: strike.group == group
 
 
 def of_diameter(diameter: float) -> Choice:
-    """Choose the tests of one calibre. [m]"""
+    """Select the tests of one calibre. [m]"""
     return lambda strike: strike.test.diameter == diameter
 
 
@@ -291,7 +291,7 @@ class Assessment:
     group_factors: Mapping[tuple[str, str], float]
     """Strength factor fitted to all counted tests of a group, by method and group. [1]"""
     exact_factors: FloatArray
-    """Strength factor of each test with which the trajectory model meets its depth; nan for none. [1]"""
+    """Strength factor of each test with which the trajectory model gives its depth; nan if there is none. [1]"""
 
     @property
     def measured(self) -> FloatArray:
@@ -303,26 +303,26 @@ class Assessment:
         return self.predictions[method, factor_model].depths / self.measured
 
     def chosen(self, choice: Choice = every) -> list[int]:
-        """Places of the tests that are counted and chosen."""
+        """Indices of the tests that are counted and selected."""
         return [place for place, strike in enumerate(self.strikes) if strike.counted and choice(strike)]
 
     def agreement(self, method: str, factor_model: str, choice: Choice = every) -> Agreement:
-        """Statistics of the tests that are counted and chosen."""
+        """Statistics of the tests that are counted and selected."""
         return agreement(self.ratios(method, factor_model)[self.chosen(choice)])
 
     @property
     def series(self) -> list[str]:
-        """Names, oldest first."""
+        """Names of the series, oldest first."""
         return sorted({strike.test.series for strike in self.strikes}, key=lambda name: name[-4:])
 
     @property
     def groups(self) -> list[str]:
-        """Names, in the order of the series."""
+        """Names of the groups, in the order of the series."""
         return sorted({strike.group for strike in self.strikes}, key=lambda name: (name.split(",")[0][-4:], name))
 
 
 def percent(share: float) -> str:
-    """A share as text."""
+    """Return a share as text."""
     return f"{100.0 * share:.0f} %"
 
 

@@ -1,4 +1,4 @@
-"""Evidence for what: each kind of test beside the model in one row, with what was left out and a verdict."""
+"""The table of evidence: one row for each kind of test, with what was left out and a verdict."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -36,11 +36,11 @@ from validation.walls import MODELS, SLAB, SLAB_SLOWEST, slab_limit_speed
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """What one kind of test shows."""
+    """A row of the table of evidence."""
 
     what: str
     number: int
-    """Tests that count."""
+    """Number of tests that are counted."""
     source: str
     left_out: str
     result: str
@@ -59,7 +59,7 @@ PLATE: Final = Target(compressive_strength=265e6, density=2710.0, youngs_modulus
 PLATE_LIMITS: Final[Mapping[float, float]] = {0.0: 514.0, 15.0: 535.0, 30.0: 597.0, 45.0: 723.0}
 """Ballistic limits by angle from the normal. [°, m/s]"""
 HANSSON_SHOT: Final = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.075, length=0.225, mass=6.28)
-"""The source has no nose; a solid body of steel of this size has this mass with a calibre-radius-head of 2."""
+"""The source does not state the nose; a solid steel body of this size has this mass with a calibre-radius-head of 2."""
 HANSSON_TARGET: Final = Target(compressive_strength=33.8e6, density=2300.0)
 HANSSON_VELOCITY, HANSSON_DEPTH = 485.0, 0.6575
 """[m/s, m]"""
@@ -111,10 +111,11 @@ def _depths() -> Evidence:
         "Dataset",
         left_out=f"{len(depth_shots()) - len(shots)} rows by the rule of the section on the strength factor: erosion, "
         "fibres, thin targets, shallow shots, rows that contradict others",
-        result=f"90 % interval holds {percent(without.covered)} of the shots of a series left out (half width in ln S "
-        f"{without.half_width:.2f}), {percent(one.covered)} after one shot of that series ({one.half_width:.2f}), "
+        result=f"the 90 % interval holds {percent(without.covered)} of the shots of a series left out (half width in "
+        f"ln S {without.half_width:.2f}), {percent(one.covered)} after one shot of that series ({one.half_width:.2f}), "
         f"{percent(two.covered)} after two ({two.half_width:.2f})",
-        verdict=f"S of untested concrete scatters by {law.between:.2f}; one shot in it does more than any law.",
+        verdict=f"ln S of untested concrete scatters by {law.between:.2f}; one shot into it narrows S more than "
+        "any law.",
     )
 
 
@@ -125,8 +126,9 @@ def _never_fitted() -> Evidence:
         what="depth in articles that no fit has seen",
         number=len(shots),
         source=f"{len({shot.article for shot in shots})} of 21 articles kept aside, in the same data set",
-        left_out=f"{len(never_fitted_shots()) - len(shots)} rows: by that rule, and three shots of a fitted article",
-        result=f"90 % interval holds {percent(none.covered)} of the shots of a series without shots of one's own and "
+        left_out=f"{len(never_fitted_shots()) - len(shots)} rows: by the same rule, and three shots of a "
+        "fitted article",
+        result=f"the 90 % interval holds {percent(none.covered)} of the shots of a series without own shots and "
         f"{percent(one.covered)} after one; without articles 29, 30 and 64, one programme with doubtful numbers, "
         f"{percent(clean.covered)} and {percent(clean_one.covered)}",
         verdict=f"The heavy tails are needed: they make the interval "
@@ -144,9 +146,9 @@ def _plates() -> Evidence:
         number=3,
         source="APM2 core on 20 mm AA6082-T651 at 15, 30, 45°: Forrestal, Børvik, Warren, Chen 2014, in the REL V50 "
         "database (Mendeley 10.17632/4f92y6jzzh.2)",
-        left_out="the limit at 0°, to which S was fitted; the yield strength, 265 MPa, stands for f'c",
+        left_out="the limit at 0°, to which S was fitted; the yield strength, 265 MPa, is used as f'c",
         result="; ".join(f"{name} {row} %" for name, row in misses.items()),
-        verdict="All decay laws are low by 1 to 6 %, elastic-plastic by the least; sec θ alone does better.",
+        verdict="All decay laws are low by 1 to 6 %, elastic-plastic the least; sec θ alone is better.",
     )
 
 
@@ -162,9 +164,9 @@ def _hansson() -> Evidence:
         number=2,
         source="Hansson 1998, in Leppänen, Chalmers publication 02:4, table 6.1",
         left_out="nothing; nose (from the mass) and density of the concrete, 2300 kg/m³, are assumed",
-        result=f"S = {own:.2f}, `published_tests` gives {law:.2f}: {abs(off):.1f} scales "
-        f"{'above' if off > 0.0 else 'below'}",
-        verdict="Within what the scatter of S allows."
+        result=f"S = {own:.2f}, where `published_tests` gives {law:.2f}: {'higher' if off > 0.0 else 'lower'} by "
+        f"{abs(off):.1f} times the scale of its scatter",
+        verdict="Consistent with the scatter of S."
         if abs(off) < float(stdtrit(PublishedTests.degrees_of_freedom, 0.95))
         else "Outside the 90 % interval.",
     )
@@ -175,11 +177,11 @@ def _spheres() -> Evidence:
         what="depth of spheres, scabbing and perforation",
         number=sum(map(len, spheres.DEPTHS.values())),
         source="Erkander and Pettersson 1985, in a Chalmers thesis (MSc 04:1): 20.6 mm, 35.9 g",
-        left_out="the speeds of the single shots and the perforated slabs, which are not at hand; density of the "
+        left_out="the speeds of the single shots and the perforated slabs, which were not available; density of the "
         "concrete, 2300 kg/m³, is assumed; S of `published_tests`",
         result=spheres.results(),
-        verdict="In the strong concrete the model is as deep only at the end of the speeds; thin slabs hold in it what "
-        "no formula lets them hold.",
+        verdict="In the strong concrete the model reaches the measured depths only at the highest speeds; its thin "
+        "slabs withstand more than any formula allows.",
     )
 
 
@@ -193,7 +195,7 @@ def _slabs() -> Evidence:
         left_out="residual speeds, which the abstract does not list",
         result=f"perforated at {SLAB_SLOWEST:g} m/s in tests (48 MPa); limit speed of the model {texts[0]}, with a "
         f"plug {texts[1]}, with a crater as well {texts[2]} m/s",
-        verdict="Unconservative: walls hold in the model what they do not hold in tests.",
+        verdict="Unconservative: walls withstand more in the model than in tests.",
     )
 
 
@@ -218,12 +220,13 @@ def evidence() -> tuple[Evidence, ...]:
 
 
 WHY_ELASTIC_PLASTIC: Final = """
-    **Why elastic-plastic decay is the default although Mohr-Coulomb follows motions better.** Over the oblique finite
-    element runs Mohr-Coulomb has a misfit of {mohr:.3f} with the coarse mesh, elastic-plastic {elastic:.3f}. The runs
-    are computed, soften with their mesh and were calibrated on depth alone. Of what was measured, the oblique limits of
-    metal plates, elastic-plastic is {plate_elastic} off at most and Mohr-Coulomb {plate_mohr}; and with the paper's S
-    elastic-plastic gives 48.6° where the paper has 48.2°, Mohr-Coulomb 43.6°. Neither settles it:
-    `"alternatives": true` lists both.
+    **Why elastic-plastic decay is the default although Mohr-Coulomb follows motions better.** For the oblique finite
+    element runs with the coarse mesh, Mohr-Coulomb has a misfit of {mohr:.3f} and elastic-plastic {elastic:.3f}. But
+    these runs are computations; their concrete becomes weaker with a finer mesh, and they were calibrated on depth
+    alone. The only measurements, the oblique limit speeds of metal plates, favour elastic-plastic decay, which is off
+    by at most {plate_elastic}, over Mohr-Coulomb with {plate_mohr}. With the paper's S elastic-plastic decay gives
+    48.6° and Mohr-Coulomb 43.6°, where the paper has 48.2°. None of this is decisive: `"alternatives": true` lists
+    both.
 """
 
 
@@ -247,14 +250,14 @@ def evidence_section() -> Section:
     rows = [(each.what, each.number, each.source, each.left_out, each.result, each.verdict) for each in evidence()]
     text = (
         (
-            "**No test of the critical angle of a rigid body on concrete was found in the open literature.** What "
-            "there is stands here, one row a kind of test; the sections below have the details."
+            "**No test of the critical angle of a rigid body on concrete was found in the open literature.** The table "
+            "lists the available evidence, with a row for each kind of test; the sections below have the details."
         ),
         *why_elastic_plastic(),
     )
-    caption = "Evidence for what: tests beside the model."
+    caption = "Evidence: tests compared with the model."
     return Section(
-        title="Evidence for what",
+        title="The evidence",
         text=text,
         tables=(ReportTable(name="evidence", caption=caption, columns=columns, rows=rows),),
     )

@@ -26,14 +26,14 @@ from validation.report import Comparison, Progress, ReportTable, Section
 
 SEPARATE_CALCULATION = "a separate calculation on the same runs"
 SEPARATE_RMS = {"mohr_coulomb": 0.051, "elastic_plastic": 0.090, "none": 0.216}
-"""Normalised root mean square over the oblique runs. [1]"""
+"""Normalised root mean square over the oblique runs, from a separate calculation. [1]"""
 SEPARATE_ANGLES: Mapping[tuple[str, Mesh, str], float] = {
     ("mohr_coulomb", "coarse", CHOSEN): 46.8,
     ("mohr_coulomb", "fine", CHOSEN): 46.5,
     ("elastic_plastic", "coarse", TO_45): 51.4,
     ("elastic_plastic", "fine", TO_45): 49.1,
 }
-"""Calibrated critical angles. [°]"""
+"""Calibrated critical angles, from a separate calculation. [°]"""
 
 
 def section(progress: Progress) -> Section:
@@ -42,7 +42,7 @@ def section(progress: Progress) -> Section:
 
 
 def compare(found: Mapping[Mesh, Calibration], progress: Progress) -> Section:
-    """Return the comparison from what was fitted."""
+    """Return the comparison from the fits."""
     progress("finite elements: critical angles")
     predicted = predictions(found)
     ends = {mesh: bracket(finite_element_runs(mesh)) for mesh in MESHES}
@@ -129,7 +129,7 @@ def _with_error(prediction: Prediction) -> str:
 
 
 def _laws(found: Mapping[Mesh, Calibration]) -> ReportTable:
-    """Each law over all runs of a mesh."""
+    """Return the table of each law over all runs of a mesh."""
     rows: list[Sequence[object]] = []
     for mesh, calibration in found.items():
         for law, name in LAW_NAMES.items():
@@ -202,7 +202,7 @@ def _quantities(found: Mapping[Mesh, Calibration]) -> ReportTable:
 
 
 def _outcomes(found: Mapping[Mesh, Calibration]) -> ReportTable:
-    """Whether the model at the S of a run turns its projectile away, as the finite elements do."""
+    """Return the table of outcomes of the model at the S of each run, compared with the finite elements."""
     rows: list[Sequence[object]] = []
     for calibration in found.values():
         for run in calibration.runs:

@@ -1,4 +1,4 @@
-"""Drawings of the finite element comparison."""
+"""Figures of the finite element comparison."""
 
 import math
 from collections.abc import Mapping
@@ -47,12 +47,12 @@ MESH_MARKS: Mapping[Mesh, str] = {"coarse": "o", "fine": "s"}
 ANGLES = (44.0, 54.0)
 """Ends of the axis of critical angles. [°]"""
 BESIDE: Mapping[Mesh, float] = {"coarse": -0.3, "fine": 0.3}
-"""Points of two meshes are drawn side by side. [°]"""
+"""Offsets with which the points of the two meshes are drawn side by side. [°]"""
 MESH_COLORS: Mapping[Mesh, str] = {"coarse": style.FINITE_ELEMENT, "fine": style.TEST}
 
 
 def rms_figure(found: Mapping[Mesh, Calibration]) -> Figure:
-    """Normalised root mean square of each run over its angle, by decay law."""
+    """Draw the normalised root mean square of each run over its angle, by decay law."""
     figure, panels = style.panels(2, height=3.6, sharey=True)
     series: dict[str, dict[str, Column]] = {}
     for axes, later in zip(panels, (False, True), strict=True):
@@ -84,7 +84,7 @@ def rms_figure(found: Mapping[Mesh, Calibration]) -> Figure:
 
 
 def fitted_figure(found: Mapping[Mesh, Calibration]) -> Figure:
-    """Histories at 15°, 30° and 45°: both meshes, and both decay laws at the S fitted to the coarse run."""
+    """Draw histories at 15°, 30° and 45° for both meshes, and for both decay laws at the S fitted to the coarse run."""
     figure, panels = style.panels(3 * len(PAPER_ANGLES), rows=len(PAPER_ANGLES), height=0.5 + 2.1 * len(PAPER_ANGLES))
     coarse = found["coarse"]
     series: dict[str, dict[str, Column]] = {}
@@ -110,7 +110,7 @@ def fitted_figure(found: Mapping[Mesh, Calibration]) -> Figure:
 
 
 def tip_figure(found: Mapping[Mesh, Calibration]) -> Figure:
-    """Depth of the nose tip around the change of outcome: a row for each mesh."""
+    """Draw the depth of the nose tip near the change of outcome, with a row for each mesh."""
     angles = NEAR_ANGLES
     figure, panels = style.panels(2 * len(angles), rows=2, height=5.4, sharex=True, sharey=True)
     series: dict[str, dict[str, Column]] = {}
@@ -144,7 +144,7 @@ def tip_figure(found: Mapping[Mesh, Calibration]) -> Figure:
 def factor_figure(
     found: Mapping[Mesh, Calibration], predicted: Predictions, brackets: Mapping[Mesh, tuple[float, float]]
 ) -> Figure:
-    """S over the angle, a panel for each decay law: fitted points and their polynomials; brackets in radians."""
+    """Draw S over the angle with a panel for each decay law: fitted points and polynomials; brackets are in radians."""
     figure, panels = style.panels(len(LAWS), height=4.4, sharey=True)
     series: dict[str, dict[str, Column]] = {}
     for axes, law in zip(panels, LAWS, strict=True):
@@ -170,7 +170,7 @@ def factor_figure(
 
 
 def angle_figure(predicted: Predictions, brackets: Mapping[Mesh, tuple[float, float]]) -> Figure:
-    """Critical angle of every reading of the calibration, beside the change of the finite elements."""
+    """Draw the critical angle of every calibration, and the change of outcome of the finite elements."""
     shown = [each for each in predicted.each if each.degrees is not None]
     figure, (axes,) = style.panels(1, height=1.4 + 0.2 * len(shown))
     _shade(axes, brackets)
@@ -250,7 +250,7 @@ def _look(name: str) -> dict[str, Any]:
 
 
 def _end(calibration: Calibration, run: FiniteElementRun) -> float:
-    """When the fit of a run ends. [s]"""
+    """Time at which the fit of a run ends. [s]"""
     return float(calibration.own("elastic_plastic")[run.degrees].predicted.time[-1])
 
 
@@ -265,7 +265,7 @@ def _columns(history: MotionHistory) -> dict[str, Column]:
 
 
 def _shade(axes: Axes, brackets: Mapping[Mesh, tuple[float, float]]) -> None:
-    """Shade where the finite elements change their outcome."""
+    """Shade the angles at which the finite elements change their outcome."""
     for mesh, ends in brackets.items():
         low, high = (math.degrees(angle) for angle in ends)
         label = f"finite elements change, {mesh} mesh: {low:g}° to {high:g}°"

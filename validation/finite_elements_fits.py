@@ -59,7 +59,7 @@ LAW_NAMES = {"elastic_plastic": "elastic-plastic", "mohr_coulomb": "Mohr-Coulomb
 PAPER_ANGLES = (15.0, 30.0, 45.0)
 """Oblique angles at which the paper calibrates. [°]"""
 ROUGHER = Numerics(relative_tolerance=1e-5)
-"""For fits to one quantity, which leave S open anyway beyond the second decimal."""
+"""Numerics for fits to one quantity, which determine S to two decimals only."""
 ALONE = {
     "depth_displacement": Weights(lateral=0.0, rotation=0.0),
     "lateral_displacement": Weights(depth=0.0, rotation=0.0),
@@ -73,37 +73,37 @@ class Calibration:
 
     mesh: Mesh
     runs: Sequence[FiniteElementRun]
-    """The oblique ones, by angle."""
+    """Oblique runs, by angle."""
     fits: DecayLawFits
-    """Until the nose tip of each run is deepest."""
+    """Fits until the nose tip of each run is deepest."""
     later_fits: DecayLawFits
-    """Until the centre of gravity of each run is deepest, which is later at steep angles."""
+    """Fits until the centre of gravity of each run is deepest, which is later at steep angles."""
     by_depth: DepthFit
-    """Greatest depths of normal impact, which no decay law changes."""
+    """Fit to the greatest depths in normal impact, which no decay law changes."""
     alone: Mapping[str, Mapping[float, Mapping[str, Estimate | None]]]
-    """By law and oblique angle: S from each quantity by itself; None where it leaves S open. [°]"""
+    """S from each quantity alone, by law and oblique angle; None where the quantity does not determine S. [°]"""
     cpu_seconds: float
     """Processor time of `fits`. [s]"""
 
     def own(self, law: str, *, later: bool = False) -> dict[float, MotionFit]:
-        """Fit of each run by itself with a law, by oblique angle; without those that leave S open. [°]"""
+        """Fit of each run alone with a law, by oblique angle, except those that do not determine S. [°]"""
         found = (self.later_fits if later else self.fits).laws[law]
         alone = found.alone if found else ()
         return {run.degrees: fit for run, fit in zip(self.runs, alone, strict=False) if fit is not None}
 
     def factors(self, law: str, *, later: bool = False) -> dict[float, Estimate]:
-        """S by oblique angle: from depths at 0°, from motion elsewhere. [°]"""
+        """S by oblique angle: from depths at 0°, from motions at other angles. [°]"""
         return {0.0: self.by_depth.estimate} | {
             angle: fit.estimate for angle, fit in self.own(law, later=later).items()
         }
 
     def normalized_root_mean_square(self, law: str, *, later: bool = False) -> float:
-        """Over all runs, each at its own S. [1]"""
+        """Normalised root mean square over all runs, each at its own S. [1]"""
         return overall(self.own(law, later=later).values())
 
 
 def overall(fits: Iterable[MotionFit]) -> float:
-    """Normalised root mean square of several fits, each counting alike. [1]"""
+    """Normalised root mean square of several fits with equal weights. [1]"""
     return math.sqrt(float(np.mean([fit.normalized_root_mean_square**2 for fit in fits])))
 
 
@@ -115,7 +115,7 @@ def calibrations(progress: Progress) -> dict[Mesh, Calibration]:
 def _calibrate(mesh: Mesh, progress: Progress) -> Calibration:
     runs = [run for run in finite_element_runs(mesh) if run.oblique_angle > 0.0]
     progress(f"finite elements, {mesh} mesh: fits to the motion")
-    fit_laws([runs[0]], [time_of_deepest_tip(runs[0])])  # compiled before any time is taken
+    fit_laws([runs[0]], [time_of_deepest_tip(runs[0])])  # compile before times are measured
     ends = [time_of_deepest_tip(run) for run in runs]
     start = time.process_time()
     fits = fit_laws(runs, ends)
@@ -150,7 +150,7 @@ def fit_laws(runs: Sequence[FiniteElementRun], ends: Sequence[float]) -> DecayLa
 
 
 def _alone(run: FiniteElementRun, end: float, law: FreeSurface) -> dict[str, Estimate | None]:
-    """S from each quantity by itself."""
+    """Return S from each quantity alone."""
     return {name: _fit_quantity(run, end, law, weights) for name, weights in ALONE.items()}
 
 
@@ -180,7 +180,7 @@ class Ending:
 
     run: FiniteElementRun
     tip_depth: float
-    """[m]"""
+    """Depth of the nose tip. [m]"""
     tip_velocity: float
     """Velocity of the nose tip along the inward normal. [m/s]"""
     center_velocity: float
@@ -190,12 +190,12 @@ class Ending:
 
     @property
     def turned_away(self) -> bool:
-        """Whether nose tip and centre of gravity both move out, with at least 1 % of the energy."""
+        """Whether both nose tip and centre of gravity move out of the target, with at least 1 % of the energy."""
         return max(self.tip_velocity, self.center_velocity) < 0.0 and self.energy_share >= RETAINED
 
     @property
     def outcome(self) -> Outcome:
-        """Turned away, embedded if the energy is spent, otherwise not decided yet."""
+        """Outcome: turned away, embedded if the energy is spent, otherwise undecided."""
         if self.turned_away:
             return Outcome.RICOCHET
         return Outcome.EMBEDDED if self.energy_share < RETAINED else Outcome.IN_MOTION
@@ -235,13 +235,13 @@ def modelled_outcome(run: FiniteElementRun, *, strength_factor: float, free_surf
 
 
 def bracket(runs: Sequence[FiniteElementRun]) -> tuple[float, float]:
-    """Largest angle at which no run is turned away, and the smallest at which one is. [rad]"""
+    """Largest angle below which no run is turned away, and smallest angle at which one is. [rad]"""
     turned = {run.oblique_angle: ending(run).turned_away for run in runs if run.oblique_angle > 0.0}
     return max(angle for angle, away in turned.items() if not away), min(a for a, away in turned.items() if away)
 
 
 def endings_table(runs: Sequence[FiniteElementRun]) -> ReportTable:
-    """Last rows of the oblique runs."""
+    """Return the table of the last rows of the oblique runs."""
     endings = [ending(run) for run in runs if run.oblique_angle > 0.0]
     words = {
         Outcome.RICOCHET: "turned away",
@@ -281,7 +281,7 @@ PAPER = "the paper's eq. 9"
 SCAN = math.radians(0.3)
 """Scan interval: where S falls to zero, projectiles are turned away over a range that a wider scan can miss. [rad]"""
 NEAR_ANGLES = (45.0, 48.0, 50.0)
-"""[°]"""
+"""Angles near the change of outcome. [°]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -290,7 +290,7 @@ class Prediction:
 
     law: str
     mesh: Mesh | None
-    """None for eq. 9, which was fitted to other finite elements."""
+    """Mesh of the runs; None for eq. 9, which was fitted to other finite elements."""
     reading: str
     model: StrengthFactor
     fit: ObliquityFit | None
@@ -311,7 +311,7 @@ class Prediction:
 
     @property
     def extrapolated(self) -> bool:
-        """Whether the critical angle takes S from beyond the fitted angles."""
+        """Whether the critical angle uses S beyond the fitted angles."""
         return self.degrees is not None and self.degrees > self.fitted_to
 
     @property
@@ -327,12 +327,12 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True)
 class Predictions:
-    """Every prediction, in the order of the endings_table."""
+    """All predictions, in the order of `endings_table`."""
 
     each: Sequence[Prediction]
 
     def of(self, law: str, mesh: Mesh | None, reading: str) -> Prediction:
-        """Return one of them."""
+        """Return the prediction of a law, mesh and fit."""
         (found,) = (p for p in self.each if (p.law, p.mesh, p.reading) == (law, mesh, reading))
         return found
 
@@ -342,15 +342,15 @@ class Predictions:
 
     @property
     def paper(self) -> Prediction:
-        """The one with the paper's eq. 9."""
+        """The prediction with the paper's eq. 9."""
         return self.of("elastic_plastic", None, PAPER)
 
 
 def predictions(found: Mapping[Mesh, Calibration]) -> Predictions:
-    """Critical angle by each law, mesh and reading, and by the paper's eq. 9."""
+    """Compute the critical angle for each law, mesh and fit, and for the paper's eq. 9."""
     shared = [run.degrees for run in found["fine"].runs]
     equation = ObliquityPolynomial(coefficients=equation_9())
-    _predict("elastic_plastic", None, PAPER, equation, None, PAPER_ANGLES[-1])  # compiled before any time is taken
+    _predict("elastic_plastic", None, PAPER, equation, None, PAPER_ANGLES[-1])  # compile before times are measured
     each = [_predict("elastic_plastic", None, PAPER, equation, None, PAPER_ANGLES[-1])]
     for law in LAWS:
         for mesh, calibration in found.items():

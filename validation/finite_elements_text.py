@@ -1,4 +1,4 @@
-"""What the finite element comparison shows, in words."""
+"""Text of the finite element comparison."""
 
 import math
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ Brackets = Mapping[Mesh, tuple[float, float]]
 
 
 def paragraphs(found: Mapping[Mesh, Calibration], predicted: Predictions, brackets: Brackets) -> tuple[str, ...]:
-    """Text of the section, from its numbers; the brackets in radians."""
+    """Return the text of the section from its numbers; brackets are in radians."""
     degrees = {mesh: (math.degrees(low), math.degrees(high)) for mesh, (low, high) in brackets.items()}
     return (
         _worth(),
@@ -233,7 +233,7 @@ def _answer(prediction: Prediction) -> str:
 
 
 def with_extrapolation(prediction: Prediction) -> str:
-    """Critical angle with its standard error, and whether S is extrapolated."""
+    """Return the text for a critical angle with its standard error, and whether S is extrapolated."""
     return _answer(prediction) + (", extrapolated" if prediction.extrapolated else "")
 
 
@@ -248,12 +248,12 @@ def outcomes(calibration: Calibration, law: str) -> dict[float, bool]:
 
 
 def placed(prediction: Prediction, low: float, high: float) -> str:
-    """Where a predicted angle lies, whatever it is. [°]"""
+    """Describe a predicted angle relative to the bracket of the finite elements. [°]"""
     return place(prediction.degrees, prediction.error_degrees, low, high)
 
 
 def place(angle: float | None, error: float | None, low: float, high: float) -> str:
-    """Where an angle lies beside two others. [°]"""
+    """Describe an angle relative to two others. [°]"""
     if angle is None:
         return "which cannot be compared"
     if low <= angle <= high:
@@ -306,7 +306,7 @@ def _cost(found: Calibration, predicted: Predictions) -> str:
 
 
 def short(estimate: Estimate) -> str:
-    """Strength factor and its standard error."""
+    """Return the text for a strength factor and its standard error."""
     return f"{estimate.strength_factor:.2f} ± {estimate.standard_error:.2f}"
 
 
@@ -320,5 +320,5 @@ def _turned(motion: MotionHistory) -> float:
 
 
 def _signed(value: float, decimals: int) -> str:
-    """A number with its sign, as it is printed."""
+    """Return a number as text with its sign."""
     return f"{value:+.{decimals}f}".replace("-", "\N{MINUS SIGN}")

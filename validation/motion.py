@@ -48,7 +48,7 @@ class Curve:
 
 
 def column(history: MotionHistory, quantity: str) -> FloatArray:
-    """One quantity of a history, as it is shown. [m, m, °]"""
+    """Return one quantity of a history in the unit of its label. [m, m, °]"""
     values: FloatArray = np.asarray(getattr(history, quantity), dtype=np.float64)
     return np.degrees(values) if quantity == "rotation" else values
 
@@ -61,11 +61,11 @@ def draw_histories(
     Parameters
     ----------
     curves
-        The last on top.
+        Curves; the last one is drawn on top.
     mark
         Time of a dotted line. [s]
     against
-        A history at the times of the curves: a second row shows their differences to it.
+        A history at the times of the curves; a second row of panels shows their differences from it.
     """
     rows = 1 if against is None else 2
     figure, panels = style.panels(len(LABELS) * rows, height=1.2 + 2.3 * rows, rows=rows, sharex=True)
@@ -86,7 +86,7 @@ def draw_histories(
 
 
 def _draw_differences(axes: Axes, curves: Sequence[Curve], against: MotionHistory, quantity: str) -> None:
-    """Differences in mm and degrees."""
+    """Draw differences in mm and degrees."""
     scale, unit = (1.0, "°") if quantity == "rotation" else (1e3, "mm")
     for curve in curves:
         differences = column(curve.history, quantity) - column(against, quantity)
@@ -95,7 +95,7 @@ def _draw_differences(axes: Axes, curves: Sequence[Curve], against: MotionHistor
 
 
 def history_columns(curves: Sequence[Curve]) -> dict[str, list[object]]:
-    """The numbers of these curves, for `Figure.data`."""
+    """Return the numbers of these curves for `Figure.data`."""
     return stack(
         "series",
         {
@@ -112,7 +112,7 @@ def history_columns(curves: Sequence[Curve]) -> dict[str, list[object]]:
 
 STRENGTH_FACTORS = (5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 NUMBERS = {15: 9, 30: 10, 45: 11}
-"""Figure of the paper by angle. [°]"""
+"""Number of the figure in the paper, by angle. [°]"""
 
 
 def motion_section(progress: Progress) -> Section:
@@ -244,7 +244,7 @@ SENSITIVITY = paragraphs(
     """
 )
 CLOSE = {"lateral_displacement": 1e-3, "depth_displacement": 1e-3, "rotation": 0.1}
-"""How near the paper's grid has to come to the adaptive route. [m, m, °]"""
+"""Tolerance for the difference between the paper's grid and the adaptive route. [m, m, °]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,7 +302,7 @@ def _grid(elements: int, step: float) -> Grid:
 
 
 def _farthest(history: MotionHistory, other: MotionHistory, quantity: str) -> float:
-    """Greatest difference of a quantity. [m, °]"""
+    """Return the greatest difference of a quantity. [m, °]"""
     return float(np.max(np.abs(column(history, quantity) - column(other, quantity))))
 
 

@@ -31,7 +31,7 @@ LAW: Final = SeriesScatter(between=PublishedTests.between_series, within=Publish
 
 
 def counted_rows(without: Collection[int] = ()) -> tuple[DepthShot, ...]:
-    """Return the rows that a law of a rigid body may be compared with, but for some articles.
+    """Return the rows that a law of a rigid body can be compared with, except those of some articles.
 
     Three rows of article 43 are left out too: they are shots of article 40, which the law was fitted to.
     """
@@ -44,12 +44,12 @@ def counted_rows(without: Collection[int] = ()) -> tuple[DepthShot, ...]:
 
 
 def _numbers(shot: DepthShot) -> tuple[float, ...]:
-    """Return the numbers by which one shot is known in two articles."""
+    """Return the numbers that identify the same shot in two articles."""
     return shot.mass, shot.velocity, shot.depth, shot.compressive_strength
 
 
 def check(without: Collection[int] = ()) -> tuple[Coverage, ...]:
-    """Coverage of the law of the solver after no, one and two shots of a series, but for some articles."""
+    """Coverage of the law of the solver after no, one and two shots of a series, without some articles."""
     found = [UnseenSeries(misses=misses, scatter=LAW) for misses in series_misses(without)]
     return tuple(coverage(found, count) for count in range(3))
 
@@ -70,7 +70,7 @@ def normal_half_width() -> float:
 
 
 def never_fitted_section() -> Section:
-    """How often the intervals of the law hold the shots of articles that no fit has seen."""
+    """Return the section on how often the intervals contain the shots of articles that no fit has seen."""
     rows, lines = [], ["Shots of articles that no fit has seen, in their 90 % interval of S, mean of series:"]
     for name, without in (("all", ()), ("without articles 29, 30 and 64", PROGRAMME)):
         for each in check(without):

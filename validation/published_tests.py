@@ -36,11 +36,11 @@ from validation.strength_law import strength_law_section
 from validation.walls import walls_section
 
 ALIKE = 0.05
-"""Speeds that differ by less are compared directly. [1]"""
+"""Relative difference up to which speeds are compared directly. [1]"""
 
 
 def tests_section(assessment: Assessment) -> Section:
-    """All tests and the depths that one correlation gives them."""
+    """Return the section with all tests and their depths by one correlation."""
     strikes = assessment.strikes
     counted = [strike for strike in strikes if strike.counted]
     flagged = sum(bool(strike.flags) for strike in counted)
@@ -124,7 +124,7 @@ LARGE_DIAMETER = 0.0762
 
 
 def limits_section(assessment: Assessment) -> Section:
-    """Where the model misses, and by how much."""
+    """Return the section on deviations of the model."""
     known = assessment.agreement(TRAJECTORY, LEFT_OUT)
     constant = assessment.agreement(TRAJECTORY, CONSTANT, of_diameter(LARGE_DIAMETER))
     spread = [assessment.agreement(TRAJECTORY, CONSTANT, of_group(group)).mean_ratio for group in assessment.groups]
@@ -223,7 +223,7 @@ PARTS: Final[Mapping[str, Callable[[Assessment], Section]]] = {
     "closed form and trajectory model": crater_section,
     "walls": lambda _: walls_section(),
 }
-"""In the order of the page."""
+"""Sections in the order of the page."""
 COUNT: Final = len(PARTS)
 
 
@@ -233,7 +233,7 @@ def sections(progress: Progress) -> Iterator[Section]:
     Parameters
     ----------
     progress
-        Called with what comes next.
+        Called with the name of the next section.
 
     Yields
     ------
@@ -244,7 +244,7 @@ def sections(progress: Progress) -> Iterator[Section]:
 
 
 def parts(assessment: Assessment, progress: Progress) -> Iterator[Section]:
-    """Sections from the computed depths."""
+    """Yield the sections from the computed depths."""
     for what, section in PARTS.items():
         progress(what)
         yield section(assessment)

@@ -31,9 +31,9 @@ from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY
 DATA = Path(__file__).with_name("data")
 Mesh: TypeAlias = Literal["coarse", "fine"]
 MESHES: Final[tuple[Mesh, ...]] = ("coarse", "fine")
-"""Elements of the finite element runs: cubes of 10 mm and of 7.5 mm where the target is struck."""
+"""Meshes of the finite element runs: cubes of 10 mm and 7.5 mm near the point of impact."""
 THREADS = 2
-"""Cores that long computations are spread over."""
+"""Threads of long computations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +72,7 @@ class PenetrationTest:
     diameter: float
     """[m]"""
     length: float | None
-    """None where not known. [m]"""
+    """None if not known. [m]"""
     caliber_radius_head: float
     compressive_strength: float
     """[Pa]"""
@@ -99,7 +99,7 @@ class DepthShot:
     density: float
     """Density of the concrete. [kg/m³]"""
     thickness: float | None
-    """None where not known. [m]"""
+    """Thickness of the target; None if not known. [m]"""
     area: float | None
     """Area of the face of the target; None where not known. [m²]"""
     mass: float
@@ -113,7 +113,7 @@ class DepthShot:
     projectile_density: float
     """[kg/m³]"""
     velocity: float
-    """nan where not known. [m/s]"""
+    """Impact velocity; nan if not known. [m/s]"""
     depth: float
     """nan where not known. [m]"""
 
@@ -138,7 +138,7 @@ class FiniteElementRun:
     outcome: str
     """Name of the outcome in the solver; `in_motion` if the run ends before it is decided."""
     cpu_seconds: float | None
-    """None where it was not recorded."""
+    """CPU time; None if it was not recorded. [s]"""
     time: FloatArray
     """[s]"""
     depth_displacement: FloatArray
@@ -146,7 +146,7 @@ class FiniteElementRun:
     lateral_displacement: FloatArray
     """Displacement of the centre of gravity along the face. [m]"""
     rotation: FloatArray
-    """Positive as the nose turns toward the face. [rad]"""
+    """Rotation, positive if the nose turns toward the face. [rad]"""
     depth_velocity: FloatArray
     """[m/s]"""
     lateral_velocity: FloatArray
@@ -156,7 +156,7 @@ class FiniteElementRun:
 
     @property
     def degrees(self) -> float:
-        """Oblique angle as its name has it. [°]"""
+        """Oblique angle in the name of the run. [°]"""
         return round(float(np.degrees(self.oblique_angle)), 6)
 
 
@@ -236,7 +236,7 @@ def depth_shots() -> tuple[DepthShot, ...]:
 
 @cache
 def never_fitted_shots() -> tuple[DepthShot, ...]:
-    """Every row of the articles that no fit has seen, in the order of the file: for an external check alone."""
+    """Every row of the articles that no fit has seen, in the order of the file; only for an external check."""
     return _depth_shots("depth_tests_never_fitted.csv")
 
 
@@ -343,7 +343,7 @@ def finite_element_depths(mesh: Mesh = "coarse") -> DepthFit:
 
 
 def time_of_deepest_tip(run: FiniteElementRun) -> float:
-    """When the nose tip of a finite element run is deepest; its tail may go on sinking for long. [s]"""
+    """Time at which the nose tip of a finite element run is deepest; its tail may sink further. [s]"""
     return float(run.time[int(np.argmax(path_of_run(run).depth))])
 
 

@@ -1,4 +1,4 @@
-"""A report: its sections, its page and the files beside the page."""
+"""Reports: sections, page, and the files of figures and tables."""
 
 import csv
 import math
@@ -19,32 +19,32 @@ from solver.arrays import FloatArray
 
 Column: TypeAlias = Sequence[object] | FloatArray
 Progress: TypeAlias = Callable[[str], None]
-"""Called with a few words on the next step."""
+"""Function that is called with a short description of the next step."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """One number of ours beside one of somebody else's."""
+    """Comparison of a computed number with a reference."""
 
     what: str
     ours: float
     reference: float | None
-    """None if the source does not print it."""
+    """Reference value; None if the source does not print it."""
     unit: str
-    """"1" for a plain number."""
+    """Unit; "1" for a plain number."""
     tolerance: float | None
-    """How far ours may be from the reference; None if nothing is claimed."""
+    """Tolerance of the difference; None if no agreement is claimed."""
     reference_source: str
     note: str = ""
 
     @property
     def difference(self) -> float | None:
-        """Ours minus the reference."""
+        """Computed number minus the reference."""
         return None if self.reference is None else self.ours - self.reference
 
     @property
     def holds(self) -> bool | None:
-        """Whether the difference is within the tolerance; None if there is nothing to hold."""
+        """Whether the difference is within the tolerance; None without reference or tolerance."""
         if self.difference is None or self.tolerance is None:
             return None
         return abs(self.difference) <= self.tolerance * (1.0 + 1e-9)
@@ -52,7 +52,7 @@ class Comparison:
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """A drawing and the numbers in it."""
+    """A figure and its numbers."""
 
     name: str
     """Name of its files, without suffix."""
@@ -64,7 +64,7 @@ class Figure:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportTable:
-    """Rows under named columns."""
+    """A table with named columns."""
 
     name: str
     """Name of its file, without suffix."""
@@ -83,23 +83,23 @@ class Section:
     tables: Sequence[ReportTable] = ()
     figures: Sequence[Figure] = ()
     summary: str = ""
-    """Lines that the command prints after the report is written; empty for none."""
+    """Text that the command prints after it has written the report; may be empty."""
 
 
 def paragraphs(text: str) -> list[str]:
-    """Text with blank lines between its paragraphs as `Section.text`; other line ends do not matter."""
+    """Split a text at blank lines into the paragraphs of `Section.text`; other line ends are ignored."""
     return [re.sub(r"[ \n]+", " ", part).strip() for part in text.strip().split("\n\n")]
 
 
 def stack(name: str, series: Mapping[str, Mapping[str, Column]]) -> dict[str, list[object]]:
-    """Columns of several series one below the other, for `Figure.data`.
+    """Stack the columns of several series for `Figure.data`.
 
     Parameters
     ----------
     name
         Name of the column that separates the series.
     series
-        Columns of each series; within one all are equally long. A column that a series lacks stays empty there.
+        Columns of each series, of equal length within a series. Columns that a series lacks are left empty.
 
     Returns
     -------
@@ -132,21 +132,21 @@ COMPARISON_COLUMNS = (
 
 
 def write_report(folder: Path, *, title: str, introduction: Sequence[str], sections: Iterable[Section]) -> Path:
-    """Write a report; what is in the folder under the same names is replaced.
+    """Write a report; existing files of the same names are replaced.
 
     Parameters
     ----------
     folder
-        Made if it is not there.
+        Folder of the report; it is made if it is missing.
     title, introduction
         Head of the page.
     sections
-        Fetched one by one, in the style of the figures: a generator may draw in its body.
+        Sections, fetched one by one with the style of figures active, so that a generator can draw.
 
     Returns
     -------
     Path
-        The page, `index.html`, which needs none of the other files. Beside it are `comparisons.csv`, `figures/` with
+        The page, `index.html`, which needs no other file. The folder also has `comparisons.csv`, `figures/` with
         PNG, SVG and CSV of each figure and `tables/` with a CSV of each table.
 
     Raises
@@ -171,7 +171,7 @@ def write_report(folder: Path, *, title: str, introduction: Sequence[str], secti
 
 
 def _write_figure(folder: Path, figure: Figure) -> bytes:
-    """Write its three files and return the SVG."""
+    """Write the three files of a figure; return the SVG."""
     picture = folder / f"{figure.name}.svg"
     figure.figure.savefig(picture, metadata={"Date": None})
     figure.figure.savefig(picture.with_suffix(".png"))
@@ -202,7 +202,7 @@ def _write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[objec
 
 
 def _cell(value: object) -> object:
-    """Nine digits, which is more than any of it is worth; nothing for nothing."""
+    """Return a value for CSV with nine digits; "" for None."""
     if value is None:
         return ""
     if isinstance(value, float):
@@ -214,7 +214,7 @@ NARROW = "\N{NARROW NO-BREAK SPACE}"
 SHORT = 5
 """Significant digits of a number that is written out."""
 MOST_SPREAD = 1e5
-"""Over this, the numbers of a column are printed each for itself."""
+"""Ratio of the numbers in a column beyond which each number has its own decimals."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -227,7 +227,7 @@ class ShownSection:
 
     @property
     def anchor(self) -> str:
-        """Anchor that the table of contents links to."""
+        """Anchor of the section for the table of contents."""
         return re.sub(r"[^a-z0-9]+", "-", self.section.title.lower()).strip("-")
 
 
@@ -237,9 +237,9 @@ def _render(*, title: str, introduction: Sequence[str], shown: Sequence[ShownSec
     Parameters
     ----------
     title, introduction
-        Its head.
+        Head of the page.
     shown
-        Its sections.
+        Sections of the page.
     """
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
@@ -258,25 +258,25 @@ def _render(*, title: str, introduction: Sequence[str], shown: Sequence[ShownSec
 
 
 def _prose(text: str) -> Markup:
-    """Text with `code` and **strong**, the rest as it is."""
+    """Convert `code` and **strong** to HTML, and escape the rest."""
     marked = re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text)))
     return Markup(re.sub(r"\*\*([^*]+)\*\*", r"<strong>\1</strong>", marked))  # noqa: S704 (escaped above)
 
 
 def _number(value: float | None, digits: int = 4) -> str:
-    """A few significant digits, or all that a short number has; nothing for nothing."""
+    """Return a number with a few significant digits, or all digits of a short number; "" for None."""
     if value is None or math.isnan(value):
         return ""
     return _printed(f"{value:.{max(digits, SHORT) if _is_short(value) else digits}g}")
 
 
 def _ours(comparison: Comparison) -> str:
-    """Our number with four significant digits, or as many decimals as the reference if these are more."""
+    """Return the computed number with four significant digits, or the decimals of the reference if more."""
     return _printed(f"{comparison.ours:.{_decimals(comparison)}f}")
 
 
 def _difference(comparison: Comparison) -> str:
-    """The difference with the decimals of our number, and up to two more if it is smaller than these show."""
+    """Return the difference with the decimals of the computed number, and up to two more if it is smaller."""
     if comparison.difference is None:
         return ""
     decimals = _decimals(comparison)
@@ -291,7 +291,7 @@ def _decimals(comparison: Comparison) -> int:
 
 
 def _cells(table: ReportTable) -> list[list[tuple[str, bool]]]:
-    """The rows as texts, each with whether it is a number; numbers of a column have the same decimals."""
+    """Return the rows as texts, each with whether it is a number; numbers of a column have the same decimals."""
     columns = [_column(values) for values in zip(*table.rows, strict=True)]
     return [list(row) for row in zip(*columns, strict=True)]
 
@@ -311,7 +311,7 @@ def _column(values: Sequence[object]) -> list[tuple[str, bool]]:
 
 
 def _common_places(numbers: Sequence[float]) -> int | None:
-    """Decimals for all of these; None if they differ too much in size."""
+    """Return the decimals for all of these numbers; None if they differ too much in size."""
     sizes = [abs(value) for value in numbers if value]
     if not sizes:
         return 0
@@ -324,7 +324,7 @@ def _common_places(numbers: Sequence[float]) -> int | None:
 
 
 def _places(value: float, digits: int) -> int:
-    """Decimals that give this many significant digits."""
+    """Return the decimals that give this many significant digits."""
     return max(digits - 1 - math.floor(math.log10(abs(value))), 0) if value else 0
 
 
@@ -333,12 +333,12 @@ def _is_short(value: float) -> bool:
 
 
 def _natural_places(value: float) -> int:
-    """Decimals of a short number as it is written; none of a multiple of ten."""
+    """Return the decimals of a short number as it is written; 0 for a multiple of ten."""
     return max(0, -int(Decimal(f"{value:.{SHORT}g}").normalize().as_tuple().exponent)) if value else 0
 
 
 def _printed(text: str) -> str:
-    """Powers of ten and minus signs as they are printed."""
+    """Replace exponents and hyphens by printed powers of ten and minus signs."""
     mantissa, _, power = text.partition("e")
     raised = f"{NARROW}×{NARROW}10{str(int(power)).translate(SUPERSCRIPTS)}" if power else ""
     return mantissa.replace("-", "\N{MINUS SIGN}") + raised

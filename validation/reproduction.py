@@ -1,4 +1,4 @@
-"""The report of `make reproduce`: the paper, figure by figure, beside its own numbers."""
+"""The report of `make reproduce`: the figures of the paper, compared with its numbers."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -55,7 +55,7 @@ SEPARATE = {
     "no decay near the face": 57.53,
     "tip at 5 ms": 48.61,
 }
-"""Critical angles from a program written apart from this one, with 96,000 panels and steps of 1 µs: the first by the
+"""Critical angles from an independent program with 96,000 panels and steps of 1 µs: the first by the
 outcome, the others by the depth of the tip at 5 ms. [°]"""
 OPEN_POINTS = paragraphs(
     """
@@ -82,7 +82,7 @@ OPEN_POINTS = paragraphs(
     """
 )
 CLOSE = 0.03
-"""How near ours have to come. [°]"""
+"""Tolerance of the comparison with these angles. [°]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +97,7 @@ class Choice:
 
 
 def open_points_section(progress: Progress) -> Section:
-    """Return the table of what is open."""
+    """Return the section on what the paper leaves open."""
     progress("what the paper leaves open")
     choices = _choices()
     answers = critical_angle_many(
@@ -137,7 +137,7 @@ def open_points_section(progress: Progress) -> Section:
 
 
 def _choices() -> list[Choice]:
-    """Ours first, then one change at a time."""
+    """Yield the choices of this project, then one change at a time."""
     solid = mass_properties(PAPER_PROJECTILE)
     moved = [replace(PAPER_PROJECTILE, center_of_gravity=solid.center_of_gravity + shift) for shift in (-0.01, 0.01)]
     turned = [replace(PAPER_PROJECTILE, moment_of_inertia=solid.moment_of_inertia * part) for part in (0.9, 1.1)]
@@ -195,7 +195,7 @@ SECTIONS: Final[tuple[Callable[[Progress], Section], ...]] = (
     finite_elements.section,
     open_points_section,
 )
-"""In the order of the page."""
+"""Sections in the order of the page."""
 COUNT: Final = len(SECTIONS)
 
 

@@ -1,7 +1,7 @@
-"""Random strikes over the whole input space by both routes: Gauss points with error control, and panels with a step.
+"""Random strikes over the whole input space by both routes: Gauss points, and panels with fixed steps.
 
-A strike is a combination of every choice that the model offers, with random sizes, speeds and angles. Whoever adds a
-choice adds it to `Combination`: the table of what was compared then has a cell for it.
+A strike is a combination of all choices that the model offers, with random sizes, speeds and angles. A new
+choice has to be added to `Combination`, so that the table of what was compared has a cell for it.
 """
 
 import itertools
@@ -46,7 +46,7 @@ BODIES = (
     "ogive", "cone", "cap", "flat", "pointed profile", "truncated profile",
     "sphere", "boat-tail", "tapering profile",
 )  # fmt: skip
-"""By their noses, the last three by what is behind their widest point."""
+"""Bodies by their nose; the last three by the part behind their widest point."""
 DECAYS: dict[str, FreeSurface] = {
     "elastic-plastic": ElasticPlastic(),
     "elastic-plastic, inertia": ElasticPlastic(inertia=True),
@@ -55,35 +55,35 @@ DECAYS: dict[str, FreeSurface] = {
     "none": NoFreeSurface(),
 }
 MOST_STEPS = 190_000
-"""Of the panel route, a little below its own limit."""
+"""Largest number of steps of the panel route, a little below its own limit."""
 PANELS, RAMP, GRAZING = "finer panels", "shorter ramp", "contact between panels"
-"""What explains a difference: the last is a contact so shallow that no panel has its centre in the concrete."""
+"""Explanations of a difference; the last is a contact so shallow that no panel has its centre in the concrete."""
 SHORT_RAMPS = (0.01, 0.001)
-"""Of the usual ramp, over which the static stress of the Gauss points builds up: it lets a shank that lies in its hole
-creep, which turns it by tenths of a degree on a long way, and lets it touch the hole for the last time elsewhere.
-Panels have none. [1]"""
+"""Factors on the usual ramp of the static stress on the Gauss points route. The ramp lets a shank that lies in its hole
+creep, which turns it by tenths of a degree over a long path, and moves its last contact with the hole.
+Panels have no ramp. [1]"""
 GRAZING_DEPTH = 1e-3
-"""Depth below which a contact may lie between two rows of panels, over the length: their spacing. [1]"""
+"""Depth over length below which a contact may lie between two rows of panels: their spacing. [1]"""
 NEAR_THRESHOLD = 3.0
-"""Factor of the retention energy within which the energy left may decide an outcome either way. [1]"""
+"""Factor of the retention energy within which the outcomes of the routes may differ. [1]"""
 SPEED_TOLERANCE, DEPTH_TOLERANCE = 0.01, 0.02
-"""Of the exit speed over the striking speed, and of the depth and the way out of the rear face over the larger of depth
+"""Tolerances of the exit speed over the striking speed, and of depth and protrusion over the larger of depth
 and diameter. [1]"""
 
 
 class Resolution(NamedTuple):
-    """How fine the panels are."""
+    """Resolution of the panels."""
 
     panels: int
     steps: float
-    """In the time to travel one diameter."""
+    """Number of steps in the time to travel one diameter."""
 
 
 COARSE = Resolution(4_000, 40.0)
 FINER = (Resolution(16_000, 160.0), Resolution(64_000, 640.0))
-"""Where the coarse ones differ, their own error is the reason if the difference goes away with these."""
+"""If a difference vanishes with these panels, the error of the coarse ones was its reason."""
 FINEST = Resolution(256_000, 640.0)
-"""Minutes for one strike: only where neither the finer ones nor a shorter ramp take a difference away."""
+"""Takes minutes for a strike: only used if neither finer panels nor a shorter ramp remove a difference."""
 
 
 class Combination(NamedTuple):
@@ -99,40 +99,40 @@ class Combination(NamedTuple):
 
 
 CELLS = tuple(itertools.product(BODIES, (False, True), DECAYS))
-"""Body, target and decay: each comes in turn."""
+"""Body, target and decay, which occur in turn."""
 EXTRAS = {
     wall: tuple(itertools.product((False, True), (False, True) if wall else (False,), (False, True), (False, True)))
     for wall in (False, True)
 }
-"""Crater, plug, attack and spin on a half-space and on a wall."""
+"""Crater, plug, angle of attack and spin on a half-space and on a wall."""
 STRIDE = 5
-"""Through the extras from one round of the cells to the next: prime to how many there are, so that all come in turn."""
+"""Step in `EXTRAS` from one round of cells to the next: prime to their number, so that all occur in turn."""
 COMBINATIONS = tuple(Combination(*cell, *extras) for cell in CELLS for extras in EXTRAS[cell[1]])
 FULL_TABLE = len(CELLS) * len(EXTRAS[True])
-"""Strikes after which every combination has come."""
+"""Number of strikes after which every combination has occurred."""
 
 
 class End(NamedTuple):
-    """What the routes have to agree on."""
+    """End of a run, on which the routes have to agree."""
 
     outcome: Outcome
     energy: float
-    """Kinetic energy left over that at first contact, rotation then left out, and that of a sphere altogether. [1]"""
+    """Kinetic energy left over the translational energy at first contact; for a sphere without rotation. [1]"""
     speed: float | None
-    """At which the projectile leaves, if it does. [m/s]"""
+    """Exit speed; None if the projectile stays. [m/s]"""
     depth: float
     """Greatest depth of the deepest point. [m]"""
     protrusion: Protrusion | None
-    """Out of the rear face of a wall."""
+    """Protrusion from the rear face of a wall."""
     at_rest: bool
-    """Whether the run ends at rest, and not with the end of all load. Panels may never see rest."""
+    """Whether the run ends at rest instead of with the end of all load. Panels may never detect rest."""
     time: float
     """[s]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strike:
-    """One strike, as `simulate` takes it."""
+    """One strike, as arguments of `simulate`."""
 
     combination: Combination
     projectile: Projectile
@@ -141,7 +141,7 @@ class Strike:
     resistance: Resistance
 
     def end(self, numerics: Numerics = USUAL, ramp_share: float = 1.0) -> End:
-        """How it ends, with the ramp of the static stress so much shorter than usual."""
+        """Return the end of the strike, with the ramp of the static stress multiplied by a factor."""
         prepared, run = self.run(numerics, ramp_share)
         body = prepared.model.body
         outcome = OUTCOMES[run.end]
@@ -155,7 +155,7 @@ class Strike:
         return End(outcome, energy / self.impact.velocity**2, speed, run.maximum_depth, out, at_rest, run.time)
 
     def run(self, numerics: Numerics, ramp_share: float = 1.0) -> tuple[PreparedCase, Run]:
-        """Integrate it, until the termination time of these numerics or as long as `simulate` does."""
+        """Integrate the strike to the termination time of these numerics, or as long as `simulate` does."""
         longest = usual_termination_time(length=self.projectile.length, velocity=self.impact.velocity)
         prepared = prepare(
             projectile=self.projectile,
@@ -178,13 +178,13 @@ class Comparison:
     adaptive: End
     panels: End
     explained: str
-    """What made a difference go away: finer panels, or a shorter ramp; empty if there was none."""
+    """Reason of a difference that vanished: finer panels or a shorter ramp; empty if there was none."""
     difference: str
-    """What differs for no reason found; empty if nothing does."""
+    """Differences without an explanation; empty if there are none."""
 
 
 def combination(number: int) -> Combination:
-    """The choices of the strike of this number."""
+    """Return the choices of the strike with this number."""
     turn, place = divmod(number, len(CELLS))
     cell = CELLS[place]
     extras = EXTRAS[cell[1]]
@@ -192,7 +192,7 @@ def combination(number: int) -> Combination:
 
 
 def random_strikes(count: int, seed: int) -> Iterator[Strike]:
-    """Yield so many strikes, every cell in turn.
+    """Yield strikes, every cell in turn.
 
     Diameter 5 to 250 mm, shank of 1 to 8 diameters, velocity 30 to 900 m/s and walls of 0.2 to 6 diameters, evenly in
     their logarithms; mean density 3000 to 12,000 kg/m³; concrete of 10 to 150 MPa and 1900 to 2600 kg/m³; oblique angle
@@ -238,7 +238,7 @@ def _log_uniform(random: np.random.Generator, low: float, high: float) -> float:
 
 
 def random_projectile(shape: str, random: np.random.Generator) -> Projectile:
-    """A body of this shape, of any size and mean density as above."""
+    """Return a random body of this shape."""
     diameter = _log_uniform(random, 0.005, 0.25)
     nose = _random_nose(shape, diameter / 2.0, random)
     shank, tail = diameter * _log_uniform(random, 1.0, 8.0), None
@@ -265,7 +265,7 @@ def _random_nose(shape: str, radius: float, random: np.random.Generator) -> Nose
     if shape in ("flat", "sphere"):
         return Flat() if shape == "flat" else Sphere()
     height, begin = 2.0 * slope * radius, 0.0 if shape == "pointed profile" else front * radius
-    bend = begin + (radius - begin) * (middle + 0.5 * (1.0 - middle))  # above the straight line, so convex
+    bend = begin + (radius - begin) * (middle + 0.5 * (1.0 - middle))  # above the straight line, and therefore convex
     if shape == "tapering profile":
         behind = ((height + front * radius, radius), (height + (front + roundness) * radius, (1.0 - middle) * radius))
         return Profile(points=((0.0, begin), (height, radius), *behind))
@@ -273,7 +273,7 @@ def _random_nose(shape: str, radius: float, random: np.random.Generator) -> Nose
 
 
 def compare(number: int, strike: Strike) -> Comparison:
-    """Compare both routes; where they differ, make the panels finer and then the ramp of the other route shorter."""
+    """Compare both routes; if they differ, refine the panels and then shorten the ramp of the other route."""
     adaptive, explained = strike.end(), ""
     sharp = adaptive
     panels = strike.end(_panel_numerics(strike, adaptive, COARSE))
@@ -305,11 +305,11 @@ def compare(number: int, strike: Strike) -> Comparison:
 
 
 def _grazes(strike: Strike, adaptive: End, panels: End) -> bool:
-    """Return whether the routes are equal until the panels lose contact, and the rest is shallower than one panel.
+    """Return whether the routes agree until the panels lose contact, and the rest is shallower than a panel.
 
-    With a hundred thousand panels their rows are a thousandth of the length apart. An edge that digs in less far than
-    that is in the concrete for the Gauss points, which are on the part of the surface that is below the face, and for
-    no panel.
+    With a hundred thousand panels the rows are a thousandth of the length apart. An edge that enters the concrete less
+    than that is seen by the Gauss points, which are on the part of the surface below the face, but by no
+    panel.
     """
     if adaptive.speed is None or panels.speed is None or panels.time >= adaptive.time:
         return False
@@ -321,9 +321,9 @@ def _grazes(strike: Strike, adaptive: End, panels: End) -> bool:
 
 
 def _panel_numerics(strike: Strike, adaptive: End, resolution: Resolution) -> Numerics:
-    """Panels as fine as this, for as long as so many steps allow.
+    """Numerics with this resolution, for the time that `MOST_STEPS` allow.
 
-    A fixed step may never see rest, so a body that rests in the target is followed half as long again and no longer.
+    Fixed steps may never detect rest, so a body that rests in the target is followed for half as long again only.
     """
     velocity = strike.impact.velocity
     step = strike.projectile.diameter / velocity / resolution.steps
@@ -335,7 +335,7 @@ def _panel_numerics(strike: Strike, adaptive: End, resolution: Resolution) -> Nu
 
 
 def _difference(strike: Strike, one: End, other: End) -> str:
-    """What differs by more than it may."""
+    """Return the differences beyond their tolerances."""
     if one.outcome is not other.outcome:
         near = any(
             1.0 / NEAR_THRESHOLD < end.energy / RETENTION_ENERGY_FRACTION < NEAR_THRESHOLD for end in (one, other)
@@ -348,8 +348,8 @@ def _difference(strike: Strike, one: End, other: End) -> str:
     on_wall = strike.target.thickness is not None
     drifts = on_wall and one.outcome is Outcome.EMBEDDED and not one.at_rest
     if one.outcome is Outcome.PERFORATED or drifts:
-        # How far a body flies behind a wall says nothing, and as little where one that drifts through the hole of its
-        # plug, with too little energy to count as having perforated, touches it for the last time.
+        # The distance that a body flies behind a wall is not compared, nor where one that drifts through the hole of
+        # its plug, with too little energy to count as perforating, touches it for the last time.
         return ""
     size = max(one.depth, strike.projectile.diameter)
     error = abs(one.depth - other.depth) / size
@@ -358,14 +358,14 @@ def _difference(strike: Strike, one: End, other: End) -> str:
     ways = [(0.0 if end.protrusion is None else end.protrusion.greatest) for end in (one, other)]
     error = abs(ways[0] - ways[1]) / size
     if one.at_rest:
-        # Where a body that creeps back through its hole is when its last contact ends says as little.
+        # The same holds for a body that creeps back through its hole.
         ends = [(0.0 if end.protrusion is None else end.protrusion.final or 0.0) for end in (one, other)]
         error = max(error, abs(ends[0] - ends[1]) / size)
     return f"protrusion: by {100.0 * error:.2g} %" if error > DEPTH_TOLERANCE else ""
 
 
 def table_of_combinations(strikes: Iterator[Strike] | list[Strike]) -> Counter[Combination]:
-    """How often each combination came, those that did not with 0."""
+    """Number of occurrences of each combination, including 0."""
     counts: Counter[Combination] = Counter(dict.fromkeys(COMBINATIONS, 0))
     counts.update(strike.combination for strike in strikes)
     return counts

@@ -23,14 +23,14 @@ from solver.formulas import Limit
 
 SPHERE: Final = Projectile(nose=Sphere(), diameter=0.0206, length=0.0206, mass=0.0359)
 DEPTHS: Final[Mapping[float, tuple[float, ...]]] = {29.7e6: (0.052, 0.054), 55.8e6: (0.067, 0.069)}
-"""Depths of the four shots that are printed, by strength; of their speeds only the range is at hand. [Pa, m]"""
+"""Printed depths of the four shots by strength; only the range of their speeds is known. [Pa, m]"""
 VELOCITIES: Final = (350.0, 1283.0)
 """Slowest and fastest shot of the series. [m/s]"""
 SCABBED: Final = (859.0, 925.0)
 """Fastest shot that did not scab a slab of 140 mm and 29.7 MPa, and slowest that did. [m/s]"""
 SCABBED_SLAB: Final = 0.14
 THIN_SLAB: Final = 0.07
-"""[m]"""
+"""Thickness of the thin slab. [m]"""
 WEAK: Final = 29.7e6
 LAW: Final = Resistance(strength_factor=PublishedTests())
 CRATERED: Final = replace(LAW, crater=Crater())
@@ -40,11 +40,11 @@ WALLS: Final[Mapping[str, Resistance]] = {
     "with a plug and a crater": replace(CRATERED, rear_plug=ShearPlug()),
 }
 FASTEST: Final = 5000.0
-"""Up to which a speed is sought. [m/s]"""
+"""Upper end of the search for a speed. [m/s]"""
 
 
 def concrete(strength: float, thickness: float | None = None) -> Target:
-    """A slab of this strength; its density is assumed. [Pa, m]"""
+    """Return a slab of this strength, with an assumed density. [Pa, m]"""
     return Target(compressive_strength=strength, density=2300.0, thickness=thickness)
 
 
@@ -54,28 +54,28 @@ def model_depth(strength: float, velocity: float, resistance: Resistance) -> flo
     run = simulate(
         projectile=SPHERE, target=concrete(strength), impact=impact, resistance=resistance, sample_interval=None
     )
-    return run.maximum_depth or 0.0  # there is one, as nothing perforates thick concrete
+    return run.maximum_depth or 0.0  # it exists, because thick concrete is not perforated
 
 
 def formula_values(strength: float, velocity: float, limit: Limit) -> Mapping[str, float]:
-    """What each formula within its range gives, by name. [m]"""
+    """Values of the formulas within their range, by name. [m]"""
     impact = Impact(velocity=velocity, oblique_angle=0.0)
     found = formulas(projectile=SPHERE, target=concrete(strength), impact=impact)
     return {each.formula: value for each in found if each.in_range and (value := getattr(each, limit)) is not None}
 
 
 def speed_at(value: Callable[[float], float], wanted: float) -> float:
-    """Speed at which a depth or a thickness that grows with it is this one. [m/s]"""
+    """Speed at which a depth or thickness that increases with it has this value. [m/s]"""
     return float(brentq(lambda velocity: value(velocity) - wanted, 50.0, FASTEST, xtol=0.1))
 
 
 def needed_speeds(strength: float, resistance: Resistance) -> Sequence[float]:
-    """Speeds at which the model goes as deep as each shot did. [m/s]"""
+    """Speeds at which the model gives the depth of each shot. [m/s]"""
     return [speed_at(lambda v: model_depth(strength, v, resistance), depth) for depth in DEPTHS[strength]]
 
 
 def formula_speeds(strength: float, thickness: float, limit: Limit) -> Mapping[str, float]:
-    """Speed from which each formula that is in range there asks for a thicker slab. [m/s]"""
+    """Speed above which each formula in range requires a thicker slab. [m/s]"""
     names = formula_values(strength, sum(SCABBED) / 2.0, limit)
     return {
         name: speed_at(lambda v, name=name: _value(name, strength, v, limit), thickness)  # type: ignore[misc]
@@ -84,14 +84,14 @@ def formula_speeds(strength: float, thickness: float, limit: Limit) -> Mapping[s
 
 
 def _value(name: str, strength: float, velocity: float, limit: Limit) -> float:
-    """Answer of one formula, in its range or not. [m]"""
+    """Value of one formula, in its range or not. [m]"""
     impact = Impact(velocity=velocity, oblique_angle=0.0)
     found = {each.formula: each for each in formulas(projectile=SPHERE, target=concrete(strength), impact=impact)}
     return float(getattr(found[name], limit))
 
 
 def wall_speeds(strength: float) -> Mapping[str, float | None]:
-    """Slowest speed that perforates the thin slab, by model of the wall; None if none does. [m/s]"""
+    """Limit speed of the thin slab by model of the wall; None if there is none. [m/s]"""
     target = concrete(strength, THIN_SLAB)
     return {
         name: limit_velocity(projectile=SPHERE, target=target, oblique_angle=0.0, resistance=resistance).value
@@ -100,12 +100,12 @@ def wall_speeds(strength: float) -> Mapping[str, float | None]:
 
 
 def spread(values: Sequence[float], factor: float = 1.0) -> str:
-    """Least and greatest of some values."""
+    """Return smallest and largest of some values as text."""
     return f"{factor * min(values):.0f} to {factor * max(values):.0f}"
 
 
 def results() -> str:
-    """Return what tests, model and formulas have, in words."""
+    """Return the results of tests, model and formulas as text."""
     parts = []
     for strength, depths in DEPTHS.items():
         slow, fast = ([*formula_values(strength, v, "penetration_depth").values()] for v in VELOCITIES)

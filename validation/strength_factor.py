@@ -93,13 +93,13 @@ def fit(
     Parameters
     ----------
     shots
-        Tests.
+        Shots to fit.
     own_masses
-        Each shot with the mass that was weighed, or all with that of the projectile.
+        Whether each shot has its measured mass; otherwise all have that of the projectile.
     deeper
-        Added to every depth. [m]
+        Length added to every depth. [m]
     projectile
-        What was fired.
+        Projectile of the shots.
     """
     return fit_depth(
         projectile=projectile,
@@ -246,12 +246,12 @@ def _figure_8(shots: Sequence[PublishedShot], strength: float) -> Figure:
 
 
 OBLIQUE_RUNS = {15.0: "oblique-15", 30.0: "oblique-30", 45.0: "oblique-45"}
-"""By angle. [°]"""
+"""Names of the oblique runs by angle. [°]"""
 HALF_DIGITS = (0.0005, 0.00005, 0.00005)
 """Half of the last printed digit of each coefficient of eq. 9. [1, 1/°, 1/°²]"""
 UNITS = ("1", "1/°", "1/°²")
 ANGLES = np.linspace(0.0, 60.0, 121)
-"""[°]"""
+"""Angles of the curves. [°]"""
 
 
 def obliquity_section(progress: Progress) -> Section:
@@ -289,7 +289,7 @@ def obliquity_section(progress: Progress) -> Section:
 
 
 def fall(first: float, last: float) -> float:
-    """How much lower the last is. [%]"""
+    """Decrease from the first to the last value. [%]"""
     return 100.0 * (1.0 - last / first)
 
 
@@ -387,7 +387,7 @@ def _figure_12(fitted: ObliquityFit, own: dict[float, Estimate]) -> Figure:
 
 
 def _draw_polynomial(axes: Axes, fitted: ObliquityFit) -> None:
-    """Draw the fitted polynomial, and where the paper uses it."""
+    """Draw the fitted polynomial, and the range in which the paper uses it."""
     curve, inside = _polynomial(fitted, ANGLES), ANGLES <= 45.0
     axes.plot(ANGLES[inside], curve[inside], color=style.MODEL, label="second order through Table 2 (eq. 9)")
     axes.plot(ANGLES[~inside], curve[~inside], color=style.MODEL, linestyle="--", label="the same, extrapolated")

@@ -1,4 +1,4 @@
-"""S over the depth tests of 68 articles: a rule for the rows, a mixed model, and what it is worth for unseen series."""
+"""S from the depth tests of 68 articles: rules for the rows, a mixed model, and its predictions for unseen series."""
 
 import math
 import re
@@ -40,9 +40,9 @@ REFERENCE_STRENGTH, REFERENCE_DIAMETER = 39e6, 0.0762
 RIGID_UP_TO = 900.0
 """Speed above which noses of steel erode. [m/s]"""
 HEAVIEST_STEEL = 9000.0
-"""Density above which a projectile is not of steel. [kg/m³]"""
+"""Density above which a projectile is not made of steel. [kg/m³]"""
 STRENGTHS = (10e6, 110e6)
-"""[Pa]"""
+"""Range of strengths. [Pa]"""
 LEAST_CALIBERS = 2.0
 """Depth over diameter below which the front crater governs. [1]"""
 LEAST_THICKNESS = 1.5
@@ -50,7 +50,7 @@ LEAST_THICKNESS = 1.5
 OTHER_MATERIAL = re.compile(
     r"UHP|UHMWPE|UHTCC|FRC|FRH|RPC|Reactive|Fib|SHCC|VHSC|HSSB|NSSB|Steel|Granite|G Mix", re.IGNORECASE
 )
-"""Names of fibre, reactive powder and ultra-high-performance mixes, of steel bars against the shot, and of rock."""
+"""Names of fibre, reactive powder and ultra-high-performance mixes, of targets with steel bars, and of rock."""
 CONTRADICTED: Mapping[int, str] = {
     **dict.fromkeys((9, 10), "the same body at the same speed went 2 to 3 times as deep in rows 6 to 8"),
     55: "590 m/s is probably a slip for 690 m/s",
@@ -62,12 +62,12 @@ NORMALISED = frozenset((*range(721, 734), 735, 737, 738))
 NORMALISED_TO = 0.0299
 """Diameter of that body. With every depth times the diameter over this one, S is 6 to 12. [m]"""
 MEASURED_IN_GRAMS = 100.0
-"""Mass over that of a solid cylinder above which it is in another unit."""
+"""Mass over that of a solid cylinder above which the mass must be in grams. [1]"""
 HEAVIEST = 1.05
-"""Mass over that of a solid cylinder of the size and material of the row, above which one of them is wrong."""
+"""Mass over that of a solid cylinder of the size and material of the row above which one of them is wrong. [1]"""
 FREEDOM = PublishedTests.degrees_of_freedom
 FREEDOMS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 1e6)
-"""Degrees of freedom compared; the last are those of a normal distribution. [1]"""
+"""Degrees of freedom to compare; the last value is practically a normal distribution. [1]"""
 
 
 def reason_left_out(shot: DepthShot) -> str | None:
@@ -101,16 +101,16 @@ def _heaviest(shot: DepthShot) -> float:
 
 @cache
 def counted_shots() -> tuple[DepthShot, ...]:
-    """Return the rows that laws are fitted to."""
+    """Return the rows to which laws are fitted."""
     return tuple(shot for shot in depth_shots() if reason_left_out(shot) is None)
 
 
 def factor_of(
     shot: DepthShot, *, inertia_factor: float = 1.0, crater: Crater | None = None, depth: float | None = None
 ) -> float:
-    """Strength factor with which the model meets the depth of a shot. [1]"""
+    """Strength factor with which the model gives the depth of a shot. [1]"""
     nose = Ogive(caliber_radius_head=shot.caliber_radius_head or math.nan)
-    # Nothing but the nose is loaded in normal impact, so a length too short for the nose of the row does not matter.
+    # Only the nose is loaded in normal impact, so a length too short for the nose of the row does not matter.
     length = max(shot.length, 1.01 * nose.length(shot.diameter / 2.0))
     return strength_factor_of_depth(
         projectile=Projectile(nose=nose, diameter=shot.diameter, length=length, mass=shot.mass),
@@ -130,12 +130,12 @@ COVARIATES: Mapping[str, Callable[[DepthShot], float]] = {
     "sectional mass": lambda shot: shot.mass / shot.diameter**3 / 2e4,
     "target size": lambda shot: math.sqrt(shot.area) / shot.diameter / 20.0 if shot.area else 1.0,
 }
-"""What S may go with as a power. A target of unknown size counts as one of the usual size."""
+"""Quantities of which S may be a power. A target of unknown size counts as one of the usual size."""
 CHOSEN = ("strength", "diameter")
 
 
 def design(shots: Sequence[DepthShot], names: Sequence[str]) -> FloatArray:
-    """(n, 1 + names) matrix of the logarithms."""
+    """Return the (n, 1 + names) matrix of the logarithms."""
     columns = [np.ones(len(shots)), *(np.log([COVARIATES[name](shot) for shot in shots]) for name in names)]
     return np.column_stack(columns)
 
@@ -145,7 +145,7 @@ class MixedModel:
     """``ln S = X b + series + shot``, with normal series and shots."""
 
     coefficients: FloatArray
-    """b."""
+    """Coefficients b."""
     standard_errors: FloatArray
     between: float
     """Standard deviation of the series. [ln]"""
@@ -159,11 +159,11 @@ def fit_mixed(values: FloatArray, matrix: FloatArray, groups: Sequence[object]) 
     Parameters
     ----------
     values
-        (n,) ln S.
+        ln S, (n,).
     matrix
-        (n, p) X.
+        X, (n, p).
     groups
-        (n,) series of each.
+        Series of each value, (n,).
     """
     names = {name: index for index, name in enumerate(dict.fromkeys(groups))}
     member = np.zeros((len(names), len(values)))
@@ -194,7 +194,7 @@ def fit_mixed(values: FloatArray, matrix: FloatArray, groups: Sequence[object]) 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeriesScatter:
-    """Scatter of ln S about a law, as `PublishedTests` has it: Student's distribution within series and between."""
+    """Scatter of ln S about a law, as in `PublishedTests`: Student's distribution between and within series."""
 
     between: float
     """Scale between series. [ln]"""
@@ -204,7 +204,7 @@ class SeriesScatter:
     """[1]"""
 
     def log_density(self, series: Sequence[FloatArray]) -> FloatArray:
-        """Logarithm of the density of all shots of each series together, by their misses. [ln]"""
+        """Logarithm of the joint density of all shots of each series, from their misses. [ln]"""
         count = np.array([len(each) for each in series], float)
         mean = np.array([each.mean() for each in series])
         squares = np.array([float(((each - each.mean()) ** 2).sum()) for each in series])
@@ -237,14 +237,14 @@ def fit_scatter(series: Sequence[FloatArray], degrees_of_freedom: float = FREEDO
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenSeries:
-    """What a model fitted without a series says of its shots."""
+    """Prediction for the shots of a series by a model fitted without it."""
 
     misses: FloatArray
-    """(n,) ln S minus that of the law. [ln]"""
+    """ln S minus that of the law, (n,)."""
     scatter: SeriesScatter
 
     def after(self, given: Sequence[int]) -> ShotPrediction:
-        """What is known of the next shot after some of the series."""
+        """Return the posterior for the next shot after some shots of the series."""
         return predict_shot(
             self.misses[list(given)],
             between=self.scatter.between,
@@ -253,7 +253,7 @@ class UnseenSeries:
         )
 
     def covered_after(self, count: int) -> tuple[float, float]:
-        """Share of the other shots in the 90 % interval after so many, and its half width, over all choices. [1, ln]"""
+        """Share of the other shots in the 90 % interval after some shots, and its half width. [1, ln]"""
         covered: list[bool] = []
         widths = []
         for given in combinations(range(len(self.misses)), count):
@@ -264,14 +264,14 @@ class UnseenSeries:
 
 
 def in_series(values: FloatArray, names: Sequence[object]) -> list[FloatArray]:
-    """Split values by the series they are of."""
+    """Split values by series."""
     return [values[[place for place, each in enumerate(names) if each == name]] for name in dict.fromkeys(names)]
 
 
 def unseen_series(
     shots: Sequence[DepthShot], values: FloatArray, names: Sequence[str], *, by_article: bool
 ) -> list[UnseenSeries]:
-    """Fit without each series, or without each article, and look at the series left out."""
+    """Fit without each series, or without each article, and predict the series left out."""
     matrix, series = design(shots, names), [shot.series for shot in shots]
     folds = [shot.article for shot in shots] if by_article else series
     found = []
@@ -293,17 +293,17 @@ class Coverage:
 
     shots_given: int
     series: int
-    """Series with more shots than that."""
+    """Number of series with more shots than that."""
     covered: float
-    """Mean over these series of the share of their other shots. [1]"""
+    """Mean over these series of the share of their other shots in the interval. [1]"""
     covered_shots: float
-    """Share of all other shots. [1]"""
+    """Share of all other shots in the interval. [1]"""
     half_width: float
     """Mean half width of the interval, over these series. [ln]"""
 
 
 def coverage(found: Sequence[UnseenSeries], shots_given: int) -> Coverage:
-    """Coverage after some shots."""
+    """Return the coverage after some shots."""
     enough = [each for each in found if len(each.misses) > shots_given]
     shares, widths = zip(*(each.covered_after(shots_given) for each in enough), strict=True)
     others = [len(each.misses) if shots_given == 0 else len(each.misses) - shots_given for each in enough]
@@ -388,11 +388,11 @@ CANDIDATES: Mapping[str, tuple[Sequence[str], float, Crater | None]] = {
     **{f"strength, diameter, with B = {factor:g}": (CHOSEN, factor, None) for factor in (0.5, 1.5, 2.0)},
     "strength, diameter, with a crater of 2 diameters": (CHOSEN, 1.0, Crater()),
 }
-"""What S is a law of, with which B and crater."""
+"""Candidates: variables of the law of S, B and crater."""
 
 
 def strength_law_section() -> Section:
-    """The law of S, its scatter, and how often its intervals hold unseen series."""
+    """Return the section on the law of S, its scatter, and the coverage of its intervals for unseen series."""
     shots, law = counted_shots(), chosen_law()
     values = logarithms(shots)
     constant, strength, diameter = law.coefficients.tolist()
@@ -455,7 +455,7 @@ def strength_law_section() -> Section:
 
 
 def _comparisons(law: MixedModel) -> tuple[Comparison, ...]:
-    """Constants of the law of the solver beside those fitted here."""
+    """Compare the constants of the law of the solver with those fitted here."""
     constant, strength, diameter = law.coefficients.tolist()
     numbers = (
         ("coefficient", math.exp(constant), PublishedTests.law.coefficient, 0.01),
@@ -539,9 +539,9 @@ def _series_table(values: FloatArray) -> ReportTable:
 
 
 def paper_range(own_shots: int, law: FreeSurface) -> tuple[float, float, tuple[float, float, float]]:
-    """S by so many of the paper's own shots, its scale, and the paper's angle at its 95, 50 and 5 % quantile. [°]
+    """S from a number of the paper's own shots, its scale, and the paper's angle at its 95, 50 and 5 % quantile. [°]
 
-    A larger S turns away at a smaller angle.
+    A larger S gives a smaller critical angle.
     """
     own = tuple(Shot(velocity=shot.velocity, depth=shot.depth, mass=shot.mass) for shot in table_1())
     found = OwnTests(shots=own[: max(own_shots, 1)]).posterior(target=PAPER_TARGET, projectile=PAPER_PROJECTILE)

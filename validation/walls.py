@@ -1,4 +1,4 @@
-"""Walls: least thicknesses and limit speeds by both models of the rear face, the formulas, and tests."""
+"""Walls: least thickness and limit speed by both models of the rear face and by the formulas, and tests."""
 
 import math
 from collections.abc import Mapping
@@ -31,7 +31,7 @@ ANGLES_DEG = (0.0, 30.0)
 SLAB, SLAB_SHOT = 0.178, Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.0254, length=0.144, mass=0.5)
 SLAB_STRENGTHS = (48e6, 140e6)
 SLAB_SLOWEST = 300.0
-"""Least impact speed with a measured residual speed, by the abstract. [m/s]"""
+"""Lowest impact speed with a measured residual speed, from the abstract. [m/s]"""
 
 
 def walls_section() -> Section:
@@ -85,12 +85,12 @@ def _thickness_table() -> ReportTable:
 
 
 def slab(strength: float) -> Target:
-    """Slab of Hanchak et al. of one strength. [Pa]"""
+    """Return the slab of Hanchak et al. with one strength. [Pa]"""
     return Target(compressive_strength=strength, density=2400.0, thickness=SLAB)
 
 
 def slab_limit_speed(resistance: Resistance, strength: float) -> float | None:
-    """Limit speed of such a slab at normal impact, with S of the published tests. [m/s]"""
+    """Limit speed of this slab in normal impact, with S of the published tests. [m/s]"""
     law = replace(resistance, strength_factor=PublishedTests())
     return limit_velocity(projectile=SLAB_SHOT, target=slab(strength), oblique_angle=0.0, resistance=law).value
 

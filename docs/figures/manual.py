@@ -46,12 +46,12 @@ FOLDER = Path(__file__).parents[1] / "_figures"
 VELOCITIES, STRENGTHS = np.linspace(200.0, 300.0, 7), np.linspace(30e6, 48e6, 6)
 """Axes of the map. [m/s, Pa]"""
 OBLIQUE_ANGLE, ATTACK = math.radians(44.0), math.radians(15.0)
-"""Angles of the drawing; the attack is larger than any strike has. [rad]"""
+"""Oblique angle and angle of attack of the drawing; a real angle of attack is much smaller. [rad]"""
 
 
 @cache
 def terms() -> dict[str, dict[str, float]]:
-    """Return critical angles of the paper's strike with one thing changed at a time, by groups. [°]"""
+    """Return critical angles of the paper's strike with one input or law changed at a time, by groups. [°]"""
     properties = mass_properties(PAPER_PROJECTILE)
     inertia, center = properties.moment_of_inertia, properties.center_of_gravity
 
@@ -146,7 +146,7 @@ def angles(axes: Axes) -> None:
         axes.add_patch(Arc((x, y), 2 * radius, 2 * radius, theta1=low, theta2=high, color="#3c444c", linewidth=0.9))
         middle = 0.5 * (begin + end_angle)
         at = (x + (radius + 0.022) * math.sin(middle), y + (radius + 0.022) * math.cos(middle))
-        if label.startswith("φ"):  # beside its beginning: the other two are in its middle
+        if label.startswith("φ"):  # near the start of its arrow: the other two labels are near the middle
             at = (x - 0.075, y + radius - 0.012)
         axes.text(*at, label, ha="center", va="center", fontsize=11)
     for end, label, at in (((0.41, 0.0), "y, lateral", (0.33, -0.016)), ((0.31, 0.1), "x, depth", (0.325, 0.085))):
@@ -173,7 +173,7 @@ def decay(axes: Axes) -> None:
 
 
 def terms_bars(axes: Axes) -> None:
-    """Draw what each term does to the critical angle."""
+    """Draw the change of the critical angle for each change of an input or law."""
     labels, values = [], []
     for group in terms().values():
         for label, value in group.items():
@@ -263,7 +263,7 @@ def histories(axes: Axes) -> None:
 
 
 def danger_zone(axes: Axes) -> None:
-    """Draw the plan of where the fragment of the tutorial lands: as computed, at any elevation, without drag."""
+    """Draw a plan with the landing point of the tutorial's fragment and the circles around the point of impact."""
     fragment = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.04, length=0.08, mass=0.65)
     slab = Target(compressive_strength=38e6, density=2400.0)
     impact = Impact(velocity=250.0, oblique_angle=math.radians(70.0))

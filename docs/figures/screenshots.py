@@ -1,6 +1,6 @@
-"""Take pictures of the page: every view, wide and narrow, light and dark, of a service that it starts.
+"""Start a service and take screenshots of its page: every view, wide and narrow, light and dark.
 
-They go to build/screenshots; the one that the README shows, to docs/figures.
+They are written to build/screenshots, and those that README and manual show to docs/figures.
 """
 
 from pathlib import Path
@@ -18,7 +18,7 @@ SHOWN = {
     "walls-1440-light": ("walls.png", 1240),
     "map-outcomes-1440-light": ("map.png", 1320),
 }
-"""Pictures of the README and the manual, each so high that what it is about is on it. [px]"""
+"""Screenshots for README and manual: file name, and height with the part that the text describes. [px]"""
 SIZES = {1440: 900, 390: 844}
 THEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
 MAP = "x=impact.velocity_m_s,150,450,30&y=target.compressive_strength_pa,20000000,60000000,30"
@@ -44,7 +44,7 @@ WAIT_MS = 180_000
 
 
 def fill(page: Page, view: str) -> None:
-    """Wait for all that a view shows."""
+    """Fill in a view and wait until it is complete."""
     if view.startswith("map"):
         page.get_by_role("button", name="Run").click()
         expect(page.locator("#map-progress")).to_contain_text("cases are computed")
@@ -54,7 +54,7 @@ def fill(page: Page, view: str) -> None:
     expect(page.locator(last).first).to_be_visible()
     expect(page.locator(".sides > :last-child [aria-busy=true]:visible")).to_have_count(0)
     page.wait_for_load_state("networkidle")
-    page.wait_for_timeout(1000)  # for the last plot
+    page.wait_for_timeout(1000)  # time for the last plot to be drawn
 
 
 def take(browser: Browser, address: str, width: int, theme: Literal["light", "dark"]) -> None:

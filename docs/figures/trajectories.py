@@ -18,7 +18,7 @@ PICTURE = Path(__file__).with_suffix(".svg")
 
 
 def draw(axes: Axes, oblique_angle_deg: float) -> None:
-    """Path of the nose tip and the body at even times, depth downwards."""
+    """Draw the path of the nose tip, and the body at equal intervals of time; depth is downwards."""
     trajectory = simulate(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,
@@ -41,7 +41,7 @@ def draw(axes: Axes, oblique_angle_deg: float) -> None:
 
 
 def main() -> None:
-    """Write the picture, the same bytes each time."""
+    """Write the figure; the same input gives the same bytes."""
     settings: dict[Any, Any] = {
         "svg.hashsalt": "ricochet",
         "font.size": 9,

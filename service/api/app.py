@@ -1,4 +1,4 @@
-"""The application: settings in, routes, handlers and what lives as long as it runs out."""
+"""Application factory: routes, middleware, error handlers and lifespan."""
 
 import asyncio
 import importlib
@@ -68,15 +68,17 @@ TAGS = [
     {"name": "health", "description": "The state of the service."},
 ]
 POOL_SECONDS = 1
-"""Time allowed for workers to stop after the last request [s]."""
+"""Time allowed for workers to stop after the last request [s]: half for calls to finish, half for processes to end."""
 TRACES_SECONDS = 0.5
 """Time allowed for sending the last traces, after everything else has stopped [s]."""
 STOP_SECONDS = POOL_SECONDS + 1
-"""Part of the grace time for jobs and workers to end after the last request has been answered or given up."""
+"""Part of the grace period reserved for jobs and workers to stop after the last response [s]. The second beyond
+`POOL_SECONDS` is a judgement: jobs write their last marks and the caches close."""
 REFUSAL_SECONDS = 1
-"""Part of it, before that, for what cannot be finished to be refused."""
+"""Part of the grace period before that, in which unfinished requests are refused [s]. The refusals are sent within
+milliseconds; 1 s is a judgement."""
 RESOURCES = (studies, umbridge, queries, jobs, health, page)
-"""Routers behind those of the operations, in the order in which they are searched."""
+"""Modules whose routers follow those of the operations, in the order in which routes are matched."""
 CORS: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD", "POST", "PATCH", "DELETE"],
     "allow_headers": ["Authorization", "Content-Type", "Idempotency-Key", "If-None-Match", "Last-Event-ID", "Prefer"],
@@ -91,21 +93,21 @@ CORS: dict[str, Any] = {
         "Retry-After",
     ],
 }
-"""What pages of the origins that are allowed may send and see."""
+"""Methods and headers that pages of allowed origins may send, and headers of responses that they may read."""
 
 log = logging.getLogger(__name__)
 
 
 class Application(FastAPI):
-    """FastAPI, with errors declared as the problems they are answered as."""
+    """FastAPI application whose contract declares errors as problem documents."""
 
     def __init__(self, **options: Any) -> None:
         self._making = Lock()
         super().__init__(**options)
 
     def openapi(self) -> dict[str, Any]:
-        """Return the contract. The first call takes most of a second: the service makes it in a thread."""
-        with self._making:
+        """Return the contract. The first call takes most of a second, so the service makes it in a thread."""
+        with self._making:  # Two threads would otherwise edit one schema at the same time.
             return self._openapi()
 
     def _openapi(self) -> dict[str, Any]:
@@ -124,7 +126,11 @@ class Application(FastAPI):
         return super().openapi()
 
     def build_middleware_stack(self) -> ASGIApp:
-        """Return the application with its middleware; all of it outside of FastAPI's, to see answers to failures."""
+        """Return the application wrapped in middleware.
+
+        `add_middleware` would place it inside Starlette's error handler, where responses to unexpected failures would
+        have neither security headers nor a log entry.
+        """
         services: Services = self.state.services
         settings = services.settings
         inner: ASGIApp = super().build_middleware_stack()
@@ -135,7 +141,7 @@ class Application(FastAPI):
             inner = CORSMiddleware(inner, settings.cors_origins, **CORS)
         if settings.gzip:
             inner = CompressionMiddleware(inner)
-        inner = HeadMiddleware(inner)  # Outside of the compression, so that the headers are those of `GET`.
+        inner = HeadMiddleware(inner)  # Outside the compression, so that the headers equal those of `GET`.
         inner = RefusalMiddleware(HeaderLimits(inner))
         return telemetry.RequestLog(inner, services.metrics.observe, settings.log_level, secret=PREFIX)
 
@@ -146,12 +152,12 @@ def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastA
     Parameters
     ----------
     clock
-        By which keys and jobs expire, and quotas last.
+        Clock for the expiry of keys and jobs and for quotas.
 
     Raises
     ------
     MissingExtraError
-        If traces are enabled, and what sends them is not installed.
+        If traces are enabled and the extra `telemetry` is not installed.
     """
     settings = settings or Settings()
     traces = telemetry.tracer_provider() if settings.telemetry else None
@@ -165,10 +171,12 @@ def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastA
         openapi_tags=TAGS,
         license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
         lifespan=lifespan,
+        # `page` serves contract and documentation itself, without scripts from other sites.
         openapi_url=None,
         docs_url=None,
         redoc_url=None,
         redirect_slashes=False,
+        # With separate schemas, generated clients would have two classes for a model that is sent and received.
         separate_input_output_schemas=False,
         generate_unique_id_function=lambda route: route.name,
         telemetry=telemetry.tracing_config(traces),
@@ -201,7 +209,7 @@ def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastA
 
 @asynccontextmanager
 async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-    """Start what the routes work with, and end it at last."""
+    """Start the cache, the workers and the job manager, and stop them in reverse order."""
     services: Services = app.state.services
     settings = services.settings
     services.stopping, services.ending = asyncio.Event(), asyncio.get_running_loop().create_future()
@@ -225,7 +233,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services.executor = executor_for(settings)
         await asyncio.gather(
             start_executor(services.executor, stack),
-            # Both take a tenth of a second or two, for which the event loop would stand still at the first need.
+            # Both take 0.1 to 0.2 s, for which the event loop would stand still when they are first needed.
             run_sync(known_fields),
             run_sync(importlib.import_module, "scipy.special"),
         )
@@ -261,6 +269,6 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
 
 
 async def start_executor(executor: Executor, stack: AsyncExitStack) -> None:
-    """Bring the workers up, and have them end with the stack from the moment that they are up."""
+    """Start the workers, and register their stop as soon as they run, whatever else of the start fails."""
     await executor.start()
     stack.push_async_callback(executor.stop, POOL_SECONDS)

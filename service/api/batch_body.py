@@ -1,6 +1,6 @@
-"""From the body of a batch or a sweep to its cases, two hundred at a time, each validated in a thread.
+"""Reading of the bodies of batches and sweeps in blocks of cases, validated in a thread.
 
-A whole body at once would hold the interpreter lock for too long; so would listing all that is wrong with it.
+Validating a whole body in one call, or listing all its errors, would hold the interpreter lock for too long.
 """
 
 import hashlib
@@ -39,27 +39,27 @@ from service.workers.worker import check_requests
 from solver import ParameterError
 
 CASES_AT_ONCE = 200
-"""Cases validated in one call, about 5 ms."""
+"""Number of cases validated in one call, which takes about 5 ms."""
 CHECKED_AT_ONCE = 50
-"""Cases that a worker checks in one call, some milliseconds: single queries wait no longer for it."""
+"""Number of cases that a worker checks in one call. It takes some milliseconds, for which single queries wait."""
 CHECK_COST = 0.01
-"""Cost of checking a case. [ordinary cases]"""
+"""Cost of checking a case, which takes some 0.1 ms where an ordinary case takes 10 to 20 ms [ordinary cases]."""
 BYTES_AT_ONCE = 256 * 1024
 """Size of the lines validated in one call [bytes]: a few long lines take as much time as many short ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class BatchBody:
-    """A body that is being read.
+    """The body of a batch or a sweep while it is being read.
 
     Parameters
     ----------
     blocks
-        Its cases, some at a time.
+        Cases in blocks.
     count
-        Number of the cases; 0 for JSONL, whose lines are not known before they are read.
+        Number of cases; 0 for JSONL, where it is unknown until the body has been read.
     sweep
-        The request, if it is a sweep.
+        Request of a sweep; None for a batch.
     """
 
     blocks: AsyncIterator[list[JobCase]]
@@ -67,24 +67,24 @@ class BatchBody:
     count: int = 0
     sweep: StoredSweep | None = None
     estimate: Callable[[], int] = lambda: 0
-    """About how many cases the lines of a JSONL body have, going by those read; 0 if its length is not known."""
+    """Returns the number of cases of a JSONL body, extrapolated from the lines read; 0 without a Content-Length."""
 
     def digest(self) -> str:
-        """Return the hash of path, media type and body, once it has been read."""
+        """Return the hash of path, media type and body. It is complete only when the body has been read."""
         return self._digest.hexdigest()
 
 
 class BatchReader:
-    """Reads the body of a request for many cases.
+    """Reads and validates the body of a batch or a sweep.
 
     Parameters
     ----------
     request
-        Has the body.
+        HTTP request with the body.
     operation
         Operation of every case.
     model
-        What every case has to be.
+        Model that every case is validated with.
     """
 
     def __init__(self, request: Request, operation: str, model: type[Part]) -> None:
@@ -94,15 +94,15 @@ class BatchReader:
         self._services: Services = services_of(request)
         self._limits = self._services.settings
         self._read_count, self._read_bytes = 0, 0
-        """Lines of a JSONL body that have been read, and their length."""
+        """Number and length of the lines of a JSONL body read so far."""
 
     async def read_batch(self) -> BatchBody:
-        """Return the cases of a batch; those of a JSON body are all validated, those of JSONL only as they are read.
+        """Return the cases of a batch. A JSON body is validated here, the lines of JSONL as they are read.
 
         Raises
         ------
         HTTPException, InvalidBodyError
-            If it is not valid.
+            If the body is not valid.
         """
         media_type = require_type(self._request, JSON, JSONL)
         digest = hashlib.sha256(f"{path_of(self._request.scope)} {media_type}\n".encode())
@@ -126,12 +126,12 @@ class BatchReader:
         return BatchBody(in_blocks(cases), digest, len(cases))
 
     async def read_sweep(self) -> BatchBody:
-        """Return the points of a sweep, each validated as it is read.
+        """Return the points of a sweep. Base and axes are validated here, each point as it is read.
 
         Raises
         ------
         HTTPException, InvalidBodyError
-            If it is not valid.
+            If the body is not valid.
         """
         media_type = require_type(self._request, JSON)
         digest = hashlib.sha256(f"{path_of(self._request.scope)} {media_type}\n".encode())
@@ -144,7 +144,7 @@ class BatchReader:
         return BatchBody(self._read_points(grid), digest, grid.count, sweep)
 
     def _case(self, content: Any) -> JobCase:
-        """Validate one case."""
+        """Validate the content of one case."""
         request: Any = self._model.model_validate(content)
         check_work(request, self._limits.max_panel_steps)
         custom_id = getattr(request, "custom_id", MISSING)
@@ -153,12 +153,13 @@ class BatchReader:
     def _validate_part(
         self, part: Sequence[Any], first: int
     ) -> tuple[dict[int, JobCase], dict[int, list[dict[str, str]]]]:
-        """Return the valid cases of a part of a JSON batch, and what is wrong with the others, by number."""
+        """Validate a part of a JSON batch; return valid cases, and the errors of the others, by number."""
         cases: dict[int, JobCase] = {}
         errors: dict[int, list[dict[str, str]]] = {}
         for number, content in enumerate(part, first):
             place, longest = f"/cases/{number}", self._limits.max_body_bytes
             try:
+                # A case may be as long as the body of a single query, so that a batch is no way around that limit.
                 if len(to_json(content)) > longest:
                     errors[number] = [{"pointer": place, "detail": f"a case may be {longest} bytes long at most"}]
                 else:
@@ -172,7 +173,10 @@ class BatchReader:
         return cases, errors
 
     async def _check(self, cases: dict[int, JobCase]) -> dict[int, list[dict[str, str]]]:
-        """Have a worker check whether the values of each case go together; return what is wrong, by number."""
+        """Have workers check that the values of each case are consistent; return the errors by number.
+
+        Lines of JSONL and points of a sweep are not checked here: their errors are the results of their cases.
+        """
         canonical = self._services.queries.operations[self._operation].request
         numbers, errors = list(cases), dict[int, list[dict[str, str]]]()
         for first in range(0, len(numbers), CHECKED_AT_ONCE):
@@ -190,7 +194,7 @@ class BatchReader:
         return errors
 
     async def _read_lines(self, parts: AsyncIterator[list[bytes]]) -> AsyncIterator[list[JobCase]]:
-        """Yield the cases of a JSONL body."""
+        """Yield the cases of a JSONL body in blocks."""
         async for lines in parts:
             first, count = self._read_count, self._read_count + len(lines)
             self._read_count, self._read_bytes = count, self._read_bytes + sum(len(line) + 1 for line in lines)
@@ -206,7 +210,7 @@ class BatchReader:
         return length * self._read_count // max(1, self._read_bytes)
 
     def _validate_lines(self, lines: Sequence[bytes], first: int) -> list[JobCase]:
-        """Validate some lines; the first that is wrong ends it."""
+        """Validate some lines, up to the first invalid one, which raises."""
         return [self._validate_line(line, number) for number, line in enumerate(lines, first)]
 
     def _validate_line(self, line: bytes, number: int) -> JobCase:
@@ -221,7 +225,8 @@ class BatchReader:
         except InvalidBodyError as error:
             raise InvalidBodyError(behind(pointer, error.errors), place) from error
         except HTTPException as error:
-            detail = error.detail.replace(" at line 1 column ", " at column ")  # The line of the body is in `place`.
+            # The parser has seen one line only, so that its line number is always 1. `place` has the real one.
+            detail = error.detail.replace(" at line 1 column ", " at column ")
             raise InvalidBodyError([{"pointer": pointer, "detail": detail}], place) from error
         except ValidationError as error:
             raise InvalidBodyError(validation_errors(errors_found(error), pointer), place) from error
@@ -229,7 +234,7 @@ class BatchReader:
             raise InvalidBodyError(behind(pointer, field_errors(error)), place) from error
 
     def _lay_grid(self, body: bytes, limits: BodyLimits) -> tuple[Outline, Grid]:
-        """Return the grid of a sweep."""
+        """Parse the body of a sweep, and return its axes and its grid."""
         outline = validated_as(Outline, parse_json(body, limits))
         if len(to_json(outline.base)) > self._limits.max_body_bytes:
             detail = f"may be {self._limits.max_body_bytes} bytes long at most"
@@ -237,13 +242,13 @@ class BatchReader:
         return outline, grid_of(self._model, outline)
 
     async def _read_points(self, grid: Grid) -> AsyncIterator[list[JobCase]]:
-        """Yield the cases of a sweep."""
+        """Yield the cases of a sweep in blocks."""
         points = enumerate(grid.points())
         while cases := await run_sync(self._validate_points, grid, points, limiter=self._services.reading):
             yield cases
 
     def _validate_points(self, grid: Grid, points: Iterator[tuple[int, tuple[float, ...]]]) -> list[JobCase]:
-        """Validate the next points; the first that is wrong ends it."""
+        """Validate the next points, up to the first invalid one, which raises."""
         return [self._validate_point(grid, *numbered) for numbered in itertools.islice(points, CASES_AT_ONCE)]
 
     def _validate_point(self, grid: Grid, number: int, point: tuple[float, ...]) -> JobCase:
@@ -252,20 +257,23 @@ class BatchReader:
 
 
 async def in_blocks(cases: Sequence[JobCase]) -> AsyncIterator[list[JobCase]]:
-    """Yield cases, some at a time."""
+    """Yield cases in blocks of `CASES_AT_ONCE`."""
     for first in range(0, len(cases), CASES_AT_ONCE):
         yield list(cases[first : first + CASES_AT_ONCE])
 
 
 def unwrap(body: bytes, limits: BodyLimits) -> Cases:
-    """Return a batch, its cases not yet validated."""
+    """Parse the body of a batch without validating its cases."""
     return validated_as(Cases, parse_json(body, limits))
 
 
 async def split_lines(
     chunks: AsyncIterator[bytes], max_bytes: int, digest: "hashlib._Hash"
 ) -> AsyncIterator[list[bytes]]:
-    """Yield lines, some at a time; one that is too long is cut behind its limit and ends the body."""
+    """Split a body into lines, and yield them in blocks.
+
+    Reading stops at a line that exceeds `max_bytes`: the rest yielded for it is long enough to be refused.
+    """
     lines, size, rest = list[bytes](), 0, b""
     async for chunk in chunks:
         digest.update(chunk)
@@ -282,5 +290,5 @@ async def split_lines(
 
 
 def behind(pointer: str, errors: Sequence[dict[str, str]]) -> list[dict[str, str]]:
-    """Return the errors of a case, with pointers behind this one."""
+    """Return the errors of a case with `pointer` prepended to their pointers."""
     return [{**each, "pointer": pointer + each["pointer"]} for each in errors]

@@ -1,4 +1,4 @@
-"""Answers requests for many cases: with the results if they are few, else with a job, or as the client prefers."""
+"""Responses to batches and sweeps: the results if there are few cases, else a job, or as the client prefers."""
 
 import asyncio
 import re
@@ -26,7 +26,7 @@ from service.operations import OPERATIONS, Many, Operation
 FORMS = (JSON, JSONL, CSV)
 VARY = {"Vary": "Prefer, Accept"}
 LONGEST_RETRY = 60
-"""Longest time until a job is worth another look: one that ends early is noticed within a minute. [s]"""
+"""Largest value of `Retry-After` for a job, so that one that ends early is noticed within a minute. [s]"""
 
 Result = TypeVar("Result")
 
@@ -51,29 +51,29 @@ Prefer = Annotated[
 
 
 PREFERENCE = re.compile(r'(?:"(?:[^"\\]|\\.)*"?|[^",])+')
-"""What stands between two commas that are in no quotes. Nothing follows the repeated group and its alternatives begin
-with different characters, so that a header is read once, whatever it holds."""
+"""Element of a comma-separated header; commas within quotes do not separate. The alternatives begin with different
+characters and nothing follows the group, so that no header can make the pattern backtrack."""
 MOST_DIGITS = 9
-"""Digits of a wait that are read: thirty years, and Python refuses to convert thousands of digits."""
+"""Number of digits of `wait` that are read. They hold thirty years; Python refuses to convert thousands of digits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Preference:
-    """What `Prefer` says (RFC 7240): how long a client will wait, and whether it would rather not wait at all.
+    """Preferences of a client in the `Prefer` header (RFC 7240).
 
     Parameters
     ----------
     respond_async
-        Whether it wants a job whatever the size of the work.
+        True if the client wants a job whatever the size of the work.
     wait
-        Time to wait for the answer; None if it does not say. [s]
+        Time that the client will wait for the results; None if not given. [s]
     """
 
     respond_async: bool = False
     wait: int | None = None
 
     def applied(self, waited: float | None) -> dict[str, str]:
-        """Return the header that says which preferences were obeyed in making a job, if any was."""
+        """Return the `Preference-Applied` header of a job; empty if no preference was applied."""
         applied = ["respond-async"] * self.respond_async
         if self.wait is not None and waited is not None:
             applied.append(f"wait={min(self.wait, int(waited))}")
@@ -81,10 +81,10 @@ class Preference:
 
 
 def read_preference(headers: Iterable[str]) -> Preference:
-    """Return what these headers say; what they say of other matters, or wrongly, is passed over."""
+    """Return the preferences in `Prefer` headers. Unknown and malformed ones are ignored, as RFC 7240 demands."""
     found: dict[str, str] = {}
     for text in PREFERENCE.findall(",".join(headers).lower()):
-        name, _, value = text.partition(";")[0].partition("=")  # Parameters follow, which none of ours has.
+        name, _, value = text.partition(";")[0].partition("=")  # A semicolon begins parameters, which ours do not have.
         found.setdefault(name.strip(), value.strip().strip('"'))  # Of repeated preferences the first one counts.
     wait = found.get("wait", "")
     seconds = int(wait[:MOST_DIGITS]) if wait.isascii() and wait.isdigit() else None
@@ -92,7 +92,7 @@ def read_preference(headers: Iterable[str]) -> Preference:
 
 
 async def preference_of(request: Request, prefer: Prefer = "") -> Preference:
-    """Return the preference of the client."""
+    """Return the preferences of the client; a dependency of routes."""
     return read_preference(request.headers.getlist("prefer") if prefer else ())
 
 
@@ -100,18 +100,18 @@ WantedPreference = Annotated[Preference, Depends(preference_of)]
 
 
 class JobResponse:
-    """The answer to a request whose work becomes a job.
+    """The response to a request whose work becomes a job.
 
     Parameters
     ----------
     request
-        The request, its body aside.
+        HTTP request, of which only the headers are read here.
     operation
         Operation of every case.
     preference
-        Preference of the client.
+        Preferences of the client.
     idempotency_key
-        As it was sent, empty if it was not.
+        Idempotency key of the client, empty if it sent none.
     """
 
     def __init__(self, request: Request, operation: str, preference: Preference, idempotency_key: str) -> None:
@@ -134,7 +134,7 @@ class JobResponse:
         count: int = 0,
         estimate: Callable[[], int] = lambda: 0,
     ) -> JobState:
-        """Return the job of these cases, a new one or that of the idempotency key; see `JobManager.accept`."""
+        """Create the job of these cases, or find that of the idempotency key; see `JobManager.accept`."""
         idempotency = Idempotency(self._token, digest) if self._token else None
         owner = self._context.principal.owner
         state, new = await self._jobs.accept(
@@ -149,7 +149,7 @@ class JobResponse:
             estimate=estimate,
         )
         self._context.job = state.id
-        if not new:  # It was charged when it was accepted.
+        if not new:  # The first request with this idempotency key was charged.
             self._context.give_back()
         return state
 
@@ -159,11 +159,11 @@ class JobResponse:
         Returns
         -------
         state
-            The job then.
+            State of the job after the wait.
         answered
-            Whether its results are the answer.
+            True if the response is to be the results.
         headers
-            With the preferences that were obeyed.
+            Headers with the preferences that were applied.
         """
         waited = None if self.preference.wait is None else min(self.preference.wait, self._settings.most_wait_seconds)
         if waited:
@@ -176,18 +176,18 @@ class JobResponse:
         return state, waited is not None and state.status == "successful", headers
 
     def accepted(self, state: JobState, headers: dict[str, str]) -> Response:
-        """Return the job as the answer, and where it is."""
+        """Return the response 202 with the job and its location."""
         headers = headers | {"Location": f"{self.root}/jobs/{state.id}"} | retry_after(state, self._jobs)
         return job_response(self.root, state, HTTPStatus.ACCEPTED, headers, queue=queue_of(state, self._jobs))
 
 
 class BatchResponse(JobResponse):
-    """The answer to one request for many cases.
+    """The response to a batch or a sweep.
 
     Raises
     ------
     HTTPException
-        406 if the client takes no form that is given.
+        406 if the client accepts none of the media types.
     """
 
     def __init__(self, request: Request, operation: str, preference: Preference, idempotency_key: str) -> None:
@@ -198,8 +198,9 @@ class BatchResponse(JobResponse):
         self.form = form
 
     async def to(self, body: BatchBody) -> Response:
-        """Return the results, or the job that will have them. What is refused does not count against the key."""
+        """Return a response with the results, or with the job that computes them. Refused work is not charged."""
         try:
+            # No more cases are read than decide between results and job, so that a refusal comes early.
             most = self._settings.small_cases // OPERATIONS[self.operation].weight
             small, rest = await take(self._charged(body.blocks), most)
             if rest is None and not self.preference.respond_async:
@@ -221,7 +222,7 @@ class BatchResponse(JobResponse):
     async def _answer_now(self, cases: Sequence[JobCase], sweep: StoredSweep | None) -> Response:
         results = self._jobs.run_now(self.operation, cases, owner=self._context.queue_owner)
         if self.form == JSONL:
-            beginning = begin(results)  # Waits, so that a refusal is answered before the answer has begun.
+            beginning = begin(results)  # The first result is awaited, since after the status no error can be sent.
             begun = await unless_left(self._request, beginning)
             lines = (to_lines([result], self.path, sweep) async for result in begun)
             return StreamingResponse(closing(lines, results), media_type=JSONL, headers=VARY)
@@ -245,7 +246,7 @@ class BatchResponse(JobResponse):
 
 
 def batch_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Response]]:
-    """Return the handler for batches."""
+    """Return the handler of the batch route."""
 
     async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
         response = BatchResponse(request, operation.name, preference, idempotency_key)
@@ -255,7 +256,7 @@ def batch_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Res
 
 
 def sweep_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Response]]:
-    """Return the handler for sweeps."""
+    """Return the handler of the sweep route."""
 
     async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
         response = BatchResponse(request, operation.name, preference, idempotency_key)
@@ -267,7 +268,7 @@ def sweep_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Res
 async def take(
     blocks: AsyncIterator[list[JobCase]], count: int
 ) -> tuple[list[JobCase], AsyncIterator[list[JobCase]] | None]:
-    """Return the first cases, all if there are no more than so many; and the rest, if there may be more."""
+    """Read blocks until there are more than `count` cases; return these cases, and the remaining blocks if any."""
     taken: list[JobCase] = []
     async for cases in blocks:
         taken += cases
@@ -277,7 +278,7 @@ async def take(
 
 
 async def chain(first: list[JobCase], rest: AsyncIterator[list[JobCase]] | None) -> AsyncIterator[list[JobCase]]:
-    """Yield all cases."""
+    """Yield the first cases and then the remaining blocks."""
     yield first
     if rest is not None:
         async for cases in rest:
@@ -285,7 +286,7 @@ async def chain(first: list[JobCase], rest: AsyncIterator[list[JobCase]] | None)
 
 
 async def begin(results: AsyncGenerator[CaseResult, None]) -> AsyncIterator[CaseResult]:
-    """Wait for the first result; return all of them."""
+    """Wait for the first result, and return an iterator over all results."""
     first = await anext(results, None)
 
     async def resumed() -> AsyncIterator[CaseResult]:
@@ -298,13 +299,13 @@ async def begin(results: AsyncGenerator[CaseResult, None]) -> AsyncIterator[Case
 
 
 async def all_of(results: AsyncGenerator[CaseResult, None]) -> list[CaseResult]:
-    """Return all results in the order of their cases."""
+    """Collect all results, in the order of their cases."""
     async with aclosing(results):
         return sorted([result async for result in results], key=lambda result: result.number)
 
 
 async def until(stopping: asyncio.Event, changes: AsyncGenerator[JobState, None]) -> AsyncGenerator[JobState, None]:
-    """Yield changes until the service is stopping, which no change reports."""
+    """Yield the changes of a job until the service begins to stop."""
     stopped = asyncio.ensure_future(stopping.wait())
     async with aclosing(changes):
         try:
@@ -322,7 +323,7 @@ async def until(stopping: asyncio.Event, changes: AsyncGenerator[JobState, None]
 
 
 async def settle(task: asyncio.Future[Any]) -> None:
-    """Cancel a task unless it is done, and wait for its end."""
+    """Cancel a task unless it is done, and wait until it has ended."""
     if not task.done():
         task.cancel()
         with CancelScope(shield=True):
@@ -330,14 +331,14 @@ async def settle(task: asyncio.Future[Any]) -> None:
 
 
 async def closing(content: AsyncIterator[bytes], source: AsyncGenerator[Any, None]) -> AsyncIterator[bytes]:
-    """Yield the content, and close the source also if nobody reads it to its end."""
+    """Yield the content, and close the source even if the client leaves before the end."""
     async with aclosing(source):
         async for part in content:
             yield part
 
 
 def retry_after(state: JobState, jobs: JobManager) -> dict[str, str]:
-    """Return the header that says when a job is worth asking about again."""
+    """Return the `Retry-After` header of a job."""
     return {"Retry-After": str(min(LONGEST_RETRY, jobs.seconds_until_done(state)))}
 
 
@@ -349,7 +350,7 @@ def queue_of(state: JobState, jobs: JobManager) -> dict[str, int] | None:
 
 
 def root_of(request: Request) -> str:
-    """Return what stands before every path of the service in an address; empty unless a proxy has put it there."""
+    """Return the path prefix under which a proxy publishes the service; empty without a proxy."""
     root: str = request.scope.get("root_path", "")
     return root
 
@@ -363,7 +364,7 @@ def job_response(
     partial: dict[str, Any] | None = None,
     queue: dict[str, int] | None = None,
 ) -> Response:
-    """Return a job as the answer."""
+    """Return a response with a job."""
     return Response(job_json(root, state, request, partial, queue), status, media_type=JSON, headers=headers)
 
 
@@ -385,7 +386,7 @@ def to_job(
     partial: dict[str, Any] | None = None,
     queue: dict[str, int] | None = None,
 ) -> dict[str, Any]:
-    """Return a job as the contract has it, with the request of a sweep or a study, a partial answer or a place."""
+    """Return a job as JSON data of the contract, with its request, partial answer or place in the queue if given."""
     path = f"{root}/jobs/{state.id}"
     times = {name: getattr(state, name) for name in ("created", "started", "finished", "expires")}
     problem = None if state.problem is None else {**state.problem, "instance": path}

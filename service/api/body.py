@@ -1,8 +1,8 @@
-"""Bodies of requests: `CheckedRoute` reads and bounds them before FastAPI validates them as the parameter of a route.
+"""Bodies of requests, read and bounded before FastAPI validates them.
 
-Every body is read here, whatever the route. Its length, its depth, the number of its fields and values, and that no
-field is there twice are checked before it is validated, as the time of validation grows with all of them and what is
-wrong with a million fields takes seconds to list.
+Every route reads its body here. Length, depth, number of fields and values, and repeated fields are checked before
+validation, because the time of validation grows with each of them: listing the errors of a million fields takes
+seconds.
 """
 
 import asyncio
@@ -28,18 +28,20 @@ from service.schemas.problems import json_pointer
 from service.settings import Settings
 
 MAX_FIELDS = 30
-"""Fields of one object: the largest of the contract has half as many."""
+"""Largest number of fields of one object, twice that of the largest object in the contract."""
 MAX_LISTED_FIELDS = 10_000
-"""Fields of the body of one request: a thousand shots of four fields are 4,000. Validation takes some 10 ms."""
+"""Largest number of fields in the body of one request. A thousand shots of four fields have 4,000. Validation takes
+some 10 ms."""
 MAX_LISTED_VALUES = 10_000
-"""Items and fields of the body of one request: a profile of 1,000 points is 3,000."""
+"""Largest number of list items and fields in the body of one request. A profile of 1,000 points has 3,000."""
 MAX_BATCH_FIELDS = 100_000
-"""Fields of a JSON batch of 1,000 cases: five times the usual. Parsing takes some 20 ms, in a thread."""
+"""Largest number of fields in a JSON batch, five times those of 1,000 usual cases. Parsing takes some 20 ms, in a
+thread."""
 MAX_SERIES_FIELDS = 25_000
-"""Fields of a calibration or a sweep: a thousand tests of eight fields are 8,000."""
+"""Largest number of fields in a calibration or a sweep. A thousand tests of eight fields have 8,000."""
 MAX_SERIES_VALUES = 250_000
-"""Items and fields of a batch, a calibration or a sweep: an axis may have 100,000 values, and 20 runs with four columns
-of 3,000 rows are 240,000. Parsing and validation take some 20 ms, in a thread."""
+"""Largest number of list items and fields in a batch, a calibration or a sweep. An axis may have 100,000 values; 20
+runs with four columns of 3,000 rows have 240,000. Parsing and validation take some 20 ms, in a thread."""
 CONTAINERS = (dict, list)
 
 
@@ -49,21 +51,21 @@ MARKS = {
     b"\xfe\xff": "is in UTF-16, with a byte order mark",
     b"\x00\x00\xfe\xff": "is in UTF-32, with a byte order mark",
 }
-"""What a body may begin with that JSON does not (RFC 8259, section 8.1)."""
+"""Byte order marks, with which JSON must not begin (RFC 8259, section 8.1), and the message for each."""
 
 
 @dataclass(frozen=True, slots=True)
 class BodyLimits:
-    """What a body may be before it is looked at: its length, and what takes time in proportion to its content.
+    """Limits that a body must keep before it is validated.
 
     Parameters
     ----------
     length
-        Its bytes.
+        Length. [bytes]
     depth
-        Objects and lists in one another.
+        Depth of nested objects and lists.
     fields, values
-        Fields of all its objects; these and the items of all its lists.
+        Number of fields of all objects, and of these and the items of all lists.
     """
 
     length: int
@@ -73,29 +75,29 @@ class BodyLimits:
 
     @classmethod
     def of_one(cls, settings: Settings) -> Self:
-        """Limits of one request, also of a line of many."""
+        """Return the limits of a single request, which hold for each line of JSONL too."""
         return cls(settings.max_body_bytes, settings.max_body_depth)
 
     @classmethod
     def of_batch(cls, settings: Settings) -> Self:
-        """Limits of a JSON batch."""
+        """Return the limits of a JSON batch."""
         return cls(settings.max_batch_bytes, settings.max_body_depth, MAX_BATCH_FIELDS, MAX_SERIES_VALUES)
 
     @classmethod
     def of_series(cls, settings: Settings) -> Self:
-        """Limits of a body with long lists: a sweep, a calibration."""
+        """Return the limits of a body with long lists: a sweep or a calibration."""
         return cls(settings.max_batch_bytes, settings.max_body_depth, MAX_SERIES_FIELDS, MAX_SERIES_VALUES)
 
 
 class BoundedRequest(Request):
-    """Request whose body has been read and is within its limits; FastAPI gets the body and its JSON from here.
+    """Request whose body has been read within its limits, and from which FastAPI takes the body and its JSON.
 
     Parameters
     ----------
     request
-        As it came.
+        Original request.
     text, content
-        Body, and what it holds.
+        Body, and its parsed content.
     """
 
     def __init__(self, request: Request, text: bytes, content: Any) -> None:
@@ -108,21 +110,22 @@ class BoundedRequest(Request):
         return self._text
 
     async def json(self) -> Any:
-        """Return the content of the body."""
+        """Return the parsed content of the body."""
         return self._content
 
 
 class CheckedRoute(APIRoute):
-    """A route that refuses query parameters it does not have, and bounds a JSON body before FastAPI validates it.
+    """Route that refuses unknown query parameters, and bounds a JSON body before FastAPI validates it.
 
-    FastAPI reads a body before it runs dependencies, and would parse those of strangers: the key is checked here too.
+    FastAPI reads the body before it runs dependencies, and so would parse bodies without a valid key. The key is
+    therefore checked here as well.
     """
 
     long = False
-    """Whether the body may hold long lists."""
+    """True if the body may hold long lists."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """Return the handler of requests."""
+        """Return FastAPI's handler, preceded by the checks."""
         handle = super().get_route_handler()
         known = sorted(query_parameters(self.dependant))
 
@@ -137,42 +140,43 @@ class CheckedRoute(APIRoute):
 
 
 def query_parameters(dependant: Dependant) -> set[str]:
-    """Return the names of the query parameters of a route and of what it depends on."""
+    """Return the names of the query parameters of a route and of its dependencies."""
     own = {parameter.alias for parameter in dependant.query_params}
     return own.union(*map(query_parameters, dependant.dependencies))
 
 
 def refuse_unknown(request: Request, known: Sequence[str]) -> None:
-    """Refuse query parameters that a route does not have: a misspelt one would be without effect.
+    """Refuse unknown query parameters, as a misspelt one would silently have no effect.
 
     Raises
     ------
     InvalidBodyError
-        If there is one.
+        If there is an unknown parameter.
     """
     takes = f"; there is {', '.join(known)}" if known else "; there is none here"
     unknown = [name for name in request.query_params if name not in known]
     if unknown:
         raise InvalidBodyError(
+            # Names are cut to 100 characters, so that the answer stays short whatever a client sends.
             [{"pointer": json_pointer([name[:100]]), "detail": f"unknown query parameter{takes}"} for name in unknown]
         )
 
 
 class LongBodyRoute(CheckedRoute):
-    """A route whose JSON body may hold long lists."""
+    """Route whose JSON body may hold long lists."""
 
     long = True
 
 
 async def bounded(request: Request, *, long: bool) -> BoundedRequest:
-    """Read a JSON body within the limits; that of a long one is parsed in a thread.
+    """Read and parse a JSON body within its limits.
 
     Raises
     ------
     HTTPException
         400, 413 or 415.
     InvalidBodyError
-        If it holds no object, or one with too many fields.
+        If the body is empty, or an object has too many fields.
     """
     services = services_of(request)
     require_type(request, JSON)
@@ -180,7 +184,7 @@ async def bounded(request: Request, *, long: bool) -> BoundedRequest:
     text = await read_body(request, limits)
     if not text:
         raise InvalidBodyError([{"pointer": "", "detail": "the body is missing"}])
-    if long:
+    if long:  # Parsing takes some 20 ms, for which the event loop must not stand still.
         content = await run_sync(parse_json, text, limits, limiter=services.reading)
     else:
         await next_turn(services.parsing)
@@ -189,12 +193,12 @@ async def bounded(request: Request, *, long: bool) -> BoundedRequest:
 
 
 async def read_body(request: Request, limits: BodyLimits) -> bytes:
-    """Return the body.
+    """Read the body.
 
     Raises
     ------
     HTTPException
-        413 if it is too long.
+        413 if the body is too long.
     """
     return b"".join([chunk async for chunk in stream_up_to(request, limits.length)])
 
@@ -205,8 +209,9 @@ async def stream_up_to(request: Request, limit: int) -> AsyncIterator[bytes]:
     Raises
     ------
     HTTPException
-        413 as soon as it is known to be too long, 400 if the client leaves.
+        413 as soon as the body is known to be too long, 400 if the client leaves.
     """
+    # The declared length refuses a body before it is sent; a chunked body has none, and is counted as it arrives.
     length = int(request.headers.get("content-length", 0))
     if length <= limit:
         length = 0
@@ -223,7 +228,9 @@ async def stream_up_to(request: Request, limit: int) -> AsyncIterator[bytes]:
 
 
 def require_type(request: Request, *accepted: str) -> str:
-    """Return the media type of the body, refusing others and encodings.
+    """Return the media type of the body, and refuse other types and compressed bodies.
+
+    A compressed body could expand to any length, so that its length would bound nothing.
 
     Raises
     ------
@@ -243,23 +250,25 @@ def require_type(request: Request, *accepted: str) -> str:
 
 
 def parse_json(text: bytes, limits: BodyLimits) -> Any:
-    """Return the content of a JSON text.
+    """Parse a JSON text.
 
-    NaN, Infinity and 1e999 are parsed, though they are no JSON, so that validation can name the field that holds them.
+    NaN, Infinity and 1e999 are accepted although they are not JSON, so that validation can name the field that holds
+    them.
 
     Raises
     ------
     HTTPException
-        400 if it is not JSON in UTF-8, is beyond a limit, or has a field twice in one object.
+        400 if the text is not JSON in UTF-8, exceeds a limit, or has a field twice in one object.
     InvalidBodyError
-        If an object has more than `MAX_FIELDS`.
+        If an object has more than `MAX_FIELDS` fields.
     """
     if text.startswith(tuple(MARKS)):
         named = next(name for mark, name in MARKS.items() if text.startswith(mark))
         raise HTTPException(HTTPStatus.BAD_REQUEST, f"the body {named}; send UTF-8 without one")
     if text[1:2] == b"\x00" or text[:1] == b"\x00":
         raise HTTPException(HTTPStatus.BAD_REQUEST, "the body is in UTF-16 or UTF-32; send UTF-8")
-    # Counted before it is parsed. Colons and commas in texts count too: no text of a request is long enough to matter.
+    # Counting colons and commas bounds the time of parsing before it begins. Those in texts count too, which does not
+    # matter: no text of a request is long.
     fields = text.count(b":")
     if fields > limits.fields or text.count(b",") > limits.values:
         detail = f"the body may have {limits.fields:,} fields and {limits.values:,} values at most"
@@ -267,11 +276,13 @@ def parse_json(text: bytes, limits: BodyLimits) -> Any:
     try:
         content = from_json(text)
     except ValueError as error:
-        # The parser gives up at a depth of its own, which is beyond the limit.
+        # The parser gives up at a depth of its own, some 200, which is beyond the limit of the settings.
         deep = "recursion limit" in str(error)
         detail = too_deep(limits.depth) if deep else f"not JSON: {error}"
         raise HTTPException(HTTPStatus.BAD_REQUEST, detail) from error
-    if count_fields(content, limits.depth) != fields:  # A field is there twice, or a text has a colon.
+    # A difference means that the fast parser has dropped a repeated field, or that a text has a colon. Only the slow
+    # parser of the standard library reports repeated fields, so it runs in these cases alone.
+    if count_fields(content, limits.depth) != fields:
         json.loads(text, object_pairs_hook=refuse_repeated)
     return content
 
@@ -282,9 +293,9 @@ def count_fields(content: Any, max_depth: int) -> int:
     Raises
     ------
     HTTPException
-        400 if objects and lists are nested by more than `max_depth`.
+        400 if objects and lists are nested deeper than `max_depth`.
     InvalidBodyError
-        If an object has more than `MAX_FIELDS`: listing what is wrong with a million would take a second.
+        If an object has more than `MAX_FIELDS` fields: listing the errors of a million would take a second.
     """
     fields, level = 0, [((), content)] if isinstance(content, CONTAINERS) else list[tuple[tuple[Any, ...], Any]]()
     for _ in range(max_depth):
@@ -304,12 +315,12 @@ def count_fields(content: Any, max_depth: int) -> int:
 
 
 def too_deep(max_depth: int) -> str:
-    """Return the message for a body with more objects and lists in one another."""
+    """Return the message for a body that is nested too deeply."""
     return f"the body may be nested {max_depth} deep at most"
 
 
 def refuse_repeated(fields: list[tuple[str, Any]]) -> None:
-    """Refuse an object of a JSON text that has a field twice: readers do not agree which of both counts.
+    """Refuse an object with a repeated field, of which parsers differ in taking the first or the last.
 
     Raises
     ------
@@ -324,6 +335,6 @@ def refuse_repeated(fields: list[tuple[str, Any]]) -> None:
 
 
 async def next_turn(parsing: asyncio.Lock) -> None:
-    """Wait for a turn to parse: one body each time around the event loop, so that a crowd does not hold it up."""
+    """Wait for a turn to parse a body. One is parsed per iteration of the event loop, so that many do not block it."""
     async with parsing:
         await asyncio.sleep(0)

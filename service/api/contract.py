@@ -1,4 +1,4 @@
-"""The contract beyond what FastAPI writes: headers, problems, access, bodies that routes read themselves."""
+"""Additions to the OpenAPI document of FastAPI: headers, problems, access, and bodies that routes read themselves."""
 
 from collections.abc import Sequence
 from typing import Any, TypeAlias
@@ -14,12 +14,13 @@ Responses: TypeAlias = dict[int | str, dict[str, Any]]
 
 CACHE_STATUS = {
     "Cache-Status": {
-        "description": "`ricochet; hit` if the result was there, `ricochet; fwd=miss` if it was computed (RFC 9211).",
+        "description": "`ricochet; hit` if the result came from the cache, `ricochet; fwd=miss` if it was computed "
+        "(RFC 9211).",
         "schema": {"type": "string"},
         "required": True,
     },
     "Server-Timing": {
-        "description": "Milliseconds until the request was read, then until its answer was there, and of both.",
+        "description": "Time for reading the request, for computing its answer, and in total. [ms]",
         "schema": {"type": "string"},
         "required": True,
     },
@@ -28,27 +29,29 @@ RESULT_LINK = {
     "result": {
         "operationId": "get_result",
         "parameters": {"key": "$response.body#/key"},
-        "description": "The result again, also as a table.",
+        "description": "The same result, also as a table.",
     }
 }
 
 
-PREFERENCE_APPLIED = {"Preference-Applied": {"description": "RFC 7240.", "schema": {"type": "string"}}}
+PREFERENCE_APPLIED = {
+    "Preference-Applied": {"description": "Preferences that were applied (RFC 7240).", "schema": {"type": "string"}}
+}
 RATE_LIMIT = {
     "RateLimit-Policy": {
-        "description": "Cases an hour of the key, if they are limited: `q` in `w` seconds "
+        "description": "Quota of the key, if it has one: `q` cases in `w` seconds "
         "(draft-ietf-httpapi-ratelimit-headers-10).",
         "schema": {"type": "string"},
     },
     "RateLimit": {
-        "description": "Cases left (`r`), and seconds until more are free (`t`).",
+        "description": "Cases left in the quota (`r`), and seconds until there are more (`t`).",
         "schema": {"type": "string"},
     },
 }
 RETRY_AFTER = {
     **RATE_LIMIT,
     "Retry-After": {
-        "description": "When to send the request again. [s]",
+        "description": "Time after which to send the request again. [s]",
         "schema": {"type": "integer"},
         "required": True,
     },
@@ -56,45 +59,49 @@ RETRY_AFTER = {
 RETRY_LATER: dict[str, Any] = {
     "headers": {
         "Retry-After": {
-            "description": "When to send the request again, unless it has ended. [s]",
+            "description": "Time after which to send the request again; absent once the job has ended. [s]",
             "schema": {"type": "integer"},
         }
     }
 }
 PROBLEMS: Responses = {
     400: {"description": "The body cannot be parsed."},
-    404: {"description": "Nothing is kept under this name."},
-    406: {"description": "The result is not given in a form that `Accept` names."},
+    404: {"description": "Nothing is stored under this name."},
+    406: {"description": "The result is not available as any media type in `Accept`."},
     409: {"description": "The request with this idempotency key is still being accepted."},
     413: {"description": "The body is too long."},
     415: {"description": "The body is of another media type."},
     422: {"description": "A field is wrong, or the case cannot be computed."},
     401: {
-        "description": "A key is needed, or this one is not, or no longer, good.",
+        "description": "The API key is missing, invalid, expired or revoked.",
         "headers": {"WWW-Authenticate": {"description": "`Bearer`.", "schema": {"type": "string"}, "required": True}},
     },
     403: {
-        "description": "The key is not good for this or never allows so many cases, or the request comes from the page "
-        "of another site."
+        "description": "The key lacks the scope, its quota never allows so many cases, or the request comes from the "
+        "page of another site."
     },
     408: {"description": "The body comes too slowly."},
-    429: {"description": "Too many cases wait, or were requested with this key.", "headers": RETRY_AFTER},
+    429: {
+        "description": "Too many cases are waiting, or the quota of the key is used up.",
+        "headers": RETRY_AFTER,
+    },
     500: {"description": "The service failed."},
-    501: {"description": "What draws reports is not installed."},
+    501: {"description": "The extra that draws reports is not installed."},
     503: {"description": "The service is not ready, or has no worker for the query.", "headers": RETRY_AFTER},
     507: {"description": "Nothing can be stored now."},
 }
 
 
 def problems(*statuses: int) -> Responses:
-    """Return the declarations of these error statuses."""
+    """Return the declarations of responses with these error statuses."""
     return {status: {"model": Problem, **PROBLEMS[status]} for status in statuses}
 
 
 COMPUTED: Responses = {
     200: {
-        # Declared as media types too, they would make the answers of generated clients unions with text.
-        "description": "The answer; CSV or HDF5 where `Accept` names them, as of `/results/{key}`.",
+        # CSV and HDF5 are named in words only: declared as media types, they would turn the answers of generated
+        # clients into unions with text.
+        "description": "The answer. `Accept` selects CSV or HDF5, as of `/results/{key}`.",
         "headers": CACHE_STATUS,
         "links": RESULT_LINK,
     },
@@ -106,12 +113,12 @@ MANY: Responses = {
     200: {
         "description": "All results, in the order of the request; as JSON lines, in the order in which they finish.",
         "content": {
-            "application/jsonl": {"schema": {"type": "string", "description": "A member of `results` a line."}},
-            "text/csv": {"schema": {"type": "string", "description": "A row a case: the summary, or the problem."}},
+            "application/jsonl": {"schema": {"type": "string", "description": "One member of `results` per line."}},
+            "text/csv": {"schema": {"type": "string", "description": "One row per case: its summary, or its problem."}},
         },
         "headers": {
             "Cache-Status": {
-                "description": "`ricochet; hit` if nothing had to be computed; not given for JSON lines (RFC 9211).",
+                "description": "`ricochet; hit` if nothing had to be computed; absent for JSON lines (RFC 9211).",
                 "schema": {"type": "string"},
             },
             **PREFERENCE_APPLIED,
@@ -122,7 +129,7 @@ MANY: Responses = {
         "description": "The job that will have the results.",
         "headers": {
             **RETRY_AFTER,
-            "Location": {"description": "Of the job.", "schema": {"type": "string"}, "required": True},
+            "Location": {"description": "Path of the job.", "schema": {"type": "string"}, "required": True},
             **PREFERENCE_APPLIED,
         },
         "links": {
@@ -149,37 +156,40 @@ STUDIED: Responses = {
 
 
 def one_body(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the declaration of a JSON body that the route reads itself, piece by piece."""
+    """Return the declaration of a JSON body that the route reads itself, in blocks."""
     return {"requestBody": {"required": True, "content": {"application/json": {"schema": reference(model)}}}}
 
 
 def many_bodies(model: type[BaseModel], line: type[BaseModel]) -> dict[str, Any]:
-    """Return the declaration of a body that is JSON, or JSON lines: those as binary, as clients send a file of them."""
+    """Return the declaration of a body that is JSON or JSON lines.
+
+    JSON lines are declared as binary, since generated clients then send a file instead of encoding an object.
+    """
     declared = one_body(model)
     declared["requestBody"]["content"]["application/jsonl"] = {
-        "schema": {"type": "string", "format": "binary", "description": f"A `{line.__name__}` a line."}
+        "schema": {"type": "string", "format": "binary", "description": f"One `{line.__name__}` per line."}
     }
     return declared
 
 
 def reference(model: type[BaseModel]) -> dict[str, str]:
-    """Return the place of a model in the contract."""
+    """Return a reference to a model among the components."""
     return {"$ref": f"#/components/schemas/{model.__name__}"}
 
 
 def declare_bodies(schemas: dict[str, Any], models: Sequence[type[BaseModel]]) -> None:
-    """Add the models of the bodies that FastAPI does not get to see."""
+    """Add the models of bodies that are not parameters of routes, so that FastAPI does not find them."""
     _, found = models_json_schema(
         [(model, "validation") for model in models], ref_template="#/components/schemas/{model}"
     )
     for name, schema in found["$defs"].items():
         schemas.setdefault(name, schema)
-    for name in sorted(schemas):  # As FastAPI sorts those that it sees.
+    for name in sorted(schemas):  # FastAPI sorts its components, and a stable order keeps differences small.
         schemas[name] = schemas.pop(name)
 
 
 def declare_answers(contract: dict[str, Any]) -> None:
-    """Let answers have fields that a client does not know: generated clients then survive a new one."""
+    """Allow additional fields in answers, so that generated clients accept the fields of a later version."""
     schemas = contract["components"]["schemas"]
     sent = {
         name
@@ -193,7 +203,7 @@ def declare_answers(contract: dict[str, Any]) -> None:
 
 
 def components_in(node: Any, schemas: dict[str, Any], found: set[str] | None = None) -> set[str]:
-    """Return the names of all components that a part of the contract refers to, also by others."""
+    """Return the names of all components that a part of the contract refers to, directly or indirectly."""
     found = set() if found is None else found
     if isinstance(node, dict):
         name = str(node.get("$ref", "")).rpartition("/")[2]
@@ -206,11 +216,11 @@ def components_in(node: Any, schemas: dict[str, Any], found: set[str] | None = N
 
 
 FORMATS = {"number": "double", "integer": "int64"}
-"""Formats of numbers: without them some generators take 32 bits."""
+"""Formats of number types. Without them some generators of clients choose 32 bits."""
 
 
 def declare_formats(node: Any) -> None:
-    """Give every number in a part of the contract its format."""
+    """Add the format to every number in a part of the contract."""
     if isinstance(node, dict) and isinstance(kind := node.get("type"), str) and kind in FORMATS:
         node["format"] = FORMATS[kind]
     if isinstance(node, dict):
@@ -223,16 +233,16 @@ def declare_formats(node: Any) -> None:
 
 
 def declare_access(operation: dict[str, Any]) -> None:
-    """Declare that a key is optional, as a service may be open, and how an operation is refused without one."""
+    """Declare that a key is optional, since a service may be open, and the responses to requests without access."""
     if "security" not in operation:
         operation["security"] = []
         return
     ((scheme, (scope,)),) = operation["security"][0].items()
-    operation["security"] = [{}, {scheme: []}]  # A scheme other than OAuth has no scopes to list.
+    operation["security"] = [{}, {scheme: []}]  # Scopes belong to OAuth schemes; linters refuse them on others.
     refused = problems(400, 401, 403, *([408] if "requestBody" in operation else []))
     refused[403]["description"] = (
-        f"The key lacks the scope `{scope}` or never allows so many cases, or the request comes from the page of "
-        "another site."
+        f"The key lacks the scope `{scope}`, its quota never allows so many cases, or the request comes from the page "
+        "of another site."
     )
     for status, response in refused.items():
         declared = {name: value for name, value in response.items() if name != "model"}
@@ -242,7 +252,7 @@ def declare_access(operation: dict[str, Any]) -> None:
 
 
 def declare_defaults(schemas: dict[str, Any]) -> None:
-    """Rename `default` to `x-default`: openapi-typescript makes a field with a default one that has to be given."""
+    """Rename `default` to `x-default`, since openapi-typescript makes fields with a default mandatory."""
     for schema in schemas.values():
         for field in schema.get("properties", {}).values():
             if "default" in field:
@@ -250,14 +260,14 @@ def declare_defaults(schemas: dict[str, Any]) -> None:
 
 
 def declare_events(responses: dict[str, Any]) -> None:
-    """Declare server-sent events in words: what FastAPI says of them is of a later OpenAPI."""
+    """Describe server-sent events in words, since the schema of FastAPI for them requires a later OpenAPI."""
     content = responses.get("200", {}).get("content", {})
     if "text/event-stream" in content:
         content["text/event-stream"] = {"schema": {"description": "Server-sent events."}}
 
 
 def declare_problems(responses: dict[str, Any]) -> None:
-    """Give the errors among these responses their media type, which FastAPI takes from the route."""
+    """Set the media type of error responses, to which FastAPI gives that of the route."""
     for status, response in responses.items():
         if status >= "400":
             (content,) = response["content"].values()

@@ -1,4 +1,4 @@
-"""Writes files of results to be sent: a few at a time, each once, and keeps them while there is room."""
+"""Files of results for download: a few are written at a time, each once, and kept while there is room."""
 
 import asyncio
 import os
@@ -17,27 +17,29 @@ from service.errors import DownloadsFullError, StorageError
 from service.private_files import make_private, make_private_folder
 
 FOLDER = "downloads"
-"""Name of their folder in the data folder."""
+"""Name of the folder of downloads in the data folder."""
 SHARE = 0.1
-"""Share of the limit of the cache that these files may take; results take the rest."""
+"""Fraction of the disk limit of the cache that downloads may take, a judgement: a download can be written again from
+results, but a result has to be computed again."""
 WRITTEN_AT_ONCE = 2
-"""Number of files that are written at the same time: each takes some 10 MB of memory and most of a core."""
+"""Number of files that are written at the same time. Each takes some 10 MB of memory and most of a core."""
 PIECE_BYTES = 256 * 1024
-"""Size of the pieces in which a file is sent [bytes]."""
+"""Size of the pieces in which a file is sent [bytes]. Each piece costs a change of threads and this much memory per
+client; the value is a judgement."""
 
 
 class Downloads:
-    """Files on the disk, of which those used longest ago are removed.
+    """Files for download on the disk, of which the least recently used are evicted.
 
     Parameters
     ----------
     folder
-        Where they are; made when it is needed.
+        Folder of the files, created when the first one is written.
     most_bytes
-        How much they may take, those included that are gone from the folder but still being sent. A larger file is made
-        for one client at a time, and gone once that has been sent.
+        Limit on the disk space of all files, including those that have been removed from the folder but are still being
+        sent. A larger file is written for one client, and deleted once it has been sent. [bytes]
     check_folder
-        Called before anything is written; raises StorageError if nothing may be.
+        Function called before a file is written; raises StorageError if the data folder must not be written to.
     """
 
     def __init__(self, folder: Path, most_bytes: int, check_folder: Callable[[], None]) -> None:
@@ -45,28 +47,29 @@ class Downloads:
         self._most_bytes = most_bytes
         self._check_folder = check_folder
         self._kept: OrderedDict[str, int] = OrderedDict()
-        """Sizes by name, the latest used last."""
+        """Sizes of the files by name, the most recently used last. [bytes]"""
         self._open: WeakSet[BufferedReader] = WeakSet()
         """Files that are being sent."""
         self._turns = asyncio.Semaphore(WRITTEN_AT_ONCE)
         self._writing: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+        """One lock for each file, which lives as long as a request holds it."""
 
     def clear(self) -> None:
-        """Remove what an earlier service has left."""
+        """Remove the files of an earlier service, of which nothing is known any more."""
         shutil.rmtree(self._folder, ignore_errors=True)
 
     async def open(self, name: str, write: Callable[[Path], Awaitable[None]], *, keep: bool) -> BufferedReader:
-        """Open the file of this name, which is written unless it is kept; clients that want the same one share it.
+        """Open a file, and write it first unless it exists. Simultaneous requests for one file share it.
 
-        The open file is whole for as long as it is open, also once it is no longer kept. If this is cancelled, so is
-        the writing, and nothing is left of it.
+        The open file stays readable after it has been evicted. Cancellation stops the writing and removes the partial
+        file.
 
         Raises
         ------
         DownloadsFullError
             If files that are being sent take all the room.
         StorageError
-            If the disk has no room for it, or the data folder has been replaced.
+            If the disk is full, or the data folder has been replaced.
         """
         lock = self._writing.setdefault(name, asyncio.Lock())
         async with lock:
@@ -79,12 +82,12 @@ class Downloads:
 
     @property
     def _sent_bytes(self) -> int:
-        """Size of what has been removed while it was being sent, and goes on taking room until that has ended."""
+        """Size of removed files that are still being sent, and take disk space until they are closed. [bytes]"""
         found = [os.fstat(file.fileno()) for file in self._open if not file.closed]
         return sum({(each.st_dev, each.st_ino): each.st_size for each in found if not each.st_nlink}.values())
 
     async def _make_room(self) -> None:
-        """Remove the files used longest ago until the rest and what is being sent take no more than they may."""
+        """Evict the least recently used files until the total is within the limit."""
         while self._kept and sum(self._kept.values()) + self._sent_bytes > self._most_bytes:
             await self.remove([next(iter(self._kept))])
 
@@ -93,7 +96,7 @@ class Downloads:
             return None
         try:
             file = await run_sync((self._folder / name).open, "rb")
-        except FileNotFoundError:  # Someone else has removed it.
+        except FileNotFoundError:  # It may be removed by somebody else, or by an eviction since it was looked up.
             self._kept.pop(name, None)
             return None
         if name in self._kept:
@@ -101,6 +104,7 @@ class Downloads:
         return file
 
     async def _write(self, name: str, write: Callable[[Path], Awaitable[None]], *, keep: bool) -> BufferedReader:
+        # Writing under a temporary name keeps a partial file from being taken for a whole one.
         path = self._folder / f"{token_hex(16)}.partial"
         await run_sync(self._check_folder)
         if self._sent_bytes >= self._most_bytes:
@@ -116,26 +120,26 @@ class Downloads:
                 self._kept[name] = size
             await self._make_room()
             return file
-        except OSError as error:  # The message of HDF5 contains the path, so it is not passed on.
+        except OSError as error:  # The message of HDF5 contains the path, which clients are not to see.
             why = os.strerror(error.errno) if error.errno else "the disk refuses it"
             raise StorageError(f"the file cannot be written: {why}") from error
         finally:
-            with CancelScope(shield=True):
+            with CancelScope(shield=True):  # The partial file is removed even if a leaving client cancels this.
                 await run_sync(lambda: path.unlink(missing_ok=True))
 
     async def remove(self, names: Iterable[str]) -> None:
-        """Remove files; clients that are being sent one get it all the same."""
+        """Remove files. Clients that are receiving one still get all of it, as it is open."""
         for name in names:
             self._kept.pop(name, None)
             await run_sync(lambda path: path.unlink(missing_ok=True), self._folder / name)
 
     async def remove_of(self, job: str) -> None:
-        """Remove the files of a job."""
+        """Remove the files of a job, whose names begin with its id."""
         await self.remove([name for name in self._kept if name.startswith(job)])
 
 
 async def file_pieces(file: BufferedReader) -> AsyncIterator[bytes]:
-    """Yield the content of a file, and close it."""
+    """Yield the content of a file in pieces, and close it."""
     try:
         while piece := await run_sync(file.read, PIECE_BYTES):
             yield piece

@@ -1,6 +1,6 @@
-"""Examples of answers in the contract: what the service answers to the first example of each request.
+"""Examples of answers in the contract: the answer to the first example of each request.
 
-`python -m service.api.examples` computes them and writes `examples.json`; a test compares that file with a service.
+`python -m service.api.examples` computes them and writes `examples.json`; a test compares the file with a service.
 """
 
 import json
@@ -14,22 +14,22 @@ from service.workers.worker import compute_single
 
 FILE = Path(__file__).with_name("examples.json")
 LONG = frozenset({"formulas", "history", "iterations"})
-"""Fields whose lists are shortened."""
+"""Fields whose lists are shortened, as they would fill pages of the contract."""
 SHOWN = 2
-"""Items that are shown of such a list, and of each column of a history."""
+"""Number of items shown of a shortened list or column."""
 DIGITS = 6
-"""Digits of a number: more differ between processors."""
+"""Number of significant digits. Later digits differ between processors."""
 
 
 @cache
 def computed() -> dict[str, Any]:
-    """Return the examples by the names of their operations."""
+    """Return the stored examples by operation."""
     found: dict[str, Any] = json.loads(FILE.read_text(encoding="utf-8"))
     return found
 
 
 def declare_examples(schemas: dict[str, Any], operations: Iterable[Operation]) -> None:
-    """Show what was computed as the first example of each answer, and of each answer to many cases."""
+    """Set the computed answers as the first examples of the models of answers, single and in batches."""
     for operation in operations:
         if (answer := computed().get(operation.name)) is None:
             continue
@@ -58,7 +58,7 @@ def example_of(operation: Operation) -> Any:
 
 
 def shortened(value: Any, *, cut: bool = False) -> Any:
-    """Return a part of an answer with rounded numbers, and with the first items of its long lists."""
+    """Return an answer, or a part of it, with rounded numbers and shortened lists."""
     if isinstance(value, dict):
         return {name: shortened(each, cut=cut or name in LONG) for name, each in value.items()}
     if isinstance(value, list):
@@ -67,7 +67,7 @@ def shortened(value: Any, *, cut: bool = False) -> Any:
 
 
 def write() -> None:
-    """Compute the examples of all operations but studies, and write them."""
+    """Compute the examples and write them. Studies are left out, as they take seconds to minutes."""
     found = {each.name: example_of(each) for each in OPERATIONS.values() if each.study is None}
     FILE.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""Whether the service lives and is ready, what it runs, and what it has done: the metrics for Prometheus."""
+"""Routes for operators: liveness, readiness, versions, and metrics for Prometheus."""
 
 from enum import StrEnum
 from functools import cache
@@ -24,36 +24,36 @@ router = APIRouter(tags=["health"])
 
 LIBRARIES = ("fastapi", "h5py", "numba", "numpy", "pydantic", "scipy", "uvicorn")
 MOST_NAMES = 5
-"""Most damaged files that are named; there may be thousands."""
+"""Largest number of damaged files that the readiness probe names; there may be thousands."""
 
 
 class HealthStatus(StrEnum):
-    """`busy` if all workers were at work."""
+    """Readiness of the service: `ok` if a worker answered, `busy` if all of them were computing."""
 
     OK = "ok"
     BUSY = "busy"
 
 
 class ChunkPlace(StrEnum):
-    """Where the chunks of batches and jobs run: on this machine, or on the Dask cluster."""
+    """Place where chunks of batches and jobs run: this machine (`pool`) or the Dask cluster (`cluster`)."""
 
     POOL = "pool"
     CLUSTER = "cluster"
 
 
 class Health(Part):
-    """How the service is."""
+    """State of the service."""
 
     model_config = with_examples({"status": "ok", "chunks_on": "pool"})
 
     status: HealthStatus
     chunks_on: ChunkPlace | MISSING = MISSING
     warnings: list[str] | MISSING = MISSING
-    """What somebody should look at, though the service works."""
+    """Faults that an operator should look at although the service works."""
 
 
 class Version(Part):
-    """What the service runs."""
+    """Versions of solver, contract and libraries."""
 
     model_config = with_examples({"engine_version": "1", "schema_version": "1", "libraries": {"numpy": "2.4.6"}})
 
@@ -62,18 +62,18 @@ class Version(Part):
     schema_version: str
     """Version of the contract; raised whenever its meaning changes."""
     libraries: dict[str, str]
-    """Versions of this package and those it stands on."""
+    """Versions of this package and of the libraries it depends on."""
 
 
-@router.get("/livez", response_description="It answers.", responses=problems(500))
+@router.get("/livez", response_description="The service is alive.", responses=problems(500))
 async def livez() -> Health:
-    """Return whether the service answers at all."""
+    """Report that the service is alive, without use of workers or disk."""
     return Health(status=HealthStatus.OK)
 
 
-@router.get("/readyz", response_description="It is ready.", responses=problems(500, 503))
+@router.get("/readyz", response_description="The service is ready.", responses=problems(500, 503))
 async def readyz(request: Request) -> Health:
-    """Return whether a worker answers, or all are at work, and results can be written."""
+    """Report whether the service is ready: a worker answers or all are busy, and results can be written."""
     services = services_of(request)
     idle = await services.executor.probe(services.settings.probe_seconds)
     if not idle and not services.executor.busy:
@@ -101,7 +101,7 @@ async def version() -> Version:
 
 @cache
 def library_versions() -> dict[str, str]:
-    """Return the versions of the package and its libraries, read once."""
+    """Return the versions of the package and its libraries. They are cached, as metadata are read from the disk."""
     return {"ricochet": VERSION} | {name: installed_version(name) for name in LIBRARIES}
 
 
@@ -113,8 +113,9 @@ def library_versions() -> dict[str, str]:
     dependencies=[READ],
 )
 async def metrics(request: Request) -> Response:
-    """Return what the service has done and how it is, in the text format of Prometheus."""
+    """Return the metrics of the service in the text format of Prometheus."""
     services = services_of(request)
     services.metrics.look_up(services.jobs, services.queries, await services.jobs.tally())
-    content = await run_sync(generate_latest, services.metrics.registry)  # thousands of lines of a busy service
+    # A busy service has thousands of lines, which would block the event loop while they are written.
+    content = await run_sync(generate_latest, services.metrics.registry)
     return Response(content, media_type=CONTENT_TYPE_LATEST)

@@ -1,4 +1,4 @@
-"""Jobs and results of any operation, as the contract has them."""
+"""Models of jobs and of their results in the contract."""
 
 import re
 from collections.abc import Iterable
@@ -39,21 +39,21 @@ RUNNING = {
 
 
 class SweepRequest(Part):
-    """A sweep as it was sent."""
+    """Request of a sweep, as the client sent it."""
 
     model_config = with_examples({"base": PAPER, "axes": [EVEN, LISTED]})
 
     base: dict[str, Any]
-    """A request, in which the axes set their fields anew."""
+    """Request in which the axes replace the values of their fields."""
     axes: list[Axis]
 
 
 LISTED_OPERATIONS = sorted(OPERATIONS.values(), key=lambda each: (each.study is not None, each.name != "trajectory"))
-"""All operations in the order of the contract, which generated clients keep."""
+"""All operations in the order of the contract. Generated clients depend on it, so it is fixed here."""
 
 
 def union_of(name: str, models: Iterable[type[Part]], description: str) -> Any:
-    """Return the type of what is one of these."""
+    """Return a named union of models."""
     union: Any = Union.__getitem__(tuple(models))
     return TypeAliasType(name, Annotated[union, Field(description=description)])
 
@@ -62,22 +62,22 @@ if TYPE_CHECKING:
     Result: TypeAlias = Part
     JobRequest: TypeAlias = Part
 else:
-    Result = union_of("Result", (each.answer for each in LISTED_OPERATIONS), "Any answer.")
-    """What a key may stand for."""
+    Result = union_of("Result", (each.answer for each in LISTED_OPERATIONS), "Answer of any operation.")
+    """Type of the results that are stored under keys."""
     JobRequest = union_of(
         "JobRequest",
         (SweepRequest, *(each.request for each in LISTED_OPERATIONS if each.study is not None)),
-        "What a job computes, not in lists of jobs: a sweep as it was sent, or a study of uncertainty with every "
-        "default filled in.",
+        "Request of the job, absent in lists of jobs: a sweep as the client sent it, or a study of uncertainty with "
+        "all defaults filled in.",
     )
-    """Body that made a job."""
+    """Type of the request of a job."""
 
 Number = Annotated[Count, Field(ge=0)]
-Path = Annotated[str, Field(description="Path at this service.")]
+Path = Annotated[str, Field(description="Path on this service.")]
 
 
 def in_jobs(operation: Operation) -> bool:
-    """Return whether there are jobs of an operation."""
+    """Return True if an operation can become a job."""
     return operation.many is not None or operation.study is not None
 
 
@@ -89,12 +89,12 @@ JobOperation = StrEnum(  # type: ignore[misc] # mypy wants the names here
     },
 )
 JobOperation.__doc__ = (
-    "What every case of a job computes; `unknown` if that is damaged. A study of uncertainty is one case."
+    "Operation of every case of a job; `unknown` if its name is damaged. A study of uncertainty is one case."
 )
 
 
 class JobStatus(StrEnum):
-    """`accepted` waits, `running` has begun; the others are final: all cases done, given up, cancelled, unreadable."""
+    """Status of a job: waiting, begun, or one of the final ones: all cases done, failed, cancelled, unreadable."""
 
     ACCEPTED = "accepted"
     RUNNING = "running"
@@ -105,17 +105,17 @@ class JobStatus(StrEnum):
 
 
 class JobCounts(Part):
-    """Cases of a job."""
+    """Numbers of cases of a job."""
 
     model_config = with_examples(COUNTS)
 
     total: Number
     done: Number
-    """With a result or a problem, the next two included."""
+    """Cases with a result or a problem, including `cached` and `failed`."""
     cached: Number
-    """Whose result was there already."""
+    """Cases whose result was in the cache."""
     failed: Number
-    """With a problem."""
+    """Cases that ended with a problem."""
 
 
 class JobLinks(Part):
@@ -141,7 +141,8 @@ class JobQueue(Part):
 
 
 UNSHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
-"""Control characters, and those that end a line or turn the direction of what follows them."""
+"""Characters removed from titles: control characters, line ends and changes of the writing direction. They could forge
+the display of a title in a terminal or a list of jobs."""
 Title = Annotated[
     str,
     StringConstraints(strict=True, strip_whitespace=True, min_length=1, max_length=200),
@@ -150,60 +151,60 @@ Title = Annotated[
 
 
 class JobChange(Part):
-    """What may be changed of a job."""
+    """Fields of a job that can be changed."""
 
     model_config = with_examples({"title": TITLE})
 
     title: Title
-    """In place of the one it has."""
+    """New title."""
 
 
 class Job(Part):
-    """Work that goes on after its request has been answered."""
+    """Work that continues after its request has been answered."""
 
     model_config = with_examples(RUNNING)
 
     id: str
-    """Unique, and not to be guessed."""
+    """Unique id that cannot be guessed."""
     operation: JobOperation
     status: JobStatus
     counts: JobCounts
     title: str | MISSING = MISSING
-    """As given; of a sweep otherwise what varies, and the projectile."""
+    """Title given by the client. By default that of a sweep names its axes and the projectile."""
     created: AwareDatetime
-    """When it was accepted."""
+    """Time at which the job was accepted."""
     started: AwareDatetime | MISSING = MISSING
-    """When it was begun."""
+    """Time at which the job began to run."""
     finished: AwareDatetime | MISSING = MISSING
-    """When it ended."""
+    """Time at which the job ended."""
     expires: AwareDatetime | MISSING = MISSING
-    """When it is removed; its results may stay longer, by their keys."""
+    """Time at which the job will be removed. Its results may be kept longer under their keys."""
     queue: JobQueue | MISSING = MISSING
-    """Place and estimate, unless it has ended; not in events."""
+    """Place and remaining time of a job that has not ended; absent in events."""
     problem: Problem | MISSING = MISSING
-    """Why it failed."""
+    """Reason why the job failed."""
     axes: list[str] | MISSING = MISSING
-    """Fields that vary, if it is a sweep."""
+    """Fields that a sweep varies."""
     request: JobRequest | MISSING = MISSING
     progress: StudyProgress | MISSING = MISSING
-    """How far it is, if it is a study of uncertainty that has begun."""
+    """Progress of a study of uncertainty that has begun."""
     partial: PartialUncertainty | MISSING = MISSING
-    """Answer so far, if it is a study that has not finished; not in lists of jobs."""
+    """Answer so far of a study that has not finished; absent in lists of jobs."""
     links: JobLinks
 
 
 class Jobs(Part):
-    """A page of jobs, the newest first."""
+    """One page of the list of jobs, the newest first."""
 
     model_config = with_examples({"jobs": [RUNNING], "next": "MTIz"})
 
     jobs: list[Job]
     next: str | MISSING = MISSING
-    """Cursor of the page with older jobs, if there are any."""
+    """Cursor of the page with older jobs; absent on the last page."""
 
 
 class JobItem(Item):
-    """What became of one case of a job: its result, or the problem that kept it from having one."""
+    """One case of a job with its result, or with the problem that prevented one."""
 
     model_config = with_examples({"index": 0, "custom_id": "paper", "result": FOUND | VERSIONED})
 
@@ -211,10 +212,10 @@ class JobItem(Item):
 
 
 class JobResults(Part):
-    """Results of a job that are ready, in the order of the request."""
+    """One page of the available results of a job, in the order of the request."""
 
     model_config = with_examples({"results": [{"index": 0, "result": FOUND | VERSIONED}], "next": "MQ"})
 
     results: list[JobItem]
     next: str | MISSING = MISSING
-    """Cursor of the page that follows; absent once there is nothing more to come."""
+    """Cursor of the next page; absent once all results have been given."""

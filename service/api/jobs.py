@@ -1,4 +1,4 @@
-"""Routes of jobs: their state, their results in every form, and their end."""
+"""Routes of jobs: state, results in every form, events, cancellation and deletion."""
 
 import binascii
 from base64 import urlsafe_b64decode, urlsafe_b64encode
@@ -38,11 +38,11 @@ router = APIRouter(tags=["jobs"], route_class=CheckedRoute)
 
 FORMS = (JSON, JSONL, CSV, HDF5, PARQUET)
 PAGE = 200
-"""Rows of a page unless the client asks for another number."""
+"""Default number of rows of a page, which is also the number of cases in a stored block of a job."""
 MOST_ROWS = 1_000
-"""Largest page."""
+"""Largest number of rows of a page, as many as the cases of a JSON batch."""
 MOST_DIGITS = 9
-"""Digits of the number of a case or a job."""
+"""Largest number of digits of a number in a cursor, enough for any case or job that the service can store."""
 
 
 async def manager_of(request: Request) -> JobManager:
@@ -51,7 +51,7 @@ async def manager_of(request: Request) -> JobManager:
 
 
 async def event_stream(request: Request, context: ReadContext) -> AsyncIterator[None]:
-    """Count an event stream as open while a request lasts: of the owner of a key, or of an address without one."""
+    """Count an event stream while its request lasts, for the owner of the key or, without a key, for the address."""
     principal = context.principal
     holder = principal.owner if principal.key else f"address {client_of(request.scope)}"
     with services_of(request).streams.held(holder):
@@ -63,17 +63,17 @@ JobId = Annotated[str, Path(description="Id of the job.", max_length=200)]
 
 
 async def job_of(job_id: JobId, jobs: CurrentManager, context: ReadContext) -> JobState:
-    """Return the requested job; one of another owner is not found."""
+    """Return the requested job. The job of another owner is answered with 404 too, so that ids cannot be probed."""
     return known(await jobs.job(job_id, context.principal.visible_owner))
 
 
 def known(state: JobState | None) -> JobState:
-    """Return the job, if there is one.
+    """Return the job, or raise if it is None.
 
     Raises
     ------
     HTTPException
-        404 if there is none.
+        404 if there is no job.
     """
     if state is None:
         raise HTTPException(HTTPStatus.NOT_FOUND, "there is no job with this id; it may have expired")
@@ -81,18 +81,22 @@ def known(state: JobState | None) -> JobState:
 
 
 RequestedJob = Annotated[JobState, Depends(job_of)]
-Cursor = Annotated[str, Query(max_length=20, description="`next` of the page before; empty for the first.")]
+Cursor = Annotated[str, Query(max_length=20, description="`next` of the previous page; empty for the first page.")]
 Limit = Annotated[
     int,
-    Query(ge=1, le=MOST_ROWS, description="Results of a page. The other forms give all that is ready unless limited."),
+    Query(
+        ge=1,
+        le=MOST_ROWS,
+        description="Number of results on a page. Other forms than JSON have all available results unless it is given.",
+    ),
 ]
 
 RESULTS: Responses = {
     200: {
-        "description": "What is ready, in the form that `Accept` names.",
+        "description": "The available results, as the media type that `Accept` selects.",
         "content": {
-            JSONL: {"schema": {"type": "string", "description": "A `JobItem` a line."}},
-            CSV: {"schema": {"type": "string", "description": "A row a case: the summary, or the problem."}},
+            JSONL: {"schema": {"type": "string", "description": "One `JobItem` per line."}},
+            CSV: {"schema": {"type": "string", "description": "One row per case: its summary, or its problem."}},
             HDF5: {},
             PARQUET: {},
         },
@@ -100,12 +104,12 @@ RESULTS: Responses = {
     **problems(404, 406, 422, 429, 500, 503, 507),
 }
 EVENTS: Responses = {
-    200: {"description": "A `Job` whenever it changes, as the data of server-sent events; the last is its end."},
+    200: {"description": "A server-sent event with the `Job` at each of its changes; the last one has its end."},
     **problems(404, 422, 429, 500, 503, 507),
 }
 LastEventId = Annotated[
     str,
-    Header(alias="Last-Event-ID", description="Id of the event seen last: its state is not sent again."),
+    Header(alias="Last-Event-ID", description="Id of the last event received, whose state is not sent again."),
 ]
 
 
@@ -115,13 +119,12 @@ async def list_jobs(
     jobs: CurrentManager,
     context: ReadContext,
     cursor: Cursor = "",
-    limit: Annotated[int, Query(ge=1, le=MOST_ROWS, description="Jobs of a page.")] = PAGE,
+    limit: Annotated[int, Query(ge=1, le=MOST_ROWS, description="Number of jobs on a page.")] = PAGE,
 ) -> Response:
-    """List the jobs of the owner in pages, the newest first; with the scope `admin`, those of all."""
+    """List the jobs of the owner in pages, the newest first. The scope `admin` lists those of all owners."""
     owner, before = context.principal.visible_owner, read_cursor(cursor)
-    states = await jobs.jobs(
-        owner, before=before, limit=limit + 1
-    )  # One more than the page holds shows whether another follows.
+    # One job more than the page holds shows whether another page follows.
+    states = await jobs.jobs(owner, before=before, limit=limit + 1)
     root = root_of(request)
     content: dict[str, Any] = {"jobs": [to_job(root, each, queue=queue_of(each, jobs)) for each in states[:limit]]}
     if len(states) > limit:
@@ -136,7 +139,7 @@ async def list_jobs(
     responses={200: RETRY_LATER, **problems(404, 422, 500, 507)},
 )
 async def get_job(request: Request, job: RequestedJob, jobs: CurrentManager) -> Response:
-    """Return a job: how far it is; the request of a sweep or a study of uncertainty; of a study, the answer so far."""
+    """Return a job with its progress, the request of a sweep or a study, and the answer of a study so far."""
     headers = {} if job.final else retry_after(job, jobs)
     return job_response(
         root_of(request),
@@ -157,10 +160,10 @@ async def get_job_results(
     cursor: Cursor = "",
     limit: Limit = PAGE,
 ) -> Response:
-    """Give the results that are ready, in the order of the request, at any time.
+    """Return the available results of a job, in the order of the request. The job may still be running.
 
-    JSON comes in pages; JSON lines, CSV and Parquet (the summaries, a row a case) and HDF5 hold all that is ready from
-    the cursor on, unless a limit is given. Parquet takes a service with the extra `parquet`, and is refused without.
+    JSON comes in pages. JSON lines, HDF5, CSV and Parquet (one row per case, with its summary) have all available
+    results from the cursor on, unless a limit is given. Parquet is refused by a service without the extra `parquet`.
     """
     forms = FORMS if has_parquet() else FORMS[:-1]
     form = choose(request.headers.get("accept", "*/*"), forms)
@@ -183,14 +186,14 @@ async def get_job_results(
 
 
 class Page:
-    """A page of results that is being sent, and the cursor of the results that follow.
+    """Cursor of the page that follows a page of results while that is being sent.
 
     Parameters
     ----------
     job
-        As it was before its results were read: if it had ended then, what is missing now never comes.
+        State of the job before its results were read. If it had ended by then, missing results will never come.
     start
-        First case.
+        Number of the first case.
     limit
         Largest number of cases of the page.
     """
@@ -202,12 +205,12 @@ class Page:
         self._count = 0
 
     def note(self, results: list[CaseResult]) -> None:
-        """Note how far the results go."""
+        """Count results, and remember the case that follows them."""
         self._count += len(results)
         self._next = results[-1].number + 1
 
     def end(self) -> bytes:
-        """Return what follows the results of the page: the cursor, if anything may follow."""
+        """Return the JSON after the results: the cursor of the next page, or nothing if there will be none."""
         complete = self._job.status != "damaged" and self._next >= self._job.total
         if complete or (self._job.final and self._count < self._limit):
             return b""
@@ -215,7 +218,7 @@ class Page:
 
 
 def write_cursor(number: int) -> bytes:
-    """Return the cursor of this case or job."""
+    """Return the cursor of a case or a job. It is encoded so that clients do not compute cursors themselves."""
     return urlsafe_b64encode(str(number).encode()).rstrip(b"=")
 
 
@@ -225,7 +228,7 @@ def read_cursor(cursor: str) -> int:
     Raises
     ------
     HTTPException
-        422 if the service has not made it.
+        422 if the cursor was not made by this service.
     """
     try:
         text = urlsafe_b64decode(cursor.encode("ascii") + b"=" * (-len(cursor) % 4)) or b"0"
@@ -249,7 +252,7 @@ async def follow_job(
     context: ReadContext,
     last_event_id: LastEventId = "",
 ) -> AsyncIterator[ServerSentEvent]:
-    """Send a job whenever it changes, until it has ended. A job that has ended is sent once."""
+    """Send an event with the job at each of its changes until it has ended. A job that has ended is sent once."""
     keys = services_of(request).keys
     async with aclosing(until(services_of(request).stopping, jobs.changes(job.id))) as changes:
         async for state in changes:
@@ -267,7 +270,7 @@ async def follow_job(
     responses=problems(404, 422, 500, 507),
 )
 async def cancel_job(request: Request, job_id: JobId, jobs: CurrentManager, context: RunContext) -> Response:
-    """End a job; what is ready of its results stays until it expires. A job that has ended stays as it is."""
+    """Cancel a job. Its available results are kept until it expires. A job that has ended does not change."""
     state = known(await jobs.cancel(job_id, context.principal.visible_owner))
     context.job = state.id
     return job_response(root_of(request), state)
@@ -282,7 +285,7 @@ async def cancel_job(request: Request, job_id: JobId, jobs: CurrentManager, cont
 async def change_job(
     request: Request, job_id: JobId, jobs: CurrentManager, context: RunContext, change: JobChange
 ) -> Response:
-    """Give a job another title."""
+    """Change the title of a job."""
     state = known(await jobs.rename(job_id, change.title, context.principal.visible_owner))
     context.job = state.id
     return job_response(root_of(request), state)
@@ -291,11 +294,11 @@ async def change_job(
 @router.delete(
     "/jobs/{job_id}",
     status_code=HTTPStatus.NO_CONTENT,
-    response_description="The job is gone.",
+    response_description="The job has been deleted.",
     responses=problems(404, 422, 500, 507),
 )
 async def delete_job(request: Request, job_id: JobId, jobs: CurrentManager, context: RunContext) -> None:
-    """Cancel a job and forget it; its results stay, by their keys, as long as there is room."""
+    """Cancel and delete a job. Its results stay under their keys until they are evicted."""
     if not await jobs.delete(job_id, context.principal.visible_owner):
         known(None)
     await services_of(request).downloads.remove_of(job_id)

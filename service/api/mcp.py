@@ -1,4 +1,4 @@
-"""The Model Context Protocol over HTTP, `/mcp`: the tools of `ricochet mcp` with the keys and limits of the routes."""
+"""Model Context Protocol over HTTP at `/mcp`: the tools of `ricochet mcp`, with the keys and limits of the routes."""
 
 import asyncio
 import gc
@@ -26,23 +26,23 @@ if TYPE_CHECKING:
 
 router = APIRouter(dependencies=[RUN], include_in_schema=False)
 ENVELOPE_DEPTH = 5
-"""Objects of a message around the request in it, with one or two to spare."""
+"""Depth of the objects of a message around the request of a tool, with one or two to spare."""
 
 
 def is_installed() -> bool:
-    """Return whether the SDK of the protocol is installed."""
+    """Return True if the SDK of the protocol is installed."""
     return find_spec("mcp") is not None
 
 
 class McpServer:
-    """Answers messages of the protocol, each by itself: there are no sessions.
+    """Stateless server of the protocol, which answers each message by itself.
 
-    It starts with the first message, since what it imports takes a second that few services need.
+    It starts with the first message, because its imports take a second and few services need them.
 
     Parameters
     ----------
     max_body_bytes
-        Longest message.
+        Largest message. [bytes]
     """
 
     def __init__(self, max_body_bytes: int) -> None:
@@ -59,7 +59,7 @@ class McpServer:
         await manager.handle_request(scope, receive, send)
 
     async def stop(self) -> None:
-        """End what is still being answered."""
+        """Stop the server, and wait until it has ended."""
         self._stopping.set()
         if self._running is not None:
             await self._running
@@ -82,20 +82,21 @@ class McpServer:
 
         self._running = asyncio.create_task(run())
         await started.wait()
-        gc.freeze()  # Else each full garbage collection would look through all of the SDK, for tens of milliseconds.
+        # Without this, each full garbage collection would scan the objects of the SDK for tens of milliseconds.
+        gc.freeze()
         self._manager = manager
         return manager
 
 
 class McpResponse(Response):
-    """The answer to a message, which the SDK sends by itself.
+    """Response that hands a message to the SDK, which sends the answer itself.
 
     Parameters
     ----------
     server
-        The SDK.
+        ASGI application of the SDK.
     message
-        The body of the request, which has been read within the limits of every other body.
+        Body of the request, already read within the limits of all bodies.
     """
 
     def __init__(self, server: ASGIApp, message: bytes) -> None:
@@ -104,7 +105,7 @@ class McpResponse(Response):
         self._message = message
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send the answer."""
+        """Have the SDK answer, with the body replayed as its first message."""
         given = False
 
         async def receive_message() -> Message:
@@ -129,19 +130,19 @@ async def serve_mcp(request: Request) -> Response:
 
 
 async def compute(operation: str, content: Mapping[str, Any], request: Request) -> dict[str, Any]:
-    """Return the answer to a request, from the cache or the executor, and count it like that of a route.
+    """Return the answer to a request of a tool, charged and counted like that of a route.
 
     Raises
     ------
     ToolError
-        If there is none.
+        If the request is refused or fails.
     """
     from service.api.mcp_tools import ToolError  # noqa: PLC0415 (an extra)
 
     try:
         found: dict[str, Any] = orjson.loads(await _answer(operation, content, request))
     except Exception as error:
-        if isinstance(error, HTTPException):  # the client has left
+        if isinstance(error, HTTPException):  # Raised when the client has left.
             raise ToolError(ProblemType.of_status(error.status_code).content(error.detail)) from error
         problem = case_problem(error)
         if isinstance(error, ServiceError) and error.status in {
@@ -155,7 +156,7 @@ async def compute(operation: str, content: Mapping[str, Any], request: Request) 
 
 async def _answer(operation: str, content: Mapping[str, Any], request: Request) -> bytes:
     services = services_of(request)
-    try:
+    try:  # The limit was checked with the envelope included; the request alone must keep the limit of its route.
         count_fields(content, services.settings.max_body_depth)
     except HTTPException:
         detail = f"may be nested {services.settings.max_body_depth} deep at most"

@@ -1,8 +1,8 @@
-"""Tools of the Model Context Protocol: single queries with the schemas of their routes; imports the extra `mcp`.
+"""Tools of the Model Context Protocol: single queries with the schemas of their routes. Imports the extra `mcp`.
 
-An answer is a JSON object with `answer`, as the route gives it but for the columns of a history, and `validity_limits`;
-the text says the same in short. A refusal has `is_error` and two texts: the problem in short, and the problem document
-(RFC 9457) that the route would answer with. It has no structured content, which has to fit the schema of an answer.
+An answer is a JSON object with `answer`, which is the answer of the route without the columns of a history, and
+`validity_limits`; its text is a summary. A refusal has `is_error` and two texts: a summary, and the problem document
+(RFC 9457) of the route. It has no structured content, because that must fit the schema of an answer.
 """
 
 import re
@@ -29,7 +29,7 @@ from service.operations import OPERATIONS, Operation, ToolText
 from service.version import VERSION
 
 Compute: TypeAlias = Callable[[str, Mapping[str, Any], Any], Awaitable[dict[str, Any]]]
-"""Returns the answer to an operation and a request body. Its last argument is the HTTP request; None over stdio."""
+"""Function that answers a request. Its arguments are operation, body and HTTP request, which is None over stdio."""
 
 VALIDITY_LIMITS = (
     "The projectile is rigid: it neither bends nor erodes. Noses of steel erode above some 800 m/s.",
@@ -40,7 +40,7 @@ VALIDITY_LIMITS = (
     "Walls hold more in the model than in tests: its thicknesses are not conservative.",
     "No test of the critical ricochet angle of a rigid body on concrete is known in the open literature.",
 )
-"""Limits that hold for every answer; what concerns one strike is among its warnings."""
+"""Limits of validity that hold for every answer. Those of a single strike are among its warnings."""
 INSTRUCTIONS = (
     "Oblique impact of rigid projectiles on concrete. Quantities are in SI units, angles in degrees from the inward "
     "normal of the face: 0 is normal impact. No tool assumes a quantity that its schema requires: a missing one is "
@@ -51,7 +51,7 @@ INSTRUCTIONS = (
 
 
 class ToolError(Exception):
-    """A tool gives no answer.
+    """The request of a tool was refused or failed.
 
     Parameters
     ----------
@@ -66,23 +66,24 @@ class ToolError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class ToolOperations:
-    """A tool, and the operations behind it.
+    """A tool and its operations.
 
     Parameters
     ----------
     text
-        Its name and what it does.
+        Name, title and description.
     operations
-        By the field of the arguments that holds the request; one without a name takes the arguments as its request.
+        Operations by the field of the arguments that holds the request. With an empty name, the arguments themselves
+        are the request.
     """
 
     text: ToolText
     operations: Mapping[str, Operation]
 
     def to_tool(self, listed: set[str]) -> Tool:
-        """Return the tool as it is listed, and add the models that it describes in full to those of the tools before.
+        """Return the tool as it is listed, and add the models that it describes to `listed`.
 
-        The list is part of the context of a language model, so that its schemas are short: see `brief`.
+        The list is part of the context of a language model, so its schemas are shortened by `brief`.
         """
         if "" in self.operations:
             inputs = brief(self.operations[""].request.model_json_schema(), listed)
@@ -116,12 +117,12 @@ class ToolOperations:
         )
 
     def request_in(self, arguments: Mapping[str, Any]) -> tuple[str, str, Any]:
-        """Return the operation, the pointer of its request in the arguments, and the request.
+        """Return the operation, the pointer to its request in the arguments, and the request.
 
         Raises
         ------
         InvalidBodyError
-            If the arguments do not have exactly one.
+            If the arguments do not have exactly one request.
         """
         if "" in self.operations:
             return self.operations[""].name, "", arguments
@@ -133,7 +134,7 @@ class ToolOperations:
 
 
 def tools_of(operations: Iterable[Operation]) -> dict[str, ToolOperations]:
-    """Return the tools of operations, by name."""
+    """Return the tools of these operations by name."""
     found: dict[str, dict[str, Operation]] = {}
     texts: dict[str, ToolText] = {}
     for operation in operations:
@@ -144,28 +145,27 @@ def tools_of(operations: Iterable[Operation]) -> dict[str, ToolOperations]:
 
 
 KEPT = ("type", "const", "enum", "required")
-"""What a list of tools has of a schema, as it is."""
+"""Keywords of a schema that are copied to the list of tools unchanged."""
 REMARK = re.compile(r"(?<=\.) (?=[A-Z`]).*?(?= \[[^\]]+\]$)|(?<=\]) .*", re.DOTALL)
-"""Sentences after the first one of a quantity, before its unit or behind it: reasons for its bounds."""
+"""Sentences after the first one in the description of a quantity, which explain its bounds."""
 
 
 def brief(
     node: Mapping[str, Any], listed: set[str], definitions: Mapping[str, Any] | None = None, *, full: bool = True
 ) -> dict[str, Any]:
-    """Return a schema in short, without references: no titles, bounds or defaults.
+    """Return a shortened schema without references, titles, bounds or defaults.
 
-    An object that may be left out, that is of one of several kinds, or that was described in full before is shown by
-    examples; the description of a model is given once. What is wrong in a request is refused with its pointer, so that
-    nothing has to be known in advance.
+    Optional objects, unions and objects described before are shown by examples only, and the description of a model is
+    given once. That is enough to write a request, since errors are answered with a pointer to the field.
 
     Parameters
     ----------
     listed
-        Names and descriptions of the models that have been described; those described here are added.
+        Names and descriptions of the models described so far, to which those described here are added.
     definitions
-        Schemas that references lead to; those of the node itself if they are not given.
+        Schemas that references lead to, by default those of the node itself.
     full
-        Whether an object is described field by field if it has not been described before.
+        Describe an object field by field if it has not been described before.
     """
     definitions = node.get("$defs", {}) if definitions is None else definitions
     name = node.get("$ref", "").rpartition("/")[2]
@@ -196,12 +196,12 @@ def brief(
 
 
 def server_of(compute: Compute) -> Server[Any]:
-    """Return a server with the tools.
+    """Return a server of the SDK with all tools.
 
     Parameters
     ----------
     compute
-        Answers requests; raises ToolError otherwise.
+        Function that answers requests, or raises ToolError.
     """
     described: set[str] = set()
     tools = tools_of(OPERATIONS.values())
@@ -234,7 +234,10 @@ def server_of(compute: Compute) -> Server[Any]:
 
 
 def to_result(operation: str, answer: dict[str, Any]) -> CallToolResult:
-    """Return an answer without the columns of its history, and its text."""
+    """Return an answer as the result of a tool, with a summary as text.
+
+    The columns of a history are removed: thousands of numbers would fill the context of a language model.
+    """
     for motion in (answer, answer.get("trajectory", {})):
         motion.pop("history", None)
     lines = [
@@ -256,7 +259,7 @@ def to_result(operation: str, answer: dict[str, Any]) -> CallToolResult:
 
 
 def refusal(problem: Mapping[str, Any], before: str = "") -> CallToolResult:
-    """Return a problem as the result of a tool; its pointers begin with this one."""
+    """Return a problem as the result of a tool; `before` is prepended to its pointers."""
     errors = [{**error, "pointer": before + error["pointer"]} for error in problem.get("errors", ())]
     lines = [": ".join(filter(None, (problem.get("title"), None if errors else problem.get("detail"))))]
     lines += [f"{error['pointer'] or '/'}: {error['detail']}" for error in errors]

@@ -1,4 +1,4 @@
-"""Middleware around the routes: drains refused bodies, refuses what no key permits, compresses and secures answers.
+"""ASGI middleware: draining of refused bodies, limits of headers, request checks, compression, security headers.
 
 Keys and scopes are checked by the routes, in `service.auth.dependencies`.
 """
@@ -28,24 +28,25 @@ from service.settings import Settings
 from service.telemetry import path_of
 
 DRAIN_BYTES = 64 * 1024 * 1024
-"""Largest part of the body of a refused request that is read [bytes]: half a second of work."""
+"""Largest part of the body of a refused request that is read and discarded [bytes]: half a second of work."""
 DRAIN_SECONDS = 5.0
-"""Longest time for which such a body is read [s]; then the answer is sent all the same."""
+"""Longest time for which a refused body is read before the response is sent [s]. A judgement: on a usual connection
+`DRAIN_BYTES` arrive within it, and a client that sends slowly on purpose holds a connection no longer."""
 
 
 class RefusalMiddleware:
-    """Reads the rest of the body of a refused request before it is answered.
+    """Reads the rest of a refused body before the response is sent.
 
-    Many clients read only once they have sent everything. A socket that is closed with data unread resets the
-    connection, and the reset destroys the answer in the client's buffer. Beyond the bounds the answer is sent at once,
-    and the connection is closed after it.
+    Many clients read the response only after they have sent everything. Closing a socket with unread data resets the
+    connection, and the reset destroys the response in the client's buffer. Beyond the limits the response is sent at
+    once, and the connection is closed after it.
     """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on."""
+        """Pass a request on, and drain its body before a response with an error status."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -80,21 +81,23 @@ class RefusalMiddleware:
 
 
 MAX_HEADERS = 100
-"""Headers of a request; browsers and proxies send some thirty, and Apache takes as many as this."""
+"""Largest number of headers of a request. Browsers and proxies send some thirty; Apache has the same limit."""
 MAX_HEADER_BYTES = 8 * 1024
-"""Longest header, and longest target of a request [bytes]: those of nginx, and of a key with room to spare."""
+"""Length of the longest header, and of the longest target of a request [bytes]. nginx has the same limit; a key takes
+some 60 bytes."""
 MAX_HEAD_BYTES = 32 * 1024
-"""All headers of a request [bytes]: those of nginx. The cookies that other services of a machine have set come too."""
+"""Length of all headers of a request together, as in nginx [bytes]. They include cookies that other services on the
+same host have set."""
 
 
 class HeaderLimits:
-    """Refuses a request with a long head before any of it is read, so that whatever reads a header finds it short."""
+    """Refuses requests with a long head, so that no other middleware or route has to parse long headers."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on."""
+        """Pass a request on, or refuse it with 414 or 431."""
         refused = refusal_of_head(scope) if scope["type"] == "http" else None
         if refused is None:
             await self._app(scope, receive, send)
@@ -106,12 +109,12 @@ class HeaderLimits:
             await send(message)
 
         content = ProblemType.of_status(refused.status_code).content(refused.detail)
-        content["instance"] = ""  # A long path is not repeated.
+        content["instance"] = ""  # The path may be the part that is too long, and is not repeated.
         await problem_response(Request(scope), content)(scope, receive, send_secured)
 
 
 def refusal_of_head(scope: Scope) -> HTTPException | None:
-    """Return the error of a head that is too long, None if it is not."""
+    """Return the error of a head that exceeds a limit, else None."""
     if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > MAX_HEADER_BYTES:
         return HTTPException(HTTPStatus.REQUEST_URI_TOO_LONG, f"a target may be {MAX_HEADER_BYTES} bytes long at most")
     headers = scope["headers"]
@@ -127,13 +130,13 @@ def refusal_of_head(scope: Scope) -> HTTPException | None:
 
 
 class HeadMiddleware:
-    """Lets `HEAD` reach the routes of `GET`; the server sends the head of their answer alone."""
+    """Routes `HEAD` requests to the handlers of `GET`, and sends the headers of their response only."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on."""
+        """Pass a request on, a `HEAD` as `GET` with its body discarded."""
         if scope["type"] != "http" or scope["method"] != "HEAD":
             await self._app(scope, receive, send)
             return
@@ -148,33 +151,35 @@ class HeadMiddleware:
                 await send({"type": "http.response.body", "body": b""})
 
         async def receive_until_sent() -> Message:
-            await sent.wait()  # then a stream that would go on ends
+            await sent.wait()  # The disconnect ends a response that would otherwise stream for ever.
             return {"type": "http.disconnect"}
 
         await self._app(inner, receive_until_sent, send_head)
 
 
 LEAST_BYTES = 1024
-"""Shortest answer that is compressed."""
+"""Length of the shortest response that is compressed [bytes]: a shorter one fits into one network packet anyway."""
 THREAD_BYTES = 8 * 1024
-"""Shortest answer that is compressed in a thread: a shorter one takes less time than the change of threads."""
+"""Length of the shortest response that is compressed in a thread [bytes]. For a shorter one the change of threads would
+take longer than the compression."""
 LEVEL = 1
-"""Compression level of gzip: level 6 takes four times as long and saves 3 % more."""
+"""Compression level of gzip. Level 6 takes four times as long and saves 3 % more."""
 EXCLUDED = (*DEFAULT_EXCLUDED_CONTENT_TYPES, HDF5, PARQUET)
-"""Media types that are compressed already, and event streams."""
+"""Media types that are not compressed: those that are compressed already, and event streams, whose events must not wait
+in the compressor."""
 
 
 class CompressionMiddleware:
-    """Compresses answers of 1 kB and more for clients that accept it.
+    """Compresses responses of 1 kB and more for clients that accept it.
 
-    A strong ETag becomes a weak one: these bytes are others (RFC 9110, section 8.8.1).
+    A strong entity tag becomes a weak one, because the compressed bytes differ (RFC 9110, section 8.8.1).
     """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on."""
+        """Pass a request on, and compress the response if the client accepts it."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -185,9 +190,9 @@ class CompressionMiddleware:
                 changed = "content-encoding" in headers or (message["status"] == 304 and coding != "identity")
                 if changed and headers.get("etag", "").startswith('"'):
                     headers["etag"] = "W/" + headers["etag"]
-                if "etag" in headers:  # Also without a body, so that 304 says what 200 does (RFC 9110, 15.4.5).
+                if "etag" in headers:  # A 304 must have the `Vary` header of the 200 (RFC 9110, section 15.4.5).
                     headers.add_vary_header("Accept-Encoding")
-                if "vary" in headers:  # Assets have it already, and the responder adds it once more.
+                if "vary" in headers:  # Assets set it themselves, and the responder adds it again.
                     headers["vary"] = ", ".join(dict.fromkeys(headers["vary"].split(", ")))
             await send(message)
 
@@ -203,23 +208,26 @@ class CompressionMiddleware:
 
 
 PROBES = frozenset({"/livez", "/readyz"})
-"""Sent by monitors, which know neither names nor keys."""
+"""Paths polled by monitors, which use the address of the service instead of its name, and have no key."""
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 """Methods that change nothing."""
 OWN_SITES = frozenset({b"same-origin", b"none"})
-"""`Sec-Fetch-Site` of requests by a page of the service, or by the user."""
+"""Values of `Sec-Fetch-Site` for requests of the service's own page and of the user."""
 KEY_FIELDS = frozenset({"access_token", "api_key", "api-key", "apikey", "auth", "authorization", "key", "token"})
+"""Query parameters in which clients send keys by mistake."""
 LOOPBACK_NAMES = frozenset({b"localhost", b"127.0.0.1", b"[::1]"})
+"""Host names accepted on the loopback interface while no key is required."""
 UNIQUE_HEADERS = frozenset(
     {b"authorization", b"content-length", b"host", b"origin", b"sec-fetch-site", b"transfer-encoding"}
 )
+"""Headers that decide whether a request is accepted, and so must not be repeated."""
 
 CHUNKED = b"chunked"
-"""The one transfer coding that is decoded."""
+"""The only transfer coding that the server decodes."""
 
 Pairs = list[tuple[bytes, bytes]]
 POLICY = b"default-src 'none'; frame-ancestors 'none'"
-"""Content policy of answers that are no pages, if a browser shows one all the same. Pages have their own policy."""
+"""Content security policy of responses that are no pages, in case a browser displays one. Pages set their own."""
 ALWAYS: Pairs = [
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
@@ -227,29 +235,29 @@ ALWAYS: Pairs = [
     (b"content-security-policy", POLICY),
 ]
 TRANSPORT: Pairs = [(b"strict-transport-security", b"max-age=31536000")]
-"""Value of Strict-Transport-Security, valid for a year; sent over TLS only."""
+"""Strict-Transport-Security for a year, the usual value; sent over TLS only, since browsers ignore it elsewhere."""
 NO_STORE: Pairs = [(b"cache-control", b"no-store")]
-"""Answers belong to one client: no proxy keeps them."""
+"""Cache policy of most responses: they belong to one client, so that no proxy may store them."""
 REVALIDATE: Pairs = [(b"cache-control", b"private, no-cache")]
-"""What has an entity tag may be kept, and is revalidated with it."""
+"""Cache policy of responses with an entity tag, which the client may keep and revalidate."""
 USUAL, USUAL_TLS = [*ALWAYS, *NO_STORE], [*ALWAYS, *NO_STORE, *TRANSPORT]
 DECIDING = frozenset({b"etag", *(name for name, _ in USUAL_TLS)})
-"""Headers that change what is added."""
+"""Headers of a response that change which headers are added to it."""
 
 
 class AuthMiddleware:
-    """Middleware outside all that answers.
+    """Request checks, security headers and audit log.
 
     Parameters
     ----------
     app
-        What answers.
+        ASGI application to wrap.
     settings
-        Access, names, origins and TLS.
+        Settings of access, host names, origins and TLS.
     keys, quotas
         Stores of the data folder.
     audit
-        Records every POST, PATCH and DELETE when keys are required or an audit file is set.
+        Audit log of every POST, PATCH and DELETE, written when keys are required or an audit file is set.
     """
 
     def __init__(
@@ -267,13 +275,13 @@ class AuthMiddleware:
         self._origins = frozenset(origin.encode() for origin in settings.cors_origins)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request."""
+        """Check a request and pass it on, or refuse it. WebSockets are ignored, as there are none."""
         if scope["type"] != "http":
             if scope["type"] == "lifespan":
                 await self._app(scope, receive, send)
             return
         status, key_required = 0, self._requires_key(scope)
-        tls = self._tls or scope.get("scheme") == "https"  # at a trusted proxy
+        tls = self._tls or scope.get("scheme") == "https"  # The scheme is that which a trusted proxy reports.
         public = self._metrics_open and path_of(scope) == "/metrics"
         context = RequestContext(
             self._keys, self._quotas, key_required=key_required and not public, client=client_of(scope)
@@ -293,7 +301,7 @@ class AuthMiddleware:
             self._check(scope, key_required)
         except HTTPException as refused:
             content = ProblemType.of_status(refused.status_code).content(refused.detail)
-            if PREFIX in path_of(scope):  # nor does the answer repeat a key
+            if PREFIX in path_of(scope):  # The response must not repeat a key, as clients log responses.
                 content["instance"] = ""
             await problem_response(Request(scope), content)(scope, receive, send_secured)
         else:
@@ -303,9 +311,9 @@ class AuthMiddleware:
                 self._audit.record(scope, context, status or 500)
 
     def _requires_key(self, scope: Scope) -> bool:
-        """Return whether a key is required: from other machines always, unless the service is set to be open.
+        """Return True if a key is required. Clients on other machines need one unless access is `open`.
 
-        A client of a trusted proxy is on another machine, although the proxy is on this one.
+        A client of a trusted proxy counts as another machine even if the proxy runs on this one.
         """
         if self._access != "auto":
             return self._access == "keys"
@@ -313,7 +321,7 @@ class AuthMiddleware:
         return self._keys.required or is_loopback(address_of(scope)) is False or is_loopback(client_of(scope)) is False
 
     def _check(self, scope: Scope, key_required: bool) -> None:
-        """Refuse what no key permits.
+        """Refuse requests that no key could permit.
 
         Raises
         ------
@@ -328,6 +336,8 @@ class AuthMiddleware:
         if path not in PROBES:
             if self._hosts:
                 refuse_other_hosts(headers.get(b"host", b""), self._hosts)
+            # Without keys, the name is the only defence against a page whose own name resolves to this machine. A
+            # socket file has no network address, and no browser reaches it.
             elif not key_required and is_loopback(address_of(scope)) is not None:
                 refuse_other_hosts(headers.get(b"host", b""), LOOPBACK_NAMES)
         if scope["method"] not in SAFE:
@@ -335,20 +345,20 @@ class AuthMiddleware:
 
 
 def address_of(scope: Scope) -> str | None:
-    """Return the address that the request came to."""
+    """Return the address of the service that the request was sent to."""
     server = scope.get("server")
     return server[0] if server else None
 
 
 def client_of(scope: Scope) -> str | None:
-    """Return the address of the client; behind a trusted proxy the one that the proxy names."""
+    """Return the address of the client, behind a trusted proxy the one in its `X-Forwarded-For`."""
     client = scope.get("client")
     return client[0] if client else None
 
 
 @lru_cache(maxsize=1024)
 def is_loopback(address: str | None) -> bool | None:
-    """Return whether a connection to this address comes from this machine; None if it is no network address."""
+    """Return whether an address is a loopback address; None if it is no network address."""
     try:
         return ip_address((address or "").partition("%")[0]).is_loopback
     except ValueError:
@@ -356,12 +366,12 @@ def is_loopback(address: str | None) -> bool | None:
 
 
 def read_headers(scope: Mapping[str, Any]) -> dict[bytes, bytes]:
-    """Return the headers that decide about a request.
+    """Return the headers that decide whether a request is accepted.
 
     Raises
     ------
     HTTPException
-        400 if one is there twice: a proxy may have read the other.
+        400 if one is repeated: a proxy may have used the other value (request smuggling).
     """
     found: dict[bytes, bytes] = {}
     for name, value in scope["headers"]:
@@ -373,7 +383,7 @@ def read_headers(scope: Mapping[str, Any]) -> dict[bytes, bytes]:
 
 
 def refuse_transfer_codings(codings: bytes) -> None:
-    """Refuse bodies in another transfer coding than `chunked`, also before it: the server would not decode it.
+    """Refuse transfer codings other than `chunked` alone, because the server would not decode the body.
 
     Raises
     ------
@@ -385,7 +395,7 @@ def refuse_transfer_codings(codings: bytes) -> None:
 
 
 def refuse_key_in_address(scope: Scope) -> None:
-    """Refuse addresses with a key in them, which every proxy on the way logs.
+    """Refuse URLs that contain a key, because browsers and proxies log them.
 
     Raises
     ------
@@ -405,7 +415,7 @@ def refuse_key_in_address(scope: Scope) -> None:
 def refuse_other_hosts(host: bytes, allowed: frozenset[bytes]) -> None:
     """Refuse requests for an unknown host.
 
-    Starlette's `TrustedHostMiddleware` would answer 400 as text, to the probes as well.
+    Starlette's `TrustedHostMiddleware` would answer 400 with plain text, and refuse the probes too.
 
     Raises
     ------
@@ -413,7 +423,7 @@ def refuse_other_hosts(host: bytes, allowed: frozenset[bytes]) -> None:
         421.
     """
     name = host.lower()
-    if not name.endswith(b"]"):  # of an IPv6 address
+    if not name.endswith(b"]"):  # An IPv6 address without a port ends with a bracket, and has colons of its own.
         before, colon, port = name.rpartition(b":")
         name = before if colon and port.isdigit() else name
     if name not in allowed:
@@ -421,7 +431,7 @@ def refuse_other_hosts(host: bytes, allowed: frozenset[bytes]) -> None:
 
 
 def refuse_other_sites(headers: Mapping[bytes, bytes], origins: frozenset[bytes]) -> None:
-    """Refuse changes that the page of another site has a browser send.
+    """Refuse requests that the page of another site makes a browser send (cross-site request forgery).
 
     Raises
     ------
@@ -429,18 +439,19 @@ def refuse_other_sites(headers: Mapping[bytes, bytes], origins: frozenset[bytes]
         403.
     """
     origin, site = headers.get(b"origin"), headers.get(b"sec-fetch-site")
-    if origin is None and site is None:
+    if origin is None and site is None:  # Every current browser sends one of them, so this is another program.
         return
     if site in OWN_SITES or origin in origins:
         return
-    with suppress(ValueError):  # An origin that is no URL is none of this service.
+    with suppress(ValueError):  # A malformed origin is refused like that of another site.
         if site is None and origin is not None and urlsplit(origin).netloc == headers.get(b"host"):
             return
     raise HTTPException(HTTPStatus.FORBIDDEN, "requests by pages of other sites are refused; see RICOCHET_CORS_ORIGINS")
 
 
 def secured(headers: Pairs, *, tls: bool) -> Pairs:
-    """Return the headers of an answer with the security headers that they lack; those that are there stay."""
+    """Return the headers of a response with the missing security headers added; existing ones are kept."""
+    # The usual case, without an entity tag or a header of its own, is answered from a prepared list.
     for name, _ in headers:
         if name in DECIDING:
             break

@@ -1,4 +1,4 @@
-"""How clients choose answers: `Accept`, `Accept-Encoding`, `If-None-Match` (RFC 9110); and the media types."""
+"""Content negotiation (RFC 9110): media types, `Accept`, `Accept-Encoding` and `If-None-Match`."""
 
 from functools import lru_cache
 
@@ -6,12 +6,13 @@ JSON, JSONL = "application/json", "application/jsonl"
 CSV, HDF5, PARQUET = "text/csv", "application/x-hdf5", "application/vnd.apache.parquet"
 
 remembered = lru_cache(maxsize=64)
-"""Remembers what a header says: a client sends the same one with every request."""
+"""Cache of parsed headers, as a client sends the same one with every request. 64 entries are a judgement: more kinds of
+clients than a service has at a time."""
 
 
 @remembered
 def choose(accept: str, offered: tuple[str, ...]) -> str | None:
-    """Return the media type the client likes best, the first of several; None if it takes none of those offered."""
+    """Return the offered media type that the client prefers, the first of equals; None if it accepts none."""
     ranges = [_parse(part) for part in accept.split(",") if part.strip()]
     qualities = [_quality(media_type, ranges) for media_type in offered]
     best = max(qualities)
@@ -20,9 +21,10 @@ def choose(accept: str, offered: tuple[str, ...]) -> str | None:
 
 @remembered
 def coding_of(accept_encoding: str, offered: tuple[str, ...] = ("gzip",)) -> str:
-    """Return the coding that the client likes best, the first of several; identity if it takes none of those offered.
+    """Return the offered coding that the client prefers, the first of equals; `identity` if it accepts none.
 
-    What is not listed is not taken, but identity, which is then liked least (RFC 9110, section 12.5.3).
+    Codings that are not listed are not acceptable, except for `identity`, which then ranks last (RFC 9110, section
+    12.5.3).
     """
     qualities = dict(_parse(part) for part in accept_encoding.split(",") if part.strip())
     liked = {coding: qualities.get(coding, qualities.get("*", 0.0)) for coding in offered}
@@ -32,7 +34,8 @@ def coding_of(accept_encoding: str, offered: tuple[str, ...] = ("gzip",)) -> str
 
 
 def matches(if_none_match: str, etag: str) -> bool:
-    """Return whether the client has this representation already."""
+    """Return True if the client already has the representation with this entity tag."""
+    # `If-None-Match` compares weakly (RFC 9110, section 13.1.2), and compression makes our tags weak.
     tags = [tag.strip().removeprefix("W/") for tag in if_none_match.split(",")]
     return "*" in tags or etag in tags
 
@@ -50,7 +53,7 @@ def _parse(part: str) -> tuple[str, float]:
 
 
 def _quality(media_type: str, ranges: list[tuple[str, float]]) -> float:
-    """Quality of the most specific range that holds the media type."""
+    """Return the quality of the most specific range that includes the media type; 0 if none does."""
     qualities = dict(ranges) if ranges else {"*/*": 1.0}
     for media_range in (media_type, f"{media_type.partition('/')[0]}/*", "*/*"):
         if media_range in qualities:

@@ -1,4 +1,4 @@
-"""The routes of every operation: one request, a study, a batch, a sweep."""
+"""Routes of the operations: single requests, studies, batches and sweeps."""
 
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from typing import Any
@@ -15,26 +15,27 @@ from service.auth.dependencies import RUN
 from service.operations import Many, Operation
 
 PREFERENCES = (
-    "`Prefer: respond-async` makes a job in any case. `Prefer: wait=10` waits so many seconds for a job, 30 at most "
-    "unless the service is set otherwise, and is answered with 200 if it has ended well by then, else with 202."
+    "`Prefer: respond-async` makes a job in any case. `Prefer: wait=10` waits up to 10 seconds for a job, at most 30 "
+    "unless the service is configured otherwise; the answer is 200 if the job has succeeded by then, else 202."
 )
 ANSWERED = (
-    "\n\nUp to 100 cases are answered at once with 200; more make a job, which is answered with 202 and has its "
-    "results at `/jobs/{job_id}/results`. A search for perforation counts as 20 cases, and a service may be set to "
-    f"another number than 100. {PREFERENCES}"
+    "\n\nUp to 100 cases are answered at once with 200. More become a job: the answer is 202, and the results are at "
+    "`/jobs/{job_id}/results`. A search for perforation counts as 20 cases, and a service may be configured to another "
+    f"number than 100. {PREFERENCES}"
 )
-"""How requests for many cases are answered."""
+"""Part of the description of batch and sweep routes: when the answer is a job."""
 STUDY_ANSWERED = (
-    "\n\nIt is answered with 200 once it has its samples. With more than 16,384 samples at most, or as many as the "
-    f"service is set to, it makes a job and is answered with 202, unless the answer is there. {PREFERENCES}"
+    "\n\nThe answer is 200 once the samples are computed. A study whose `max_samples` exceeds 16,384, unless the "
+    "service is configured otherwise, becomes a job and is answered with 202, unless its answer is stored. "
+    f"{PREFERENCES}"
 )
-"""How studies are answered."""
+"""Part of the description of study routes: when the answer is a job."""
 
 
 def add_routes(router: APIRouter, operations: Mapping[str, Operation]) -> None:
-    """Add the routes of these operations; of many cases, those of the shortest first.
+    """Add the routes of these operations. Those of many cases are sorted by the number of runs of an operation.
 
-    The router is that of the application, because FastAPI looks twice for a route of an included router.
+    They are added to the router of the application, because FastAPI matches the routes of an included router twice.
     """
     single = [each for each in operations.values() if each.study is None]
     many = [(each, each.many) for each in sorted(single, key=lambda each: each.runs) if each.many is not None]
@@ -50,7 +51,7 @@ def add_routes(router: APIRouter, operations: Mapping[str, Operation]) -> None:
 
 
 def bodies_of(operations: Iterable[Operation]) -> list[type[BaseModel]]:
-    """Return the models of the bodies that FastAPI does not see: batches, which may be JSON lines, and sweeps."""
+    """Return the models of the bodies that routes read themselves: batches, which may be JSON lines, and sweeps."""
     found: list[type[BaseModel]] = []
     for each in operations:
         found += (each.many.models.batch, each.many.models.sweep) if each.many else ()
@@ -58,7 +59,7 @@ def bodies_of(operations: Iterable[Operation]) -> list[type[BaseModel]]:
 
 
 def add(router: APIRouter, operation: Operation, handle: Callable[..., Awaitable[Response]], **options: Any) -> None:
-    """Add the route for one request of an operation."""
+    """Add the route for a single request of an operation."""
     router.add_api_route(
         operation.path,
         handle,
@@ -82,7 +83,7 @@ def add_many(
     description: str,
     handle: Callable[..., Awaitable[Response]],
 ) -> None:
-    """Add the route for batches or sweeps of an operation."""
+    """Add the route for batches or for sweeps of an operation."""
     models = many.models
     router.add_api_route(
         f"{operation.path}/{kind}",
@@ -100,21 +101,21 @@ def add_many(
 
 
 def batch_description(many: Many) -> str:
-    """Return what all batches are, behind the first words."""
+    """Return the description of a batch route after its first words."""
     return (
         ": up to 1,000 as JSON, up to 100,000 as JSON lines.\n\n"
         f"{many.note}{' ' * bool(many.note)}"
-        "A case that is no request refuses the whole batch, and the problem names it: `/cases/17/...` in JSON, counted "
-        "from 0; the line in JSONL, counted from 1 in words and from 0 in the pointer. What only the solver finds "
-        "of a line is the problem of that case alone."
+        "One invalid case refuses the whole batch, and the problem names it: `/cases/17/...` in JSON, counted from 0; "
+        "the line in JSONL, counted from 1 in the text and from 0 in the pointer. An error that only the solver finds "
+        "in a line is the problem of that case alone."
         f"{ANSWERED}"
     )
 
 
 SWEEP_DESCRIPTION = (
     " for every combination of the values of the axes, the last axis fastest."
-    "\n\nUp to 100,000 points. Each has to be a request: the first that is not refuses the sweep, and the problem "
-    "names the values of its axes. What only the solver finds of a point is the problem of that point alone."
+    "\n\nUp to 100,000 points. The first point that is no valid request refuses the sweep, and the problem names the "
+    "values of its axes. An error that only the solver finds at a point is the problem of that point alone."
     f"{ANSWERED}"
 )
-"""What all sweeps are, behind the first words."""
+"""Description of a sweep route after its first words."""

@@ -1,4 +1,7 @@
-"""The page at `/`, Swagger UI at `/docs` and the built manual at `/manual`: static files, all served from here."""
+"""Static files: the page at `/`, Swagger UI at `/docs` and the built manual at `/manual`.
+
+All are served from here, so that the service works without access to other sites.
+"""
 
 import gzip
 import json
@@ -29,29 +32,30 @@ from service.schemas.verdict import usual_scatter_of_page
 
 router = APIRouter(include_in_schema=False)
 NAMES = ("choices", "quantities", "formulas", "outcomes", "statuses", "warnings", "operations", "job_statuses")
-"""Lists of `service.names` that the page takes."""
+"""Names of the lists of `service.names` that the page uses."""
 
 FOLDER = Path(__file__).parents[1] / "page"
 NO_STYLE = "'sha256-47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU='"
-"""Hash of the empty style sheet: Plotly adds one, and rules to it as the policy lets a script do."""
+"""Hash of the empty style sheet that Plotly adds. Rules that a script then inserts into it need no permission."""
 MAP_STYLE = "'sha256-ji27qzEtxXZW+7dun6UwjHXJ18e6WAin1VvNtkzIE/o='"
-"""Hash of the sheet for geographic maps that Plotly's bundle adds as it is loaded."""
+"""Hash of the style sheet for geographic maps, which Plotly's bundle adds when it is loaded."""
 REPORT_SHEET = (Path(__file__).parents[1] / "reports" / "assessment.css").read_bytes()
 REPORT_STYLE = f"'sha256-{b64encode(sha256(REPORT_SHEET).digest()).decode()}'"
-"""Hash of the style sheet within a report: the page opens it in a new tab, which has the policy of the page."""
+"""Hash of the style sheet of a report. The page opens a report in a new tab, which inherits the policy of the page."""
 REPORT_POLICY = (
     f"default-src 'none'; style-src {REPORT_STYLE}; img-src data:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-"""Policy of a report that is answered: it runs and loads nothing."""
+"""Content security policy of a report, which runs no script and loads no file."""
 POLICY = (
     f"default-src 'none'; script-src 'self'; style-src 'self' {NO_STYLE} {MAP_STYLE} {REPORT_STYLE}; "
     "img-src 'self' data: blob:; "
     "connect-src 'self'; font-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""A browser runs and loads nothing from elsewhere, whatever the page holds."""
+"""Content security policy of the page: scripts, styles and connections of this service only, so that text injected into
+the page could neither run nor send anything."""
 HEADERS = {
-    "Cache-Control": "no-cache",  # kept, but checked each time: a new version shows at once
+    "Cache-Control": "no-cache",  # Browsers keep the files but revalidate them, so that a new version shows at once.
     "Content-Security-Policy": POLICY,
     "Cross-Origin-Opener-Policy": "same-origin",
     "Referrer-Policy": "no-referrer",
@@ -59,23 +63,24 @@ HEADERS = {
 }
 
 IMMUTABLE = "public, max-age=31536000, immutable"
-"""A year, the longest that caches keep anything."""
+"""Cache-Control of the files under a version, which never change; a year is the longest that caches keep anything."""
 VERSION = re.compile("[0-9a-f]{16}")
-"""Folder of the addresses of the files of the page."""
+"""Folder that names the version in the address of a file of the page."""
 OWN_FILE = re.compile(rb'"page/(?!contract\.json)')
-"""Address of a file of the page in its document; the schemas belong to the service."""
+"""Address of a file of the page in its document; the schemas in contract.json belong to the service, not the page."""
 
 
 class Assets(StaticFiles):
-    """Files of a folder, with the headers of the page, compressed for clients that accept it."""
+    """Files of a folder with the headers of the page, compressed for clients that accept it."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """Answer with a file, or that the browser has it; under the present version, that it need not ask again."""
+        """Return a file, or 304 if the browser has it; under the present version the browser need not ask again."""
         version, _, rest = path.partition("/")
         is_versioned = VERSION.fullmatch(version) is not None
         response = await super().get_response(rest if is_versioned else path, scope)
         response.headers.update(HEADERS | {"Vary": "Accept-Encoding"})
-        # A page that stays open while the service is replaced asks for its version: it gets the file that is there now.
+        # A page that stays open while the service is replaced asks for its own, older version. It gets the present
+        # file, which must not be kept under the older address.
         if is_versioned and version == await run_sync(page_version):
             response.headers["Cache-Control"] = IMMUTABLE
         plain = coding_of(Headers(scope=scope).get("Accept-Encoding", ""), ("gzip",)) != "gzip"
@@ -87,13 +92,13 @@ class Assets(StaticFiles):
 
 
 def page_version() -> str:
-    """Return a digest of the files of the page as they are now."""
+    """Return a digest of the present files of the page."""
     return _page_version(tuple(sorted((str(path), path.stat().st_mtime_ns) for path in FOLDER.rglob("*.*"))))
 
 
 @lru_cache(maxsize=1)
 def _page_version(files: tuple[tuple[str, int], ...]) -> str:
-    """Return the digest of the files at these paths; their times tell whether one has changed."""
+    """Return the digest of files, given by path and time of change; the time makes the cache miss after a change."""
     digest = sha256()
     for path, _ in files:
         digest.update(Path(path).name.encode() + b"\0" + Path(path).read_bytes() + b"\0")
@@ -103,8 +108,8 @@ def _page_version(files: tuple[tuple[str, int], ...]) -> str:
 def index_content() -> tuple[bytes, bytes, str]:
     """Return the document, plain and compressed, and its ETag.
 
-    It names its files under a version, so that a browser that has them asks for none: each request takes a round trip,
-    and on a slow line fifty take seconds.
+    The document refers to its files under a version, so that a browser that has them need not ask for any: each
+    request takes a round trip, and on a slow line fifty of them take seconds.
     """
     content = (FOLDER / "index.html").read_bytes()
     content = OWN_FILE.sub(f'"page/{page_version()}/'.encode(), content)
@@ -112,18 +117,18 @@ def index_content() -> tuple[bytes, bytes, str]:
 
 
 def compressed(path: Path) -> bytes:
-    """Return a file compressed, as it is now."""
+    """Return the compressed content of a file."""
     return compress(path, path.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=256)
 def compress(path: Path, mtime_ns: int) -> bytes:  # noqa: ARG001 (a file that has changed is compressed anew)
-    """Compress a file; Plotly takes a third of a second, once."""
+    """Compress a file, once per modification: Plotly takes a third of a second."""
     return gzip.compress(path.read_bytes(), mtime=0)
 
 
 def plotly_folder() -> Path:
-    """Return the folder of Plotly's bundle. The package is not imported: that takes a while."""
+    """Return the folder of Plotly's bundle, without importing the package, which is slow."""
     spec = find_spec("plotly")
     assert spec is not None  # noqa: S101 (a dependency)
     assert spec.origin is not None  # noqa: S101
@@ -131,12 +136,13 @@ def plotly_folder() -> Path:
 
 
 DOCS_ASSETS = StaticFiles(directory=Path(fastapi_offline.__file__).parent / "static")
-"""Swagger UI as an installed package brings it."""
+"""Swagger UI from an installed package, since FastAPI would load it from another site."""
 
 DOCS_POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; img-src 'self' data:"
 )
-"""A browser reaches no address outside the service, whatever the page holds."""
+"""Content security policy of Swagger UI: it reaches no address outside the service. Its page has a script and styles of
+its own, hence `unsafe-inline`."""
 DOCS_DARK = """<style>
 @media (prefers-color-scheme: dark) {
   html { background: #14171b; color-scheme: dark; }
@@ -145,14 +151,14 @@ DOCS_DARK = """<style>
 }
 </style>
 """
-"""Swagger UI has light colours alone: turned around where the system is dark."""
+"""Style sheet that inverts the colours of Swagger UI on dark systems, as it has only light ones."""
 ASSETS = Assets(directory=FOLDER)
 PLOTLY = Assets(directory=plotly_folder())
 
 
 @router.get("/")
 async def page(request: Request) -> Response:
-    """Serve the page."""
+    """Serve the start page."""
     plain, packed, tag = await run_sync(index_content)
     headers = HEADERS | {"ETag": tag, "Vary": "Accept-Encoding"}
     if tag in request.headers.get("If-None-Match", ""):
@@ -164,13 +170,13 @@ async def page(request: Request) -> Response:
 
 @router.get("/page/plotly/plotly.min.js")
 async def plotly(request: Request) -> Response:
-    """Serve what draws the plots."""
+    """Serve Plotly, which draws the plots of the page."""
     return await PLOTLY.get_response("plotly.min.js", request.scope)
 
 
 @router.get("/page/contract.json")
 async def contract(request: Request) -> Response:
-    """Serve what the page takes from here instead of repeating it: schemas of the contract, usual scatter, names."""
+    """Serve schemas, usual scatter and display names, so that the page need not repeat them."""
     content, tag = await run_sync(contract_content, request.app)
     headers = HEADERS | {"ETag": tag, "Content-Encoding": "gzip"}
     if tag in request.headers.get("If-None-Match", ""):
@@ -180,19 +186,19 @@ async def contract(request: Request) -> Response:
 
 @router.get("/openapi.json")
 async def openapi(request: Request) -> Response:
-    """Serve the contract."""
+    """Serve the OpenAPI document."""
     return Response(await run_sync(openapi_content, request.app), media_type="application/json")
 
 
 @lru_cache(maxsize=1)
 def openapi_content(app: FastAPI) -> bytes:
-    """Return the contract as JSON."""
+    """Return the OpenAPI document as JSON, encoded once."""
     return orjson.dumps(app.openapi())
 
 
 @lru_cache(maxsize=1)
 def contract_content(app: FastAPI) -> tuple[bytes, str]:
-    """Return the schemas, the usual scatter and the names as compressed JSON, and their ETag."""
+    """Return schemas, usual scatter and display names as compressed JSON, with their entity tag."""
     parts = {
         "schemas": app.openapi()["components"]["schemas"],
         "usual_scatter": usual_scatter_of_page(),
@@ -210,7 +216,7 @@ async def docs() -> HTMLResponse:
         title="ricochet",
         swagger_js_url="docs/assets/swagger-ui-bundle.js",
         swagger_css_url="docs/assets/swagger-ui.css",
-        swagger_favicon_url="data:,",
+        swagger_favicon_url="data:,",  # An empty image keeps FastAPI's own, from another site, out of the page.
         swagger_ui_parameters={"validatorUrl": None, "tryItOutEnabled": True},
     )
     content = bytes(response.body).replace(b"</head>", DOCS_DARK.encode() + b"</head>")
@@ -218,7 +224,7 @@ async def docs() -> HTMLResponse:
 
 
 INLINE = re.compile(rb"<(script|style)>(.*?)</\1>", re.DOTALL)
-"""Scripts and style sheets inside a page: the theme has two of them."""
+"""Inline scripts and style sheets of a page, of which the theme of the manual has two."""
 MANUAL_HEADERS = {
     "Cache-Control": "no-cache",
     "Cross-Origin-Opener-Policy": "same-origin",
@@ -244,21 +250,21 @@ class Manual(StaticFiles):
     Parameters
     ----------
     folder
-        Where the manual is, if it was built; looked at with each request.
+        Folder of the manual. It may appear or go while the service runs.
     """
 
     def __init__(self, folder: Path) -> None:
         super().__init__(directory=folder, check_dir=False)
 
     async def check_config(self) -> None:
-        """Let a folder be absent: its files are then not found."""
+        """Accept a missing folder, for which Starlette would raise an error."""
 
     def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
-        """Return the file at a path, for the manual itself its first page."""
+        """Return the file at a path, and the first page for the path of the manual itself."""
         return super().lookup_path("index.html" if path == "." else path)
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """Answer with a file, or that the browser has it; without a manual, that there is none."""
+        """Return a file, 304 if the browser has it, or an explanation if there is no manual."""
         try:
             response = await super().get_response(path, scope)
         except HTTPException as error:
@@ -274,7 +280,7 @@ class Manual(StaticFiles):
 
 @lru_cache(maxsize=256)
 def policy_of(file: str, _modified: int) -> str:
-    """Return the content policy of a page: files of this service, and the scripts and styles inside the page."""
+    """Return the content security policy of a page of the manual, with the hashes of its inline scripts and styles."""
     scripts, styles = ["'self'"], ["'self'"]
     for kind, text in INLINE.findall(Path(file).read_bytes()):
         source = f"'sha256-{b64encode(sha256(text).digest()).decode()}'"
@@ -287,5 +293,5 @@ def policy_of(file: str, _modified: int) -> str:
 
 @router.get("/manual")
 async def manual() -> Response:
-    """Lead to the first page, by an address that holds behind a prefix too."""
+    """Redirect to the first page, by a relative address, which is right behind the prefix of a proxy too."""
     return RedirectResponse("manual/", headers={"Cache-Control": "no-cache"})

@@ -1,4 +1,4 @@
-"""Single queries of any operation: the one way to an answer, `resolve`; its forms, and the route of it by its key."""
+"""Single queries of all operations: `resolve`, which makes every answer; representations of results; their route."""
 
 import asyncio
 import csv
@@ -35,10 +35,10 @@ router = APIRouter(tags=["results"], dependencies=[READ], route_class=CheckedRou
 
 
 def to_csv(record: Record) -> bytes:
-    """Return the table of a result.
+    """Return the CSV table of a result.
 
-    The history of a run, or its end if it has none; the trials of a search; the residuals of a calibration; of any
-    other operation the answer in one row.
+    The table is the history of a run, or its final state if there is none; the trials of a search; the residuals of a
+    calibration; for any other operation, the answer in one row.
     """
     if record.operation == "trajectory" and record.history is not None:
         names, columns = list(record.history), [column.tolist() for column in record.history.values()]
@@ -57,9 +57,8 @@ def to_csv(record: Record) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text)
     writer.writerow(names)
-    for row in zip(
-        *columns, strict=True
-    ):  # Row by row, as one call for all would hold the interpreter lock until the last.
+    # A loop releases the interpreter lock between rows, which a single call of `writerows` would hold to the end.
+    for row in zip(*columns, strict=True):
         writer.writerow(csv_cells(row))
     return text.getvalue().encode()
 
@@ -69,16 +68,16 @@ REPRESENTATIONS: dict[str, Callable[[Record], bytes]] = {
     CSV: to_csv,
     HDF5: to_hdf5,
 }
-"""Every form in which a result is given, the usual one first."""
+"""Media types of a result, the default first, with the functions that encode it."""
 
 
 def form_of(request: Request) -> str:
-    """Return the media type in which a client takes a result.
+    """Return the media type of a result that the client prefers.
 
     Raises
     ------
     HTTPException
-        406 if it takes none of them.
+        406 if the client accepts none of them.
     """
     media_type = choose(request.headers.get("accept", "*/*"), tuple(REPRESENTATIONS))
     if media_type is None:
@@ -87,7 +86,7 @@ def form_of(request: Request) -> str:
 
 
 class Resolved(NamedTuple):
-    """An answer, its JSON with the alternatives, and whether it was there."""
+    """An answer, its JSON with alternatives, and whether it came from the cache."""
 
     record: Record
     content: bytes
@@ -95,12 +94,12 @@ class Resolved(NamedTuple):
 
 
 def single_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
-    """Return the handler for one request."""
+    """Return the handler of the route for single requests."""
 
     async def handle(request: Request, case: operation.request) -> Response:  # type: ignore[name-defined] # by row
         check_work(case, services_of(request).settings.max_panel_steps)
         form = form_of(request)
-        if operation.long:
+        if operation.long:  # Hashing a long body would block the event loop.
             query = await run_sync(KeyedRequest.of, operation.name, case)
         else:
             query = KeyedRequest.of(operation.name, case)
@@ -114,17 +113,17 @@ def single_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
 async def resolve(
     request: Request, operation: Operation, case: Any, query: KeyedRequest | None = None, *, watched: bool = True
 ) -> Resolved:
-    """Answer a validated request: the one way from routes, tools, models and reports to a computation.
+    """Answer a validated request. Routes, tools, UM-Bridge and reports all call this.
 
-    It is charged to the key of the HTTP request, looked up, computed if it is not there, kept and counted; so is each
-    of its alternatives, or of the samples of a study.
+    The request is charged to the key of the HTTP request, looked up, computed on a cache miss, stored and counted. The
+    same holds for each of its alternatives, or for the samples of a study.
 
     Parameters
     ----------
     query
-        Its canonical form, if it is at hand.
+        Canonical form of the request, if the caller has it.
     watched
-        Whether it is given up when the client leaves; otherwise the caller sees to that.
+        Cancel the work when the client leaves. Callers that combine several requests watch the client themselves.
     """
     context = context_in(request.scope)
     query = query or KeyedRequest.of(operation.name, case)
@@ -135,13 +134,14 @@ async def resolve(
 
 
 async def _answer_query(request: Request, operation: Operation, case: Any, query: KeyedRequest) -> Resolved:
-    """Answer a query and its alternatives, each a case of cache and executor like any other."""
+    """Answer a query and its alternatives, each of which is looked up and computed like any other case."""
     services, context, name = services_of(request), context_in(request.scope), operation.name
 
     async def attempt(laws: dict[str, Any], other: Any) -> tuple[dict[str, Any], CacheStatus]:
         try:
             found, known = await computed(services, context, name, KeyedRequest.of(name, other))
         except Exception as error:
+            # A failed alternative has its problem in its place; a full queue concerns the whole request.
             if ProblemType.of(error).status != HTTPStatus.UNPROCESSABLE_ENTITY:
                 raise
             return {**laws, "problem": {**problem_of(error), "instance": request.scope["path"]}}, "miss"
@@ -160,7 +160,7 @@ async def _answer_query(request: Request, operation: Operation, case: Any, query
 
 
 async def _answer_study(request: Request, operation: Operation, case: Any, query: KeyedRequest) -> Resolved:
-    """Answer a study; its samples are charged as they are taken, and one that is there counts as a case."""
+    """Answer a study. Its samples are charged as they are taken; a stored answer is charged as one case."""
     services, context = services_of(request), context_in(request.scope)
     status: CacheStatus = "hit"
     record = await services.queries.result(query.key)
@@ -179,7 +179,7 @@ async def _answer_study(request: Request, operation: Operation, case: Any, query
 
 
 async def computed(services: Services, context: RequestContext, operation: str, query: KeyedRequest) -> Answered:
-    """Return the record of a request, and whether it was there; count what has none."""
+    """Return the record of a request and whether it came from the cache; count failures by their problem."""
     try:
         with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
             return await services.queries.answer(operation, query, context.queue_owner)
@@ -196,16 +196,16 @@ async def reply(
     read: float,
     content: bytes | None = None,
 ) -> Response:
-    """Return a result as the answer, with how it came about.
+    """Return the response with a result, with `Cache-Status` and `Server-Timing`.
 
     Parameters
     ----------
     form
-        Its media type.
-    read
-        When the request was read.
+        Media type of the response.
+    begun, read
+        Times at which the request arrived and had been read, on the performance counter. [s]
     content
-        The JSON, if it has more than the result.
+        JSON of the answer, if it has more than the result, such as alternatives.
     """
     if form != JSON or content is None:
         content = record.json if form == JSON else await run_sync(REPRESENTATIONS[form], record)
@@ -217,12 +217,12 @@ async def reply(
 
 
 def validated(content: Any, operation: Operation, services: Services) -> Any:
-    """Return the content of a body as a request.
+    """Validate the content of a body as a request.
 
     Raises
     ------
     InvalidBodyError, ParameterError
-        If it is not valid, or takes more work than one run may.
+        If the content is not valid, or a run would take too much work.
     """
     case = validated_as(operation.request, content)
     check_work(case, services.settings.max_panel_steps)
@@ -231,11 +231,17 @@ def validated(content: Any, operation: Operation, services: Services) -> Any:
 
 DECLARED: Responses = {
     200: {
-        "description": "The result, in the form that `Accept` names.",
-        "headers": {"ETag": {"description": "Of this form; strong.", "schema": {"type": "string"}, "required": True}},
+        "description": "The result, as the media type that `Accept` selects.",
+        "headers": {
+            "ETag": {
+                "description": "Strong entity tag of this representation.",
+                "schema": {"type": "string"},
+                "required": True,
+            }
+        },
         "content": {CSV: {"schema": {"type": "string"}}, HDF5: {}},
     },
-    304: {"description": "The client has this form of the result."},
+    304: {"description": "The client has this representation of the result."},
     **problems(404, 406, 422, 500),
 }
 KEY = {"pattern": "^[0-9a-f]{64}$"}
@@ -245,11 +251,14 @@ KEY = {"pattern": "^[0-9a-f]{64}$"}
 async def get_result(
     request: Request,
     key: Annotated[str, PathParameter(description="Key of an answer.", json_schema_extra=KEY)],
-    if_none_match: Annotated[str, Header(alias="If-None-Match", description="Entity tags the client has.")] = "",
+    if_none_match: Annotated[
+        str, Header(alias="If-None-Match", description="Entity tags of the representations that the client has.")
+    ] = "",
 ) -> Response:
-    """Give the result with this key: JSON, CSV or HDF5 (all of it).
+    """Return the result stored under a key, as JSON, CSV or HDF5.
 
-    CSV is the history of a run, the trials of a search, the residuals of a calibration.
+    HDF5 has the whole result. CSV has one table: the history of a run, the trials of a search, or the residuals of a
+    calibration.
     """
     media_type = form_of(request)
     record = await services_of(request).queries.result(key)

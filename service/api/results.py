@@ -1,7 +1,4 @@
-"""Many results in every form: JSON, JSON lines, HDF5 or a table, CSV or Parquet.
-
-Parquet needs the extra `parquet`.
-"""
+"""Encoding of the results of jobs and batches as JSON, JSON lines, CSV, HDF5 and Parquet (extra `parquet`)."""
 
 import csv
 import io
@@ -34,29 +31,30 @@ if TYPE_CHECKING:
     from pyarrow import DataType
 
 JSON_PIECE = 128 * 1024
-"""Size of the JSON that is sent at once. [bytes]"""
+"""Size of the pieces of JSON that are sent. [bytes] A smaller piece costs as much to send as to encode; a larger one
+holds up other requests. The value is a judgement."""
 
 Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, slots=True)
 class ReadyResults:
-    """The results of a job that are ready.
+    """The available results of a job.
 
     Parameters
     ----------
     jobs
-        Reads it.
+        Job manager that reads the results.
     job
-        The job as it was when it was requested.
+        State of the job when it was requested.
     sweep
-        Its request, if it is a sweep.
+        Request of a sweep; None for a batch.
     start
-        First case.
+        Number of the first case.
     limit
         Largest number of results; None for all.
     take
-        Takes the work of what is computed again from the quota of the reader.
+        Charges the quota of the reader for results that were evicted and are computed again.
     """
 
     jobs: JobManager
@@ -67,16 +65,16 @@ class ReadyResults:
     take: Callable[[int], None] = lambda _: None
 
     def read(self, use: Callable[[list[CaseResult]], Value], *, whole: bool = False) -> AsyncGenerator[Value, None]:
-        """Yield what `use` makes of the results, block by block; see `JobManager.results`."""
+        """Yield the values of `use` for each block of results; see `JobManager.results`."""
         return self.jobs.results(self.job.id, use, start=self.start, limit=self.limit, take=self.take, whole=whole)
 
     def points(self, results: Iterable[CaseResult]) -> list[tuple[float, ...]]:
-        """Return the values of the axes of these results of a sweep; none of a batch."""
+        """Return the values of the axes at these results of a sweep; an empty list for a batch."""
         return [self.sweep.point(result.number) for result in results] if self.sweep else []
 
 
 def to_item(result: CaseResult, instance: str, sweep: StoredSweep | None) -> bytes:
-    """Return the JSON of a result; a problem gets this path as its instance."""
+    """Return the JSON of a case; `instance` is the path in its problem, if it has one."""
     head: dict[str, Any] = {"index": result.number}
     if result.custom_id is not None:
         head["custom_id"] = result.custom_id
@@ -84,6 +82,7 @@ def to_item(result: CaseResult, instance: str, sweep: StoredSweep | None) -> byt
         head["point"] = dict(zip(sweep.fields, sweep.point(result.number), strict=True))
     if result.record is None:
         return orjson.dumps({**head, "problem": {**(result.problem or {}), "instance": instance}})
+    # The answer is stored as it is sent, so it is inserted as bytes rather than parsed and encoded again.
     return b'%b,"result":%b}' % (orjson.dumps(head)[:-1], result.record.json)
 
 
@@ -93,14 +92,14 @@ def to_lines(results: Iterable[CaseResult], instance: str, sweep: StoredSweep | 
 
 
 async def as_lines(ready: ReadyResults, instance: str) -> AsyncIterator[bytes]:
-    """Yield results as JSON lines, some at a time."""
+    """Yield results as JSON lines in pieces."""
 
     def encode(results: list[CaseResult]) -> list[bytes]:
         return list(in_pieces(to_item(result, instance, ready.sweep) + b"\n" for result in results))
 
     async with aclosing(ready.read(encode)) as blocks:
         async for pieces in blocks:
-            while pieces:
+            while pieces:  # Popping frees each piece as soon as it has been sent.
                 yield pieces.pop(0)
 
 
@@ -110,7 +109,15 @@ async def as_array(
     note: Callable[[list[CaseResult]], object] = lambda _: None,
     end: Callable[[], bytes] = lambda: b"",
 ) -> AsyncIterator[bytes]:
-    """Yield results as one JSON object, some at a time; `end` returns what stands in it after those that `note` saw."""
+    """Yield results as one JSON object in pieces.
+
+    Parameters
+    ----------
+    note
+        Function called with each block of results before it is sent.
+    end
+        Returns JSON for the end of the object, after the last block.
+    """
     separators = itertools.chain([b'{"results":['], itertools.repeat(b","))
 
     def encode(results: list[CaseResult]) -> list[bytes]:
@@ -125,7 +132,7 @@ async def as_array(
 
 
 def in_pieces(items: Iterable[bytes]) -> Iterator[bytes]:
-    """Yield items together: a piece costs as much as some items to send, and a large one holds up others."""
+    """Join items to pieces of about `JSON_PIECE` bytes."""
     piece: list[bytes] = []
     size = 0
     for item in items:
@@ -139,7 +146,7 @@ def in_pieces(items: Iterable[bytes]) -> Iterator[bytes]:
 
 
 async def file_response(request: Request, ready: ReadyResults, form: str) -> StreamingResponse:
-    """Return a file with the results, HDF5 or Parquet. That of a job that has ended is kept."""
+    """Return a response with the results as a file, HDF5 or Parquet. The file of a finished job is kept."""
     job, ending, write = ready.job, *FILES[form]
     name = f"{job.id}-{job.revision}-{ready.start}-{ready.limit}.{ending}"
     file = await services_of(request).downloads.open(name, lambda path: write(path, ready), keep=job.final)
@@ -152,7 +159,7 @@ async def file_response(request: Request, ready: ReadyResults, form: str) -> Str
 
 
 async def write_hdf5(path: Path, ready: ReadyResults) -> None:
-    """Write the results to a file, block by block."""
+    """Write the results to an HDF5 file, block by block."""
     axes = ready.sweep.fields if ready.sweep else ()
     base = orjson.dumps(ready.sweep.request["base"]).decode() if ready.sweep else ""
     with await run_sync(lambda: BatchFile(path, ready.job.operation, axes=axes, base=base)) as batch:
@@ -161,26 +168,26 @@ async def write_hdf5(path: Path, ready: ReadyResults) -> None:
         ) as blocks:
             async for _ in blocks:
                 pass
-        await run_sync(batch.finish)  # It compresses what is left and reads the whole file for its hash.
+        await run_sync(batch.finish)  # In a thread, as it compresses the rest and reads the whole file for its hash.
 
 
 GROUP_ROWS = 4096
-"""Rows of a row group: some megabytes, the largest part of a table that is in memory at once."""
+"""Number of rows of a Parquet row group, some megabytes. It bounds the part of a table that is held in memory."""
 
 
 def columns_of(operation: str) -> tuple[Column, ...]:
-    """Return the columns of the answers of an operation; none for that of a damaged job."""
+    """Return the columns of the answers of an operation, none for the unknown operation of a damaged job."""
     return OPERATIONS[operation].columns if operation in OPERATIONS else ()
 
 
 def csv_head(operation: str, sweep: StoredSweep | None) -> bytes:
-    """Return the names of the columns of a table; the last ones are the base of a sweep, the same in each row."""
+    """Return the CSV header. The last columns are the base of a sweep, which is the same in each row."""
     names = [column.name for column in batch_columns(columns_of(operation), sweep.fields if sweep else ())]
     return _lines([[*names, *_base(sweep)]])
 
 
 def csv_rows(results: Iterable[CaseResult], operation: str, sweep: StoredSweep | None) -> bytes:
-    """Return the rows of these results."""
+    """Return the CSV rows of these results."""
     base = _base(sweep).values()
     return _lines([*_row(result, operation, sweep), *base] for result in results)
 
@@ -190,7 +197,7 @@ def _base(sweep: StoredSweep | None) -> dict[str, Any]:
 
 
 async def as_csv(ready: ReadyResults) -> AsyncIterator[bytes]:
-    """Yield the table of the summaries."""
+    """Yield the CSV table of the summaries in blocks."""
     operation, sweep = ready.job.operation, ready.sweep
     yield csv_head(operation, sweep)
     async with aclosing(ready.read(lambda results: csv_rows(results, operation, sweep))) as blocks:
@@ -212,12 +219,12 @@ def _lines(rows: Iterable[list[Any]]) -> bytes:
 
 
 def has_parquet() -> bool:
-    """Return whether pyarrow is installed."""
+    """Return True if pyarrow is installed."""
     return find_spec("pyarrow") is not None
 
 
 async def write_parquet(path: Path, ready: ReadyResults) -> None:
-    """Write the table of the summaries to a file."""
+    """Write the table of the summaries to a Parquet file."""
     table = await run_sync(ParquetTable, path, ready.job, ready.sweep)
     try:
         async with aclosing(ready.read(table.write, whole=True)) as blocks:
@@ -229,16 +236,16 @@ async def write_parquet(path: Path, ready: ReadyResults) -> None:
 
 
 class ParquetTable:
-    """A Parquet file of the cases of a job, a row group in memory at a time.
+    """Writer of a Parquet file with one row per case, which holds one row group in memory.
 
     Parameters
     ----------
     path
-        Where it goes.
+        Path of the file.
     job
-        Its operation names the columns, its engine goes into the metadata.
+        Job whose operation determines the columns and whose engine version goes into the metadata.
     sweep
-        Request of a sweep: its axes become columns, its base goes into the metadata.
+        Request of a sweep; its axes become columns and its base goes into the metadata.
     """
 
     def __init__(self, path: Path, job: JobState, sweep: StoredSweep | None) -> None:
@@ -269,7 +276,7 @@ class ParquetTable:
             self._write_group()
 
     def close(self) -> None:
-        """Write the rest of the file."""
+        """Write the remaining rows and the footer of the file."""
         if self._rows:
             self._write_group()
         self._writer.close()
@@ -294,4 +301,4 @@ FILES: dict[str, tuple[str, Callable[[Path, ReadyResults], Awaitable[None]]]] = 
     HDF5: ("h5", write_hdf5),
     PARQUET: ("parquet", write_parquet),
 }
-"""Forms that are written to a file first, with the ending of its name and the function that writes it."""
+"""Media types that are written to a file first, with the file extension and the function that writes the file."""

@@ -1,4 +1,4 @@
-"""What the routes work with: one object, made with the application and completed when it starts; and the metrics."""
+"""State of a running application, which the routes share, and its metrics."""
 
 import asyncio
 from collections import Counter as Tally
@@ -34,9 +34,9 @@ from solver import ENGINE_VERSION
 Result = TypeVar("Result")
 
 READING_THREADS = 1
-"""Threads that validate cases: more would only take the interpreter lock from the event loop more often."""
+"""Number of threads that validate cases. More would only take the interpreter lock from the event loop more often."""
 HISTOGRAM_SECONDS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
-"""Bounds of the histogram: a cached answer takes well under a millisecond, the longest query a minute."""
+"""Bucket bounds of the request histogram [s]: a cached answer takes well under 1 ms, the longest query a minute."""
 
 LABELS = {
     "ricochet_cases": ("operation", "outcome", "cache"),
@@ -48,10 +48,11 @@ LABELS = {
 
 
 class Metrics:
-    """Counts what is done; the rest is looked up for each answer."""
+    """Metrics for Prometheus. Requests and cases are counted as they come, the rest is read at each scrape."""
 
     def __init__(self) -> None:
-        disable_created_metrics()  # type: ignore[no-untyped-call] # they would be a series more for each of the others
+        # Each counter would have a second series with the time of its creation, which nobody reads.
+        disable_created_metrics()  # type: ignore[no-untyped-call]
         self.registry = registry = CollectorRegistry()
         self._cases = Counter(
             "ricochet_cases", "Cases answered, by how they ended", LABELS["ricochet_cases"], registry=registry
@@ -100,15 +101,15 @@ class Metrics:
         Info("ricochet_build", "Versions of the service", registry=registry).info(build)
 
     def observe(self, method: str, route: str, status: int, seconds: float) -> None:
-        """Count a request."""
+        """Record the duration of a request."""
         self._seconds.labels(method, route, status).observe(seconds)
 
     def count(self, operation: str, outcome: str, cache: str, count: int) -> None:
-        """Count cases that have been answered, computed (`miss`) or from the cache (`hit`)."""
+        """Count answered cases, computed (`miss`) or from the cache (`hit`)."""
         self._cases.labels(operation, outcome, cache).inc(count)
 
     def look_up(self, manager: JobManager, queries: QueryService, jobs: Tally[Status]) -> None:
-        """Note how things are now; `jobs` by status."""
+        """Set the gauges to their present values; `jobs` has the numbers of jobs by status."""
         stored, executor = queries.cache.statistics(), queries.executor
         values = {
             "queued_queries": queries.queued,
@@ -123,6 +124,7 @@ class Metrics:
             self._gauges[name].set(value)
         for place, used in (("pool", not executor.on_cluster), ("cluster", executor.on_cluster)):
             self._width.labels(place).set(executor.capacity if used else 0)
+        # The executor and the queries keep totals of their own; the counters are advanced by the difference.
         self._restarts.inc(executor.restarts - self._restarts_counted)
         self._restarts_counted = executor.restarts
         self._start_failures.inc(executor.start_failures - self._start_failures_counted)
@@ -135,9 +137,9 @@ class Metrics:
 
 @dataclass
 class Services:
-    """Everything of a running application, in `app.state.services`.
+    """Shared state of a running application, in `app.state.services`.
 
-    The fields of the last group are set while the application starts.
+    The fields without a value are set by the lifespan, because they need the event loop or the data folder.
     """
 
     settings: Settings
@@ -157,28 +159,28 @@ class Services:
     jobs: JobManager = field(init=False)
     stopping: asyncio.Event = field(init=False)
     ending: "asyncio.Future[None]" = field(init=False)
-    """Done some time after `stopping`: what has not been answered by then is refused."""
+    """Done near the end of the grace period, when unfinished requests are refused."""
     reading: CapacityLimiter = field(init=False)
     parsing: asyncio.Lock = field(init=False)
     mcp: ASGIApp = field(init=False)
-    """Answers messages of the Model Context Protocol."""
+    """ASGI application that answers messages of the Model Context Protocol."""
 
 
 def services_of(request: Request) -> Services:
-    """Return the services of the application that a request came to."""
+    """Return the shared state of the application that received a request."""
     services: Services = request.app.state.services
     return services
 
 
 async def unless_left(request: Request, work: Coroutine[Any, Any, Result]) -> Result:
-    """Return the result of work; cancel it once the client has left or the service can wait for it no longer.
+    """Return the result of work, and cancel the work if the client leaves or the service stops.
 
     Raises
     ------
     HTTPException
-        400 if the client has left.
+        400 if the client has left. Nobody receives it, but log and metrics count it.
     PoolUnavailableError
-        If the service is about to end.
+        If the grace period of the service is over.
     """
     working = asyncio.ensure_future(work)
     left = asyncio.ensure_future(disconnected(request))
@@ -198,12 +200,12 @@ async def unless_left(request: Request, work: Coroutine[Any, Any, Result]) -> Re
 
 
 async def in_time(work: Coroutine[Any, Any, Result], seconds: float) -> Result:
-    """Return the result of work.
+    """Return the result of work within a timeout. [s]
 
     Raises
     ------
     TaskTimeoutError
-        If it is not there in this time. [s]
+        If the work has not finished in time.
     """
     try:
         async with asyncio.timeout(seconds):
@@ -213,13 +215,13 @@ async def in_time(work: Coroutine[Any, Any, Result], seconds: float) -> Result:
 
 
 async def disconnected(request: Request) -> None:
-    """Return once the client has closed the connection, after the body has been read."""
+    """Wait until the client closes the connection. The body must have been read before."""
     while (await request.receive())["type"] != "http.disconnect":
         pass
 
 
 def executor_for(settings: Settings) -> Executor:
-    """Return the executor of the settings; nothing runs until it is started."""
+    """Return the executor that the settings select; it is not started."""
     if settings.executor == "in-process":
         return InThreadExecutor(task_seconds=settings.task_seconds)
     if settings.executor == "dask":

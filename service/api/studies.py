@@ -1,6 +1,6 @@
-"""Studies of one strike: how sure an angle or an outcome is, and the report.
+"""Routes of uncertainty studies, verdicts and reports of one strike.
 
-Their samples are cases of cache and executor like those of a batch. A worker draws the page of a report.
+Samples are looked up, computed and stored like the cases of a batch. The page of a report is drawn by a worker.
 """
 
 import asyncio
@@ -44,7 +44,7 @@ router = APIRouter(dependencies=[RUN], route_class=CheckedRoute)
 
 
 def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
-    """Return the handler for a study of uncertainty: from the cache, by its samples, or with a job."""
+    """Return the handler of the route for a study, which is answered from the cache, by sampling, or with a job."""
 
     async def handle(
         request: Request,
@@ -77,13 +77,13 @@ def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
 async def answer_with_job(
     response: JobResponse, request: Request, operation: Operation, case: Any, digest: str, most: int
 ) -> Response:
-    """Return the job of a study; its answer, if it is there in the time that the client waits.
+    """Create the job of a study, and return the job, or the answer if it is ready while the client waits.
 
-    It counts as all the samples it may take, `most`, until it ends, then as those it has taken.
+    The job is charged with `most`, the cost of all samples that it may take; the unused rest is given back at its end.
     """
     services, context = services_of(request), context_in(request.scope)
     query = KeyedRequest.of(operation.name, case)
-    await run_sync(case.study)  # refuses inputs that do not go together
+    await run_sync(case.study)  # Making the study refuses inconsistent inputs now, instead of as a failed job.
     read = time.perf_counter()
     try:
         charge = context.charge(most)
@@ -101,29 +101,29 @@ async def answer_with_job(
 
 
 async def one_block(case: JobCase) -> AsyncIterator[list[JobCase]]:
-    """Yield the only case of a job."""
+    """Yield the single case of a study's job as one block."""
     yield [case]
 
 
 PAGE_COST = 50
-"""Cost of drawing the page of a report, some 0.5 s. [ordinary cases]"""
+"""Cost of drawing the page of a report, which takes some 0.5 s [ordinary cases]."""
 NEEDED = "cra"
-"""The query without whose answer there is no report."""
+"""Name of the query that a verdict and a report cannot do without."""
 
 
 @router.post(
     "/verdict",
     response_model=VerdictAnswer,
-    response_description="The verdict, and the queries it rests on.",
+    response_description="The verdict, and the queries that it is based on.",
     responses=problems(400, 413, 415, 422, 429, 500, 503),
     tags=["critical ricochet angle"],
 )
 async def judge_strike(request: Request, strike: ReportRequest) -> Response:
     """Judge a strike in one sentence: outcome, probability of ricochet, critical angle with its 90 % range.
 
-    The page, the report and the command line print the same sentence. It takes some 530 cases, most of them samples of
-    the usual scatter, and twice as many with a law of one's own, beside which the theories stand; each is kept and
-    counted like any other. A target with a thickness is judged as a wall too.
+    Page, report and command line print the same sentence. A verdict costs some 530 cases, most of them samples of the
+    usual scatter, and twice as many if the request has a law of its own, since the theories are then judged as well.
+    Each case is stored and counted like any other. A target with a thickness is also judged as a wall.
     """
     limit = 2.0 * services_of(request).settings.study_seconds
     answers = await unless_left(request, in_time(verdict_answers(request, strike), limit))
@@ -131,7 +131,7 @@ async def judge_strike(request: Request, strike: ReportRequest) -> Response:
 
 
 async def verdict_answers(request: Request, strike: ReportRequest) -> dict[str, Any]:
-    """Return the answers that a verdict is made from by name, an object with a `problem` where there is none."""
+    """Return the answers that a verdict is made from, by name; a failed query has an object with a `problem`."""
     found = await answer_all(request, verdict_queries(strike))
     return found | await answer_all(request, weighing_queries(strike, found[NEEDED]))
 
@@ -141,7 +141,7 @@ async def verdict_answers(request: Request, strike: ReportRequest) -> dict[str, 
     response_class=HTMLResponse,
     responses={
         200: {
-            "description": "A page that needs no other file, for two sheets of A4.",
+            "description": "A self-contained page for two sheets of A4.",
             "content": {"text/html": {"schema": {"type": "string"}}},
         },
         **problems(400, 413, 415, 422, 429, 500, 501, 503),
@@ -151,8 +151,8 @@ async def verdict_answers(request: Request, strike: ReportRequest) -> dict[str, 
 async def make_report(request: Request, strike: ReportRequest) -> HTMLResponse:
     """Write the report of one strike: critical angle and spread, other models, runs, limits of validity, formulas.
 
-    It takes some 550 cases, most of them samples of the usual scatter; each is kept and counted like any other. With
-    `impact.oblique_angle_deg` the strike at that angle is judged too.
+    A report costs some 550 cases, most of them samples of the usual scatter. Each is stored and counted like any other.
+    With `impact.oblique_angle_deg` the strike at that angle is judged as well.
     """
     require_extra()
     strike.check()
@@ -162,7 +162,7 @@ async def make_report(request: Request, strike: ReportRequest) -> HTMLResponse:
 
 
 async def write_report(request: Request, strike: ReportRequest, given: Any) -> str:
-    """Return the page of a report."""
+    """Compute the answers of a report, and have a worker draw its page."""
     answers = await answers_to(request, strike)
     return await services_of(request).queries.submit(
         write_page,
@@ -176,19 +176,19 @@ async def write_report(request: Request, strike: ReportRequest, given: Any) -> s
 
 
 async def answers_to(request: Request, strike: ReportRequest) -> dict[str, Any]:
-    """Return the answers of the report by name, an object with a `problem` where there is none."""
+    """Return the answers that a report is made from, by name; a failed query has an object with a `problem`."""
     found = await answer_all(request, first_queries(strike))
     return found | await answer_all(request, strike_queries(strike, found[NEEDED]))
 
 
 async def answer_all(request: Request, queries: Mapping[str, Query]) -> dict[str, Any]:
-    """Answer some queries at the same time."""
+    """Answer queries concurrently, and return the answers by name."""
     found = await asyncio.gather(*(answer_query(request, name, query) for name, query in queries.items()))
     return dict(zip(queries, found, strict=True))
 
 
 async def answer_query(request: Request, name: str, query: Query) -> Any:
-    """Answer one query; its problem takes the place of an answer that a report can do without."""
+    """Answer one query. If it fails and the report can do without it, return its problem."""
     operation = OPERATIONS[query.operation]
     try:
         case = validated(query.body, operation, services_of(request))

@@ -1,7 +1,7 @@
-"""UM-Bridge 1.0 (Seelinger et al., 2023): critical angles and trajectories as models for tools of uncertainty.
+"""UM-Bridge 1.0 (Seelinger et al., 2023): critical angles and trajectories as models for uncertainty software.
 
-A model has one input vector and one output vector. `config` may replace parts of the paper's strike and name the
-inputs; an input is the number in a field of the request over its `scale`. Errors are those of the protocol.
+A model has one input vector and one output vector. `config` may replace parts of the paper's strike and choose the
+inputs; an input is the number in a field of the request divided by its `scale`. Errors are those of the protocol.
 
 References
 ----------
@@ -37,7 +37,7 @@ STATUSES = list(SearchStatus)
 OUTCOMES = [Outcome.EMBEDDED, Outcome.RICOCHET, Outcome.IN_MOTION, Outcome.PERFORATED]
 
 router = APIRouter(prefix="/umbridge", dependencies=[RUN], include_in_schema=False)
-"""Not in the contract: the protocol is its contract, and its errors are no problems (RFC 9457)."""
+"""Router outside the OpenAPI document: the protocol defines the routes, and its errors are no problems (RFC 9457)."""
 
 
 class ModelInput(Part):
@@ -56,7 +56,7 @@ VECTOR = TypeAdapter(list[Num])
 
 
 def critical_angle_output(answer: Mapping[str, Any]) -> list[float]:
-    """Return angle and status: without an angle 90° (no ricochet, not converged) or 0° (ricochet at the lower end)."""
+    """Return angle and status. Without an angle it is 90° (no ricochet, not converged) or 0° (always ricochet)."""
     status = SearchStatus(answer["status"])
     limit = 0.0 if status is SearchStatus.ALWAYS_RICOCHET else 90.0
     return [answer.get("critical_angle_deg", limit), float(STATUSES.index(status))]
@@ -65,7 +65,8 @@ def critical_angle_output(answer: Mapping[str, Any]) -> list[float]:
 def trajectory_output(answer: Mapping[str, Any]) -> list[float]:
     """Return outcome, greatest depth, exit speed and exit angle.
 
-    The depth is 0 if the wall is perforated, the angle unless the strike was turned away.
+    The depth is 0 if the wall is perforated, and the angle is 0 unless the projectile ricochets: the protocol has no
+    missing numbers.
     """
     outcome, left = Outcome(answer["outcome"]), answer.get("exit", {"speed_m_s": 0.0})
     angle = left["direction_deg"] if outcome is Outcome.RICOCHET else 0.0
@@ -74,10 +75,10 @@ def trajectory_output(answer: Mapping[str, Any]) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """An operation as a function of numbers."""
+    """An operation as a function from numbers to numbers."""
 
     base: Mapping[str, Any]
-    """The request that `config` changes and the inputs vary."""
+    """Request that `config` modifies and the inputs vary."""
     size: int
     """Length of the output vector."""
     output: Callable[[Mapping[str, Any]], list[float]]
@@ -85,18 +86,18 @@ class Model:
 
 STRIKE = {**PAPER_AT_45, "output": {"history": False}}
 UMBRIDGE_MODELS = {"cra": Model(PAPER, 2, critical_angle_output), "trajectory": Model(STRIKE, 4, trajectory_output)}
-"""Models by name, each the name of its operation."""
+"""Models by the name of their operation."""
 
 
 class ProtocolError(Exception):
-    """What the protocol has an error for.
+    """An error of the protocol.
 
     Parameters
     ----------
     name
-        Its type in the protocol.
+        Type of the error in the protocol.
     message
-        For people.
+        Text of the error.
     """
 
     def __init__(self, name: str, message: str, status: int = HTTPStatus.BAD_REQUEST) -> None:
@@ -107,7 +108,7 @@ class ProtocolError(Exception):
 
 @router.get("/Info")
 async def info() -> dict[str, Any]:
-    """Return the version of the protocol and the models."""
+    """Return the version of the protocol and the names of the models."""
     return {"protocolVersion": 1.0, "models": list(UMBRIDGE_MODELS)}
 
 
@@ -128,7 +129,7 @@ async def answer(endpoint: str, request: Request) -> dict[str, Any]:
     Raises
     ------
     ProtocolError
-        If it is not valid, or cannot be computed.
+        If the call is not valid or cannot be computed.
     """
     services = services_of(request)
     try:
@@ -162,6 +163,7 @@ async def answer(endpoint: str, request: Request) -> dict[str, Any]:
         scaled = [value * each.scale for value, each in zip(values, inputs, strict=True)]
         operation = OPERATIONS[name]
         case = validated(with_values(base, [each.field for each in inputs], scaled), operation, services)
+        # The output vector has no place for alternatives, each of which would cost a computation.
         case = case.model_copy(update={"alternatives": False})
         found = await resolve(request, operation, case)
     except (ServiceError, RicochetError) as error:
@@ -170,14 +172,14 @@ async def answer(endpoint: str, request: Request) -> dict[str, Any]:
 
 
 def read_config(name: str, model: Model, config: object) -> tuple[list[ModelInput], dict[str, Any]]:
-    """Return the inputs, and the request that they vary.
+    """Return the inputs and the request that they vary.
 
     Raises
     ------
     ProtocolError
         If an input is no number of the request.
     InvalidBodyError
-        If they are no list of inputs.
+        If `inputs` is no list of inputs.
     """
     if not isinstance(config, dict | None):
         raise ProtocolError("InvalidInput", "config must be an object")
@@ -211,7 +213,7 @@ def read_input(content: object, size: int) -> list[float]:
     Raises
     ------
     ProtocolError
-        If it is no list of one list of finite numbers of this length.
+        If the content is no list with one list of `size` finite numbers.
     """
     if not isinstance(content, list) or [len(each) if isinstance(each, list) else -1 for each in content] != [size]:
         raise ProtocolError("InvalidInput", f"input must be one list of {size} numbers")
@@ -223,7 +225,7 @@ def read_input(content: object, size: int) -> list[float]:
 
 
 def protocol_error(error: Exception) -> ProtocolError:
-    """Return the error of the protocol for a problem of the service."""
+    """Convert an error of service or solver to an error of the protocol."""
     message, status = str(problem_of(error)["detail"]), ProblemType.of(error).status
     if status == HTTPStatus.UNPROCESSABLE_ENTITY:
         return ProtocolError("InvalidInput", message)

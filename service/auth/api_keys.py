@@ -1,8 +1,8 @@
-"""API keys: their tokens, and the store of a data folder, `auth.sqlite`.
+"""API keys: tokens, and their store `auth.sqlite` in the data folder.
 
-A token is `ricochet_5f0c21d9_pV3v1k...`: prefix, id, secret. The id is public: it stands in lists and in the audit log.
-Of the token only a hash is stored. A fast hash is enough, and lets thousands of requests a second be checked: slow ones
-protect passwords that people choose, not 256 random bits.
+A token such as `ricochet_5f0c21d9_pV3v1k...` consists of prefix, id and secret. The id is public and appears in lists
+and in the audit log. Only a hash of the token is stored. A fast hash is sufficient and allows thousands of requests a
+second: slow hashes protect passwords that people choose, not 256 random bits.
 """
 
 import contextlib
@@ -24,24 +24,26 @@ from service.private_files import make_private, make_private_folder, open_privat
 
 Scope: TypeAlias = Literal["read", "run", "admin"]
 SCOPES: tuple[Scope, ...] = get_args(Scope)
-"""`read`: results, one's own jobs, metrics; `run`: make and end work; `admin`: both, and the jobs of all owners."""
+"""Scopes of keys. `read`: results, jobs of the owner, metrics; `run`: start and cancel work; `admin`: both, and the
+jobs of all owners."""
 LOCAL = "local"
-"""Owner of jobs made without a key."""
+"""Owner of jobs that were created without a key."""
 
 PREFIX = "ricochet_"
-"""Prefix of a token: tools that search repositories and logs for secrets can find it."""
+"""Prefix of a token, by which programs that scan repositories and logs for secrets can find it."""
 ID_BYTES, SECRET_BYTES = 4, 32
+"""Random bytes of id and secret. Four tell the keys of one service apart; 32 cannot be guessed."""
 TOKEN = re.compile(PREFIX + r"([0-9a-f]{8})_[A-Za-z0-9_-]{43}")
 UNKNOWN_DIGEST = "0" * 64
-"""Digest compared with that of an unknown key, so that the response time does not reveal which keys exist."""
+"""Digest that the token of an unknown key is compared with, so that response times do not reveal which keys exist."""
 
 FILE, LOCK = "auth.sqlite", "auth.lock"
 RELOAD_SECONDS = 0.2
 """Interval between checks of the file [s]: a revoked key is accepted for no longer than this."""
 BUSY_SECONDS = 5.0
-"""Timeout for the lock of another process, which holds it for milliseconds [s]."""
+"""Timeout for the database lock of another process, which holds it for milliseconds [s]."""
 HEADER_BYTES = 100
-"""Header of a SQLite file; it holds a counter of the changes."""
+"""Length of the header of a SQLite file, which contains a counter of changes [bytes]."""
 LAYOUT = 1
 TABLES = """
 CREATE TABLE IF NOT EXISTS api_keys (
@@ -67,9 +69,9 @@ INSERT OR IGNORE INTO api_keys VALUES (:id, :owner, :scopes, :digest, :cases_per
 
 
 class KeysUnreadableError(Exception):
-    """The file of the keys exists and cannot be used; the text gives the reason.
+    """The file of the keys exists but cannot be used; the message gives the reason.
 
-    It is defined here, not in `service.errors`: the command line manages keys without importing the solver.
+    It is not in `service.errors`, because `ricochet keys` must not wait for the imports of that module.
     """
 
 
@@ -82,9 +84,9 @@ class ApiKey:
     digest
         SHA-256 of the token, hexadecimal.
     cases_per_hour
-        Most cases within an hour; None if there is no limit.
+        Quota in cases per hour; None for no limit.
     created, expires, revoked
-        Seconds since 1970; None if it never was or will be. [s]
+        Times in seconds since 1970; None if the key does not expire or is not revoked. [s]
     """
 
     id: str
@@ -97,22 +99,22 @@ class ApiKey:
     revoked: float | None = None
 
     def usable_at(self, now: float) -> bool:
-        """Return whether the key is accepted at this date, in seconds since 1970."""
+        """Return True if the key is valid at a time, in seconds since 1970. [s]"""
         return self.revoked is None and (self.expires is None or now < self.expires)
 
     def may(self, scope: str) -> bool:
-        """Return whether the key has this scope."""
+        """Return True if the key has a scope; `admin` includes all."""
         return scope in self.scopes or "admin" in self.scopes
 
     def fits(self, token: str) -> bool:
-        """Return whether this is the token of the key."""
+        """Return True if a token is that of the key. The comparison takes the same time wherever they differ."""
         return hmac.compare_digest(self.digest, digest_of(token))
 
 
 def make_key(
     owner: str, scopes: frozenset[Scope], *, cases_per_hour: int | None = None, days: float | None = None
 ) -> tuple[ApiKey, str]:
-    """Return a new key and its token, which is stored nowhere."""
+    """Return a new key and its token, of which only the hash is ever stored."""
     key_id, now = secrets.token_hex(ID_BYTES), time.time()
     token = f"{PREFIX}{key_id}_{secrets.token_urlsafe(SECRET_BYTES)}"
     key = ApiKey(
@@ -128,29 +130,29 @@ def make_key(
 
 
 def digest_of(token: str) -> str:
-    """Return the stored hash of a token."""
+    """Return the SHA-256 of a token, hexadecimal."""
     return hashlib.sha256(token.encode()).hexdigest()
 
 
 class ApiKeyStore:
-    """The keys in force, as a running service sees them.
+    """Keys of a running service, reloaded when the file changes.
 
-    Once there has been a file, one that is gone or damaged means that no key is valid, never that none is required.
-    This holds over restarts as well, as long as the lock beside it is there.
+    If the file is lost or damaged, every key is refused; the service never falls back to requiring none. This holds
+    across restarts as long as the lock file exists.
 
     Parameters
     ----------
     folder
         Data folder of the service.
     on_error
-        Called with the reason, once, when the keys cannot be read.
+        Function called once with the reason when the keys become unreadable.
     clock
-        Keys expire by its date.
+        Clock by which keys expire.
 
     Raises
     ------
     KeysUnreadableError
-        If there is a file and it cannot be read.
+        If the file exists but cannot be read.
     """
 
     def __init__(self, folder: Path, on_error: Callable[[str], None], clock: Clock = SYSTEM) -> None:
@@ -162,7 +164,7 @@ class ApiKeyStore:
         self._failed = False
         self._keys: Mapping[str, ApiKey] = read_keys(folder)
         self.lost = not (folder / FILE).exists() and (folder / LOCK).exists()
-        """True if keys were configured before and their file is missing."""
+        """True if the lock file shows that there were keys, and their file is missing."""
         self.required = self.lost or (folder / FILE).exists()
         """True if keys are or were configured, revoked ones included."""
 
@@ -190,7 +192,7 @@ class ApiKeyStore:
         self.required = self.required or bool(self._keys)
 
     def find(self, token: str) -> ApiKey | None:
-        """Return the key with this token, if it is valid now."""
+        """Return the valid key with this token, or None."""
         self.reload()
         match = TOKEN.fullmatch(token)
         key = self._keys.get(match[1]) if match else None
@@ -200,19 +202,19 @@ class ApiKeyStore:
         return key if key.fits(token) and key.usable_at(self._clock.now()) else None
 
     def holds(self, key: ApiKey) -> bool:
-        """Return whether a key that was valid still is."""
+        """Return True if a key that was valid still is, for responses that last longer than a key may."""
         self.reload()
         found = self._keys.get(key.id)
         return found is not None and found.usable_at(self._clock.now())
 
 
 def read_keys(folder: Path) -> dict[str, ApiKey]:
-    """Return all keys by their id, also those that are no longer valid.
+    """Return all keys by id, including expired and revoked ones.
 
     Raises
     ------
     KeysUnreadableError
-        If there is a file and it cannot be read.
+        If the file exists but cannot be read.
     """
     if not (folder / FILE).exists():
         return {}
@@ -227,18 +229,18 @@ def add_key(folder: Path, key: ApiKey) -> None:
     Raises
     ------
     KeysUnreadableError, OSError
-        If it cannot be stored.
+        If the key cannot be stored.
     """
     _insert(folder, key)
 
 
 def revoke_key(folder: Path, key_id: str) -> ApiKey | None:
-    """Make a key invalid from now on; return it, None if there is no such key.
+    """Revoke a key, and return it, or None if there is no such key.
 
     Raises
     ------
     KeysUnreadableError, OSError
-        If it cannot be done.
+        If the file cannot be read or written.
     """
     if key_id not in read_keys(folder):
         return None
@@ -249,7 +251,10 @@ def revoke_key(folder: Path, key_id: str) -> ApiKey | None:
 
 @contextlib.contextmanager
 def connected(folder: Path) -> Iterator[sqlite3.Connection]:
-    """Open `auth.sqlite`, which must exist, for one transaction."""
+    """Open the existing `auth.sqlite` for one transaction.
+
+    `mode=rw` keeps SQLite from creating the file: an empty one would look like a store without keys.
+    """
     uri = f"{(folder / FILE).resolve().as_uri()}?mode=rw"
     with contextlib.closing(sqlite3.connect(uri, uri=True, timeout=BUSY_SECONDS)) as connection:
         connection.row_factory = _to_dict
@@ -259,12 +264,12 @@ def connected(folder: Path) -> Iterator[sqlite3.Connection]:
 
 
 def check_layout(connection: sqlite3.Connection) -> None:
-    """Refuse a file of another version.
+    """Refuse a file that was written by another version.
 
     Raises
     ------
     sqlite3.DatabaseError
-        If its layout is neither that of this version nor that of a new file.
+        If the layout number is neither that of this version nor that of a new file.
     """
     layout = connection.execute("PRAGMA user_version").fetchone()["user_version"]
     if layout not in {0, LAYOUT}:
@@ -272,7 +277,10 @@ def check_layout(connection: sqlite3.Connection) -> None:
 
 
 def _insert(folder: Path, key: ApiKey) -> None:
-    """Store a key, by one process at a time; the file and its lock are made if they do not exist."""
+    """Store a key, and create the file and its lock if they do not exist.
+
+    The lock serialises processes while the file is created, before SQLite can lock it.
+    """
     make_private_folder(folder)
     with open_private(folder / LOCK, "ab") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -280,7 +288,7 @@ def _insert(folder: Path, key: ApiKey) -> None:
         make_private(folder / FILE)
         with _readable(), connected(folder) as connection:
             connection.execute("BEGIN IMMEDIATE")
-            if is_new:  # an empty file is damaged otherwise
+            if is_new:  # An existing file without tables is damaged, and must not be repaired to a store without keys.
                 for statement in filter(str.strip, TABLES.split(";")):
                     connection.execute(statement)
                 connection.execute(f"PRAGMA user_version = {LAYOUT}")
@@ -289,7 +297,7 @@ def _insert(folder: Path, key: ApiKey) -> None:
 
 @contextlib.contextmanager
 def _readable() -> Iterator[None]:
-    """Raise what SQLite reports as `KeysUnreadableError`."""
+    """Convert errors of SQLite, and of rows with unexpected values, to `KeysUnreadableError`."""
     try:
         yield
     except (sqlite3.Error, AttributeError, TypeError) as error:
@@ -305,7 +313,10 @@ def _to_dict(cursor: sqlite3.Cursor, row: tuple[Any, ...]) -> dict[str, Any]:
 
 
 def _stamp(path: Path) -> tuple[int, int, int, bytes] | None:
-    """Return what differs after every change of the file; None if there is none."""
+    """Return a value that changes with every change of the file; None if there is no file.
+
+    The header is included because two changes within the resolution of the modification time keep time and size.
+    """
     try:
         with path.open("rb") as file:
             found = os.fstat(file.fileno())

@@ -1,4 +1,4 @@
-"""The audit log: who sent a request that may change something, what it did, and how it was answered."""
+"""Audit log of requests that may change something: sender, effect and status."""
 
 import logging
 import logging.handlers
@@ -17,7 +17,7 @@ from service.telemetry import route_of
 
 
 class PrivateFileHandler(logging.handlers.WatchedFileHandler):
-    """Writes to a file that nobody else may read, opened anew once it has been moved away."""
+    """Handler that writes to a private file, and reopens it after log rotation has moved it."""
 
     def _open(self) -> TextIOWrapper:
         return TextIOWrapper(open_private(Path(self.baseFilename), "ab"), encoding="utf-8")
@@ -29,7 +29,7 @@ class AuditLog:
     Parameters
     ----------
     path
-        Path of its file; None for standard error.
+        Path of the file; None for standard error.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -42,7 +42,7 @@ class AuditLog:
         Raises
         ------
         OSError
-            If it cannot be written.
+            If the file cannot be written.
         """
         if not self._log.handlers:
             self._log.addHandler(logging.StreamHandler() if self._path is None else PrivateFileHandler(self._path))
@@ -54,12 +54,13 @@ class AuditLog:
             handler.close()
 
     def record(self, scope: Mapping[str, Any], context: RequestContext, status: int) -> None:
-        """Write who sent a request, what it did, and how it was answered."""
+        """Write an entry for a request."""
         principal, client = context.principal, scope.get("client")
         line = {
             "event": "audit",
             "timestamp": datetime.now(UTC).isoformat(),
             "request_id": get_contextvars().get("request_id"),
+            # Without a valid key the owner is only the default, which would name somebody who sent nothing.
             "owner": principal.owner if status != 401 else None,
             "key": principal.key.id if principal.key else None,
             "client": client[0] if client else None,

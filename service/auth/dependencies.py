@@ -1,4 +1,4 @@
-"""Authorization by FastAPI's means: who sends a request, what its key permits, and what it may hold while it lasts."""
+"""Authorization with FastAPI's security dependencies: principal, scopes, quota and concurrency limits of a request."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -21,9 +21,9 @@ from service.jobs.models import Charge
 from solver import ParameterError
 
 CONTEXT = "ricochet.context"
-"""Key of the context in the scope of a request."""
+"""Key of the `RequestContext` in the ASGI scope of a request."""
 REFUSALS = (InvalidBodyError, ParameterError, PoolUnavailableError, QueueFullError)
-"""Errors of cases that were not computed."""
+"""Errors of cases that were not computed, and so are not charged to the quota."""
 CHALLENGE = {"WWW-Authenticate": "Bearer"}
 INVALID_TOKEN = {"WWW-Authenticate": 'Bearer error="invalid_token"'}
 
@@ -35,9 +35,9 @@ class Principal:
     Parameters
     ----------
     owner
-        Owner of the jobs that are made.
+        Owner of the jobs that the request creates.
     key
-        None where no key is required.
+        API key; None where no key is required.
     quota
         Quota of the key.
     """
@@ -48,7 +48,7 @@ class Principal:
 
     @property
     def visible_owner(self) -> str | None:
-        """Owner whose jobs are visible; None for those of all."""
+        """Owner whose jobs the principal can see; None for those of all owners."""
         return None if self.key is None or self.key.may(SCOPES[-1]) else self.owner
 
 
@@ -56,14 +56,14 @@ ANONYMOUS = Principal(LOCAL)
 
 
 class RequestContext:
-    """Principal and quota use of one request; one object in the scope of each.
+    """Principal, charged cases and job of one request, for its route and the audit log.
 
     Parameters
     ----------
     keys, quotas
         Stores of the data folder.
     key_required
-        Whether the request needs a key unless its route is public.
+        True if the request needs a key unless its route is public.
     client
         Address of the client.
     """
@@ -77,17 +77,17 @@ class RequestContext:
         self.key_required = key_required
         self.principal = ANONYMOUS
         self.cases = 0
-        """Cases counted against the quota."""
+        """Number of cases charged to the quota."""
         self.job = ""
-        """Id of the job that was made or ended."""
+        """Id of the job that the request created, changed or ended."""
 
     @property
     def queue_owner(self) -> str:
-        """Owner in whose turn work is computed: without a key, the address of the client."""
+        """Owner in whose turn work is computed; without a key, the address of the client."""
         return self.principal.owner if self.principal.key else f"address {network_of(self._client)}"
 
     def authorize(self, token: str | None, scopes: Iterable[str]) -> None:
-        """Identify the principal, and check that its key has these scopes.
+        """Identify the principal by its token, and check that its key has these scopes.
 
         Raises
         ------
@@ -102,31 +102,33 @@ class RequestContext:
         key = self._keys.find(token.strip())
         if key is None:
             raise HTTPException(HTTPStatus.UNAUTHORIZED, "invalid or expired API key", headers=INVALID_TOKEN)
-        # Before the scopes are checked, so that the audit log names whose key was refused.
+        # The principal is set before the scopes are checked, so that the audit log names whose key was refused.
         self.principal = Principal(key.owner, key, self._quotas.quota(key.id, key.cases_per_hour))
         for scope in scopes:
             if not key.may(scope):
                 raise HTTPException(HTTPStatus.FORBIDDEN, f"the API key lacks the scope `{scope}`")
 
     def take(self, count: int) -> None:
-        """Count cases.
+        """Charge cases to the quota.
 
         Raises
         ------
         QuotaError
-            If the key has fewer left.
+            If the quota has fewer cases left.
         """
         if self.principal.quota is not None:
             self.principal.quota.take(count, self.cases)
         self.cases += count
 
     def charge(self, count: int) -> Charge | None:
-        """Count cases that a job may take; return what it keeps to give back the rest, None without a key.
+        """Charge the cases that a job may take, and return the charge, with which the job gives back the rest.
+
+        Without a quota the charge is None.
 
         Raises
         ------
         QuotaError
-            If the key has fewer left.
+            If the quota has fewer cases left.
         """
         charge: Charge | None = None
         principal = self.principal
@@ -136,7 +138,7 @@ class RequestContext:
         return charge
 
     def give_back(self, count: int | None = None) -> None:
-        """Take back cases, all of this request if no number is given: refused, or counted before."""
+        """Give cases back to the quota, by default all that were charged for this request."""
         count = self.cases if count is None else count
         if self.principal.quota is not None:
             self.principal.quota.give_back(count)
@@ -144,12 +146,12 @@ class RequestContext:
 
     @contextmanager
     def taking(self, count: int) -> Iterator[None]:
-        """Count cases that are computed in the block, unless they are refused there: a failed run counts.
+        """Charge cases that are computed in the block, and give them back if they are refused. Failed runs are charged.
 
         Raises
         ------
         QuotaError
-            If the key has fewer left.
+            If the quota has fewer cases left.
         """
         self.take(count)
         try:
@@ -161,7 +163,7 @@ class RequestContext:
 
 @lru_cache(maxsize=1024)
 def network_of(address: str | None) -> str | None:
-    """Return an IPv4 address, or the /64 of an IPv6 address: one client has all of it."""
+    """Return an IPv4 address unchanged, and the /64 network of an IPv6 address, all of which one client may use."""
     try:
         return str(IPv6Network((address or "", 64), strict=False))
     except ValueError:
@@ -169,15 +171,16 @@ def network_of(address: str | None) -> str | None:
 
 
 def context_in(scope: RequestScope) -> RequestContext:
-    """Return the context in the scope of a request."""
+    """Return the context of a request from its ASGI scope."""
     context: RequestContext = scope[CONTEXT]
     return context
 
 
 class Authorization(HTTPBearer):
-    """FastAPI's declaration of keys, which also checks them: a dependency of a dependency would cost each request more.
+    """Security scheme that declares keys in the contract and also checks them.
 
-    `__call__` has the parameters that FastAPI fills in, one more than that of its base.
+    A separate dependency for the check would cost each request another call through FastAPI's dependency solver.
+    `__call__` has one parameter more than that of the base class, which FastAPI fills in.
     """
 
     async def __call__(self, request: Request, required: SecurityScopes) -> RequestContext:  # type: ignore[override]
@@ -195,19 +198,19 @@ class Authorization(HTTPBearer):
 
 authorize = Authorization(
     scheme_name="key",
-    description="A key of `ricochet keys add`, where the service requires one. A key with the scope `admin` has all "
-    "scopes, and sees the jobs of all owners.",
-    auto_error=False,
+    description="API key made by `ricochet keys add`, where the service requires one. A key with the scope `admin` has "
+    "all scopes and sees the jobs of all owners.",
+    auto_error=False,  # An open service has no keys, and the base class would answer without naming the problem.
 )
 
 
 async def authorize_unrouted(scope: RequestScope, _: Receive, __: Send) -> None:
-    """Refuse a path without a route: with 401 or 403 like the routes, so that only public paths need no key.
+    """Refuse a path without a route, after the same checks as a route, so that paths cannot be probed without a key.
 
     Raises
     ------
     HTTPException
-        404, or as `authorize`.
+        401 or 403 like a route, else 404.
     """
     request = Request(scope)
     required = SecurityScopes(["read" if scope["method"] == "GET" else "run"])
@@ -221,14 +224,14 @@ RunContext = Annotated[RequestContext, RUN]
 
 
 class ConcurrencyLimit:
-    """Bounds what requests hold while they last, of each owner and in all.
+    """Limit on concurrent uses of a resource, per owner and in total.
 
     Parameters
     ----------
     per_owner, total
-        Most at once; `total` is None if there is no such limit.
+        Largest number of concurrent uses. `total` is None for no limit.
     owner_error, total_error
-        Make the error from the limit that is reached.
+        Functions that make the error from the limit that was reached.
     """
 
     def __init__(
@@ -244,7 +247,7 @@ class ConcurrencyLimit:
 
     @contextmanager
     def held(self, owner: str) -> Iterator[None]:
-        """Hold one during the block.
+        """Count a use during the block.
 
         Raises
         ------
@@ -260,5 +263,5 @@ class ConcurrencyLimit:
             yield
         finally:
             self._held[owner] -= 1
-            if not self._held[owner]:
+            if not self._held[owner]:  # Without this the table would grow by every address that was ever seen.
                 del self._held[owner]

@@ -1,4 +1,4 @@
-"""Quotas: how many cases each key has requested within the last hour, also over a restart."""
+"""Quotas of keys: the cost requested within the last hour, kept across restarts."""
 
 import asyncio
 import math
@@ -15,33 +15,34 @@ from service.clock import SYSTEM, Clock
 from service.errors import QuotaError, QuotaTooSmallError
 
 WINDOW = 3600
-"""Length of the sliding window over which cost is counted. [s]"""
+"""Length of the sliding window over which cost is counted. Quotas are given in cases per hour. [s]"""
 STEP = 60
-"""Cases requested within this time are one entry, and leave the window together. [s]"""
+"""Cases requested within this time share one entry and leave the window together, so that a key has at most 61 entries.
+[s]"""
 SAVE_SECONDS = 10
-"""Interval between writes of the counts to disk. [s]"""
+"""Interval between writes of the counts to disk, a judgement: a crash forgives at most this much use. [s]"""
 
 
 def steady(clock: Clock) -> Callable[[], float]:
-    """Return a function with the date as it is now and what has passed since, whatever the date is set to.
+    """Return a clock that starts at the present date and ignores later changes of it. [s since 1970]
 
-    So nobody gains or loses cases when the clock of the machine is set. [s since 1970]
+    Nobody gains or loses cases when the clock of the machine is set.
     """
     since_1970 = clock.now() - clock.monotonic()
     return lambda: since_1970 + clock.monotonic()
 
 
 class Quota:
-    """Cases of one key within the last hour.
+    """Cases of one key within the sliding window.
 
     Parameters
     ----------
     most
-        Most cases within the window; None if there is no limit.
+        Largest number of cases within the window; None for no limit.
     entries
-        Earlier counts: when each began, in seconds since 1970, and its cases.
+        Saved counts: the begin of each entry, in seconds since 1970, and its cases.
     time
-        Returns the time; see `steady`.
+        Clock; see `steady`. [s since 1970]
     """
 
     def __init__(
@@ -53,23 +54,24 @@ class Quota:
         self.most = most
         self._time = time or steady(SYSTEM)
         now = self._time()
+        # Entries from the future were saved before the clock was set back, and would never leave the window.
         self.entries = deque((began, count) for began, count in entries or () if began <= now)
         self._count = sum(count for _, count in self.entries)
 
     def take(self, count: int, before: int = 0) -> int:
-        """Count cases; return the begin of the entry that has them.
+        """Charge cases, and return the begin of the entry that counts them.
 
         Parameters
         ----------
         before
-            Cases of the same request that have been counted.
+            Cases of the same request that have been charged before.
 
         Raises
         ------
         QuotaError
-            If they are more than are left; none is counted then.
+            If fewer cases are left; none is charged then.
         QuotaTooSmallError
-            If the quota could never hold the request.
+            If the request has more cases than the quota allows in an hour.
         """
         now = self._time()
         self._forget(now)
@@ -88,7 +90,7 @@ class Quota:
         return began
 
     def give_back(self, count: int) -> None:
-        """Take back cases that were refused after all, the latest first."""
+        """Give back refused cases, from the latest entries first."""
         while count > 0 and self.entries:
             began, here = self.entries.pop()
             if here > count:
@@ -97,7 +99,7 @@ class Quota:
             count -= here
 
     def give_back_from(self, began: int, count: int) -> None:
-        """Take back cases of the entry with this begin, unless it has left the window."""
+        """Give back cases of the entry with this begin, unless it has left the window."""
         self._forget(self._time())
         for place, (begin, here) in enumerate(self.entries):
             if begin == began:
@@ -105,7 +107,7 @@ class Quota:
                 self._count -= min(here, count)
 
     def _seconds_until(self, count: int, now: float) -> int:
-        """Return the time until so many more are allowed; if they never are, until the window is empty. [s]"""
+        """Return the time until `count` more cases are allowed; if they never are, until the window is empty. [s]"""
         left = self._count
         for began, here in self.entries:
             left -= here
@@ -115,9 +117,9 @@ class Quota:
         return max(1, math.ceil(last))
 
     def fields(self) -> dict[str, str]:
-        """Return the header fields that tell a client its quota (draft-ietf-httpapi-ratelimit-headers-10).
+        """Return the `RateLimit` header fields (draft-ietf-httpapi-ratelimit-headers-10), or none without a limit.
 
-        The policy is named after what it counts: cases, not requests. Empty if there is no limit.
+        The policy is named `cases` because it counts cases, not requests.
         """
         if self.most is None:
             return {}
@@ -134,14 +136,14 @@ class Quota:
 
 
 class QuotaStore:
-    """The quotas of all keys, saved in `auth.sqlite`. A crash loses the counts since they were last saved.
+    """Quotas of all keys, saved in `auth.sqlite`. A crash loses the counts since the last save.
 
     Parameters
     ----------
     folder
         Data folder of the service.
     clock
-        Its durations count.
+        Clock of the quotas.
     """
 
     def __init__(self, folder: Path, clock: Clock = SYSTEM) -> None:
@@ -150,12 +152,13 @@ class QuotaStore:
         self._quotas: dict[str, Quota] = {}
         self._earlier: dict[str, list[tuple[int, int]]] = {}
         self._saved: list[tuple[str, int, int]] = []
-        with suppress(sqlite3.Error), connected(folder) as connection:  # one hour's counts: no reason not to start
+        # Losing the counts of one hour is better than not starting.
+        with suppress(sqlite3.Error), connected(folder) as connection:
             for row in connection.execute("SELECT * FROM quotas ORDER BY began"):
                 self._earlier.setdefault(row["key"], []).append((row["began"], row["cases"]))
 
     def quota(self, key_id: str, most: int | None) -> Quota:
-        """Return the quota of the key with this id."""
+        """Return the quota of a key, with `most` as its present limit."""
         found = self._quotas.get(key_id)
         if found is None:
             found = self._quotas[key_id] = Quota(most, self._earlier.get(key_id), self._time)
@@ -163,16 +166,15 @@ class QuotaStore:
         return found
 
     def give_back(self, key_id: str, count: int, began: int) -> None:
-        """Take back cases of a key that were not used, counted in the entry with this begin."""
+        """Give unused cases back to a key, from the entry with this begin."""
         if key_id not in self._quotas:
-            self._quotas[key_id] = Quota(
-                None, self._earlier.get(key_id), self._time
-            )  # its limit is set when the key is next used
+            # The limit is set when the key is next used.
+            self._quotas[key_id] = Quota(None, self._earlier.get(key_id), self._time)
         self._quotas[key_id].give_back_from(began, count)
 
     @asynccontextmanager
     async def saved_regularly(self) -> AsyncIterator[None]:
-        """Save the counts every few seconds during the block, and at its end."""
+        """Save the counts every `SAVE_SECONDS` during the block, and at its end."""
         saving = asyncio.create_task(self._save_regularly())
         try:
             yield
@@ -181,7 +183,7 @@ class QuotaStore:
             await self.save()
 
     async def save(self) -> None:
-        """Save the counts, if there are any; a disk that does not take them is ignored."""
+        """Save the counts if they have changed. Errors of the disk are ignored: they must not refuse requests."""
         counts = self._earlier | {key_id: list(quota.entries) for key_id, quota in self._quotas.items()}
         rows = [(key_id, began, cases) for key_id, entries in counts.items() for began, cases in entries]
         if self._quotas and rows != self._saved:

@@ -1,7 +1,7 @@
-"""Results on disk, in segments of many, and the latest of them in memory.
+"""Cache of results: many in each segment on disk, and the most recent ones in memory.
 
     results/journal.sqlite   results of single queries that are in no segment yet; see `service.cache.index`
-    results/index.sqlite     which result is in which segment; made anew from the segments if it is lost
+    results/index.sqlite     segment and row of each result; rebuilt from the segments if it is lost
     results/segments/        see `service.cache.segments`
 
 A folder belongs to one running service.
@@ -38,31 +38,32 @@ from service.private_files import make_private, make_private_folder
 NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")
 PROBE = bytes(65_536)
-"""Data written to test the disk: large enough for a full disk to refuse it."""
+"""Data written to test the disk, large enough for a full disk to refuse it."""
 JOURNAL_RECORDS, JOURNAL_BYTES = 200, 2 * 1024 * 1024
-"""Limits at which the journal becomes a segment: some tens of milliseconds of work, in a separate thread."""
+"""Number and size of results at which the journal is written to segments, some tens of milliseconds of work in a thread
+[1, bytes]. Its size also bounds the memory of the results that wait."""
 EVICTED_SHARE = 0.1
-"""Share of the limit freed by one eviction, so that not every new result causes one."""
+"""Fraction of the limit freed by one eviction, so that not every new result causes one; a judgement."""
 EVICTED_AT_ONCE = 64
-"""Largest number of segments evicted in one step; storing results waits for it."""
+"""Largest number of segments evicted in one step. Storing of results waits for a step, not for a whole eviction."""
 
 log = logging.getLogger(__name__)
 
 
 class FolderLock:
-    """Keeps a data folder to one service; the kernel gives it up with the process, however that ends.
+    """Exclusive lock on a data folder. The kernel releases it when the process ends, even by SIGKILL.
 
     Parameters
     ----------
     folder
-        Made if it is not there.
+        Data folder, created if it is missing.
 
     Raises
     ------
     FolderInUseError
-        If another has it.
+        If another service holds the lock.
     OSError
-        If there can be no such lock.
+        If the file of the lock cannot be created or locked.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -81,12 +82,14 @@ class FolderLock:
             raise
 
     def check(self) -> None:
-        """See that the path still leads to the folder that is locked; another service can have what stands there now.
+        """Check that the path still leads to the locked folder.
+
+        After a replacement another service could lock the new folder, and both would write there.
 
         Raises
         ------
         FolderReplacedError
-            If it does not.
+            If the folder has been removed or replaced.
         """
         if self._file is not None:
             try:
@@ -97,35 +100,35 @@ class FolderLock:
                 raise FolderReplacedError("the data folder has been removed or replaced; start the service again")
 
     def release(self) -> None:
-        """Give the folder up."""
+        """Release the lock."""
         if self._file is not None:
             os.close(self._file)
         self._file = None
 
 
 class ResultCache:
-    """Keeps records. A context manager, closed at its end.
+    """Cache of records in memory and on disk. A context manager, which closes the cache.
 
     Parameters
     ----------
     folder
-        Data folder of the service; made if it is not there.
+        Data folder of the service, created if it is missing.
     memory_bytes
-        Memory for the latest records.
+        Memory for the most recent records. [bytes]
     disk_bytes
-        Disk for all records; segments used longest ago go first.
+        Disk space for all records. The least recently used segments are evicted first. [bytes]
 
     Raises
     ------
     FolderInUseError
         If the folder belongs to another running service.
     FolderLayoutError
-        If it is of another version of the program; nothing in it has changed then.
+        If the folder was written by another version of the program. It is left unchanged then.
 
     Notes
     -----
-    Nothing here raises for a disk that is full, read-only or gone: results are answered all the same, and `last_error`
-    says what is wrong. Only `recall` is meant for the event loop, all else may wait for the disk.
+    Methods do not raise for a disk that is full, read-only or gone: results are answered nevertheless, and `last_error`
+    has the reason. Only `recall` may be called on the event loop; all other methods may wait for the disk.
     """
 
     def __init__(self, folder: Path, *, memory_bytes: int, disk_bytes: int) -> None:
@@ -134,25 +137,25 @@ class ResultCache:
         self._disk_bytes = disk_bytes
         self._recent: LRUCache[str, Record] = LRUCache(memory_bytes, getsizeof=lambda record: record.nbytes)
         self._remembering = threading.Lock()
-        """Held while `_recent` is used."""
+        """Lock of `_recent`."""
         self._segments = Segments(folder)
         self._index_path = folder / "results" / "index.sqlite"
         self._changing = threading.Lock()
-        """Held while files and index change together."""
+        """Lock held while files and index change together."""
         self._evicting = threading.Lock()
         self._flushing = threading.Lock()
         self._flusher = ThreadPoolExecutor(1, "journal")
         self._flushed: Future[None] | None = None
-        """Latest flush of the flusher."""
+        """Latest flush in the flusher's thread."""
         self._pending: dict[str, Record] = {}
         """Results in the journal that are in no segment yet."""
         self._pending_bytes = 0
-        """Length of these answers, about: threads that add some at the same time do not wait for each other."""
+        """Approximate length of these answers. [bytes] Threads add to it without a lock, and each flush counts anew."""
         self._lock: FolderLock | None = None
         with self._noting():
             self._lock = FolderLock(folder)
         try:
-            self._index = self._open_index()  # before anything is changed: it may be of another version
+            self._index = self._open_index()  # First, because a folder of another version must not be changed.
             self._segments.sweep()
             self.writable()
             self._reconcile()
@@ -161,7 +164,7 @@ class ResultCache:
             self._release()
             raise
         self.found_results = bool(self._pending or self.statistics().cases)
-        """Whether there were results at the start."""
+        """True if there were results at the start."""
         self.flush()
         self._make_room()
 
@@ -172,20 +175,26 @@ class ResultCache:
         self.close()
 
     def recall(self, key: str) -> Record | None:
-        """Record of this key if it is in memory: a copy, as what is parsed of one stays in it."""
+        """Return the record of a key if it is in memory.
+
+        It is a copy: the content that callers parse from a record would stay in the cached one and take memory.
+        """
         with self._remembering:
             record = self._recent.get(key)
         return None if record is None else record.compact()
 
     def get(self, key: str) -> Record | None:
-        """Record of this key, from memory or from disk; in memory from then on."""
+        """Return the record of a key from memory or disk, and keep it in memory."""
         record = self.get_many([key]).get(key)
         if record is not None:
             self._remember(record)
         return record
 
     def get_many(self, keys: Sequence[str]) -> dict[str, Record]:
-        """Records of these keys, as far as there are any. Memory keeps what it has: a batch would fill it."""
+        """Return the records of these keys; missing ones are left out.
+
+        Records from disk are not kept in memory, since those of one batch would evict everything else.
+        """
         found = {key: record for key in keys if (record := self.recall(key) or self._pending.get(key))}
         wanted: dict[str, dict[str, int]] = defaultdict(dict)
         for key, place in self._find([key for key in keys if key not in found]).items():
@@ -196,7 +205,7 @@ class ResultCache:
         return found
 
     def known(self, keys: Sequence[str]) -> set[str]:
-        """Those of these keys whose records are on disk, in the journal or in segments seen to be whole."""
+        """Return the keys whose records are stored, in the journal or in segments that have been checked."""
         pending = {key for key in keys if key in self._pending}
         places = self._find([key for key in keys if key not in pending])
         whole = {name for name in {place.segment for place in places.values()} if self._check(name)}
@@ -204,9 +213,9 @@ class ResultCache:
         return pending | {key for key, place in places.items() if place.segment in whole}
 
     def put(self, record: Record) -> Record:
-        """Keep the record; return it as it is to be answered, with a warning if it could not be written.
+        """Store a record in the journal, and return it, with a warning if it could not be written.
 
-        It is in the journal then. A full journal becomes segments later, which no caller waits for.
+        A full journal is written to segments in a thread, for which no caller waits.
         """
         if self._journal is None:
             [record] = self.put_many([record])
@@ -218,17 +227,17 @@ class ResultCache:
         return record
 
     def flush(self) -> None:
-        """Put what is in the journal into segments, one for each operation."""
+        """Write the results of the journal to segments, at least one for each operation and version."""
         with self._flushing:
             self._empty_journal()
 
     def put_many(self, records: Sequence[Record], segments: Sequence[Segment] = ()) -> list[Record]:
-        """Keep records of one operation in as few segments as their size allows; return them as answered.
+        """Store records of one operation in few segments, and return them, with a warning if they were not written.
 
         Parameters
         ----------
         segments
-            Files of some of these records, if they have been made already.
+            Segments of some of these records, which a worker has already encoded.
         """
         stored = {key for keys, _ in segments for key in keys}
         rest = [record for record in records if record.key not in stored]
@@ -245,18 +254,18 @@ class ResultCache:
         return found
 
     def check_folder(self) -> None:
-        """See that the data folder is the one that was opened.
+        """Check that the data folder is still the one that was opened.
 
         Raises
         ------
         FolderReplacedError
-            If it has been removed or replaced.
+            If the folder has been removed or replaced.
         """
         if self._lock is not None:
             self._lock.check()
 
     def writable(self) -> bool:
-        """Try whether results can be written now."""
+        """Return True if results can be written now, by writing and removing a file."""
         with self._noting():
             self.check_folder()
             discard(self._segments.stage(PROBE))
@@ -265,20 +274,22 @@ class ResultCache:
         return False
 
     def set_aside(self) -> list[str]:
-        """Names of the damaged files of the data folder that nobody has removed yet."""
+        """Return the names of the files in the folder `damaged`."""
         try:
             return sorted(path.name for path in (self._folder / "damaged").iterdir())
         except OSError:
             return []
 
     def statistics(self) -> Statistics:
-        """What is on disk."""
+        """Return size and number of segments and results on disk."""
         return self._index.statistics
 
     def evict(self, limit: int, *, keep: str = "") -> None:
-        """Remove the segments used longest ago until the rest, but for the one to keep, takes no more than this."""
+        """Evict the least recently used segments until the total size is at most `limit`; `keep` is never evicted."""
+        # The times of last use decide the order. A full disk may refuse to write them, but must not prevent the
+        # eviction that makes room: hence two blocks.
         with self._noting():
-            self._index.flush()  # the order they go in; a full disk may refuse it, but not what makes it less full
+            self._index.flush()
         with self._noting():
             self.check_folder()
             while self._index.statistics.bytes > limit:
@@ -294,11 +305,11 @@ class ResultCache:
                     self._index.drop(names)
 
     def verify(self) -> list[str]:
-        """Read every segment, enter what is not in the index, set damaged ones aside and return their names."""
+        """Read every segment, add missing ones to the index, set damaged ones aside, and return the names of these."""
         return [name for name in sorted(self._segments.names()) if not self._adopt(name)]
 
     def rebuild(self) -> None:
-        """Make the index anew, with nobody else at work."""
+        """Rebuild the index from the segments. No other thread may use the cache meanwhile."""
         with self._noting():
             self._index.close()
             discard_database(self._index_path)
@@ -306,7 +317,7 @@ class ResultCache:
             self._reconcile()
 
     def close(self) -> None:
-        """Write what is left and give the folder up."""
+        """Write the journal to segments, close the files, and release the folder."""
         self._flusher.shutdown()
         self.flush()
         with self._noting():
@@ -321,7 +332,7 @@ class ResultCache:
             self._lock.release()
 
     def _remember(self, record: Record) -> None:
-        """Keep the record in memory, if it fits at all."""
+        """Keep a record in memory, unless it is larger than the whole memory cache."""
         if record.nbytes <= self._recent.maxsize:
             with self._remembering:
                 self._recent[record.key] = record.compact(exact=True)
@@ -330,10 +341,10 @@ class ResultCache:
         with self._noting():
             make_private_folder(self._index_path.parent)
             return Index(self._index_path)
-        return Index(None)  # what is stored can be read all the same
+        return Index(None)  # An index in memory is filled from the segments, so that stored results can be read.
 
     def _open_journal(self) -> Journal | None:
-        """Open the journal and take up what a process that was killed has left in it."""
+        """Open the journal, and load the results that a killed process has left in it."""
         with self._noting():
             journal = Journal(self._index_path.with_name("journal.sqlite"))
             left, damaged = journal.take_over()
@@ -353,7 +364,7 @@ class ResultCache:
         self._pending_bytes = sum(len(record.json) for record in list(self._pending.values()))
 
     def _flush_full_journal(self) -> None:
-        """Flush, unless another flush has just made room."""
+        """Flush the journal, unless another flush has just emptied it."""
         with self._flushing:
             if self._journal_is_full():
                 self._empty_journal()
@@ -372,7 +383,7 @@ class ResultCache:
                 log.error("cache folder %s: result %s cannot be stored and is removed: %s", self._folder, key, error)
             with self._noting():
                 if self._journal is not None:
-                    self._journal.remove(done)  # if that fails, the next start does it
+                    self._journal.remove(done)  # If this fails, the next start removes them: see `_open_journal`.
         self._count_pending()
 
     def _add_to_journal(self, journal: Journal, record: Record) -> bool:
@@ -386,7 +397,7 @@ class ResultCache:
         return False
 
     def _reconcile(self) -> None:
-        """Make the index agree with the files: a crash may come between the change of one and of the other."""
+        """Make the index agree with the files, as a crash may have come between the changes of both."""
         with self._noting():
             indexed, there = self._index.names(), self._segments.names()
             self._index.drop(indexed - there)
@@ -414,11 +425,13 @@ class ResultCache:
             self._index.add(name, keys, size, time.time())
         except sqlite3.Error:
             places = self._index.find(keys).values()
-            if all(place.segment != name for place in places):  # nobody would find it before the next start
+            # A segment outside the index would take disk space without being found before the next start.
+            if all(place.segment != name for place in places):
                 self._segments.remove([name])
             raise
 
     def _make_room(self, latest: str = "") -> None:
+        # Only one thread evicts. The others go on: the total exceeds the limit for a moment at most.
         if self.statistics().bytes > self._disk_bytes and self._evicting.acquire(blocking=False):
             try:
                 self.evict(round(self._disk_bytes * (1.0 - EVICTED_SHARE)), keep=latest)
@@ -427,7 +440,8 @@ class ResultCache:
 
     def _find(self, keys: Sequence[str]) -> dict[str, Location]:
         with self._noting():
-            return self._index.find([key for key in keys if KEY.fullmatch(key)])  # one may come from an address
+            # A key may come from a URL, so that it can be any text.
+            return self._index.find([key for key in keys if KEY.fullmatch(key)])
         return {}
 
     def _use(self, names: Iterable[str]) -> None:
@@ -435,11 +449,11 @@ class ResultCache:
             self._index.use(names)
 
     def _read(self, name: str, rows: Mapping[str, int]) -> dict[str, Record]:
-        """Results in these rows of a segment."""
+        """Return the results in these rows of a segment."""
         with self._missing(name):
             records = self._segments.decoded(name).records(rows.values())
             if [record.key for record in records] != list(rows):
-                self._index.drop([name])  # it was wrong
+                self._index.drop([name])  # The entry of the segment is wrong, so it is made again from the file.
                 self._adopt(name)
             return {record.key: record for record in records if record.key in rows}
         return {}
@@ -451,7 +465,7 @@ class ResultCache:
         return False
 
     def _adopt(self, name: str) -> bool:
-        """Enter a segment in the index, if it is whole."""
+        """Add a segment to the index if it is not damaged."""
         with self._missing(name):
             content, used = self._segments.read(name), self._segments.path(name).stat().st_mtime
             self._index.add(name, DecodedSegment(content).keys, len(content), used)
@@ -460,14 +474,14 @@ class ResultCache:
 
     @contextmanager
     def _missing(self, name: str) -> Iterator[None]:
-        """Take a segment that turns out to be gone or damaged for one that is not there."""
+        """Treat a missing or damaged segment as a cache miss, and remove it from the index."""
         with self._noting():
             try:
                 yield
             except FileNotFoundError:
                 self.check_folder()
                 with self._changing:
-                    if not self._segments.path(name).exists():  # nor written anew meanwhile
+                    if not self._segments.path(name).exists():  # Another thread may have written it again meanwhile.
                         self._index.drop([name])
             except DamagedFileError as error:
                 self.check_folder()
@@ -477,7 +491,7 @@ class ResultCache:
 
     @contextmanager
     def _noting(self) -> Iterator[None]:
-        """Note what the disk refuses, and go on behind the block."""
+        """Record an error of the disk instead of raising it, and continue after the block."""
         try:
             yield
         except (OSError, sqlite3.Error, FolderReplacedError) as error:
@@ -491,9 +505,9 @@ class ResultCache:
 
 
 def _encodable_segments(records: Sequence[Record]) -> tuple[list[Segment], dict[str, Exception]]:
-    """Return the segments of the records that can be encoded, and by key the errors of those that cannot.
+    """Return the segments of the records that can be encoded, and the errors of the others by key.
 
-    Such a record may come from the journal of another version.
+    A record that cannot be encoded may come from the journal of another version.
     """
     try:
         return encode_segments(records), {}

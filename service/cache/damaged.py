@@ -1,4 +1,4 @@
-"""The folder to which damaged files are moved."""
+"""Setting aside of damaged files in the folder `damaged`."""
 
 import logging
 import time
@@ -11,12 +11,14 @@ log = logging.getLogger(__name__)
 
 
 def set_aside(path: Path, folder: Path, reason: str) -> None:
-    """Move a damaged file into a folder, with its log if it is a database: it may hold what is worth saving.
+    """Move a damaged file into a folder, with its write-ahead log if it is a database.
+
+    The file is kept because parts of it may be worth saving.
 
     Raises
     ------
     OSError
-        If it cannot be done.
+        If the file cannot be moved.
     """
     aside = folder / path.name
     if aside.exists():
@@ -26,4 +28,4 @@ def set_aside(path: Path, folder: Path, reason: str) -> None:
     path.replace(aside)
     with suppress(FileNotFoundError):
         Path(f"{path}-wal").replace(f"{aside}-wal")
-    Path(f"{path}-shm").unlink(missing_ok=True)
+    Path(f"{path}-shm").unlink(missing_ok=True)  # SQLite makes the shared memory file again from the log.

@@ -1,20 +1,20 @@
-"""Results in HDF5: the segments in which the cache keeps them, and the files that people download.
+"""HDF5 files: the segments of the cache, and the files of results for download.
 
-A segment has what the cache needs to answer again:
+A segment has the data that the cache needs to answer a request again:
 
-    key, outcome, request, answer   a row a result; requests and answers as JSON
-    history/                        the motions, a dataset a column; `case` is the row of the result
+    key, outcome, request, answer   one row per result; requests and answers as JSON
+    history/                        motions, one dataset per column; `case` is the row of the result
 
-A file of results explains itself:
+A file of results describes itself:
 
-    summary/      the answers in short, a row a result or a case of a batch
-    requests      canonical requests as JSON, a row a row of the summary
+    summary/      summaries of the answers, one row per result or case of a batch
+    requests      canonical requests as JSON, one row per row of the summary
     answers       answers as JSON, without the histories
-    iterations/   every trial of the searches
-    history/      the motions over time
-    residuals/    what a calibration was given, what it predicts and what is left
+    iterations/   all trials of the searches
+    history/      motions over time
+    residuals/    data, predictions and residuals of calibrations
 
-Texts are UTF-8 and declared so, numbers arrays with their unit in the attribute `units`.
+Texts are declared as UTF-8. Numbers are arrays with their unit in the attribute `units`.
 """
 
 import hashlib
@@ -50,24 +50,27 @@ from service.schemas.fields import columns_of
 from service.schemas.quantities import Num
 
 NEW_FILE: Mapping[str, Any] = {"libver": ("earliest", "v108"), "track_order": True}
-"""The oldest structures of the file format, which HDF5 1.8, MATLAB, Octave, R and Julia read too; columns in order."""
+"""Options of new files: the oldest structures of the format, which HDF5 1.8, MATLAB, Octave, R and Julia can read, and
+columns in the order in which they were created."""
 GZIP_LEVEL = 3
-"""Compression level of gzip: the next levels take twice the time and save a tenth."""
+"""Compression level of gzip. The next levels take twice the time and save a tenth."""
 COMPRESSED_BYTES = 4096
-"""Smallest dataset that is compressed: a chunk of HDF5 takes 2 kB beside its data, so smaller ones would only grow."""
+"""Size of the smallest dataset that is compressed [bytes]. A chunk of HDF5 takes 2 kB in addition to its data, so that
+smaller datasets would grow."""
 SEGMENT_BYTES = 16 * 1024 * 1024
-"""Largest size of the histories and texts of one segment: all of it is read and decompressed for a single result."""
+"""Largest size of the histories and texts of one segment [bytes]. All of it is read and decompressed for one result."""
 CHUNK_ROWS = 4096
-"""Rows of a chunk in a file written block by block: few enough to wait in memory, enough to be compressed well."""
+"""Number of rows of a chunk in a file that is written in blocks: few enough to wait in memory, and enough to be
+compressed well."""
 CHUNK_BYTES = 1024 * 1024
-"""Size of a chunk of texts, which can be long [bytes]."""
+"""Size of a chunk of texts, whose rows can be long [bytes]."""
 CHUNK_CACHE_BYTES = 64 * 1024
-"""Memory in which HDF5 keeps the chunks of a dataset: only whole ones are written, and its default of several megabytes
-for each of some tens of datasets would take hundreds."""
+"""Size of HDF5's chunk cache for each dataset [bytes]. Only whole chunks are written, which need no cache; the default
+of several megabytes for each of some tens of datasets would take hundreds."""
 SPOOLED_BYTES = 8 * 1024 * 1024
-"""Size of the texts kept in memory until they are written [bytes]; more are kept in a temporary file."""
+"""Size of the texts held in memory until they are written [bytes]. Larger ones are held in a temporary file."""
 LAYOUT = "2"
-"""Raised when the layout changes so much that programs that read it must change too."""
+"""Version of the layout, raised when a change requires programs that read the files to change."""
 DESCRIPTIONS = {
     "summary": "the answers in short, a row each",
     "requests": "canonical requests as JSON, every default filled in, a row a row of the summary",
@@ -78,24 +81,24 @@ DESCRIPTIONS = {
 }
 
 HDF5 = threading.RLock()
-"""Held while a file is open: the HDF5 library is not made for threads. h5py has a lock itself, which should
-do; but a server once ended with its memory damaged, for a cause that was not found. Measured, eight threads that write
-and read 200 files of 64 results: 1.4 and 1.7 s with this lock, 1.1 and 2.1 s without, the same bytes."""
+"""Lock held while a file is open, because the HDF5 library is not thread-safe. The lock of h5py should suffice, but a
+server once crashed with corrupted memory, for a reason that was not found. Measured with eight threads that write and
+read 200 files of 64 results: 1.4 and 1.7 s with this lock, 1.1 and 2.1 s without, the same bytes."""
 
 Segment: TypeAlias = tuple[Sequence[str], bytes]
-"""Keys of the records of a file, in its order, and its content."""
+"""Keys of the records of a segment, in the order of its rows, and the content of the file."""
 
 
 def digest_of(content: bytes) -> str:
-    """Return the hash that a segment has as its name.
+    """Return the hash of a segment, which is its name.
 
-    So every byte is checked before the HDF5 library, which does not take damage well, gets to see any.
+    Every byte is thereby checked before the HDF5 library reads the file, which damaged files can crash.
     """
     return hashlib.sha256(content).hexdigest()[:32]
 
 
 def to_segment(*records: Record) -> bytes:
-    """Return the segment of these results of one operation and version; the same results give the same bytes."""
+    """Encode results of one operation and version as a segment. The same results give the same bytes."""
     first, content = records[0], io.BytesIO()
     texts = {
         "key": [record.key.encode() for record in records],
@@ -118,13 +121,14 @@ def to_segment(*records: Record) -> bytes:
 
 
 def encode_segments(records: Sequence[Record]) -> list[Segment]:
-    """Return the segments of these records of one operation: one, or several if their content is very large."""
+    """Encode records of one operation as one segment, or as several if they exceed `SEGMENT_BYTES`."""
     segments: list[Segment] = []
     part: list[Record] = []
     histories, longest = 0, 0
     for record in records:
         nbytes = sum(column.nbytes for column in (record.history or {}).values())
-        text = len(record.answer_json) + len(record.request_json)  # all rows are padded to the longest
+        # Texts have a fixed length in the file, so that each row takes as much as the longest one.
+        text = len(record.answer_json) + len(record.request_json)
         if part and histories + nbytes + (len(part) + 1) * max(longest, text) > SEGMENT_BYTES:
             segments.append(([each.key for each in part], to_segment(*part)))
             part, histories, longest = [], 0, 0
@@ -136,12 +140,12 @@ def encode_segments(records: Sequence[Record]) -> list[Segment]:
 
 
 class DecodedSegment:
-    """The content of a segment, from which any of its records are made.
+    """Decoded content of a segment, from which records are made.
 
     Raises
     ------
     DamagedFileError
-        If the file is not what `to_segment` writes.
+        If the file was not written by `to_segment` of this version.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -153,16 +157,17 @@ class DecodedSegment:
                 self._history = {name: dataset[()] for name, dataset in file.get("history", {}).items()}
                 names = ("operation", "engine_version", "schema_version")
                 self._operation, self._engine, self._schema = (file.attrs[name] for name in names)
-        except (LookupError, OSError, TypeError, ValueError, AttributeError) as error:  # of another version
+        # The hash has been checked, so that a file that cannot be decoded was written by another version.
+        except (LookupError, OSError, TypeError, ValueError, AttributeError) as error:
             raise DamagedFileError(f"no segment of this version: {error}") from error
 
     def records(self, rows: Iterable[int]) -> list[Record]:
-        """Results in these rows.
+        """Return the results in these rows.
 
         Raises
         ------
         DamagedFileError
-            If there is no such row.
+            If a row does not exist.
         """
         try:
             return [
@@ -186,12 +191,12 @@ class DecodedSegment:
             return None
         start, end = np.searchsorted(self._history[CASE.name], [row, row + 1])
         columns = {name: column for name, column in self._history.items() if name != CASE.name}
-        # A copy: a part of the array would keep all of the segment in memory.
+        # The part is copied, because a view would keep the whole array of the segment in memory.
         return {name: column[start:end].copy() for name, column in columns.items()} if end > start else None
 
 
 def to_hdf5(record: Record) -> bytes:
-    """Return the content of a file of one result."""
+    """Encode one result as a file for download."""
     content = io.BytesIO()
     with (
         HDF5,
@@ -204,22 +209,22 @@ def to_hdf5(record: Record) -> bytes:
 
 
 class BatchFile:
-    """A file of the cases of a batch, written slice by slice, so that only a slice need be in memory.
+    """Writer of a file with the cases of a batch, which holds one block of them in memory.
 
     Parameters
     ----------
     path
-        Where it goes.
+        Path of the file.
     operation
-        Operation of all its cases.
+        Operation of all cases.
     axes
-        Fields of a sweep, which become columns of the summary.
+        Fields that a sweep varies, which become columns of the summary.
     base
-        JSON of the base of the sweep, an attribute of the file.
+        JSON of the base of a sweep, which becomes an attribute of the file.
 
     Notes
     -----
-    A context manager: closed at the end of its block, whole if `finish` was called or the block ended well.
+    As a context manager it closes the file. The file is complete if `finish` was called or the block did not raise.
     """
 
     def __init__(self, path: Path, operation: str, *, axes: Sequence[str] = (), base: str = "") -> None:
@@ -240,18 +245,18 @@ class BatchFile:
                 self.finish()
         finally:
             self._contents.close()
-            with HDF5, suppress(OSError):  # reported already
+            with HDF5, suppress(OSError):  # A full disk has been reported by the write that failed.
                 self._file.close()
 
     def finish(self) -> None:
-        """Write what is left."""
+        """Write the remaining rows, and close the file."""
         with HDF5:
             if self._file:
                 self._contents.finish()
                 self._file.close()
 
     def write(self, cases: Sequence[CaseResult], points: Sequence[Sequence[float]] = ()) -> None:
-        """Add these cases; those of a sweep with their points."""
+        """Add cases; `points` has the values of the axes at those of a sweep."""
         summaries = []
         for case, point in zip(cases, points or itertools.repeat(()), strict=False):
             summary = summary_of(case.record) if case.record else {}
@@ -263,18 +268,18 @@ class BatchFile:
 
 
 class Contents:
-    """What is in a file of results, as it is written.
+    """Tables and texts of a file of results while it is being written.
 
     Parameters
     ----------
     file
-        Open and empty.
+        Open, empty file.
     operation
-        Operation of its results.
+        Operation of the results.
     spool
-        Folder for what has to wait until the file is finished; None for that of temporary files.
+        Folder for texts that wait until the file is finished; None for the folder of temporary files.
     more
-        Further columns of the summary, the first ones.
+        Additional columns at the beginning of the summary.
     """
 
     def __init__(self, file: h5py.File, operation: str, *, spool: Path | None, more: Sequence[Column] = ()) -> None:
@@ -298,7 +303,7 @@ class Contents:
         summaries: Sequence[Mapping[str, Any]],
         problems: Sequence[dict[str, Any] | None] = (),
     ) -> None:
-        """Add these results and their summaries; where there is no result, the problem."""
+        """Add results with their summaries, or problems where there is no result."""
         answers = [record.answer_json if record else b"" for record in records]
         for row, problem in enumerate(problems):
             answers[row] = answers[row] or orjson.dumps({"problem": problem})
@@ -311,29 +316,29 @@ class Contents:
         self._rows += len(records)
 
     def finish(self) -> None:
-        """Write what is left."""
+        """Write the remaining rows, and the texts."""
         for table in self._tables.values():
             table.finish()
         for text in self._texts.values():
             text.finish()
 
     def close(self) -> None:
-        """Give up what has not been written."""
+        """Discard the texts that have not been written."""
         for text in self._texts.values():
             text.close()
 
 
 class GrowingTable:
-    """A group of datasets of equal length, one for each column; not there at all if it stays empty.
+    """A group of datasets of equal length, one for each column. An empty table is not written.
 
     Parameters
     ----------
     file
-        Where it goes.
+        File of the group.
     name
         Name of the group.
     columns
-        What is known of its columns.
+        Units and descriptions of the columns.
     """
 
     def __init__(self, file: h5py.File, name: str, columns: Sequence[Column]) -> None:
@@ -342,11 +347,11 @@ class GrowingTable:
         self._columns = {column.name: column for column in columns}
         self._waiting: list[Table] = []
         self._rows = 0
-        """Number of rows that wait."""
+        """Number of rows that are not written yet."""
         self._group: h5py.Group | None = None
 
     def append(self, table: Table) -> None:
-        """Add rows; chunks that they fill are written."""
+        """Add rows, and write the chunks that are full."""
         if table:
             self._waiting.append(table)
             self._rows += len(next(iter(table.values())))
@@ -354,12 +359,12 @@ class GrowingTable:
             self._write(self._rows // CHUNK_ROWS * CHUNK_ROWS)
 
     def finish(self) -> None:
-        """Write what is left."""
+        """Write the remaining rows."""
         if self._rows:
             self._write(self._rows)
 
     def _write(self, count: int) -> None:
-        """Write so many of the rows that wait."""
+        """Write the first `count` of the waiting rows."""
         names = list(self._waiting[0])
         table = {name: np.concatenate([part.pop(name) for part in self._waiting]) for name in names}
         if self._group is None:
@@ -379,18 +384,19 @@ class GrowingTable:
 
 
 class GrowingText:
-    """A dataset of lines of text, written when all are known: they are padded to the longest.
+    """A dataset of lines of text, which is written when the longest line is known.
 
-    HDF5 does not compress texts of variable length: they would make the file of a job ten times as large.
+    The lines are padded to this length, because HDF5 does not compress texts of variable length: with them the file of
+    a job would be ten times as large.
 
     Parameters
     ----------
     file
-        Where it goes.
+        File of the dataset.
     name
         Name of the dataset.
     folder
-        Where the lines wait.
+        Folder of the temporary file with the lines.
     """
 
     def __init__(self, file: h5py.File, name: str, folder: Path | None) -> None:
@@ -419,18 +425,19 @@ class GrowingText:
             dataset[start : start + len(lines)] = np.array(lines, dtype)
 
     def close(self) -> None:
-        """Give up the lines that wait."""
+        """Discard the lines that have not been written."""
         self._lines.close()
 
 
 def _create(group: h5py.Group, name: str, values: Rows, *, grows: bool = False) -> h5py.Dataset:
-    """Create a dataset of one dimension with these values; texts are declared as UTF-8."""
+    """Create a one-dimensional dataset with these values, texts declared as UTF-8."""
     is_text = values.dtype.kind == "S"
     if is_text:
         values = values.astype(h5py.string_dtype("utf-8", values.dtype.itemsize))
     more: dict[str, Any] = {}
     if grows or values.nbytes >= COMPRESSED_BYTES:
-        # Numbers shrink by shuffling, the first bytes of all before the second ones; texts would grow by half.
+        # Shuffling (the first bytes of all values, then the second ones, and so on) makes compressed numbers smaller,
+        # but compressed texts larger by half.
         more = {"compression": "gzip", "compression_opts": GZIP_LEVEL, "shuffle": not is_text}
         more |= {"chunks": (CHUNK_ROWS,), "maxshape": (None,)} if grows else {"chunks": values.shape}
     return group.create_dataset(name, data=values, **more)

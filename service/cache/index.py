@@ -1,6 +1,6 @@
-"""Which result is in which segment, and the journal of results that are in none yet; both in SQLite.
+"""SQLite files of the cache: the index, which locates results in segments, and the journal of the latest results.
 
-The segments hold all that the index has: it can be made anew.
+The index can be rebuilt from the segments, which contain everything in it.
 """
 
 import hashlib
@@ -21,9 +21,9 @@ from service.cache.sqlite import LAYOUT, check_layout, decode
 from service.private_files import make_private
 
 KEYS_AT_ONCE = 1000
-"""Keys looked up in one query: a few milliseconds, during which storing waits."""
+"""Number of keys looked up in one query, which takes a few milliseconds during which storing waits."""
 FLUSH_SECONDS = 60.0
-"""Longest delay before the time of last use is written [s]; losing it in a crash hardly matters."""
+"""Longest delay before times of last use are written [s]. Losing them in a crash only changes the order of eviction."""
 
 INDEX_TABLES = """
 CREATE TABLE segments (
@@ -42,8 +42,8 @@ CREATE TABLE results (
 CREATE INDEX results_by_segment ON results (segment);
 """
 
-# The driver gives the interpreter lock up and takes it again at every row it reads or writes, and has to wait each
-# time while others are busy. So keys go in as one blob, and what is found comes back as one JSON text.
+# The sqlite3 module releases the interpreter lock at every row, and has to wait for it again while other threads are
+# busy. So keys are passed as one blob of 32 bytes each, and the locations are returned as one JSON text.
 FIND = """
 WITH RECURSIVE wanted (number) AS (SELECT 0 UNION ALL SELECT number + 1 FROM wanted WHERE number + 1 < ?2)
 SELECT json_group_array(json_array(wanted.number, segments.name, results.row)) FROM wanted
@@ -75,7 +75,7 @@ class Location:
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """What the segments amount to."""
+    """Total size of the segments, and their number and that of their results."""
 
     bytes: int
     segments: int
@@ -83,19 +83,19 @@ class Statistics:
 
 
 class Index:
-    """The index; safe from several threads, one of which is served at a time.
+    """Index of results by key. It is thread-safe; a lock admits one thread at a time.
 
     Parameters
     ----------
     path
-        Path of its file, made if it is not there, and made anew if it is damaged; None to keep it in memory.
+        Path of the file, which is created if it is missing and replaced if it is damaged; None for an index in memory.
 
     Raises
     ------
     FolderLayoutError
         If the file has the layout of another version.
     sqlite3.Error, OSError
-        If the disk does not let it be; also by all methods.
+        If the disk fails; all methods raise them too.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -107,11 +107,11 @@ class Index:
 
     @property
     def statistics(self) -> Statistics:
-        """What all segments amount to."""
+        """Statistics of all segments. They are kept in memory, as the time of adding them up grows with the index."""
         return self._statistics
 
     def find(self, keys: Sequence[str]) -> dict[str, Location]:
-        """Return the locations of results; keys without a result are left out."""
+        """Return the locations of results by key; missing keys are left out."""
         found = {}
         for start in range(0, len(keys), KEYS_AT_ONCE):
             some = keys[start : start + KEYS_AT_ONCE]
@@ -121,7 +121,7 @@ class Index:
         return found
 
     def add(self, segment: str, keys: Sequence[str], size: int, used: float) -> None:
-        """Enter a segment with its results, row by row, or what has become of it."""
+        """Insert or update a segment with the keys of its results, in the order of its rows."""
         with self._changing() as connection:
             before = self._amount(AMOUNT_OF, _json([segment]))
             [(number,)] = connection.execute(ADD_SEGMENT, (segment, size, len(keys), used)).fetchall()
@@ -129,7 +129,7 @@ class Index:
         self._grow(size - before.bytes, 1 - before.segments, len(keys) - before.cases)
 
     def drop(self, segments: Iterable[str]) -> None:
-        """Forget these segments and the results in them."""
+        """Delete the entries of segments and of their results."""
         names = _json(list(segments))
         with self._changing() as connection:
             gone = self._amount(AMOUNT_OF, names)
@@ -137,7 +137,7 @@ class Index:
         self._grow(-gone.bytes, -gone.segments, -gone.cases)
 
     def use(self, segments: Iterable[str]) -> None:
-        """Note that these are used now; written now and then only."""
+        """Record that segments are used now. The times are written every `FLUSH_SECONDS`."""
         now = time.time()
         with self._lock:
             self._used.update(dict.fromkeys(segments, now))
@@ -145,7 +145,7 @@ class Index:
             self.flush()
 
     def flush(self) -> None:
-        """Write when segments were used last."""
+        """Write the times of last use."""
         if not self._used:
             return
         with self._changing() as connection:
@@ -154,17 +154,17 @@ class Index:
             self._flushed = time.monotonic()
 
     def oldest(self, count: int, *, but: str) -> list[tuple[str, int]]:
-        """Names and sizes of the segments used longest ago, but for one."""
+        """Return names and sizes of the least recently used segments, except for the segment `but`."""
         with self._lock:
             return self._connection.execute(OLDEST, (but, count)).fetchall()
 
     def names(self) -> set[str]:
-        """Names of all segments."""
+        """Return the names of all segments."""
         with self._lock:
             return {name for (name,) in self._connection.execute("SELECT name FROM segments")}
 
     def close(self) -> None:
-        """Write what is left and let go of the file."""
+        """Write the times of last use, and close the file."""
         try:
             self.flush()
         finally:
@@ -173,7 +173,7 @@ class Index:
 
     @contextmanager
     def _changing(self) -> Iterator[sqlite3.Connection]:
-        with self._lock, self._connection as connection:  # which ends the transaction one way or the other
+        with self._lock, self._connection as connection:  # The connection commits, or rolls back after an exception.
             connection.execute("BEGIN IMMEDIATE")
             yield connection
 
@@ -187,12 +187,12 @@ class Index:
 
 
 def read_statistics(path: Path) -> Statistics:
-    """What an index says, also while a service has it open.
+    """Return the statistics of an index, which a service may have open.
 
     Raises
     ------
     sqlite3.Error
-        If there is no index, or none that can be read.
+        If the index is missing or cannot be read.
     """
     with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as connection:
         return Statistics(*connection.execute(AMOUNT).fetchone())
@@ -212,23 +212,23 @@ CREATE TABLE results (
 
 
 class Journal:
-    """Results of single queries until there are enough of them for a segment; safe from several threads, one at a time.
+    """Journal of the results of single queries, until there are enough of them for a segment. It is thread-safe.
 
-    A file of one result takes twelve times the room that it has in a file of many, and twenty times the work. What is
-    written here survives a process that is killed. A power cut may take the latest, which are then computed again, as
-    those of segments are.
+    A result in a segment of its own takes twelve times the disk space that it takes in a segment of many, and twenty
+    times the work. Results in the journal survive a killed process. A power cut may lose the latest ones, which are
+    then computed again, like those of segments.
 
     Parameters
     ----------
     path
-        Path of its file; made if it is not there. One that is damaged is set aside.
+        Path of the file, which is created if it is missing. A damaged file is set aside.
 
     Raises
     ------
     FolderLayoutError
         If the file has the layout of another version.
     sqlite3.Error, OSError
-        If the disk does not let it be; also by all methods.
+        If the disk fails; all methods raise them too.
     """
 
     def __init__(self, path: Path) -> None:
@@ -236,7 +236,7 @@ class Journal:
         self._connection = _opened(path, JOURNAL_TABLES, path.parent.parent / "damaged")
 
     def add(self, record: Record) -> None:
-        """Write a result, whole or not at all."""
+        """Write a result in a transaction of its own."""
         row = (
             record.key,
             record.operation,
@@ -251,13 +251,13 @@ class Journal:
             )
 
     def remove(self, keys: Iterable[str]) -> None:
-        """Remove results that are in a segment."""
-        with self._lock, self._connection as connection:  # which ends the transaction one way or the other
+        """Remove results that are in a segment now."""
+        with self._lock, self._connection as connection:
             connection.execute("BEGIN IMMEDIATE")
             connection.executemany("DELETE FROM results WHERE key = ?", [(key,) for key in keys])
 
     def take_over(self) -> tuple[list[Record], int]:
-        """Return the results that an earlier process has left; remove damaged ones, and return their number too."""
+        """Return the results that an earlier process has left, and the number of damaged ones, which are removed."""
         with self._lock, self._connection as connection:
             connection.execute("BEGIN IMMEDIATE")
             rows = connection.execute("SELECT * FROM results").fetchall()
@@ -271,18 +271,18 @@ class Journal:
         return records, len(rows) - len(records)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         with self._lock:
             self._connection.close()
 
 
 def count_results(path: Path) -> int:
-    """Return how many results a journal has, also while a service has it open; 0 if there is none.
+    """Return the number of results in a journal, which a service may have open; 0 if there is no journal.
 
     Raises
     ------
     sqlite3.Error
-        If it cannot be read.
+        If the journal cannot be read.
     """
     if not path.exists():
         return 0
@@ -292,7 +292,7 @@ def count_results(path: Path) -> int:
 
 
 def digest(*row: str | bytes) -> bytes:
-    """Hash of a row, without which a damaged result would be answered."""
+    """Return the hash of a row. SQLite has no checksums, so a damaged result would be answered without it."""
     found = hashlib.sha256()
     for value in row:
         found.update(value.encode() if isinstance(value, str) else value)
@@ -301,21 +301,24 @@ def digest(*row: str | bytes) -> bytes:
 
 
 def discard_database(path: Path) -> None:
-    """Remove the file of an index or a journal that nobody has open."""
+    """Remove a SQLite file that is not open, with its log and shared memory file."""
     for end in ("", "-wal", "-shm"):
         Path(f"{path}{end}").unlink(missing_ok=True)
 
 
 def _opened(path: Path | None, tables: str, aside: Path | None = None) -> sqlite3.Connection:
-    """Open a file with these tables, made anew if it is damaged.
+    """Open a SQLite file with these tables, and replace it if it is damaged.
 
-    A damaged file that holds what nothing else has is kept in the folder `aside`.
+    Parameters
+    ----------
+    aside
+        Folder to which a damaged file is moved; None to delete a file that can be rebuilt.
     """
     try:
         return _connected(path, tables)
-    except sqlite3.OperationalError:
+    except sqlite3.OperationalError:  # An error of the disk or of a lock says nothing about the content.
         raise
-    except sqlite3.DatabaseError as error:  # it is no database, or no longer one
+    except sqlite3.DatabaseError as error:
         if path is None:
             raise
         if aside is not None:
@@ -331,9 +334,11 @@ def _connected(path: Path | None, tables: str) -> sqlite3.Connection:
     connection.text_factory = decode
     try:
         layout = check_layout(connection, path.name if path else "")
-        connection.execute("PRAGMA journal_mode = WAL")
-        connection.execute("PRAGMA foreign_keys = ON")
-        connection.execute("PRAGMA synchronous = NORMAL")  # a power cut may cost the last segments their entries
+        connection.execute("PRAGMA journal_mode = WAL")  # `ricochet cache stat` reads while the service writes.
+        connection.execute("PRAGMA foreign_keys = ON")  # Results are deleted with their segment.
+        # Without a synchronisation at each commit, a power cut may lose the last entries, which are added again from
+        # the segments or computed again.
+        connection.execute("PRAGMA synchronous = NORMAL")
         if layout == 0:
             connection.executescript(f"BEGIN; {tables} PRAGMA user_version = {LAYOUT}; COMMIT;")
         elif connection.execute("PRAGMA quick_check(1)").fetchall() != [("ok",)]:

@@ -1,4 +1,4 @@
-"""What can be done to the results of a data folder from outside."""
+"""Maintenance of the results in a data folder, for `ricochet cache`."""
 
 import sqlite3
 import sys
@@ -14,15 +14,15 @@ from service.errors import UnusableFolderError
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """Findings of a check of the segments."""
+    """Result of a check of the segments."""
 
     statistics: Statistics
     damaged: list[str]
-    """Names of segments that were not what had been written; they are in the folder `damaged` now."""
+    """Names of the damaged segments, which have been moved to the folder `damaged`."""
 
 
 def stat(folder: Path) -> Statistics:
-    """Return what is stored, results of the journal too; a service may be running.
+    """Return size and number of the stored results, including the journal. The folder may be in use.
 
     Raises
     ------
@@ -37,12 +37,13 @@ def stat(folder: Path) -> Statistics:
 
 
 def verify(folder: Path) -> Verified:
-    """Read everything; set aside what is damaged, so that it is computed again.
+    """Read all segments, and set damaged ones aside, so that their results are computed again.
 
     Raises
     ------
     UnusableFolderError
-        If there are no results, the disk does not let it be, or a running service has the folder; so do the others.
+        If there are no results, the disk fails, or a running service holds the folder. The functions below raise it
+        for the same reasons.
     """
     with _results_of(folder) as cache:
         damaged = cache.verify()
@@ -50,14 +51,14 @@ def verify(folder: Path) -> Verified:
 
 
 def rebuild(folder: Path) -> Statistics:
-    """Make the index anew from the segments."""
+    """Rebuild the index from the segments."""
     with _results_of(folder) as cache:
         cache.rebuild()
         return cache.statistics()
 
 
 def evict(folder: Path, limit: int) -> Statistics:
-    """Remove the results used longest ago until the rest takes no more than this many bytes."""
+    """Evict the least recently used results until the rest takes at most `limit` bytes."""
     with _results_of(folder) as cache:
         cache.evict(limit)
         return cache.statistics()

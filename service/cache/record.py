@@ -1,4 +1,4 @@
-"""One result as the service keeps and answers it."""
+"""Records: results as they are stored and answered."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,32 +13,33 @@ from solver import ENGINE_VERSION
 FloatColumns = dict[str, npt.NDArray[np.float64]]
 
 ENTRY_BYTES = 600
-"""Memory of a record in the cache beside its texts: 460 as measured with 16,000, and what malloc adds. [bytes]"""
+"""Memory of a cached record in addition to its texts [bytes]: 460 measured over 16,000 records, and the overhead of
+malloc."""
 TEXT_LENGTH = 2.3
-"""Length of numbers as JSON over that of their bytes, about."""
+"""Approximate ratio of the length of numbers in JSON to that of their bytes."""
 
 
 class Record:
-    """A request, its answer and the versions that made it. Not to be changed.
+    """A request with its answer and the versions that computed it. Callers must not modify it.
 
-    A record holds the answer as it is sent, or its parts, or both: each is made from the other when it is first used.
+    A record holds the answer as it is sent, or its parts, or both. Each is made from the other on first use.
 
     Parameters
     ----------
     key
-        Hash of the request, the operation and the versions.
+        Hash of request, operation and versions.
     operation
         Name of the operation.
     request_json
-        Canonical request, every default filled in.
+        Canonical request as JSON, with all defaults filled in.
     answer
-        The JSON answer without key, version and columns of the history; as a dictionary or as text.
+        Answer without key, version and columns of the history, as a dictionary or as JSON.
     history
-        Those columns, by their names in the contract; None if there is no history.
+        Columns of the history by their names in the contract; None if there is no history.
     json
-        The answer as it is sent, in place of its parts.
+        Answer as it is sent, instead of its parts.
     outcome
-        How the run or the search ended; read from the answer when not given.
+        Outcome of the run or search; taken from the answer if not given.
     """
 
     __slots__ = (
@@ -79,18 +80,18 @@ class Record:
         self._json = json
         self._outcome = outcome
         self.stored = True
-        """False if the disk has refused it: it is answered, and gone with this process."""
+        """False if the disk refused the record, which is then lost with this process."""
 
     @property
     def json(self) -> bytes:
-        """The answer as it is sent."""
+        """Answer as it is sent, JSON."""
         if self._json is None:
             self._json = self._encode()
         return self._json
 
     @property
     def length(self) -> int:
-        """Length of the answer as it is sent; about, as long as it has not been encoded."""
+        """Length of the answer as it is sent [bytes]; an estimate until the answer has been encoded."""
         if self._json is not None:
             return len(self._json)
         columns = sum(column.nbytes for column in (self._history or {}).values())
@@ -98,13 +99,13 @@ class Record:
 
     @property
     def request(self) -> dict[str, Any]:
-        """Canonical request."""
+        """Canonical request, parsed at each access."""
         request: dict[str, Any] = orjson.loads(self.request_json)
         return request
 
     @property
     def answer(self) -> dict[str, Any]:
-        """The JSON answer without key, version and columns of the history."""
+        """Answer without key, version and columns of the history."""
         if self._answer is None:
             if self._answer_json is not None:
                 self._answer = orjson.loads(self._answer_json)
@@ -115,7 +116,7 @@ class Record:
 
     @property
     def answer_json(self) -> bytes:
-        """The same as text."""
+        """Answer without key, version and columns of the history, as JSON."""
         if self._answer_json is None:
             self._answer_json = orjson.dumps(self.answer)
         return self._answer_json
@@ -129,18 +130,18 @@ class Record:
 
     @property
     def outcome(self) -> str:
-        """How the run or the search ended."""
+        """Outcome of the run or search."""
         if self._outcome is None:
             self._outcome = outcome_of(self.answer)
         return self._outcome
 
     def compact(self, *, exact: bool = False) -> "Record":
-        """Return the same result as texts alone, without what has been parsed of it and takes ten times their memory.
+        """Return the record with its texts only, without parsed content, which takes ten times their memory.
 
         Parameters
         ----------
         exact
-            Copy the texts into memory of their length: what orjson returns keeps its buffer, 4 kB for 100 bytes.
+            Copy the texts into memory of their exact length. The texts of orjson keep its buffer, 4 kB for 100 bytes.
         """
         record = Record(
             self.key,
@@ -156,16 +157,16 @@ class Record:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it takes when it is compact."""
+        """Memory of the record after `compact`. [bytes]"""
         return len(self.json) + len(self.request_json) + ENTRY_BYTES
 
     @property
     def motion(self) -> dict[str, Any] | None:
-        """The part of the answer that describes one run, which the history belongs to; None if there is none."""
+        """Part of the answer that describes a run, to which the history belongs; None if there is none."""
         return motion_in(self.operation, self.answer)
 
     def with_warning(self, code: str, detail: str) -> "Record":
-        """Return the same result with one more warning."""
+        """Return the record with an additional warning."""
         history = self.history
         warnings = [*self.answer.get("warnings", []), {"code": code, "detail": detail}]
         return Record(
@@ -179,7 +180,7 @@ class Record:
         )
 
     def _encode(self) -> bytes:
-        """Return the answer with key, version and history; joined as text, which spares parsing one that was stored."""
+        """Return the answer with key, version and history. Texts are joined, so that a stored answer is not parsed."""
         text, history = self.answer_json, self._history
         more: dict[str, Any] = {"key": self.key, "engine_version": self.engine_version}
         if history is not None:
@@ -191,7 +192,7 @@ class Record:
         return text[:-1] + b"," * (len(text) > len(b"{}")) + _dumps(more)[1:]
 
     def _split(self) -> dict[str, Any]:
-        """Return the answer of the JSON that is sent, and keep its history apart."""
+        """Parse the answer as it is sent, and separate the history from it."""
         answer: dict[str, Any] = orjson.loads(self.json)
         del answer["key"], answer["engine_version"]
         motion = motion_in(self.operation, answer)
@@ -208,11 +209,11 @@ class CaseResult:
     Parameters
     ----------
     number
-        In the order of the request, from 0.
+        Number of the case in the request, from 0.
     record, problem
-        One of them. A problem lacks its `instance`; its pointers are into the request of the case.
+        Record, or problem without `instance`, whose pointers refer to the request of the case. The other one is None.
     cached
-        Whether nothing was computed for it.
+        True if the result came from the cache.
     """
 
     number: int
@@ -223,7 +224,7 @@ class CaseResult:
 
 
 def motion_in(operation: str, answer: dict[str, Any]) -> dict[str, Any] | None:
-    """Return the part of an answer that describes one run; None if there is none."""
+    """Return the part of an answer that describes a run; None if there is none."""
     motion: dict[str, Any] | None = answer if operation == "trajectory" else answer.get("trajectory")
     return motion
 

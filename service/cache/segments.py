@@ -1,9 +1,9 @@
-"""The files of results: segments, written once and named by the hash of their content, and the folder they are in.
+"""Segments: files of results that are written once and named by the hash of their content.
 
-lock                                       held by the service the folder belongs to
+lock                                       lock of the service that owns the folder
 results/segments/<first two digits>/<name>.h5
-results/.partial/                          being written; what a crash leaves there is removed at the next start
-damaged/<name>.h5                          files that were not what had been written, set aside
+results/.partial/                          files being written; remains of a crash are removed at the next start
+damaged/<name>.h5                          damaged files that were set aside
 """
 
 import itertools
@@ -22,11 +22,11 @@ from service.private_files import make_private_folder, open_private
 
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
 MOST_REMEMBERED = 100_000
-"""Number of segments remembered as intact, in some 20 MB of memory."""
+"""Number of segments remembered as intact, in some 20 MB of memory. Others are read again when they are checked."""
 
 
 class Segments:
-    """Files of a data folder.
+    """Segments of a data folder.
 
     Parameters
     ----------
@@ -35,8 +35,8 @@ class Segments:
 
     Notes
     -----
-    No fsync: what a power cut leaves of a file does not have the hash that is its name and is computed again, which
-    costs less than waiting for the disk at every one.
+    Files are not synchronised to the disk (fsync). The remains of a file after a power cut do not have the hash that is
+    its name, and its results are computed again, which costs less than waiting for the disk at every file.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -49,27 +49,32 @@ class Segments:
         self._decoding = threading.Lock()
 
     def sweep(self) -> None:
-        """Remove what a crash left half written, and make the folder: it is copied when there is none in it too."""
+        """Remove files that a crash left half written, and create the folder.
+
+        The folder exists even when it is empty, so that a backup that names it does not fail.
+        """
         shutil.rmtree(self._partial, ignore_errors=True)
         with suppress(OSError):
             make_private_folder(self._segments)
 
     def names(self) -> set[str]:
-        """Names of all that are there."""
+        """Return the names of all segments."""
         files = {name for _, _, names in os.walk(self._segments) for name in names}
         return {name.removesuffix(".h5") for name in files if FILE.fullmatch(name)}
 
     def path(self, name: str) -> Path:
-        """Return the file that holds a segment, whether it exists or not."""
+        """Return the path of a segment, whether it exists or not."""
         return self._segments / name[:2] / f"{name}.h5"
 
     def stage(self, content: bytes) -> Path:
-        """Write the content to a file that is none of the segments yet.
+        """Write the content of a segment to a temporary file.
+
+        `place` renames it, so that a segment appears as a whole and no crash leaves a partial one under its name.
 
         Raises
         ------
         OSError
-            If it cannot be written; nothing is left of it then.
+            If the file cannot be written; it is removed then.
         """
         staged = self._partial / f"{os.getpid()}-{next(self._numbers)}"
         try:
@@ -82,12 +87,12 @@ class Segments:
         return staged
 
     def place(self, staged: Path, name: str) -> None:
-        """Make the staged file the segment of this name, whole at once.
+        """Rename a staged file to the segment with this name.
 
         Raises
         ------
         OSError
-            If it cannot be; nothing is left of it then.
+            If the file cannot be renamed; it is removed then.
         """
         path = self.path(name)
         try:
@@ -105,9 +110,9 @@ class Segments:
         Raises
         ------
         DamagedFileError
-            If it is not what was written.
+            If the content does not match the name.
         OSError
-            If it cannot be read.
+            If the file cannot be read.
         """
         content = self.path(name).read_bytes()
         if digest_of(content) != name:
@@ -115,14 +120,14 @@ class Segments:
         return content
 
     def check(self, name: str) -> None:
-        """See that a segment is whole; read only if it was not seen so before.
+        """Check that a segment is intact. The file is read only if it has changed since the last check.
 
         Raises
         ------
         DamagedFileError
-            If it is not what was written.
+            If the content does not match the name.
         OSError
-            If it cannot be read.
+            If the file cannot be read.
         """
         signature = _signature(self.path(name))
         if self._whole.get(name) != signature:
@@ -130,19 +135,21 @@ class Segments:
             self._remember(name, signature)
 
     def decoded(self, name: str) -> DecodedSegment:
-        """Content of a segment; that of the latest is kept, as a job is read in pieces smaller than a segment.
+        """Return the decoded content of a segment.
+
+        The last one is kept, because a job is read in blocks that are smaller than a segment.
 
         Raises
         ------
         DamagedFileError
-            If it is not what was written.
+            If the content does not match the name.
         OSError
-            If it cannot be read.
+            If the file cannot be read.
         """
-        with self._decoding:  # another reader may be about to need the same
+        with self._decoding:  # One segment is decoded at a time, and readers of the same one share it.
             signature, latest = _signature(self.path(name)), self._latest
             if latest is None or latest[:2] != (name, signature):
-                latest = self._latest = None  # before as much memory is taken again
+                latest = self._latest = None  # Frees the previous segment before the memory of the next is taken.
                 latest = self._latest = (name, signature, DecodedSegment(self.read(name)))
             return latest[2]
 
@@ -159,29 +166,29 @@ class Segments:
             self._whole.pop(name, None)
 
     def set_aside(self, name: str, reason: str) -> None:
-        """Move a damaged segment out of the way.
+        """Move a damaged segment to the folder `damaged`.
 
         Raises
         ------
         OSError
-            If it cannot be moved.
+            If the file cannot be moved.
         """
         self._whole.pop(name, None)
         set_aside(self.path(name), self._damaged, reason)
 
     def _remember(self, name: str, signature: tuple[int, int]) -> None:
         if len(self._whole) >= MOST_REMEMBERED:
-            self._whole.clear()  # they are checked again when they are used
+            self._whole.clear()  # Forgotten segments are checked again when they are used.
         self._whole[name] = signature
 
 
 def discard(path: Path) -> None:
-    """Remove a file if that can be done."""
+    """Remove a file, and ignore errors."""
     with suppress(OSError):
         path.unlink(missing_ok=True)
 
 
 def _signature(path: Path) -> tuple[int, int]:
-    """Size and time of last change, which identify the file that was checked."""
+    """Return size and modification time, which identify the state of a file that was checked."""
     status = path.stat()
     return status.st_size, status.st_mtime_ns

@@ -1,23 +1,23 @@
-"""Settings and layout shared by the SQLite files of a data folder."""
+"""Layout number and decoding of text, shared by the SQLite files of a data folder."""
 
 import sqlite3
 
 from service.errors import FolderLayoutError
 
 LAYOUT = 3
-"""Number of the tables in these files and of the segments beside them, raised when one of them changes. A folder of
-another layout is refused: it is neither read nor changed."""
+"""Number of the layout of these files and of the segments, raised when one of them changes. A folder with another
+layout is refused, and neither read nor changed."""
 
 
 def check_layout(connection: sqlite3.Connection, name: str) -> int:
-    """Return the layout of a file, before anything is written to it; 0 if it is new.
+    """Return the layout number of a file, 0 for a new file, before anything is written to it.
 
     Raises
     ------
     FolderLayoutError
-        If it is another than that of this version.
+        If the layout is not that of this version.
     sqlite3.Error
-        If it cannot be read.
+        If the file cannot be read.
     """
     layout: int = connection.execute("PRAGMA user_version").fetchone()[0]
     if layout == LAYOUT or (layout == 0 and not connection.execute("SELECT 1 FROM sqlite_master").fetchall()):
@@ -26,5 +26,8 @@ def check_layout(connection: sqlite3.Connection, name: str) -> int:
 
 
 def decode(text: bytes) -> str:
-    """Decode a text; of a damaged one what can be read, so that it is found out where it is used."""
+    """Decode a text, with replacements for damaged bytes.
+
+    The damage is then reported by the check of the value, with its job or key, instead of by SQLite for a whole query.
+    """
     return text.decode(errors="replace")

@@ -21,19 +21,19 @@ from service.schemas.quantities import Part
 
 Rows = npt.NDArray[Any]
 Table = dict[str, Rows]
-"""Columns of equal length by their names; without any if the table has no rows."""
+"""Columns of equal length by name; empty if the table has no rows."""
 
 MISSING = -1
-"""Value of an integer column where a case has no result: all of these columns are counts, never below 0."""
+"""Value of an integer column where a case has no result. All integer columns are counts, which are never negative."""
 
 
 def fill(column: Column, values: Sequence[Any]) -> Rows:
-    """Return the values of a column as an array; None becomes NaN, `MISSING` or an empty text.
+    """Return the values of a column as an array, with NaN, `MISSING` or an empty text for None.
 
     Raises
     ------
     ValueError
-        If a text is too long to be kept whole.
+        If a text is longer than the column, which numpy would cut silently.
     """
     dtype = np.dtype(column.dtype)
     if dtype.kind == "i":
@@ -47,12 +47,12 @@ def fill(column: Column, values: Sequence[Any]) -> Rows:
 
 
 def summary_of(record: Record) -> dict[str, Any]:
-    """Return the row of the summary of a result, by column."""
+    """Return the summary of a result as a row, by column."""
     return summarize(record.answer) | {column.name: getattr(record, column.name) for column in IDENTITY}
 
 
 def table_of(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Rows as a table with these columns."""
+    """Convert rows to a table with these columns."""
     return {column.name: fill(column, [row.get(column.name) for row in rows]) for column in columns} if rows else {}
 
 
@@ -63,7 +63,7 @@ def trial_table_columns(answer: type[Part]) -> tuple[Column, ...]:
 
 
 def trials_of(columns: Iterable[Column], records: Sequence[Record | None], first: int) -> Table:
-    """Every trial of these results, in order, with the row of the summary, the first of which is given."""
+    """Return all trials of these results with their row in the summary, which starts at `first`."""
     searches = [record.answer.get("iterations", ()) if record else () for record in records]
     trials = [trial for search in searches for trial in search]
     rows = np.repeat(np.arange(first, first + len(records)), list(map(len, searches)))
@@ -71,10 +71,10 @@ def trials_of(columns: Iterable[Column], records: Sequence[Record | None], first
 
 
 def residuals_of(record: Record) -> dict[str, list[Any]]:
-    """Return what a calibration was given, what it predicts and what is left, by column.
+    """Return the detailed table of a result, by column.
 
-    From a study of uncertainty it is the probability over the angle, or probabilities and quantiles; from the formulas
-    all that they give; from other results nothing.
+    It has data, predictions and residuals of a calibration; the probability over the angle, or probabilities and
+    quantiles, of a study of uncertainty; all values of the formulas. Other results have none.
     """
     kind = record.operation
     if kind.endswith("_uncertainty"):
@@ -100,7 +100,7 @@ def residuals_of(record: Record) -> dict[str, list[Any]]:
 
 
 def formula_columns(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Return the answers of the formulas by column; NaN where one has none."""
+    """Return the values of the formulas by column, with NaN for missing ones."""
     limits = ("penetration_depth_m", "scabbing_thickness_m", "perforation_thickness_m")
     rows = [dict.fromkeys(limits, math.nan) | row for row in answer["formulas"]]
     columns = {name: [row[name] for row in rows] for name in ("formula", *limits)}
@@ -111,7 +111,7 @@ def formula_columns(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
 
 
 def _estimates(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Return the curve of probabilities; of one strike its probabilities and quantiles, one below the other."""
+    """Return the probability curve of a study of angles, or probabilities and quantiles of a study of one strike."""
     if "probability" in answer:
         return dict(answer["probability"])
     rows = [{"quantity": each["outcome"], "level": math.nan, **each} for each in answer["outcomes"]]
@@ -127,7 +127,7 @@ def _estimates(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
 
 
 def _motion(history: Mapping[str, Any], fit: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Return the rows of a motion that were fitted, by column."""
+    """Return data, predictions and residuals of a fitted motion, by column."""
     columns = dict(fit["residuals"])
     time = columns.pop("time_s")
     used = {name: history[name][: len(time)] for name in columns}
@@ -136,7 +136,7 @@ def _motion(history: Mapping[str, Any], fit: Mapping[str, Any]) -> dict[str, lis
 
 
 def _stacked(motions: Sequence[Mapping[str, list[Any]]]) -> dict[str, list[Any]]:
-    """Return the rows of several runs one below the other; what a run was not given is not a number there."""
+    """Concatenate the tables of several runs, with NaN for quantities that a run was not given."""
     names = [column.name for column in RESIDUALS if any(column.name in motion for motion in motions)]
     lengths = [len(motion["time_s"]) for motion in motions]
     stacked: dict[str, list[Any]] = {RUN.name: [run for run, length in enumerate(lengths) for _ in range(length)]}
@@ -150,7 +150,7 @@ def _stacked(motions: Sequence[Mapping[str, list[Any]]]) -> dict[str, list[Any]]
 
 
 def residual_table(records: Sequence[Record | None], first: int) -> Table:
-    """Residuals of a calibration as a table, with the row of the summary; its file holds no other result."""
+    """Return the detailed table of a result with its row in the summary. Only one of the records may have one."""
     found = [
         (row, columns) for row, record in enumerate(records, first) if record and (columns := residuals_of(record))
     ]
@@ -162,7 +162,7 @@ def residual_table(records: Sequence[Record | None], first: int) -> Table:
 
 
 def histories_of(records: Sequence[Record | None], first: int = 0) -> Table:
-    """Every history of these results, in order, with the row of the summary. They must have the same columns."""
+    """Return all histories of these results with their row in the summary. All must have the same columns."""
     histories = [(row, record.history) for row, record in enumerate(records, first) if record and record.history]
     if not histories:
         return {}

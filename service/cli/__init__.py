@@ -34,13 +34,13 @@ from service.cli.parser import Parser, with_values
 from service.version import VERSION
 
 PLAIN = {"°": "deg", "θ": "theta", "±": "+/-", "×": "x", "–": "-", "…": "..."}
-"""What stands for a character that the encoding of a terminal lacks, where Unicode does not know it."""
+"""Replacements for characters that the encoding of a terminal lacks and that Unicode does not decompose."""
 
 
 COMPLETION = "_ARGCOMPLETE"
-"""Variable by which a shell asks argcomplete for completions."""
+"""Variable that a shell sets to request completions from argcomplete."""
 EVENT_LOOPS = frozenset({"serve", "mcp"})
-"""Commands that run an event loop in the main thread."""
+"""Commands with an event loop in the main thread, which handles Ctrl-C itself."""
 
 
 class Command(NamedTuple):
@@ -100,7 +100,7 @@ def add_help(parser: argparse.ArgumentParser) -> None:
 
 
 def print_help(args: argparse.Namespace) -> int:
-    """Print the help of a command, which ends it."""
+    """Print the help of a command. argparse then ends the process."""
     return run(next(iter(args.words), ""), [*args.words, "--help"])
 
 
@@ -108,9 +108,10 @@ def main(arguments: list[str] | None = None) -> int:
     """Run a command; return its exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
     prepare_streams()
-    atexit.register(gc.freeze)  # The last collection would take a quarter of a second, to free what ends anyway.
+    # The last garbage collection would take a quarter of a second to free memory that the end of the process frees.
+    atexit.register(gc.freeze)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # Small systems of equations are slower on several threads.
-    os.environ.pop("MPLBACKEND", None)  # Plots go to files; a backend that a notebook has set may not be here.
+    os.environ.pop("MPLBACKEND", None)  # Plots go to files, and a backend set by a notebook may not be installed.
     os.environ["MATPLOTLIBRC"] = os.devnull  # The figures have a style of their own.
     if COMPLETION in os.environ:
         # The shell asks for completions: the command is the first word of its line behind that of the program.
@@ -128,7 +129,8 @@ def main(arguments: list[str] | None = None) -> int:
         return error.status
     except KeyboardInterrupt:
         return interrupted()
-    except BrokenPipeError:  # The reader of the pipe, such as `head`, has all that it wants.
+    except BrokenPipeError:
+        # The reader of the pipe, such as `head`, has closed it. The flush at exit would raise again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # This is most likely a full disk.
@@ -138,10 +140,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 @contextmanager
 def interruptible(name: str) -> Iterator[None]:
-    """Raise `KeyboardInterrupt` for whatever error Ctrl-C has ended in.
+    """Raise `KeyboardInterrupt` for any error that Ctrl-C has caused.
 
-    Libraries that import each other in C turn it into another one, such as numpy into an `ImportError`. The commands
-    with an event loop leave Ctrl-C to that, which takes it only from the handler of Python.
+    Libraries that import each other in C convert the interruption to another error, such as numpy to an `ImportError`.
+    Commands with an event loop leave Ctrl-C to asyncio, which replaces only the default handler of Python.
     """
     if name in EVENT_LOOPS or threading.current_thread() is not threading.main_thread():
         yield
@@ -165,30 +167,31 @@ def interruptible(name: str) -> Iterator[None]:
 
 
 def interrupted() -> int:
-    """Say that Ctrl-C was pressed, which from now on ends this process at once; return the exit status."""
+    """Report that Ctrl-C was pressed, and return the exit status."""
+    # A second Ctrl-C ends the process at once, without a traceback from whatever runs at exit.
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # Python ends by the signal, whatever the status, if the interruption passed through a text that it was executing,
-    # as named tuples are made; executing another one clears that mark.
+    # If the interruption passed through `exec` of a text, as when a named tuple is made, Python ends the process by the
+    # signal whatever the exit status. Executing another text clears that mark.
     eval("None")  # noqa: S307 (a constant)
     print("interrupted", file=sys.stderr)
     return INTERRUPTED
 
 
 def prepare_streams() -> None:
-    """Open the streams that are closed to nowhere, and have characters replaced that an encoding lacks."""
+    """Replace closed standard streams by /dev/null, and characters that an encoding lacks by ASCII."""
     codecs.register_error("plain", plain)
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         stream = getattr(sys, name)
         if stream is None:
             nowhere = os.open(os.devnull, os.O_RDWR)
-            setattr(sys, name, os.fdopen(nowhere, mode, encoding="utf-8", closefd=False))  # It stays open to the end.
+            setattr(sys, name, os.fdopen(nowhere, mode, encoding="utf-8", closefd=False))  # It is open until the exit.
         elif isinstance(stream, io.TextIOWrapper) and mode == "w":
             stream.reconfigure(errors="plain")
 
 
 def plain(error: UnicodeError) -> tuple[str, int]:
-    """Return characters in ASCII for some that cannot be encoded, and where to go on."""
+    """Return ASCII replacements for characters that cannot be encoded, and the position after them."""
     assert isinstance(error, UnicodeEncodeError)  # noqa: S101 (streams for output alone have it)
     found = ""
     for character in error.object[error.start : error.end]:
@@ -198,7 +201,7 @@ def plain(error: UnicodeError) -> tuple[str, int]:
 
 
 def define(command: Command, parser: argparse.ArgumentParser) -> None:
-    """Add the flags of a command to its parser; imports its module."""
+    """Import the module of a command, and add the flags to its parser."""
     getattr(import_module(command.module), f"add_{command.name.replace('-', '_')}")(parser)
 
 

@@ -1,4 +1,4 @@
-"""Arguments that commands share, and the errors and exit statuses of the command."""
+"""Arguments that several commands share, errors, and exit statuses."""
 
 import argparse
 import os
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 FAILED, WRONG, SOME_FAILED, INTERRUPTED = 1, 2, 3, 130
 """Exit statuses: the computation or the service failed; the input or the usage is wrong; some cases of a batch have no
-result; Ctrl-C."""
+result; Ctrl-C, for which shells report 128 plus the number of SIGINT."""
 EXIT_STATUSES = f"""\
 exit status:
   0  success
@@ -26,17 +26,17 @@ exit status:
 INPUT_STATUSES = frozenset({400, 404, 405, 406, 413, 415})
 """HTTP statuses caused by the request."""
 MANY = ("cra", "trajectory", "thickness", "limit-speed")
-"""Operations of batches and sweeps, the usual one first."""
+"""Operations of batches and sweeps, the default first."""
 INVALID = "urn:ricochet:problem:invalid-request"
 
 
 class CommandError(Exception):
-    """The command cannot continue; the text is printed for the user.
+    """The command cannot continue. The message is printed for the user.
 
     Parameters
     ----------
     text
-        What is wrong.
+        Message.
     status
         Exit status of the command.
     """
@@ -47,14 +47,14 @@ class CommandError(Exception):
 
 
 class UsageError(CommandError):
-    """The words of the command line are wrong; where to read about them is printed too.
+    """The command line is wrong. A pointer to `--help` is printed after the message.
 
     Parameters
     ----------
     text
-        What is wrong, beginning with the flag.
+        Message, beginning with the flag.
     command
-        The command with its action, such as `ricochet jobs list`; that which runs if empty.
+        Command with its action, such as `ricochet jobs list`. If empty, it is the running one.
     """
 
     def __init__(self, text: str, command: str = "") -> None:
@@ -63,12 +63,12 @@ class UsageError(CommandError):
 
 
 class RefusedError(CommandError):
-    """A problem document (RFC 9457) instead of an answer.
+    """A request was answered with a problem document (RFC 9457).
 
     Parameters
     ----------
     problem
-        The document.
+        Problem document.
     """
 
     def __init__(self, problem: Mapping[str, Any]) -> None:
@@ -94,16 +94,16 @@ def problem_text(problem: Mapping[str, Any]) -> str:
 
 
 URL, DATA_DIR = "RICOCHET_URL", "RICOCHET_DATA_DIR"
-"""Variables that replace flags."""
+"""Environment variables that replace flags."""
 
 
 def read_numbers(text: str) -> list[float]:
-    """Return the numbers of a text with commas between them.
+    """Parse numbers separated by commas.
 
     Raises
     ------
     ArgumentTypeError
-        If one of them is none.
+        If one of them is no number.
     """
     try:
         return [float(number) for number in text.split(",")]
@@ -112,12 +112,12 @@ def read_numbers(text: str) -> list[float]:
 
 
 def read_points(text: str) -> list[list[float]]:
-    """Return the points X,R:X,R:... of a profile.
+    """Parse the points X,R:X,R:... of a profile.
 
     Raises
     ------
     ArgumentTypeError
-        If the text is not that.
+        If the text has another form.
     """
     points = [point.split(",") for point in text.split(":")]
     try:
@@ -127,7 +127,7 @@ def read_points(text: str) -> list[list[float]]:
 
 
 class InputFile(str):
-    """Path of a file that a command reads, as typed; - is standard input."""
+    """Path of an input file as typed; `-` is standard input."""
 
     __slots__ = ()
 
@@ -135,19 +135,19 @@ class InputFile(str):
 class Flag(NamedTuple):
     """A flag for one field of a case.
 
-    The flags are a table, as making them from the models would add a second to every help text. A test compares it with
-    the models: fields, choices, units, defaults and bounds.
+    The flags are written out as a table, because making them from the models would add a second to every help text. A
+    test compares the table with the models: fields, choices, units, defaults and bounds.
 
     Parameters
     ----------
     steps
         Path of the field in the request body.
     read
-        Converts the text of the command line to the value of the field.
+        Function that converts the text of the command line to the value of the field.
     choices
-        Values that it may have.
+        Allowed values.
     implies
-        Model that the field belongs to, where there are several: the shape of a nose, the law of a strength factor.
+        Variants of a union that have the field, such as the shapes of a nose. The flag selects the first one.
     """
 
     name: str
@@ -166,11 +166,11 @@ class Flag(NamedTuple):
 
 
 NOSE, STRENGTH, FREE_SURFACE = ("projectile", "nose"), ("resistance", "strength_factor"), ("resistance", "free_surface")
-"""Parts of several models."""
+"""Paths of the parts of a case that are unions of several models."""
 MODEL_NAMES: Mapping[tuple[str, ...], str] = {NOSE: "shape", STRENGTH: "model", FREE_SURFACE: "model"}
-"""Field that names the model, by part."""
+"""Discriminator of each union, by its path."""
 SHAPES, LAWS, DECAYS = (tuple(CHOICES[".".join((*part, name))]) for part, name in MODEL_NAMES.items())
-"""Choices of these fields."""
+"""Values of the discriminators."""
 BODY = (
     Flag("--diameter", ("projectile", "diameter_m"), "shank diameter [m]"),
     Flag("--length", ("projectile", "length_m"), "length from nose tip to base [m]"),
@@ -317,7 +317,7 @@ STRIKE = (*IMPACT, *BODY, *RESISTANCE)
 
 
 def add_case(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> None:
-    """Add the inputs of one case: a file, flags for its numbers, and `--set` for any other field."""
+    """Add the arguments of one case: a file, flags for its fields, and `--set` for any other field."""
     parser.add_argument(
         "case",
         nargs="?",
@@ -336,7 +336,7 @@ def add_case(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> None:
 
 
 def add_numbers(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> Any:
-    """Add the flags for the fields of a case; return their group, whose class argparse does not publish."""
+    """Add the flags for the fields of a case, and return their group, whose class argparse does not export."""
     group = parser.add_argument_group("case", "SI units, angles in degrees from the normal; flags override the file")
     for flag in flags:
         group.add_argument(
@@ -395,7 +395,7 @@ def add_operation(parser: argparse.ArgumentParser) -> None:
 def add_actions(
     parser: argparse.ArgumentParser, actions: Sequence[tuple[str, str, str]]
 ) -> dict[str, argparse.ArgumentParser]:
-    """Add the actions of a command, each with name, help and an example; return their parsers by name."""
+    """Add the actions of a command, each with a name, a help text and an example; return their parsers by name."""
     subparsers: Any = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
     return {
         action: subparsers.add_parser(
@@ -409,12 +409,12 @@ def add_actions(
 
 
 def examples(*commands: str) -> str:
-    """Return the examples at the end of a help text."""
+    """Format examples for the end of a help text."""
     return "\n".join(("example:" if len(commands) == 1 else "examples:", *(f"  {command}" for command in commands)))
 
 
 def read_settings(**fixed: Any) -> "Settings":
-    """Return the service's settings from the environment; those given here override it.
+    """Read the settings of the service from the environment; keyword arguments override it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""`ricochet batch` and `ricochet sweep`: many cases, computed locally or by a service."""
+"""`ricochet batch` and `ricochet sweep`: compute many cases locally or by a service."""
 
 import argparse
 import json
@@ -30,21 +30,22 @@ if TYPE_CHECKING:
     from service.cli.client import Content
 
 READ_SIZE = 256 * 1024
-"""Number of bytes that are read from a file at a time."""
+"""Size of the pieces in which a file is read [bytes]. It is that of the blocks in which a service validates lines."""
 JSONL = "application/jsonl"
 TABLES = frozenset({".csv", ".tsv", ".xlsx"})
-"""Ends of the names of tables of cases."""
+"""File extensions of tables of cases."""
 OTHER_SPREADSHEETS = frozenset({".xls", ".xlsb", ".xlsm", ".ods", ".numbers", ".parquet"})
+"""File extensions of tables that are not read."""
 MAX_LISTED = 50
-"""Largest number of rows whose errors are listed: nobody corrects more at once."""
+"""Largest number of errors that are listed, a judgement: nobody corrects more at once."""
 MAX_PLOT_AXES = 2
-"""Axes of a sweep that a picture can show: a curve has one, a map two."""
+"""Largest number of axes that a plot can show: a curve has one, a map two."""
 MAX_POINTS = 100_000
-"""Largest number of points of a sweep that a service accepts."""
+"""Largest number of points of a sweep that a service accepts; `MOST_LINES` without the imports of the models."""
 
 
 class SweepAxis(NamedTuple):
-    """A field of a sweep with its values, as typed and as sent."""
+    """An axis of a sweep: field, values, text as typed, and content as sent."""
 
     field: str
     values: list[float]
@@ -119,7 +120,7 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 
 
 def run_file(args: argparse.Namespace) -> int:
-    """Compute the cases of a file; return 3 if some have a problem."""
+    """Compute the cases of a file; return 3 if some of them have a problem."""
     ending = Path(args.file).suffix.lower()
     is_table = ending in TABLES
     if ending in OTHER_SPREADSHEETS:
@@ -142,7 +143,7 @@ def run_file(args: argparse.Namespace) -> int:
 
 
 def _run_lines(args: argparse.Namespace, read: "Content") -> int:
-    """Compute the cases of JSON lines as they are read; a service refuses the first that is wrong."""
+    """Compute the cases of JSON lines while they are read, without checking them first."""
     try:
         return run_batch(args, BatchRequest(_path(args), read, JSONL))
     except RefusedError as error:
@@ -154,17 +155,17 @@ def _path(args: argparse.Namespace) -> str:
 
 
 def _request(args: argparse.Namespace, cases: Sequence[bytes], inputs: Inputs) -> BatchRequest:
-    """Return the request of the cases that are good."""
+    """Return the request of the valid cases."""
     return BatchRequest(_path(args), lambda: b"\n".join(cases), JSONL, inputs=inputs)
 
 
 def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
-    """Return the good cases of a table, and its rows.
+    """Return the valid cases of a table, and all of its rows.
 
     Raises
     ------
     CommandError
-        If the file is no table, no row is a case or, unless bad rows are skipped, a row is none.
+        If the file is no table, no row is valid, or one is not and `--skip-bad` is not given.
     """
     from service.cli.case_table import CUSTOM_ID, UnknownColumnsError, read_cases
     from service.cli.local import wrong_cases
@@ -195,7 +196,7 @@ def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
 def _described(
     table: "CaseTable", errors: Mapping[int, Sequence[Mapping[str, str]]], base: RequestBody
 ) -> Iterator[str]:
-    """Yield what is wrong with the rows of a table and with the file beside it; what every row lacks once."""
+    """Yield the errors of a table and of the file of `--case`. Fields that no column gives are reported once."""
     missing = {each["pointer"] for found in errors.values() for each in found if each["detail"] == MISSING}
     everywhere = {pointer for pointer in missing if not table.gives(pointer)}
     for pointer in sorted(everywhere):
@@ -215,12 +216,12 @@ def _describe(table: "CaseTable", number: int, error: Mapping[str, str], base: R
 
 
 def _cases_of_lines(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
-    """Return the good cases of a file of JSON lines, and which lines are not.
+    """Return the valid cases of a file of JSON lines, and the problems of the other lines.
 
     Raises
     ------
     CommandError
-        If none is good.
+        If no line is valid.
     """
     from service.cli.local import wrong_cases
 
@@ -235,7 +236,7 @@ def _cases_of_lines(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
 def _left_out(
     errors: Mapping[int, Sequence[Mapping[str, str]]], names: Mapping[int, str], path: str
 ) -> dict[int, dict[str, Any]]:
-    """Return the items of cases that are not sent, with the problem that a service would find."""
+    """Return the items of invalid cases, with the problem that a service would answer."""
     from service.errors import InvalidBodyError, problem_of
 
     items: dict[int, dict[str, Any]] = {}
@@ -247,8 +248,8 @@ def _left_out(
 
 
 def bad_rows(errors: Iterable[str], *, some_good: bool) -> CommandError:
-    """Return an error that lists what is wrong, up to `MAX_LISTED`, and says what to do if some rows are good."""
-    found = list(dict.fromkeys(errors))  # Every row has what is wrong with the file beside the table.
+    """Return an error with up to `MAX_LISTED` messages, and a hint at `--skip-bad` if some rows are valid."""
+    found = list(dict.fromkeys(errors))  # An error in the file of `--case` occurs in every row.
     lines = found[:MAX_LISTED]
     if len(found) > MAX_LISTED:
         lines.append(f"and {len(found) - MAX_LISTED:,} more")
@@ -272,7 +273,7 @@ def _read_pieces(file: Path) -> Iterator[bytes]:
 
 
 def _explain_lines(args: argparse.Namespace, error: RefusedError, read: "Content") -> CommandError:
-    """Return a problem with all lines that are wrong; the service names the first alone, which it counts from 0."""
+    """Return an error that lists all invalid lines. The service reports only the first, and counts it from 0."""
     from service.cli.local import wrong_cases
 
     content = read()
@@ -298,7 +299,7 @@ def _describe_lines(file: str, errors: Mapping[int, Sequence[Mapping[str, str]]]
 
 
 def run_sweep(args: argparse.Namespace) -> int:
-    """Compute the points of a sweep; return 3 if some have a problem."""
+    """Compute the points of a sweep; return 3 if some of them have a problem."""
     axes: list[SweepAxis] = args.axis
     body = without_sought(read_body(args.case, args, STRIKE), args.operation)
     content = {"base": _fill(body.content, axes), "axes": [axis.content for axis in axes]}
@@ -317,7 +318,7 @@ def run_sweep(args: argparse.Namespace) -> int:
 
 
 def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: Sequence[Writer]) -> int:
-    """Compute the points in this process if they are few and nothing is to be kept, else as a job."""
+    """Compute few points in this process, unless their results are to be kept; else run a job."""
     if not args.url and not args.data_dir:
         from service.cli import local
 
@@ -331,7 +332,7 @@ def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: S
 
 
 def read_axis(text: str) -> SweepAxis:
-    """Return the axis of a flag `--axis`.
+    """Parse the value of `--axis`.
 
     Raises
     ------
@@ -356,7 +357,7 @@ def read_axis(text: str) -> SweepAxis:
 
 
 def _linspace(start: float, stop: float, count: int) -> list[float]:
-    """Return evenly spaced values, computed as the service does."""
+    """Return evenly spaced values, computed as by the service, so that keys and plots agree to the last bit."""
     if not 1 <= count <= MAX_POINTS:
         raise ValueError(count)
     if count == 1:
@@ -378,7 +379,7 @@ def _fill(body: dict[str, Any], axes: Sequence[SweepAxis]) -> dict[str, Any]:
 
 
 def _explain_axes(error: RefusedError, body: RequestBody, axes: Sequence[SweepAxis]) -> CommandError:
-    """Return a problem with the flag or the file of each invalid field."""
+    """Return an error that names the flag or the file of each invalid field of a sweep."""
     lines = []
     by_pointer = {"/" + axis.field.replace(".", "/"): axis for axis in axes}
     for each in error.errors:

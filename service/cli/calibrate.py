@@ -1,4 +1,4 @@
-"""`ricochet calibrate`: strength factors from tests and from finite element histories."""
+"""`ricochet calibrate`: fit strength factors to tests and to finite element histories."""
 
 import argparse
 import csv
@@ -80,7 +80,7 @@ def _fail(args: argparse.Namespace, error: Exception, status: int) -> int:
 
 
 def calibrate_depth(args: argparse.Namespace) -> None:
-    """Fit a strength factor to depths and print it."""
+    """Fit a strength factor to depths, and print it."""
     body, case = calibration_body(args, Calibration, BODY, args.tests)
     found = read_depth_tests(
         args.tests,
@@ -92,7 +92,7 @@ def calibrate_depth(args: argparse.Namespace) -> None:
     tests = [_fields(asdict(test)) for test in found]
     body.content.pop("compare_strength_factors", None)
     answer = body.answer("calibration_depth", args.url, tests=tests)
-    if args.curves or args.strength_factors:  # The fitted factor has a curve too.
+    if args.curves or args.strength_factors:  # A second request, as the fitted factor is known now and has a curve too.
         factors = sorted({*args.strength_factors, answer["strength_factor"]})
         answer = body.answer("calibration_depth", args.url, tests=tests, compare_strength_factors=factors)
     if args.curves:
@@ -106,7 +106,7 @@ def calibrate_depth(args: argparse.Namespace) -> None:
 
 
 def calibrate_motion(args: argparse.Namespace) -> None:
-    """Fit a strength factor to one or several motions with every decay law and print it."""
+    """Fit a strength factor to one or several motions with each decay law, and print it."""
     if (args.history is None) == (args.runs is None):
         raise CommandError("either HISTORY or --runs RUNS.csv must be given")
     weights = _weights(args.weight)
@@ -135,7 +135,7 @@ def calibrate_motion(args: argparse.Namespace) -> None:
 
 
 def as_uncertain(answer: Mapping[str, Any]) -> str:
-    """Return a fitted strength factor as tables of a case: the constant law, and its value as an uncertain input."""
+    """Return a fitted strength factor as TOML: a constant law, and its value as an uncertain input."""
     factor, error = f"{answer['strength_factor']:.6g}", f"{answer['standard_error']:.3g}"
     return f"""
 [resistance.strength_factor]
@@ -148,7 +148,7 @@ distribution = {{ type = "normal", mean = {factor}, standard_deviation = {error}
 
 
 def shots_as_uncertain(tests: Sequence[Mapping[str, Any]], posterior: Mapping[str, float]) -> str:
-    """Return depth tests as tables of a case: own tests, as of `--shots`, and what they leave of S uncertain."""
+    """Return depth tests as TOML: own tests, as of `--shots`, and the remaining scatter of S as an uncertain input."""
     from solver.resistance import PLAUSIBLE_FACTORS
 
     kept = ("velocity_m_s", "depth_m", "mass_kg")
@@ -170,7 +170,7 @@ distribution = {{ type = "log_student_t", median = 1.0, {spread}, lower = {lower
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Input:
-    """A history with its impact, as a request holds them, and the request without histories."""
+    """A history and its impact in the form of a request, and the request without histories."""
 
     name: str
     impact: dict[str, Any]
@@ -200,7 +200,7 @@ def _table_inputs(args: argparse.Namespace) -> list[_Input]:
 
 
 def _fields(quantities: Mapping[str, Any]) -> dict[str, Any]:
-    """Return quantities of the solver as fields of a request; those without a value are left out."""
+    """Convert quantities of the solver to fields of a request, without those that are None."""
     fields, ends = {}, unit_ends()
     for name, quantity in quantities.items():
         value = quantity.tolist() if isinstance(quantity, np.ndarray) else quantity
@@ -212,7 +212,7 @@ def _fields(quantities: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _compared_tables(answer: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the motions that are compared, of several runs with the number of each."""
+    """Return the compared motions as tables, with the number of the run if there are several."""
     if "runs" not in answer:
         return [{"strength_factor": each["strength_factor"], **each["history"]} for each in answer["compared"]]
     return [
@@ -223,7 +223,7 @@ def _compared_tables(answer: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _with_impacts(answer: Mapping[str, Any], inputs: Sequence[_Input]) -> dict[str, Any]:
-    """Return the answer with the oblique angle, for `calibrate obliquity`, or with the file and impact of each run."""
+    """Add the oblique angle to an answer, which `calibrate obliquity` needs, or file and impact of each run."""
     if "runs" not in answer:
         return {"oblique_angle_deg": inputs[0].impact["oblique_angle_deg"], **answer}
     runs = [
@@ -239,7 +239,7 @@ def _with_impacts(answer: Mapping[str, Any], inputs: Sequence[_Input]) -> dict[s
 
 
 def calibrate_obliquity(args: argparse.Namespace) -> None:
-    """Fit a polynomial over the oblique angle and print it."""
+    """Fit a polynomial over the oblique angle, and print it."""
     found = read_obliquity_points(
         args.points,
         by_quantity("--column", args.column, OBLIQUITY_POINTS),
@@ -288,7 +288,7 @@ def _weights(pairs: Iterable[tuple[str, str]]) -> dict[str, float]:
 
 
 def _write_csv(output: OutputFile, tables: Iterable[Mapping[str, Any]]) -> None:
-    """Write tables below each other, a row for each instant or velocity; a column that a table lacks is empty."""
+    """Write tables one below the other, with a row for each instant or velocity; missing columns are empty."""
     tables, text = list(tables), io.StringIO()
     names = list(dict.fromkeys(name for table in tables for name in table))
     writer = csv.DictWriter(text, names, lineterminator="\n")
@@ -363,7 +363,7 @@ def _print_quantities(run: Mapping[str, Any]) -> None:
 def _print_runs(
     inputs: Sequence[_Input], runs: Sequence[Mapping[str, Any]], laws: Sequence[Mapping[str, Any]], requested: str
 ) -> None:
-    """Print each of several runs at its own strength factor and at the common one."""
+    """Print the fit of each run with its own strength factor and with the common one."""
     own, rows = next(law["runs"] for law in laws if law["free_surface"] == requested), []
     for each, run, fitted in zip(inputs, runs, own, strict=True):
         cells = ["", ""]
@@ -415,9 +415,9 @@ def _sentence(estimate: Mapping[str, Any], confidence: float) -> str:
 
 
 def _degrees_of_freedom(estimate: Mapping[str, Any], confidence: float) -> float:
-    """Return the degrees of freedom of Student's distribution behind an interval, which an answer does not have.
+    """Return the degrees of freedom of Student's distribution from the confidence interval of an answer.
 
-    The upper end is used, as the lower one is cut off at 0.
+    The upper end is used, as the lower one is truncated at 0.
     """
     from scipy.special import stdtridf
 

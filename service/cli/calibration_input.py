@@ -1,4 +1,4 @@
-"""Input of `ricochet calibrate`: its flags, and the request body from flags, a case and a file of data."""
+"""Input of `ricochet calibrate`: flags, and the request body from flags, a case and a file of data."""
 
 import argparse
 import json
@@ -38,11 +38,11 @@ SHORT_NAMES = {
 }
 """Short names of the quantities of a motion."""
 NOT_USED = ("output", "search", "custom_id")
-"""Fields of a request body that a calibration ignores."""
+"""Fields of a case that a calibration ignores."""
 DATA = ("tests", "history", "runs", "points")
 """Fields of a calibration that come from a file of data."""
 NOT_FITTED = frozenset({"/tests", "/history", "/runs"})
-"""Pointers of an error that is about the data as a whole: these are well formed but cannot be fitted."""
+"""Pointers to whole data. An error there means that the data are well formed but cannot be fitted."""
 VERBOSE = "print the warnings in full, with the standing notes"
 CSV_FILES = (
     "Columns are found by their names, with the unit at the end (time_s, depth_displacement_mm, rotation_deg, "
@@ -217,7 +217,7 @@ def _until(text: str) -> str | float:
 
 
 def by_quantity(flag: str, pairs: Iterable[tuple[str, str]], quantities: Sequence[Quantity]) -> dict[str, str]:
-    """Return the values of a flag that is repeated for several quantities.
+    """Return the values of a repeated flag by quantity.
 
     Raises
     ------
@@ -240,14 +240,14 @@ CalibrationT = TypeVar("CalibrationT", bound=Calibration)
 
 
 class StrikeCalibration(Calibration):
-    """What fits to motions have in common: that of all fits, and an impact."""
+    """Base of a calibration with an impact."""
 
     impact: Impact
 
 
 @dataclass(frozen=True)
 class CalibrationBody(RequestBody):
-    """The body of a calibration.
+    """Body of a calibration.
 
     Parameters
     ----------
@@ -258,20 +258,20 @@ class CalibrationBody(RequestBody):
     data_file: str
 
     def describe(self, pointer: str, detail: str) -> str:
-        """Return an error at a pointer, with the flag or the file of that field."""
+        """Return the message of an error, with the flag or the file of the field."""
         if pointer.removeprefix("/").partition("/")[0] not in DATA:
             return super().describe(pointer, detail)
         return f"{self.data_file}: {pointer[1:].replace('/', '.')}: {detail}"
 
     def explain(self, error: RefusedError) -> CommandError:
-        """Return a problem with its flags and files; data that are well formed but cannot be fitted have failed."""
+        """Return an error with its flags and files. Data that cannot be fitted are a failure, not a wrong input."""
         found = super().explain(error)
         if any(each["pointer"] in NOT_FITTED for each in error.errors):
             found.status = FAILED
         return found
 
     def answer(self, operation: str, url: str | None, **further: Any) -> dict[str, Any]:
-        """Return the answer to this body with further fields, of the service at this address or of this process."""
+        """Return the answer to this body with further fields, from the service at `url` or computed here."""
         answer: dict[str, Any] = json.loads(answer_of(operation, replace(self, content=self.content | further), url))
         return answer
 
@@ -279,9 +279,9 @@ class CalibrationBody(RequestBody):
 def calibration_body(
     args: argparse.Namespace, model: type[CalibrationT], flags: Sequence[Flag], data_file: str
 ) -> tuple[CalibrationBody, CalibrationT]:
-    """Return the body of a fit, still without data, from flags and the file of `--case`; and as it is validated.
+    """Return the body of a fit without data, from flags and the file of `--case`, and its validated form.
 
-    It is validated before the data are read, as these are checked against the projectile and the impact.
+    It is validated before the data are read, because these are checked against projectile and impact.
 
     Raises
     ------

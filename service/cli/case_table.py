@@ -1,4 +1,4 @@
-"""The cases of a batch as a table: a row for each case, and a column for each field that it gives."""
+"""Tables of cases: one row for each case, and one column for each field."""
 
 import json
 import re
@@ -44,7 +44,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "_kg_m3": DENSITY,
     "_kg_m2": INERTIA,
 }
-"""Units that a column may be in with their factors to that of the contract, by the end of the name of its field."""
+"""Accepted units of a column with their factors to the unit of the contract, by suffix of the field."""
 GREEK = str.maketrans({"ρ": "rho", "ψ": "psi", "θ": "theta", "ω": "omega", "ν": "nu"})
 APOSTROPHES = re.compile("['\N{PRIME}\N{RIGHT SINGLE QUOTATION MARK}]")
 NO_WORD = re.compile(r"[^a-z0-9]+")
@@ -63,20 +63,20 @@ NEEDED = frozenset(
 )
 """Fields whose column has no empty cell: a gap is more likely an error than a wish for the number of `--case`."""
 MAX_SHOWN = 40
-"""Characters of a name that an error quotes, and compares with those of the fields."""
+"""Largest number of characters of a header that an error quotes or a suggestion is searched for."""
 MAX_COLUMNS = 10
-"""Columns that one error names."""
+"""Largest number of columns named in one error."""
 
 
 class Column(NamedTuple):
-    """A column of a table and the field that it gives.
+    """A column of a table and its field.
 
     Parameters
     ----------
     header
-        As typed, with the unit of a second line.
+        Header as typed, with the unit from a second line.
     steps
-        Path of the field; empty if the column is only carried to the output.
+        Path of the field; empty if the column is only copied to the output.
     factor
         Factor from the unit of the column to that of the field.
     """
@@ -102,13 +102,13 @@ class Row(NamedTuple):
     Parameters
     ----------
     line
-        Its line in the file, or row of the sheet.
+        Line in the file, or row of the sheet.
     cells
-        As typed.
+        Cells as typed.
     case
-        The request; empty if there is an error.
+        Request; empty if there is an error.
     error
-        Why there is no request.
+        Reason why there is no request.
     """
 
     line: int
@@ -130,9 +130,9 @@ class CaseTable:
         return any(f"{column.pointer}/".startswith(f"{pointer}/") for column in self.columns if column.steps)
 
     def described(self, row: Row, pointer: str, detail: str) -> str:
-        """Return what is wrong with a field of a row, beginning with its cell; empty if no cell gives it."""
+        """Return the message of an error, beginning with the cell; empty if no cell sets the field."""
         name, _, of_model = detail.removeprefix("`").partition("` ")
-        if of_model:  # Which model a part is of is said of the part.
+        if of_model:  # An unknown model is an error of the part; the cell is that of its name.
             pointer, detail = f"{pointer}/{name}", of_model
         for column, cell in zip(self.columns, row.cells, strict=True):
             if column.steps and column.pointer == pointer:
@@ -150,14 +150,14 @@ class CaseTable:
 
 
 class UnknownColumnsError(CommandError):
-    """Columns are no fields of a case.
+    """Columns of a table are no fields of a case.
 
     Parameters
     ----------
     text
-        Which, with suggestions.
+        Message with the columns and suggestions.
     fields
-        Names of the fields there are.
+        Names of all fields.
     """
 
     def __init__(self, text: str, fields: Sequence[str]) -> None:
@@ -166,14 +166,14 @@ class UnknownColumnsError(CommandError):
 
 
 def read_cases(file: Path, operation: str, base: Mapping[str, Any], keep: Collection[str] = ()) -> CaseTable:
-    """Return the cases of a table; a row without a number or word is none.
+    """Read the cases of a table. Empty rows are skipped.
 
     Parameters
     ----------
     base
-        Fields of every case, in place of which go those of a row; an empty cell gives none.
+        Fields of every case, which the cells of a row replace unless they are empty.
     keep
-        Headers of columns that are no fields, and only carried to the output.
+        Headers of columns that are no fields and are only copied to the output.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def read_cases(file: Path, operation: str, base: Mapping[str, Any], keep: Collec
 
 
 def _fields(operation: str) -> list[str]:
-    """Return the fields of a case, their steps with dots between them."""
+    """Return the dotted paths of the fields of a case."""
     from service.operations import OPERATIONS
     from service.schemas.similar_names import field_names
     from service.schemas.sweeps import schema_of
@@ -203,12 +203,12 @@ def _fields(operation: str) -> list[str]:
 
 
 def _columns(table: Table, fields: Sequence[str], keep: Collection[str]) -> list[Column]:
-    """Return the columns of a table.
+    """Match the columns of a table to fields.
 
     Raises
     ------
     CommandError
-        If some are no fields, or two give the same one.
+        If some columns are no fields, or two of them are the same field.
     """
     columns, unknown = list[Column](), list[str]()
     by_field = dict[str, str]()
@@ -222,7 +222,7 @@ def _columns(table: Table, fields: Sequence[str], keep: Collection[str]) -> list
         if problem:
             unknown.append(problem)
         elif field == CUSTOM_ID and field in by_field:
-            field = ""  # A table may have an id and a name: the first of them is that of the case.
+            field = ""  # A table may have an id and a name, of which the first becomes the name of the case.
         elif field in by_field:
             unknown.append(f"{header[:MAX_SHOWN]!r} gives {field} as {by_field[field]!r} does")
         if field:
@@ -236,7 +236,7 @@ def _columns(table: Table, fields: Sequence[str], keep: Collection[str]) -> list
 
 
 def _field_of(header: str, fields: Sequence[str]) -> tuple[str, float, str]:
-    """Return the field that a column gives, the factor from its unit, and what is wrong with the header."""
+    """Return the field of a column, the factor from its unit, and the error of the header if there is one."""
     from service.schemas.similar_names import meant_as
 
     shown = repr(header[:MAX_SHOWN])
@@ -246,7 +246,7 @@ def _field_of(header: str, fields: Sequence[str]) -> tuple[str, float, str]:
     name = "number" if stem == "#" else NO_WORD.sub("_", APOSTROPHES.sub("", stem.lower().translate(GREEK))).strip("_")
     if not found:
         found = {field: unit or given for field in fields if (given := _unit_in(name, field)) is not None}
-    # The length of a projectile comes before that of its boat-tail.
+    # A field closer to the top takes precedence: the length of a projectile before that of its boat-tail.
     nearest = min((field.count(".") for field in found), default=0)
     found = {field: unit for field, unit in found.items() if field.count(".") == nearest}
     if len(found) > 1:
@@ -276,7 +276,7 @@ def _remove_field(body: dict[str, Any], steps: Sequence[str]) -> None:
 
 
 def _unit_in(name: str, field: str) -> str | None:
-    """Return the unit in the name of a column for a field: empty without one, None if the name is for another field."""
+    """Return the unit in the name of a column for a field, empty without one, None if the name is of another field."""
     last = field.rpartition(".")[2]
     names = {*ALIASES.get(field, ()), last.removesuffix(unit_end(last))}
     if name in names:
@@ -285,7 +285,7 @@ def _unit_in(name: str, field: str) -> str | None:
 
 
 def _with_case(row: Row, columns: Sequence[Column], base: Mapping[str, Any]) -> Row:
-    """Return a row with its request; a nose or a law that is not named is that of its numbers, as with flags."""
+    """Add the request to a row. As with flags, fields of a nose or a law select its model."""
     flags = {flag.steps: flag for flag in (*BODY, *RESISTANCE) if flag.steps[:-1] in MODEL_NAMES}
     case, chosen = deepcopy(dict(base)), list[tuple[Flag, Any]]()
     try:
@@ -309,11 +309,11 @@ def _with_case(row: Row, columns: Sequence[Column], base: Mapping[str, Any]) -> 
 
 
 def _value(cell: str, factor: float) -> Any:
-    """Return a cell as a JSON value in the unit of its field; a word stays one, which validation accepts or refuses."""
+    """Convert a cell to a JSON value in the unit of its field. Words stay texts, which validation checks."""
     cell = cell.replace(MINUS, "-")
     is_number = NUMBER.fullmatch(cell) is not None
     if is_number and factor != 1.0:
-        # In decimals 80 mm are 0.08 m to the last digit, so that the case has the same key as with metres.
+        # In decimal arithmetic 80 mm are exactly 0.08 m, so that the case has the same key as one given in metres.
         return float(Decimal(cell.lower().replace("d", "e")) * Decimal(repr(factor)))
     try:
         return json.loads(cell)

@@ -1,4 +1,4 @@
-"""HTTP client of a service, remote or in this process."""
+"""HTTP client of a service on another machine or in this process."""
 
 import json
 import os
@@ -17,37 +17,40 @@ import orjson
 from service.cli.arguments import FAILED, CommandError, RefusedError, reason_of
 
 API_KEY = "RICOCHET_API_KEY"
-"""Variable that holds the API key; a flag would show in the list of processes."""
+"""Environment variable with the API key. A flag would be visible in the list of processes."""
 TIMEOUT = httpx.Timeout(120.0, connect=10.0)
-"""Timeouts of a request, longer than a single query may take. [s]"""
+"""Timeouts of a request [s], longer than those of a single query, which waits at most 30 s and runs at most 60 s."""
 RETRY_PAUSES = (1.0, 2.0, 4.0, 8.0, 10.0, 10.0, 10.0)
-"""Pauses before a request is repeated after a lost connection: the service may be restarting. [s]"""
+"""Backoff before a request is repeated after a lost connection, 45 s in all: a restart of the service takes seconds, or
+half a minute if the solver has to be compiled. [s]"""
 LONGEST_PAUSE = 60.0
-"""Longest `Retry-After` that is followed. [s]"""
+"""Longest `Retry-After` that is obeyed, so that a wrong value cannot stop the command for hours. [s]"""
 BUSY = frozenset({429, 503})
 """Statuses after which a request is retried."""
 NOT_IN_KEYS = re.compile(r"[^!-~]|[\"']")
-"""Characters that a key must not have, as it is sent in a header: all but printable ASCII without spaces or quotes."""
+"""Characters that a key must not contain: all but printable ASCII, because it is sent in a header, and quotes, which
+are left over from a file of variables."""
 PROXIES = ("ALL_PROXY", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY")
+"""Environment variables of proxies that httpx reads."""
 CERTIFICATES = ("SSL_CERT_FILE", "SSL_CERT_DIR")
-"""Variables that httpx reads."""
+"""Environment variables of certificates that httpx reads."""
 PAGE_SIZE = 1000
-"""Rows requested at a time: the largest page that a service sends."""
+"""Number of rows in a page, the largest that a service sends."""
 UNFINISHED = frozenset({"accepted", "running"})
 """Statuses of a job that has not ended."""
 POLL_SECONDS = 0.2
-"""Pause before the same job is asked for again. [s]"""
+"""Interval between requests for the state of a job, a judgement: a progress bar moves five times a second. [s]"""
 JSON, PARQUET = "application/json", "application/vnd.apache.parquet"
 
 Content: TypeAlias = Callable[[], "bytes | Iterable[bytes]"]
-"""Returns a request body; called again when the request is repeated."""
+"""Function that returns a request body. It is called again when the request is repeated, as a stream is read once."""
 
 
 @contextmanager
 def connect(address: str, *, socket: str | None = None, **options: Any) -> Iterator["Client"]:
-    """Open a client for the service at this address, or behind this socket.
+    """Open a client for the service at an address, or behind a socket.
 
-    Messages never hold the text of the library, which quotes headers and addresses with what is secret in them.
+    Error messages never contain the text of the library, which quotes headers and URLs with the secrets in them.
 
     Raises
     ------
@@ -74,12 +77,12 @@ def connect(address: str, *, socket: str | None = None, **options: Any) -> Itera
 
 
 def set_variables(names: Iterable[str]) -> list[str]:
-    """Return the variables of these names, in any case, that are set."""
+    """Return the names of set environment variables, compared without regard to case as httpx does."""
     return [name for name in os.environ if name.upper() in names and os.environ[name]]
 
 
 def direct_transport(url: httpx.URL, socket: str | None) -> dict[str, Any]:
-    """Return the options of a transport to this machine, which takes no proxy; nothing for another machine."""
+    """Return the options of a transport to this machine, which bypasses proxies; none for another machine."""
     loopback = url.host == "localhost"
     with suppress(ValueError):
         loopback = loopback or ip_address(url.host).is_loopback
@@ -87,7 +90,7 @@ def direct_transport(url: httpx.URL, socket: str | None) -> dict[str, Any]:
 
 
 def wrong_variables(error: Exception) -> str:
-    """Return which variables of the environment a client cannot be made with; their values may hold passwords."""
+    """Return the message for environment variables that prevent a client, without their values (passwords)."""
     names = set_variables(CERTIFICATES if isinstance(error, OSError) else PROXIES)
     if isinstance(error, ImportError):
         names = [name for name in names if os.environ[name].startswith("socks")]
@@ -100,14 +103,14 @@ def wrong_variables(error: Exception) -> str:
 
 
 class Client:
-    """Client of a service. Repeats a request while the service is busy or restarting.
+    """Client of a service, which repeats requests while the service is busy or restarting.
 
     Parameters
     ----------
     http
-        Connections, with the base URL and the API key.
+        HTTP client with the base URL and the API key.
     address
-        The address in error messages.
+        Address for error messages.
     socket
         Path of the socket of a service in this process.
     """
@@ -119,7 +122,7 @@ class Client:
         self._reached = False
 
     def asynchronous(self) -> httpx.AsyncClient:
-        """Return connections to the same service whose requests end as soon as they are cancelled."""
+        """Return an asynchronous client of the same service, whose requests can be cancelled."""
         direct = direct_transport(self._http.base_url, self._socket)
         transport = httpx.AsyncHTTPTransport(**direct) if direct else None
         return httpx.AsyncClient(
@@ -129,7 +132,7 @@ class Client:
     async def compute_until_cancelled(
         self, http: httpx.AsyncClient, operation: str, body: dict[str, Any]
     ) -> dict[str, Any]:
-        """Return the answer to one case; a service that is busy refuses it at once, with `retry_after_s`."""
+        """Return the answer to one case. A busy service is not retried; the problem then has `retry_after_s`."""
         try:
             response = await http.post(path_to(operation), content=dumps(body), headers={"Content-Type": JSON})
         except httpx.TransportError as lost:
@@ -141,21 +144,21 @@ class Client:
         raise RefusedError({**error.problem, **wait})
 
     def compute(self, operation: str, body: dict[str, Any]) -> bytes:
-        """Return the answer to one case, as JSON; the report of one as HTML."""
+        """Return the answer to one case as JSON, or a report as HTML."""
         content = dumps(body)
         return self._send("POST", path_to(operation), lambda: content, {"Content-Type": JSON}).content
 
     def submit(self, path: str, content: Content, media_type: str, token: str) -> dict[str, Any]:
-        """Submit many cases as a job and return it; repeated with the same token, the request makes no second job."""
+        """Submit many cases as a job. A request repeated with the same token does not create a second job."""
         headers = {"Content-Type": media_type, "Prefer": "respond-async", "Idempotency-Key": token}
         return parse(self._send("POST", path, content, headers))
 
     def job(self, job_id: str) -> dict[str, Any]:
-        """Return a job."""
+        """Return the state of a job."""
         return parse(self._send("GET", path_of(job_id)))
 
     def job_at_its_end(self, job_id: str) -> dict[str, Any]:
-        """Wait until a job has ended and return it; its last result can be read a moment before."""
+        """Wait until a job has ended, and return it. Its last result can be read a moment before its end."""
         while (job := self.job(job_id))["status"] in UNFINISHED:
             time.sleep(POLL_SECONDS)
         return job
@@ -172,15 +175,15 @@ class Client:
             cursor = page["next"]
 
     def result(self, key: str) -> bytes:
-        """Return the answer with this key, as JSON."""
+        """Return the result stored under a key, as JSON."""
         return self._send("GET", f"/results/{quote(key, safe='')}").content
 
     def page(self, job_id: str, cursor: str) -> dict[str, Any]:
-        """Return a page of the finished results of a job; it has `next` if more can follow."""
+        """Return a page of the available results of a job. It has `next` if more may follow."""
         return parse(self._send("GET", f"{path_of(job_id)}/results?limit={PAGE_SIZE}&cursor={cursor}"))
 
     def parquet(self, job_id: str, limit: int | None = None) -> bytes:
-        """Return the summaries of the finished results of a job, or of the first of them, as a Parquet file."""
+        """Return the summaries of the available results of a job, or of the first of them, as a Parquet file."""
         path = f"{path_of(job_id)}/results" + ("" if limit is None else f"?limit={limit}")
         return self._send("GET", path, headers={"Accept": PARQUET}).content
 
@@ -195,19 +198,20 @@ class Client:
     def _send(
         self, method: str, path: str, content: Content | None = None, headers: dict[str, str] | None = None
     ) -> httpx.Response:
-        """Return the answer to a request that may be repeated.
+        """Send a request that may be repeated, and return the response.
 
         Raises
         ------
         RefusedError
-            If the answer is a problem document.
+            If the response is a problem document.
         CommandError
-            If there is no answer.
+            If there is no response.
         """
         for pause in (*RETRY_PAUSES, None):
             try:
                 response = self._http.request(method, path, content=content() if content else None, headers=headers)
             except httpx.TransportError as error:
+                # A service that has never answered is more likely absent than restarting, so that waiting is in vain.
                 if pause is None or not self._reached:
                     raise self._unreachable(error) from None
                 time.sleep(pause)
@@ -221,8 +225,8 @@ class Client:
         raise AssertionError("the last attempt returns or raises")
 
     def _unreachable(self, error: httpx.TransportError) -> CommandError:
-        """Return the error of a service without an answer; a protocol error may quote what was sent."""
-        quotes = isinstance(error, httpx.LocalProtocolError)
+        """Return the error of a service that does not answer."""
+        quotes = isinstance(error, httpx.LocalProtocolError)  # Its text may quote headers, and so the key.
         reason = type(error).__name__ if quotes else reason_of(error) or type(error).__name__
         if not direct_transport(self._http.base_url, self._socket):
             names = set_variables(("ALL_PROXY", f"{self._http.base_url.scheme.upper()}_PROXY"))
@@ -231,7 +235,7 @@ class Client:
 
 
 def without_secrets(address: str) -> str:
-    """Return an address as it may be shown: what may hold a password or a key is left out."""
+    """Return an address without the parts that may contain a password or a key."""
     if not any(mark in address for mark in "@?#"):
         return address
     try:
@@ -252,17 +256,17 @@ def path_of(job_id: str) -> str:
 
 
 def dumps(body: dict[str, Any]) -> bytes:
-    """Return a body as JSON. NaN is written as it is: the service then names the field that holds it."""
+    """Encode a body as JSON. NaN is written as such, so that the service names the field that holds it."""
     return json.dumps(body).encode()
 
 
 def parse(response: httpx.Response) -> dict[str, Any]:
-    """Return the object in an answer.
+    """Return the JSON object in a response.
 
     Raises
     ------
     CommandError
-        If the answer is not a JSON object, as from a server of something else.
+        If the response is not a JSON object, so that the server is another program.
     """
     try:
         content = orjson.loads(response.content)
@@ -274,7 +278,7 @@ def parse(response: httpx.Response) -> dict[str, Any]:
 
 
 def refusal(response: httpx.Response) -> RefusedError:
-    """Return the problem document of an answer, or one made of its status."""
+    """Return the problem document of a response, or one made from its status."""
     problem: Any = None
     if response.headers.get("content-type", "").startswith("application/problem+json"):
         problem = parse(response)
@@ -286,6 +290,6 @@ def refusal(response: httpx.Response) -> RefusedError:
 
 
 def retry_pause(response: httpx.Response) -> float:
-    """Return the time to wait before a busy service is tried again. [s]"""
+    """Return the time to wait before a request is repeated. [s]"""
     seconds = response.headers.get("Retry-After", "")
     return min(float(seconds) if seconds.isdigit() else 1.0, LONGEST_PAUSE)

@@ -1,4 +1,4 @@
-"""`ricochet keys` and `ricochet cache`: the API keys and the results in the data folder of a service."""
+"""`ricochet keys` and `ricochet cache`: manage API keys and results in the data folder of a service."""
 
 import argparse
 import sys
@@ -29,8 +29,11 @@ CACHE_ACTIONS = (
     ("evict", "remove the least recently used results", "ricochet cache evict --bytes 1000000000"),
 )
 MAX_OWNER_LENGTH = 100
+"""Largest number of characters of an owner, a judgement: the name appears in each line of the audit log."""
 MAX_CASES = 1_000_000_000
+"""Largest quota in cases per hour. It only stops a slip of the pen: no service computes as many."""
 MAX_DAYS = 36_500.0
+"""Longest lifetime of a key, a century, which only stops a slip of the pen. [days]"""
 
 
 def add_folder(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +42,7 @@ def add_folder(parser: argparse.ArgumentParser) -> None:
 
 
 def settings_for(args: argparse.Namespace) -> "Settings":
-    """Return the settings with the data folder of the flag, if it is given."""
+    """Read the settings, with the data folder of `--data-dir` if it is given."""
     return read_settings(**({} if args.data_dir is None else {"data_dir": args.data_dir}))
 
 

@@ -1,4 +1,4 @@
-"""`ricochet flight`: where a body lands after a ricochet."""
+"""`ricochet flight`: compute where a body lands after a ricochet."""
 
 import argparse
 import json
@@ -34,7 +34,7 @@ def add_flight(parser: argparse.ArgumentParser) -> None:
 
 
 def run_flight(args: argparse.Namespace) -> int:
-    """Compute a flight and print it."""
+    """Compute a flight, and print it."""
     given = {flag: getattr(args, flag.steps[0]) for flag in FLAGS}
     known = {flag: value for flag, value in given.items() if value is not None}
     body = RequestBody(

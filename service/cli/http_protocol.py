@@ -1,7 +1,7 @@
-"""HTTP/1.1 as uvicorn and httptools speak it, but for two things: upgrades are ignored, and heads are bounded.
+"""HTTP/1.1 by uvicorn and httptools, with two changes: offers of an upgrade are ignored, and heads are bounded.
 
-Uvicorn's other parser, h11, ignores upgrades too, but one head of 64 kB (a field of blanks with a NUL at its end) keeps
-its regular expression for a field busy for 13 s, and the event loop with it; one of 4 kB for 65 ms.
+Uvicorn's other parser, h11, ignores upgrades too. But a head of 64 kB, with a header of blanks that ends in a NUL,
+keeps its regular expression busy for 13 s, and the event loop with it; one of 4 kB for 65 ms.
 """
 
 from typing import Any
@@ -10,8 +10,8 @@ from httptools import HttpParserUpgrade, HttpRequestParser
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 MAX_HEAD_BYTES = 64 * 1024
-"""Longest head of a request whose end has not come [bytes]: twice what the application takes, so that it refuses in its
-own words what came in one piece. Without it a client could fill the memory with a single header."""
+"""Longest incomplete head of a request [bytes]. Without a limit, a client could fill the memory with one header. It is
+twice the limit of the application, which therefore answers a head that arrives in one piece with a problem."""
 TOO_LONG = b"HTTP/1.1 431 Request Header Fields Too Large\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
 
 
@@ -21,11 +21,11 @@ class RequestParser(HttpRequestParser):
     def __init__(self, protocol: "HttpProtocol") -> None:
         super().__init__(protocol)
         self._protocol = protocol
-        # As uvicorn has it: what follows a request that closes the connection is no reason not to answer that request.
+        # As in uvicorn: bytes after a request that closes the connection do not prevent the response to that request.
         self.set_dangerous_leniencies(lenient_data_after_close=True)
 
     def feed_data(self, data: Any) -> None:
-        """Parse some bytes; those behind an offered upgrade are left to the protocol."""
+        """Parse some bytes. Those after an offered upgrade are left to the protocol."""
         try:
             super().feed_data(data)
         except HttpParserUpgrade as offer:
@@ -33,12 +33,12 @@ class RequestParser(HttpRequestParser):
 
 
 class HttpProtocol(HttpToolsProtocol):
-    """A connection.
+    """HTTP connection that ignores offers of an upgrade and bounds heads.
 
     A server may ignore an offer to change the protocol (RFC 9110, section 7.8), which Java's client and `curl --http2`
-    make with every request. llhttp, the parser in httptools, gives no body to such a request and expects another
-    protocol behind its head. The head is therefore parsed again without the header `Upgrade`, by a new parser, which
-    goes on with the connection.
+    make with every request. llhttp, the parser in httptools, does not read the body of such a request and expects
+    another protocol after its head. The head is therefore parsed again without the header `Upgrade` by a new parser,
+    which then continues with the connection.
     """
 
     def __init__(self, *args: Any, **options: Any) -> None:
@@ -46,16 +46,16 @@ class HttpProtocol(HttpToolsProtocol):
         self.parser = RequestParser(self)
         self._in_head, self._head_bytes = False, 0
         self._declined = b""
-        """What is to be parsed anew."""
+        """Bytes to be parsed again by the new parser."""
 
     def data_received(self, data: bytes) -> None:
         """Parse some bytes; refuse a head that is too long."""
         begun = self.headers if self._in_head else None
         super().data_received(data)
-        while again := self._declined:  # A loop, as thousands of pipelined requests may offer an upgrade.
+        while again := self._declined:  # A loop and no recursion: thousands of pipelined requests may offer an upgrade.
             self._declined = b""
             super().data_received(again)
-        if not self._in_head or self.headers is not begun:  # A list of its own for each request.
+        if not self._in_head or self.headers is not begun:  # Each request has its own list, so this head is a new one.
             return
         self._head_bytes += len(data)
         if self._head_bytes > MAX_HEAD_BYTES and not self.transport.is_closing():
@@ -65,9 +65,9 @@ class HttpProtocol(HttpToolsProtocol):
             self.transport.close()
 
     def decline_upgrade(self, rest: bytes) -> None:
-        """Have the request parsed again as one that offers no upgrade, and then the bytes behind its head."""
+        """Schedule the head without the header `Upgrade`, and the bytes after it, for another parse."""
         kept = [(name, value) for name, value in self.headers if name != b"upgrade"]
-        if len(kept) == len(self.headers):  # `CONNECT` takes no header to change the protocol.
+        if len(kept) == len(self.headers):  # `CONNECT` changes the protocol without that header, and is refused.
             self.send_400_response("Invalid HTTP request received.")
             return
         version = self.parser.get_http_version().encode()
@@ -82,12 +82,12 @@ class HttpProtocol(HttpToolsProtocol):
         super().on_message_begin()
 
     def on_headers_complete(self) -> None:
-        """Start the answer, unless the request is parsed again."""
+        """Pass the request to the application, unless it will be parsed again."""
         self._in_head = False
         if not self.parser.should_upgrade():
             super().on_headers_complete()
 
     def on_message_complete(self) -> None:
-        """Note the end of the body, unless the request is parsed again."""
+        """Report the end of the body, unless the request will be parsed again."""
         if not self.parser.should_upgrade():
             super().on_message_complete()

@@ -1,4 +1,4 @@
-"""`ricochet init` and `ricochet completion`: a commented file of a strike, and a script for a shell."""
+"""`ricochet init` and `ricochet completion`: write a commented file of a strike, and print a script for a shell."""
 
 import argparse
 import csv

@@ -1,4 +1,4 @@
-"""`ricochet jobs`, and how batches and sweeps run as jobs: submitted, followed, and written as results become ready."""
+"""`ricochet jobs`, and the running of batches and sweeps as jobs: submission, progress, and writing of results."""
 
 import argparse
 import json
@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.05, 0.5
-"""Bounds of the pause between two requests for the results of a job. [s]"""
+"""First and longest interval between requests for new results of a job, doubled each time [s]. A judgement: a small job
+is noticed at once, and a long one costs two requests a second."""
 ACTIONS = (
     ("list", "list the jobs, the newest first", "ricochet jobs list"),
     ("show", "print the state of a job", "ricochet jobs show ID --json"),
@@ -65,7 +66,7 @@ def add_jobs(parser: argparse.ArgumentParser) -> None:
 
 
 def run_jobs(args: argparse.Namespace) -> int:
-    """Run an action; return 3 if results have problems among them."""
+    """Run an action; return 3 if some of the printed results are problems."""
     from service.cli.client import connect
 
     args.url = args.url or DEFAULT_URL
@@ -120,18 +121,18 @@ def print_results(client: "Client", args: argparse.Namespace) -> int:
 
 @dataclass(frozen=True, slots=True)
 class BatchRequest:
-    """Many cases as one request.
+    """Request for many cases.
 
     Parameters
     ----------
     path
         Route of the service.
     content, media_type
-        The body.
+        Body and its media type.
     writers
-        Further writers of the results, such as a plot.
+        Additional writers of the results, such as a plot.
     inputs
-        Rows that the cases come from, if some are not sent or a table carries them to the output.
+        Rows of the input, if some are not sent or their cells are copied to the output.
     """
 
     path: str
@@ -142,7 +143,7 @@ class BatchRequest:
 
 
 def run_batch(args: argparse.Namespace, request: BatchRequest) -> int:
-    """Compute the cases and write their results; return the exit status."""
+    """Compute cases as a job, write their results, and return the exit status."""
     with service_for(args) as client, open_output(args) as stream:
         job = client.submit(request.path, request.content, request.media_type, uuid4().hex)
         if args.url:
@@ -150,6 +151,7 @@ def run_batch(args: argparse.Namespace, request: BatchRequest) -> int:
         try:
             return follow(client, job, args, stream, request)
         finally:
+            # Nobody can ask this private service for the job any more; its results are kept in the cache.
             with suppress(CommandError):
                 client.delete(job["id"])
 
@@ -161,18 +163,18 @@ def write_results(
     content: Mapping[str, Any],
     further: Sequence[Writer] = (),
 ) -> int:
-    """Write the results of a sweep that is computed in this process; return the exit status.
+    """Write the results of a sweep that is computed in this process, and return the exit status.
 
     Parameters
     ----------
     results
-        Results in order, each computed when it is taken.
+        Results in order, each of which is computed when it is taken.
     count
         Number of results.
     content
         Base and axes of the sweep.
     further
-        Further writers of the results.
+        Additional writers of the results.
     """
     counts = Counts()
     with open_output(args) as stream, kept_rows(args, stream, counts, count):
@@ -191,7 +193,7 @@ def write_results(
 
 @contextmanager
 def kept_rows(args: argparse.Namespace, stream: TextIO, counts: Counts, total: int) -> Iterator[None]:
-    """Say which file keeps the results so far if there will be no more."""
+    """Print the name of the file with the results so far if the block fails."""
     try:
         yield
     except BaseException:
@@ -201,13 +203,13 @@ def kept_rows(args: argparse.Namespace, stream: TextIO, counts: Counts, total: i
 
 
 def report_counts(args: argparse.Namespace, counts: Counts) -> None:
-    """Print the number of results on standard error, unless all of them went into a pipe and have no problem."""
+    """Print the number of results on standard error, unless all went into a pipe without a problem."""
     if args.output or counts.failed or sys.stdout.isatty():
         print(counts, file=sys.stderr)
 
 
 def service_for(args: argparse.Namespace) -> AbstractContextManager["Client"]:
-    """Return a client of the service at `--url`, or of a service in this process."""
+    """Return a client of the service at `--url`, or of a private service in this process."""
     if args.url:
         from service.cli.client import connect
 
@@ -228,14 +230,14 @@ def follow(
     stream: TextIO,
     request: BatchRequest | None = None,
 ) -> int:
-    """Write the results of a job until it ends; return the exit status.
+    """Write the results of a job until it ends, and return the exit status.
 
     Parameters
     ----------
     stream
-        Receives the results, in the format of the flags. Parquet is a table of the service.
+        Output for the results in the format of the flags. Parquet is written by the service.
     request
-        The request, if this command has made it.
+        Request of the job, if this command has sent it.
 
     Raises
     ------
@@ -250,7 +252,7 @@ def follow(
         base = asked["base"] if "axes" in asked else None
         writers.insert(0, writer_for(args, stream, job["operation"], base, inputs))
     if args.parquet:
-        client.parquet(job["id"], limit=1)  # A service without Parquet refuses before the work.
+        client.parquet(job["id"], limit=1)  # A service without Parquet refuses this now instead of after the work.
     with kept_rows(args, stream, counts, job["counts"]["total"]):
         try:
             with progress("computing") as report:
@@ -277,7 +279,7 @@ def follow(
 
 
 def pages(client: "Client", job_id: str, report: ProgressReport) -> Iterator[Sequence[Item]]:
-    """Yield the results of a job in order as they become ready, until it ends."""
+    """Yield the results of a job in order as they become available, until it ends."""
     cursor, pause = "", SHORTEST_PAUSE
     while True:
         page = client.page(job_id, cursor)
@@ -294,7 +296,7 @@ def pages(client: "Client", job_id: str, report: ProgressReport) -> Iterator[Seq
 
 
 def how_to_continue(job: dict[str, Any], args: argparse.Namespace) -> str:
-    """Return how to continue after Ctrl-C."""
+    """Return a hint at the commands that continue or stop the job after Ctrl-C."""
     if args.url:
         from service.cli.client import without_secrets
 

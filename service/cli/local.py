@@ -1,4 +1,4 @@
-"""Single answers and small sweeps, computed in this process; for larger ones see `server`."""
+"""Computation of single answers and small sweeps in this process; for larger ones see `server`."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -12,11 +12,12 @@ if TYPE_CHECKING:
     from service.assessment import Query
 
 SMALL_CASES = 100
-"""Cases that take less time here than a service takes to start. A search for perforation counts as 20."""
+"""Largest cost that is computed in this process [ordinary cases]; it takes about as long as the start of a service, a
+second or two."""
 
 
 def is_small(operation: str, count: int) -> bool:
-    """Return whether so many cases are computed in this process."""
+    """Return True if `count` cases are computed in this process."""
     from service.operations import OPERATIONS
 
     return count * OPERATIONS[operation].weight <= SMALL_CASES
@@ -24,7 +25,7 @@ def is_small(operation: str, count: int) -> bool:
 
 @contextmanager
 def refusals() -> Iterator[None]:
-    """Turn an error of a request or of its computation into the problem that a service would send."""
+    """Convert errors of a request or its computation to the problem that a service would send."""
     from service.errors import InvalidBodyError, problem_of
     from solver import RicochetError
 
@@ -35,17 +36,17 @@ def refusals() -> Iterator[None]:
 
 
 MOST_CHECKED = 2_000
-"""Cases of a batch that the solver checks before the computation, each in 0.4 ms. Of a case beyond them whose values do
-not go together, the result says so."""
+"""Number of cases of a batch that the solver checks before the computation, in 0.4 ms each, 0.8 s in all. A later case
+whose values contradict each other has a problem as its result."""
 
 
 def wrong_cases(operation: str, cases: Iterable[Any]) -> dict[int, list[dict[str, str]]]:
-    """Return what is wrong with the requests of a batch, by their places: each passes the checks of the routes.
+    """Return the errors of the cases of a batch by number, from the same checks as those of the routes.
 
     Parameters
     ----------
     cases
-        Each as JSON text, or as an object.
+        Cases as JSON texts or as objects.
     """
     from service.errors import InvalidBodyError, field_errors, validated_as
     from service.operations import OPERATIONS, KeyedRequest
@@ -76,12 +77,12 @@ def wrong_cases(operation: str, cases: Iterable[Any]) -> dict[int, list[dict[str
 
 
 def compute(name: str, body: dict[str, Any], report: Callable[[int, float | None], None] | None = None) -> bytes:
-    """Return the answer that a service would send, computed in this process.
+    """Compute an answer in this process, and return it as a service would send it.
 
     Parameters
     ----------
     report
-        Called with the progress of a study of uncertainty; see `service.operations.answer_study`.
+        Function that receives the progress of a study; see `service.operations.answer_study`.
 
     Raises
     ------
@@ -107,7 +108,7 @@ def compute(name: str, body: dict[str, Any], report: Callable[[int, float | None
 
 
 def judge(body: dict[str, Any], report: Callable[[int, float | None], None]) -> dict[str, Any]:
-    """Return the verdict on a strike that a service would send, computed in this process.
+    """Compute the verdict on a strike in this process, and return it as a service would send it.
 
     Parameters
     ----------
@@ -134,17 +135,17 @@ def judge(body: dict[str, Any], report: Callable[[int, float | None], None]) -> 
 def answers_to(
     queries: Mapping[str, "Query"], report: Callable[[int, float | None], None] | None = None
 ) -> Iterator[tuple[str, Any]]:
-    """Yield the answers that a verdict or a report is made from with their names, an object with a `problem` for none.
+    """Yield the names and answers of the queries of a verdict or a report; a failed query has a `problem`.
 
     Parameters
     ----------
     report
-        Called with the progress of the study of uncertainty.
+        Function that receives the progress of the uncertainty study.
 
     Raises
     ------
     RefusedError
-        If there is no answer to `cra`, without which there is no verdict.
+        If `cra` fails, without which there is no verdict.
     """
     for name, (operation, content) in queries.items():
         try:
@@ -156,7 +157,7 @@ def answers_to(
 
 
 def usual_scatter(body: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the usual scatter of the strike of a study that does not name its own.
+    """Return the usual scatter of a strike, for a study without uncertain inputs of its own.
 
     Raises
     ------
@@ -173,19 +174,19 @@ def usual_scatter(body: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
-    """Yield the results of a sweep in order, as a service sends them.
+    """Compute a sweep in this process, and yield its results in order as a service would send them.
 
     Parameters
     ----------
     operation
         Operation of every point.
     content
-        Base and axes, as a service takes them.
+        Body of the sweep: base and axes.
 
     Raises
     ------
     RefusedError
-        If the base, an axis or a point is invalid; before the first result.
+        Before the first result, if the base, an axis or a point is invalid.
     """
     from service.errors import case_problem
     from solver import RicochetError
@@ -201,7 +202,7 @@ def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
 
 
 def _solve(name: str, request: Any, report: Callable[[int, float | None], None] | None = None) -> Any:
-    """Return the record of a validated request."""
+    """Compute a validated request, and return its record."""
     from service.cache.record import Record
     from service.cores import available_cores
     from service.operations import OPERATIONS, KeyedRequest, answer_study
@@ -213,7 +214,7 @@ def _solve(name: str, request: Any, report: Callable[[int, float | None], None] 
 
 
 def _points(operation: str, content: dict[str, Any]) -> list[tuple[dict[str, float], Any]]:
-    """Return the values of the axes and the validated request of every point."""
+    """Return the values of the axes and the validated request of each point."""
     from service.errors import errors_of_point, grid_of, validated_as
     from service.operations import OPERATIONS
     from service.schemas.sweeps import Outline

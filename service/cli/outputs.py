@@ -1,4 +1,4 @@
-"""Files that commands write: checked before the computation, and replaced as a whole once all of it is there."""
+"""Output files of commands, which are checked before the computation and replaced as a whole after it."""
 
 import argparse
 import errno
@@ -20,28 +20,30 @@ from service.cli.arguments import FAILED, CommandError, InputFile
 
 ONE_ANSWER = {".json": "json", ".csv": "csv"}
 MANY_ANSWERS = {".jsonl": "json", ".ndjson": "json", ".csv": "csv", ".parquet": "parquet", ".xlsx": "xlsx"}
-"""Flag of a format by the end of the name of a file."""
+"""Flags of formats by file extension."""
 PLOT = (".png", ".svg", ".pdf")
 MEANINGFUL, ALL_DIGITS = 6, 17
-"""Significant digits: a search ends within 0.01° and runs within 1e-6 of their scale; a double has no more than 17."""
+"""Default and largest number of significant digits. A search ends within 0.01°, and runs are accurate to 1e-6 of their
+scale; a double has no more than 17 digits."""
 STANDARD = "-"
-"""Name that stands for standard input or standard output."""
+"""Name of standard input or standard output."""
 DESCRIPTORS = ("/dev/fd/", "/dev/std", "/proc/")
-"""Begins of paths that name an open file: renaming another one over it would not reach whoever holds it open."""
+"""Prefixes of paths that name an open file. Such a file is written in place, since a new file that is renamed over it
+would not reach the program that holds it open."""
 
 
 @dataclass(frozen=True)
 class OutputFile:
-    """A file that a flag or an argument names to be written.
+    """An output file named by a flag or an argument.
 
     Parameters
     ----------
     flag
-        The flag, for messages.
+        Flag for messages.
     endings
-        Known ends of its name; with formats, a flag of another format makes any name good.
+        Accepted file extensions. If it is a mapping to format flags, any name is accepted with such a flag.
     text
-        The path as typed.
+        Path as typed.
     """
 
     flag: str
@@ -53,16 +55,16 @@ class OutputFile:
 
     @property
     def path(self) -> Path:
-        """The path."""
+        """Path of the file."""
         return Path(self.text)
 
     def ending(self) -> str:
-        """Return the end of the name.
+        """Return the file extension.
 
         Raises
         ------
         CommandError
-            If it is not one of those known.
+            If the extension is not accepted.
         """
         found = self.path.suffix.lower()
         if found not in self.endings:
@@ -71,12 +73,12 @@ class OutputFile:
         return found
 
     def check(self, others: "Collection[InputFile | OutputFile]") -> None:
-        """Check, before the computation, that the file can be written and is none of the others.
+        """Check before the computation that the file can be written and is none of the others.
 
         Raises
         ------
         CommandError
-            If its folder does not exist, or the same file is read or written too, under whatever name.
+            If its folder does not exist, or the same file is also read or written, even under another name.
         """
         with self._errors():
             if self.path.is_dir():
@@ -89,26 +91,27 @@ class OutputFile:
                 raise CommandError(f"{self.flag} {self}: is the file {other}, which is {use} too; name another file")
 
     def write(self, content: bytes) -> None:
-        """Replace the file.
+        """Replace the content of the file.
 
         Raises
         ------
         CommandError
-            If it cannot be written; the file is then as it was.
+            If the file cannot be written. It is left unchanged then.
         """
         with self._errors(), self.open() as stream:
             stream.buffer.write(content)
 
     @contextmanager
     def open(self, *, keep: bool = False) -> Iterator[TextIO]:
-        """Open a file beside this one, which takes its place at the end.
+        """Open a temporary file in the same folder, which replaces this file at the end of the block.
 
-        Links are followed, and the mode stays. What is not a regular file, such as a pipe, is written as it is.
+        A reader never sees a partial file, and a failure leaves the earlier one. Links are followed, and the mode is
+        kept. Anything but a regular file, such as a pipe, is written in place.
 
         Parameters
         ----------
         keep
-            Whether what has been written is kept, under the name of the stream, if the block fails.
+            Keep the temporary file under its own name if the block fails.
 
         Raises
         ------
@@ -149,32 +152,32 @@ class OutputFile:
 
 
 def _target(path: Path) -> Path:
-    """Return the file behind links, which may not exist yet; a pipe behind a link of /proc has no path of its own."""
+    """Follow links to the file, which need not exist. A pipe behind a link of /proc has no other path."""
     resolved = Path(os.path.realpath(path)) if path.is_symlink() else path
     return path if path.exists() and not resolved.exists() else resolved
 
 
 def _identity(file: InputFile | OutputFile) -> tuple[int | str, ...] | None:
-    """Return what two names of one regular file have in common; None for anything else."""
+    """Return a value that is the same for all names of a regular file; None for anything else."""
     try:
         if isinstance(file, InputFile):
             found = os.fstat(0) if file == STANDARD else Path(file).stat()
         else:
             found = file.path.stat()
-    except OSError:  # Whoever reads the file names the error; a file to write may be new.
+    except OSError:  # An input file that is missing is reported when it is read; an output file may be new.
         return None if isinstance(file, InputFile) else (os.path.realpath(file.text),)
     return (found.st_dev, found.st_ino) if stat.S_ISREG(found.st_mode) else None
 
 
 def _open_beside(path: Path) -> TextIO:
-    """Open a new file beside one, or in the temporary folder if only the file itself can be written."""
+    """Open a new file in the same folder, or in the temporary folder if only the file itself is writable."""
     folder = path.parent
     if path.exists() and not os.access(folder, os.W_OK):
         if not os.access(path, os.W_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
         folder = Path(tempfile.gettempdir())
     for number in count(1):
-        # An earlier one is somebody's rows of a batch that was interrupted.
+        # An existing partial file has the rows of an interrupted batch, which must not be overwritten.
         name = f"{path.stem}.partial{'' if number == 1 else f'-{number}'}{path.suffix}"
         with suppress(FileExistsError):
             return (folder / name).open("x", encoding="utf-8", newline="")
@@ -182,9 +185,9 @@ def _open_beside(path: Path) -> TextIO:
 
 
 def _replace(path: Path, partial_name: str, before: os.stat_result | None) -> None:
-    """Put a new file in the place of one, with its owner and mode."""
+    """Replace a file by a new one, with the owner and mode of the former."""
     if before is not None:
-        with suppress(OSError):  # Only root can give files away.
+        with suppress(OSError):  # Only root may change the owner of a file.
             os.chown(partial_name, before.st_uid, before.st_gid)
         Path(partial_name).chmod(stat.S_IMODE(before.st_mode))
     try:
@@ -192,14 +195,15 @@ def _replace(path: Path, partial_name: str, before: os.stat_result | None) -> No
     except OSError:
         if before is None:
             raise
-        shutil.copyfile(partial_name, path)  # The file is a mount point, or the new one is on another file system.
+        # A mount point cannot be renamed over, nor can a file on another file system be renamed.
+        shutil.copyfile(partial_name, path)
         Path(partial_name).unlink()
 
 
 def add_output_file(
     parser: argparse.ArgumentParser, *names: str, endings: Collection[str], flag: str = "", **options: str
 ) -> None:
-    """Add a flag or an argument for a file to write; a command finds an `OutputFile` there."""
+    """Add a flag or an argument for an output file, whose value is an `OutputFile`."""
     options = {"metavar": "FILE"} | options
     parser.add_argument(*names, type=partial(OutputFile, flag or names[-1], endings), **options)  # type: ignore[arg-type]
 
@@ -207,7 +211,7 @@ def add_output_file(
 def add_formats(
     parser: argparse.ArgumentParser, *, json: str, csv: str, endings: Mapping[str, str] = ONE_ANSWER
 ) -> Any:
-    """Add `--output`, and `--json` and `--csv`, which exclude each other; return their group (argparse's)."""
+    """Add `--output`, `--json`, `--csv` and `--digits`; return the group of the formats, which exclude each other."""
     described = f"write to a file, in the format of its name: {', '.join(endings)}; else a flag says the format"
     add_output_file(parser, "-o", "--output", endings=endings, help=described)
     formats = parser.add_mutually_exclusive_group()
@@ -224,7 +228,7 @@ def add_formats(
 
 
 def _digits(text: str) -> int | None:
-    """Return a number of significant digits; None for all."""
+    """Parse a number of significant digits; None stands for all."""
     if text == "all":
         return None
     if not (text.isascii() and text.isdigit() and 0 < int(text) <= ALL_DIGITS):
@@ -238,7 +242,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
     formats.add_argument(
         "--parquet", action="store_true", help="write the summaries as Parquet; needs the extra parquet at the service"
     )
-    parser.set_defaults(xlsx=False)  # The name of a file alone says it: no one reads a workbook from a pipe.
+    parser.set_defaults(xlsx=False)  # It is set by a file extension only: nobody reads a workbook from a pipe.
 
 
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
@@ -247,12 +251,12 @@ def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def check_outputs(args: argparse.Namespace) -> None:
-    """Check the files that a command writes, and set the flag of the format of `--output` by its name.
+    """Check the output files of a command, and set the format flag from the file extension of `--output`.
 
     Raises
     ------
     CommandError
-        If a name says no format, or a file cannot be written or is read too; before the computation.
+        If a file extension has no format, or a file cannot be written or is also read.
     """
     given = vars(args).values()
     checked: list[InputFile | OutputFile] = [value for value in given if isinstance(value, InputFile)]
@@ -275,7 +279,7 @@ def check_outputs(args: argparse.Namespace) -> None:
 
 
 def _is_standard(output: OutputFile) -> bool:
-    """Return whether a path names standard output, which then takes its turn after what else is printed there."""
+    """Return True if a path names standard output, which must not be opened a second time: output would mix."""
     if output.text == STANDARD:
         return True
     with suppress(OSError):
@@ -285,9 +289,9 @@ def _is_standard(output: OutputFile) -> bool:
 
 @contextmanager
 def one_answer(args: argparse.Namespace) -> Iterator[None]:
-    """Put what a command with one answer prints into the file of `--output`, once all of it is there.
+    """Redirect the output of a command with one answer to the file of `--output`, written at the end.
 
-    Commands with many answers write their file as these become ready.
+    Commands with many answers write their file as results become available.
     """
     output: OutputFile | None = getattr(args, "output", None)
     if output is None or output.endings is not ONE_ANSWER:

@@ -1,4 +1,4 @@
-"""The parser of the command line: argparse with errors of one line, which suggest what a misspelt word is meant as."""
+"""Parser of the command line: argparse with error messages of one line and suggestions for misspelt words."""
 
 import argparse
 import difflib
@@ -13,9 +13,9 @@ from service.cli.arguments import STRIKE, UsageError
 from service.names import ALIASES
 
 NEGATIVE = re.compile(r"-\.?\d")
-"""Begin of a negative number."""
+"""Pattern of the begin of a negative number."""
 FLAG_COLUMN = re.compile(r"^  (-.*)$", re.MULTILINE)
-"""Lines of a help text that begin with a flag."""
+"""Pattern of the lines of a help text that begin with a flag."""
 FLAG = re.compile(r"(?<![\w-])--?[a-z][a-z-]*")
 SIMILAR = 0.7
 """Similarity above which a misspelt flag gets a suggestion, by difflib, the hyphens before it aside. [1]"""
@@ -35,12 +35,12 @@ WORDING: Sequence[tuple[str, Callable[[re.Match[str]], str]]] = (
     (r"the following arguments are required: (.*)", lambda found: f"{found[1]}: is missing"),
     (r"argument (.*)", lambda found: found[1]),
 )
-"""Errors of argparse by their text, which it has no other form of, and how they are said here; others stay as they
-are."""
+"""Patterns of argparse's error messages, with functions that reword them. argparse offers no other form of an error;
+messages that match none are printed unchanged."""
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser that raises `UsageError`, knows no abbreviations, and keeps examples as they are laid out."""
+    """Parser that raises `UsageError`, accepts no abbreviated flags, and keeps the layout of examples."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         layout = partial(argparse.RawDescriptionHelpFormatter, max_help_position=28)
@@ -49,20 +49,20 @@ class Parser(argparse.ArgumentParser):
         """Parsers of the actions of this command, by name."""
 
     def add_subparsers(self, **options: Any) -> Any:
-        """Add the actions of this command."""
+        """Add the actions of this command, and keep their parsers."""
         added: Any = super().add_subparsers(**options)
         self.subcommands = added.choices
         return added
 
     def format_help(self) -> str:
-        """Return the help text, its description wrapped to the terminal."""
-        # argparse wraps either both description and examples or neither of them.
+        """Return the help text with its description wrapped to the width of the terminal."""
+        # argparse wraps both description and examples, or neither, so that the description is wrapped here.
         width = shutil.get_terminal_size().columns - 2
         self.description = textwrap.fill(self.description or "", width)
         return super().format_help()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse all arguments; those of a command that are unknown are an error of its parser, not of the outermost."""
+        """Parse all arguments. Unknown ones are an error of the parser of the command, whose flags it can suggest."""
         found, rest = super().parse_known_args(args, namespace)
         if rest:
             word = next((word for word in rest if word.startswith("-")), rest[0])
@@ -73,14 +73,14 @@ class Parser(argparse.ArgumentParser):
         return found, rest
 
     def error(self, message: str) -> NoReturn:
-        """Raise an error of usage."""
+        """Raise a `UsageError` with the reworded message."""
         for pattern, worded in WORDING:
             if found := re.fullmatch(pattern, message):
                 raise UsageError(worded(found) + _close(found.groupdict()), self.prog)
         raise UsageError(message, self.prog)
 
     def _meant(self, name: str) -> str:
-        """Return which flag of this parser a misspelt one may be meant as: one of the same quantity first."""
+        """Return a suggestion for a misspelt flag, preferably a flag of the same quantity."""
         known = {flag for line in FLAG_COLUMN.findall(self.format_help()) for flag in FLAG.findall(line)}
         quantity = name.lstrip("-").replace("-", "_")
         for flag in STRIKE:
@@ -97,7 +97,7 @@ def _listed(known: str) -> str:
 
 
 def _words(known: str) -> list[str]:
-    """Return the choices that argparse lists, which some versions of it put into quotes."""
+    """Return the choices in a message of argparse, which are quoted in some versions of Python."""
     return [word.strip("'") for word in known.split(", ")]
 
 
@@ -108,9 +108,9 @@ def _close(found: dict[str, str | Any]) -> str:
 
 
 def with_values(arguments: Iterable[str]) -> list[str]:
-    """Return the arguments, a negative number joined to the flag before it by an equals sign.
+    """Join negative numbers to the flag before them by an equals sign.
 
-    argparse would take -1e-1 and -1,2 for flags.
+    argparse would take values such as -1e-1 and -1,2 for flags.
     """
     found: list[str] = []
     for word in arguments:

@@ -1,4 +1,4 @@
-"""Plots of answers, written to files."""
+"""Plots of answers in files."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SNAPSHOTS = 5
+"""Number of outlines of the projectile in a plot of a motion; more would overlap."""
 MARGIN = 0.08
-"""Space that is shown around the projectile, over its length. [1]"""
+"""Margin around the projectile, relative to its length. [1]"""
 SQUARE, WIDE = (6.0, 4.0), (8.0, 4.0)
 """Figure sizes. [in]"""
 PLOTTED = {
@@ -30,7 +31,7 @@ COLORS = {"ricochet": "#c8102e", "embedded": "#123f73", "in_motion": "#8a8378", 
 
 
 def check_plot() -> None:
-    """Check, before the computation, that plots can be drawn.
+    """Check before the computation that plots can be drawn.
 
     Raises
     ------
@@ -81,7 +82,7 @@ def plot_motion(
 
 
 def plot_search(output: OutputFile, answer: Mapping[str, Any]) -> None:
-    """Plot the final position of each trial over its angle, and the critical angle."""
+    """Plot the final position of each trial over the oblique angle, and the critical angle."""
     with figure_file(output, SQUARE) as (_, panel):
         for outcome, color in COLORS.items():
             trials = [trial for trial in answer["iterations"] if trial["outcome"] == outcome]
@@ -97,7 +98,7 @@ def plot_search(output: OutputFile, answer: Mapping[str, Any]) -> None:
 
 
 class SweepPlot(Writer):
-    """Writer that plots the results of a sweep, over one axis as a line and over two as a map.
+    """Writer that plots the results of a sweep, as a line over one axis or as a map over two.
 
     Parameters
     ----------
@@ -114,14 +115,14 @@ class SweepPlot(Writer):
         self._values: dict[tuple[float, ...], Mapping[str, float]] = {}
 
     def write(self, items: Sequence[Item]) -> None:
-        """Keep the plotted values."""
+        """Collect the values to plot."""
         for item in items:
             answer = item.get("result", {})
             point = tuple(item["point"][field] for field in self._fields)
             self._values[point] = {name: answer[name] for name in (self._name, ERROR) if name in answer}
 
     def close(self) -> None:
-        """Write the plot; cases without a value are left out."""
+        """Write the plot. Cases without a value are left out."""
         if not self._values:
             return
         labels = [labelled(field) for field in self._fields]
@@ -159,7 +160,7 @@ def labelled(name: str) -> str:
 
 @contextmanager
 def figure_file(output: OutputFile, size: tuple[float, float]) -> "Iterator[tuple[Figure, Panel]]":
-    """Open a figure with one panel, and write it to a file at the end.
+    """Open a figure with one panel, and write it to a file at the end of the block.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""`ricochet report`: a strike on two pages, as HTML or PDF."""
+"""`ricochet report`: write a report of a strike on two pages, as HTML or PDF."""
 
 import argparse
 import os
@@ -35,7 +35,7 @@ BROWSERS = (
     "microsoft-edge-stable",
     "msedge",
 )
-"""Commands of browsers that print to PDF without a window."""
+"""Commands of browsers that can print to PDF without a window."""
 PRINTING = (
     "--headless",
     "--disable-gpu",
@@ -46,7 +46,7 @@ PRINTING = (
     "--no-pdf-header-footer",
 )
 PRINT_SECONDS = 120.0
-"""Time allowed for the browser to print a report [s]."""
+"""Timeout of the browser [s]. Printing takes some seconds; a first start on a busy machine may take a minute."""
 
 
 def add_report(parser: argparse.ArgumentParser) -> None:
@@ -66,12 +66,12 @@ def add_report(parser: argparse.ArgumentParser) -> None:
 
 
 def run_report(args: argparse.Namespace) -> int:
-    """Compute a strike and write its report.
+    """Compute a strike, and write its report.
 
     Raises
     ------
     CommandError
-        If there is none, or the file cannot be written.
+        If the report cannot be made, or the file cannot be written.
     """
     browser = find_browser() if args.output and args.output.ending() == ".pdf" else ""
     body = read_body(args.case, args, STRIKE)
@@ -95,23 +95,23 @@ def _fetch_report(url: str, body: dict[str, Any]) -> bytes:
 
 
 def make_report(case: dict[str, Any]) -> str:
-    """Compute a strike in this process and return its report as a page of HTML.
+    """Compute a strike in this process, and return its report as a page of HTML.
 
     Parameters
     ----------
     case
-        The body of `POST /report`, in its units; `ricochet init` and the contract have its fields.
+        Body of `POST /report`, in the units of the contract. `ricochet init` writes a file with its fields.
 
     Raises
     ------
     RefusedError
-        If the case is invalid, or its search fails; `problem` has the fields.
+        If the case is invalid, or its search fails; `problem` names the fields.
     CommandError
         If a package of the extra `reports` is not installed.
 
     Notes
     -----
-    It computes some 300 cases; a bar on standard error shows how far it is, where that is a terminal.
+    It computes some 300 cases. A progress bar is shown on standard error if that is a terminal.
 
     Examples
     --------
@@ -171,7 +171,7 @@ def find_browser() -> str:
 
 
 def print_pdf(browser: str, page: bytes, place: Path) -> bytes:
-    """Return a page of HTML printed as PDF, with temporary files in a folder.
+    """Print a page of HTML as PDF, with temporary files in the folder `place`.
 
     Raises
     ------
@@ -180,13 +180,14 @@ def print_pdf(browser: str, page: bytes, place: Path) -> bytes:
     OSError
         If the folder cannot be written.
     """
-    # The folder is beside the output, as a browser in a container of its distribution sees no other temporary folder.
+    # The folder is beside the output, because a browser in a sandbox of its distribution (snap, flatpak) has another
+    # folder of temporary files.
     with tempfile.TemporaryDirectory(prefix="ricochet-", dir=place, ignore_cleanup_errors=True) as folder:
         source, target = Path(folder) / "report.html", Path(folder) / "report.pdf"
         source.write_bytes(page)
         command = [browser, *PRINTING, f"--user-data-dir={folder}/profile", f"--print-to-pdf={target}"]
         if getattr(os, "geteuid", lambda: 1)() == 0:
-            command.append("--no-sandbox")  # Root cannot have a sandbox; this page runs no script.
+            command.append("--no-sandbox")  # Chromium does not start a sandbox as root; this page runs no script.
         try:
             done = subprocess.run(  # noqa: S603 (a browser on PATH, with a file of this command)
                 [*command, source.as_uri()], capture_output=True, text=True, timeout=PRINT_SECONDS, check=False

@@ -1,4 +1,4 @@
-"""The request body of one case, from a file and from flags, and errors that name the file or flag of a field."""
+"""Request body of one case from a file and flags, and error messages that name the file or flag of a field."""
 
 import argparse
 import json
@@ -15,31 +15,33 @@ from service.cli.arguments import MODEL_NAMES, CommandError, Flag, InputFile, Re
 
 STDIN = "-"
 MAX_BYTES, MAX_OBJECT = 2**30, 10_000_000
-"""Largest table of cases and largest strike that are read [B]; a device such as /dev/zero has no end."""
+"""Largest table of cases and largest case that are read, since a device such as /dev/zero has no end [bytes]. 1 GiB is
+ten times the largest batch of a service, 10 MB a hundred times the largest case."""
 QUOTED = re.compile(r""""(?:[^"\\\n]|\\.)*+"?|'[^'\n]*+'?""")
 DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
-"""Texts in quotes, and keys of more than 100 parts, for which tomllib takes minutes: its time is of their square."""
+"""Pattern of a key of more than 100 parts outside of quotes. The time of tomllib grows with the square of their number,
+so that it would take minutes."""
 MISSING = "is missing"
-"""Message for a required field that is not given."""
+"""Message for a missing required field, as of `service.schemas.wording`."""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics", "strength_scatter"}
 SOUGHT = {"thickness": ("target", "thickness_m"), "limit-speed": ("impact", "velocity_m_s")}
-"""Field that a search for perforation finds, by operation."""
+"""Field that a search for perforation determines, by operation."""
 
 
 @dataclass(frozen=True, slots=True)
 class RequestBody:
-    """A request body and the origin of its fields.
+    """A request body with the origin of its fields.
 
     Parameters
     ----------
     content
-        The JSON object.
+        JSON object.
     file
-        Its file; None if it comes from flags alone.
+        File of the object; None if it comes from flags only.
     flags
-        The flags of the command, by JSON pointer.
+        Flags of the command by JSON pointer.
     given
-        The flags on the command line, as typed, by JSON pointer.
+        Flags on the command line as typed, by JSON pointer.
     """
 
     content: dict[str, Any]
@@ -48,7 +50,7 @@ class RequestBody:
     given: Mapping[str, str]
 
     def describe(self, pointer: str, detail: str) -> str:
-        """Return an error at a pointer, with the flag or the file of that field."""
+        """Return the message of an error, with the flag or the file of the field."""
         if pointer in self.given:
             return f"{self.given[pointer]}: {detail}"
         if self.file is not None:
@@ -67,7 +69,7 @@ class RequestBody:
         return value
 
     def explain(self, error: RefusedError) -> CommandError:
-        """Return a problem with the flag or the file of each invalid field."""
+        """Return an error that names the flag or the file of each invalid field."""
         if not error.errors:
             return error
         lines = [self.describe(each["pointer"], each["detail"]) for each in error.errors]
@@ -75,7 +77,7 @@ class RequestBody:
 
 
 def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence[Flag]) -> RequestBody:
-    """Return the request body from a file and flags; flags override the file.
+    """Read the request body from a file and flags, which override the file.
 
     Raises
     ------
@@ -103,12 +105,12 @@ def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence
 
 
 def read_own_shots(flag: Flag, file: InputFile) -> list[dict[str, float]]:
-    """Return the shots of a file as own tests hold them.
+    """Read a file of shots, and return them in the form of own tests.
 
     Raises
     ------
     CommandError
-        If the file holds no shots; it names the flag.
+        If the file holds no shots. The message names the flag.
     """
     from service.readers.calibration import read_shots
     from service.readers.files import FileError
@@ -125,9 +127,9 @@ def read_own_shots(flag: Flag, file: InputFile) -> list[dict[str, float]]:
 
 
 def without_sought(body: RequestBody, operation: str) -> RequestBody:
-    """Leave out of a file what a search for perforation finds and what belongs to other requests; return the body.
+    """Remove fields of a file that a search for perforation determines or does not have, and return the body.
 
-    What was given on the command line stays, so that it is refused by its name.
+    Fields given on the command line are kept, so that they are refused by name.
     """
     if operation in SOUGHT:
         part, field = SOUGHT[operation]
@@ -139,10 +141,10 @@ def without_sought(body: RequestBody, operation: str) -> RequestBody:
 
 
 def _put_number(body: dict[str, Any], flag: Flag, value: float | None) -> None:
-    """Set the field of a flag. Without a value, only add the objects around it, so that validation names the field."""
+    """Set the field of a flag. Without a value, only add its parent objects, so that validation names the field."""
     parent: Any = body
     if value is None and len(flag.steps) > 2:
-        return  # A part within a part, as a boat-tail of a projectile, may be left out.
+        return  # Nested parts, such as the boat-tail of a projectile, are optional.
     for step in flag.steps[:-1]:
         parent = parent.setdefault(step, {}) if isinstance(parent, dict) else None
     if value is not None and isinstance(parent, dict):
@@ -150,12 +152,12 @@ def _put_number(body: dict[str, Any], flag: Flag, value: float | None) -> None:
 
 
 def put_model(body: dict[str, Any], part: tuple[str, ...], chosen: Sequence[tuple[Flag, Any]]) -> None:
-    """Set a part of several models from its flags; the model of the file stays if it has their fields.
+    """Set a union from its flags. The model of the file is kept if it has the fields of the flags.
 
     Raises
     ------
     CommandError
-        If a flag belongs to another model than one that names it.
+        If a flag belongs to another model than the one that is named on the command line.
     """
     holder: Any = body.setdefault(part[0], {}) if chosen or part[0] == "projectile" else None
     if not chosen or not isinstance(holder, dict):
@@ -183,7 +185,7 @@ def _split(text: str) -> tuple[str, Any]:
 
 
 def put_field(body: dict[str, Any], steps: Sequence[str], value: Any, text: str) -> None:
-    """Set any field of a body; the text is that of the user, for the error if what holds it is not an object."""
+    """Set any field of a body. `text` is the input of the user, for the error if a parent is no object."""
     parent = body
     for step in steps[:-1]:
         parent = parent.setdefault(step, {})
@@ -193,7 +195,7 @@ def put_field(body: dict[str, Any], steps: Sequence[str], value: Any, text: str)
 
 
 def read_object(file: str | Path) -> dict[str, Any]:
-    """Return the object in a JSON or TOML file.
+    """Read the object in a JSON or TOML file.
 
     Raises
     ------
@@ -207,7 +209,7 @@ def read_object(file: str | Path) -> dict[str, Any]:
         raise CommandError(f"{file}: not TOML: {error}") from None
     except json.JSONDecodeError as error:
         raise CommandError(f"{file}:{error.lineno}: not JSON: {error.msg}") from None
-    except ValueError:  # Python reads no integer of more digits, as that takes ever longer.
+    except ValueError:  # Python limits the digits of an integer, as the time of conversion grows with their square.
         raise CommandError(f"{file}: holds a number of more than 4,300 digits") from None
     except RecursionError:
         raise CommandError(f"{file}: nested too deep") from None
@@ -217,24 +219,24 @@ def read_object(file: str | Path) -> dict[str, Any]:
 
 
 def _parse_toml(text: str) -> Any:
-    """Return TOML as JSON values; a date becomes text, which no field accepts."""
+    """Parse TOML to JSON values. A date becomes a text, which no field accepts."""
     if DEEP_KEY.search(QUOTED.sub("x", text)):
         raise RecursionError
     return json.loads(json.dumps(tomllib.loads(text), default=str))
 
 
 def read_text(file: str | Path, limit: int = MAX_BYTES) -> str:
-    """Return the text of a file or, for -, of standard input.
+    """Read the text of a file or, for `-`, of standard input.
 
     Parameters
     ----------
     limit
-        Largest size. [B]
+        Largest size. [bytes]
 
     Raises
     ------
     CommandError
-        If it cannot be read, is empty, too large or not UTF-8.
+        If the file cannot be read, is empty, too large or not UTF-8.
     """
     try:
         with nullcontext(sys.stdin.buffer) if str(file) == STDIN else Path(file).open("rb") as stream:

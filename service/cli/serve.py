@@ -34,8 +34,9 @@ if TYPE_CHECKING:
     from service.settings import Settings
 
 NOT_STARTED = 3
+"""Exit status of a service that could not start, by which a service manager can tell it from a later failure."""
 READ_BYTES = 64 * 1024
-"""Largest part of standard input that is read at once. [bytes]"""
+"""Size of the pieces in which standard input is read, the capacity of a pipe on Linux. [bytes]"""
 CONTRACT = Path("openapi/openapi.json")
 
 log = logging.getLogger(__name__)
@@ -112,7 +113,7 @@ async def check_address(host: str, port: int) -> None:
     Raises
     ------
     CommandError
-        If it cannot.
+        If the address cannot be used.
     """
     try:
         server = await asyncio.get_running_loop().create_server(asyncio.Protocol, host, port, start_serving=False)
@@ -126,7 +127,7 @@ async def check_address(host: str, port: int) -> None:
 
 
 def check_access(settings: "Settings", keys: "ApiKeyStore") -> None:
-    """Check that the service has API keys or is meant to be open.
+    """Check that the service has API keys or is configured to be open.
 
     Raises
     ------
@@ -158,7 +159,7 @@ def check_access(settings: "Settings", keys: "ApiKeyStore") -> None:
 
 
 def check_proxy(settings: "Settings") -> None:
-    """Warn of a service that others reach without a proxy, which alone limits what slow clients hold."""
+    """Log a warning if other machines reach the service without a proxy, which alone limits slow clients."""
     if not settings.on_loopback and not settings.trusted_proxies:
         log.warning(
             "the service on %s does not limit slow clients: put a proxy in front of it as in docs/how-to/deploy.md and "
@@ -168,7 +169,7 @@ def check_proxy(settings: "Settings") -> None:
 
 
 def print_address(settings: "Settings", port: int | None) -> None:
-    """Print the address of the service on standard error if that is a terminal; elsewhere the log has it."""
+    """Print the address of the service on standard error if that is a terminal; otherwise the log has it."""
     if sys.stderr.isatty():
         scheme = "https" if settings.tls_certificate else "http"
         host = f"[{settings.host}]" if ":" in settings.host else settings.host
@@ -188,7 +189,7 @@ def add_mcp(parser: argparse.ArgumentParser) -> None:
 
 
 def run_mcp(args: argparse.Namespace) -> int:
-    """Serve until standard input ends, or until SIGTERM or SIGINT.
+    """Serve the tools until standard input ends, or until SIGTERM or SIGINT.
 
     Raises
     ------
@@ -209,7 +210,7 @@ def run_mcp(args: argparse.Namespace) -> int:
 
 
 async def serve_tools(client: "Client") -> None:
-    """Answer messages. What is computed for a call that is cancelled, or as the input ends, ends too."""
+    """Answer messages. A computation ends when its call is cancelled or the input ends."""
     from mcp.server.stdio import stdio_server
 
     from service.api.mcp_tools import ToolError, server_of
@@ -219,7 +220,7 @@ async def serve_tools(client: "Client") -> None:
     async def compute(operation: str, body: Mapping[str, Any], _: Any) -> dict[str, Any]:
         try:
             answer = await client.compute_until_cancelled(http, operation, dict(body))
-            if "key" not in answer:  # The answer is a job.
+            if "key" not in answer:  # The answer is a job, for which a tool cannot wait.
                 await http.delete(path_of(answer["id"]))
                 detail = "more samples than are answered at once: lower it"
                 raise InvalidBodyError([{"pointer": "/sampling/max_samples", "detail": detail}])
@@ -236,16 +237,16 @@ async def serve_tools(client: "Client") -> None:
 
 
 async def lines_of(descriptor: int) -> AsyncIterator[str]:
-    """Yield the lines of a file as they come.
+    """Yield the lines of a file as they arrive.
 
-    The SDK reads standard input in a thread, which no signal interrupts as long as the input is open: a process that
-    is told to end would wait for it.
+    The SDK would read standard input in a thread, which no signal interrupts while the input is open, so that SIGTERM
+    could not end the process.
     """
     import anyio
 
     rest = b""
     while True:
-        with suppress(PermissionError):  # The system refuses to wait for a regular file, which is always readable.
+        with suppress(PermissionError):  # epoll refuses regular files, which are always readable.
             await anyio.wait_readable(descriptor)
         part = os.read(descriptor, READ_BYTES)
         *lines, rest = (rest + part).split(b"\n")
@@ -276,7 +277,7 @@ def run_openapi(args: argparse.Namespace) -> int:
 
 
 def contract() -> str:
-    """Return the contract as text."""
+    """Return the OpenAPI document as text."""
     from service.api.app import create_app
     from service.settings import Settings
 

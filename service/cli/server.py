@@ -1,4 +1,4 @@
-"""The HTTP server: uvicorn with the application's lifespan, and a private one in this process."""
+"""HTTP server: uvicorn with the lifespan of the application, and a private server in this process."""
 
 import asyncio
 import gc
@@ -28,32 +28,36 @@ from service.settings import Settings
 from solver.compilation import compilation_progress
 
 SOCKET_FOLDER_BYTES = 70
-"""Longest path of the folder of a socket: the names below it take 24, and macOS allows 103 in all, Linux 107."""
+"""Longest path of the folder of a socket [bytes]. The names below it take 24; macOS allows 103 in all, Linux 107."""
 TICK_SECONDS = 0.1
-"""Interval between checks of a slow start [s]."""
+"""Interval between checks for a signal during a slow start, so that SIGTERM seems to act at once. [s]"""
 MAX_CONNECTIONS = 800
-"""Most open connections: each takes 10 kB and one of the usual 1,024 file descriptors. Further ones get 503."""
+"""Largest number of open connections. Each takes 10 kB and one of the usual 1,024 file descriptors, of which files and
+workers need some. Further connections are answered with 503."""
 IDLE_SECONDS = 10
-"""Timeout of an idle connection between two requests [s]; the one in deploy/nginx.conf is shorter."""
+"""Timeout of an idle connection between two requests [s]. That of deploy/nginx.conf is shorter, so that nginx never
+sends a request on a connection that is being closed here."""
 TERMINATED = 143
-"""Exit status after SIGTERM, as shells report it."""
+"""Exit status after SIGTERM, as reported by shells: 128 plus the number of the signal."""
 PROGRESS_SECONDS = 5.0
-"""Time between two lines of the log while the solver is being compiled. [s]"""
+"""Interval between lines of the log while the solver is compiled, a judgement: it takes half a minute or more. [s]"""
 
 log = logging.getLogger(__name__)
 
 
 class Server(uvicorn.Server):
-    """Uvicorn that runs the application's lifespan itself, so that a failure to start is raised instead of logged.
+    """Uvicorn server that runs the lifespan of the application itself, so that a failed start raises its error.
+
+    Uvicorn would only log the error of a lifespan.
 
     Parameters
     ----------
     app, settings
-        The application, and where it listens.
+        Application, and its address and limits.
     on_start
-        Called with the port once the server listens; None if it is not a TCP port.
+        Function called when the server listens, with the port, or None for a socket file.
     **options
-        Further options of uvicorn.
+        Additional options of uvicorn.
     """
 
     def __init__(
@@ -86,9 +90,9 @@ class Server(uvicorn.Server):
         )
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start, unless a signal to exit comes before that is done.
+        """Start the application and listen, unless a signal to exit arrives before.
 
-        All objects made so far are excluded from garbage collection, which would take 80 ms each time.
+        All objects made so far are excluded from garbage collection, which would take 80 ms for them each time.
         """
         starting = asyncio.ensure_future(
             self._lifespan.enter_async_context(self._app.router.lifespan_context(self._app))
@@ -102,7 +106,7 @@ class Server(uvicorn.Server):
                 progress = compilation_progress()
                 if progress.left:
                     log.info("%s", progress)
-        if self.should_exit:  # Workers that compile would delay the end by minutes.
+        if self.should_exit:  # Without the cancellation, workers that compile the solver would delay the end.
             starting.cancel()
             await asyncio.gather(starting, return_exceptions=True)
             await self._lifespan.aclose()
@@ -120,7 +124,7 @@ class Server(uvicorn.Server):
             self._on_start(address[1] if isinstance(address, tuple) else None)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Announce the end to the application, whose event streams would not end by themselves, and stop."""
+        """Announce the shutdown to the application, whose event streams would not end by themselves, and stop."""
         services, seconds = self._app.state.services, self.config.timeout_graceful_shutdown or 0
         services.stopping.set()
         asyncio.get_running_loop().call_later(seconds - REFUSAL_SECONDS, services.ending.set_result, None)
@@ -130,16 +134,16 @@ class Server(uvicorn.Server):
 
 
 def socket_folder() -> str:
-    """Return the folder for temporary files, or /tmp if the path of a socket in it would be too long."""
+    """Return the folder for temporary files, or /tmp if the path of a socket there would be too long."""
     folder = tempfile.gettempdir()
     return folder if len(os.fsencode(folder)) <= SOCKET_FOLDER_BYTES else "/tmp"  # noqa: S108 (folders in it are private)
 
 
 @contextmanager
 def local_server(data_dir: Path | None) -> Iterator[Client]:
-    """Run a private service in this process, with its workers, cache and jobs, and open a client for it.
+    """Run a private service in this process, with its own workers, cache and jobs, and open a client for it.
 
-    Many cases are thus computed locally by the same code as at a service.
+    Many cases are thus computed by the same code locally and by a service.
 
     Parameters
     ----------
@@ -178,7 +182,7 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
 
 
 def _serve(server: Server, started: Future[None]) -> None:
-    """Run the server in a thread; pass a failure to start to the future."""
+    """Run the server, and pass an error of its start to the future."""
     try:
         server.run()
     except BaseException as error:  # noqa: BLE001 (raised in the thread that waits)

@@ -1,4 +1,4 @@
-"""`ricochet trajectory` and `ricochet cra`: one case, computed locally or by a service."""
+"""`ricochet trajectory` and `ricochet cra`: compute one case locally or by a service."""
 
 import argparse
 import json
@@ -24,7 +24,7 @@ from service.columns import trial_columns
 from service.names import CHOICES, OUTCOMES, STATUSES, named
 
 ENDS = {"outcome": OUTCOMES, "status": STATUSES}
-"""Names of the ends of a run or a search, by the field that says it."""
+"""Display names of outcomes and statuses, by field."""
 
 
 def add_trajectory(parser: argparse.ArgumentParser) -> None:
@@ -68,7 +68,7 @@ def add_cra(parser: argparse.ArgumentParser) -> None:
 
 
 def add_operation_command(commands: Any, name: str) -> argparse.ArgumentParser | None:
-    """Define a command that prints the answer of an operation that has no other command; None if it is unknown."""
+    """Define a command for an operation without one of its own; None for an unknown operation."""
     from service.operations import OPERATIONS
 
     if name not in OPERATIONS or OPERATIONS[name].many is None:
@@ -82,13 +82,13 @@ def add_operation_command(commands: Any, name: str) -> argparse.ArgumentParser |
 
 
 def run_operation(args: argparse.Namespace) -> int:
-    """Print the answer as the service sends it."""
+    """Compute an operation, and print the answer as the service sends it."""
     print_json(answer_of(args.command, read_body(args.case, args, ()), args.url))
     return 0
 
 
 def run_trajectory(args: argparse.Namespace) -> int:
-    """Compute a trajectory and print it."""
+    """Compute a trajectory, and print it."""
     body, text = answer_one("trajectory", args)
     answer: dict[str, Any] = json.loads(text)
     if args.plot:
@@ -106,7 +106,7 @@ def run_trajectory(args: argparse.Namespace) -> int:
 
 
 def run_cra(args: argparse.Namespace) -> int:
-    """Search a critical angle and print it."""
+    """Find a critical angle, and print it with its verdict."""
     body, text = answer_one("cra", args)
     answer: dict[str, Any] = json.loads(text)
     if args.plot:
@@ -125,18 +125,18 @@ def run_cra(args: argparse.Namespace) -> int:
 
 
 def announce(answer: Mapping[str, Any]) -> None:
-    """Print the critical angle to a terminal before its range is sampled, which takes seconds."""
+    """Print the critical angle on a terminal before its range is sampled, which takes seconds."""
     if sys.stdout.isatty() and sys.stderr.isatty() and "critical_angle_deg" in answer:
         print(f"Critical angle {answer['critical_angle_deg']:.2f}°; its range follows", file=sys.stderr)
 
 
 def answer_one(operation: str, args: argparse.Namespace) -> tuple[RequestBody, bytes]:
-    """Return the request body and the answer as JSON.
+    """Return the request body, and the answer as JSON.
 
     Raises
     ------
     CommandError
-        If there is no answer; it names the flag or the field of the file that is invalid.
+        If the request is refused or fails. The message names the invalid flag or field of the file.
     """
     body = read_body(args.case, args, STRIKE)
     if args.alternatives:
@@ -149,7 +149,7 @@ def answer_one(operation: str, args: argparse.Namespace) -> tuple[RequestBody, b
 
 
 def of_search(body: RequestBody) -> RequestBody:
-    """Return the body of a search, which has no oblique angle and no flight: those given are for the verdict."""
+    """Return the body of a search, without the oblique angle and the flight, which only the verdict uses."""
     content = {name: value for name, value in body.content.items() if name != "flight"}
     impact = content.get("impact")
     if isinstance(impact, dict):
@@ -158,12 +158,12 @@ def of_search(body: RequestBody) -> RequestBody:
 
 
 def answer_of(operation: str, body: RequestBody, url: str | None) -> bytes:
-    """Return the answer as JSON, of the service at this address or computed in this process.
+    """Return the answer as JSON, from the service at `url` or computed in this process.
 
     Raises
     ------
     CommandError
-        If there is none; it names the flag or the field of the file that is invalid.
+        If the request is refused or fails. The message names the invalid flag or field of the file.
     """
     try:
         if url:
@@ -179,7 +179,7 @@ def answer_of(operation: str, body: RequestBody, url: str | None) -> bytes:
 
 
 def history_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[float]]:
-    """Return the columns of a time history.
+    """Return the columns of the time history in an answer.
 
     Raises
     ------
@@ -199,7 +199,7 @@ def print_json(answer: bytes) -> None:
 
 
 def motion_sentence(answer: Mapping[str, Any], oblique_angle: float) -> str:
-    """Return how a strike at an angle ended. [°]"""
+    """Return a sentence with the outcome of a strike at an oblique angle. [°]"""
     after = f"after {1e3 * answer['final']['time_s']:.3g} ms"
     if (left := answer.get("exit")) is None:
         end = f"{1e3 * answer['maximum_depth_m']:.3g} mm deep {after}"
@@ -217,7 +217,7 @@ def motion_sentence(answer: Mapping[str, Any], oblique_angle: float) -> str:
 
 
 def print_motion(answer: Mapping[str, Any], *, verbose: bool) -> None:
-    """Print the end of a motion."""
+    """Print the outcome and the final state of a motion."""
     final = {heading(name): value for name, value in answer["final"].items()}
     values = {"outcome": named(OUTCOMES, answer["outcome"])}
     values |= {heading(name): answer[name] for name in ("maximum_depth_m", "strength_factor") if name in answer}
@@ -230,7 +230,7 @@ def print_motion(answer: Mapping[str, Any], *, verbose: bool) -> None:
 
 
 def print_search(answer: Mapping[str, Any], verdict: Mapping[str, Any], *, verbose: bool, shots: str) -> None:
-    """Print the verdict, what one's own shots did to S if there are any, and if verbose the trials and numbers."""
+    """Print the verdict, the effect of own shots if there are any, and with `verbose` the trials and numbers."""
     if verbose:
         columns = ("oblique_angle_deg", "final_position_m", "outcome")
         rows = [
@@ -258,7 +258,7 @@ def print_search(answer: Mapping[str, Any], verdict: Mapping[str, Any], *, verbo
 
 
 def shots_sentence(body: RequestBody, answer: Mapping[str, Any]) -> str:
-    """Return what one's own shots did to S; empty if the case has none, or no critical angle."""
+    """Return a sentence with the effect of own shots on S; empty without shots or without a critical angle."""
     if "own_tests" not in answer or body.value_at("/resistance/strength_factor/model") != "own_tests":
         return ""
     tests = answer["own_tests"]
@@ -272,12 +272,12 @@ def shots_sentence(body: RequestBody, answer: Mapping[str, Any]) -> str:
 
 
 def verdict_on(body: RequestBody, answer: Mapping[str, Any], url: str | None) -> dict[str, Any]:
-    """Return the verdict on a strike, of the service at this address or computed in this process.
+    """Return the verdict on a strike, from the service at `url` or computed in this process.
 
     Raises
     ------
     CommandError
-        If there is none; it names the flag or the field of the file that is invalid.
+        If the request is refused or fails. The message names the invalid flag or field of the file.
     """
     if url:
         found: dict[str, Any] = json.loads(answer_of("verdict", body, url))
@@ -293,10 +293,11 @@ def verdict_on(body: RequestBody, answer: Mapping[str, Any], url: str | None) ->
 
 
 def print_alternatives(answer: Mapping[str, Any]) -> None:
-    """Print the answers with other laws, if there are any."""
+    """Print the results with other laws, if there are any."""
     if "alternatives" in answer:
         columns = dict(alternatives_of(answer))
-        theories = [each for each in answer["alternatives"] if each["free_surface"] != "none"]  # no decay is no theory
+        # `none` is not a theory of the decay, so that it does not belong to the range over the theories.
+        theories = [each for each in answer["alternatives"] if each["free_surface"] != "none"]
         angles = [each["critical_angle_deg"] for each in theories if "critical_angle_deg" in each]
         print()
         if angles:
@@ -309,7 +310,7 @@ def print_alternatives(answer: Mapping[str, Any]) -> None:
 
 
 def alternatives_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[Any]]:
-    """Return the answers with other laws as columns, with empty cells for missing values."""
+    """Return the results with other laws as columns, with empty cells for missing values."""
     alternatives = answer["alternatives"]
     found = ("status", "critical_angle_deg") if "status" in answer else ("outcome",)
     names = ("free_surface", "strength_factor", "obliquity_shape", *found)

@@ -1,4 +1,4 @@
-"""`ricochet uncertainty`: how sure a critical angle, or the outcome of one strike, is."""
+"""`ricochet uncertainty`: estimate the uncertainty of a critical angle or of the outcome of one strike."""
 
 import argparse
 import json
@@ -35,9 +35,9 @@ PARAMETERS = {
     "uniform": ("lower", "upper"),
     "triangular": ("lower", "mode", "upper"),
 }
-"""Numbers of a distribution on the command line, in order."""
+"""Parameters of each distribution, in the order of the command line."""
 BOUNDS = ("lower", "upper")
-"""The last numbers of `log_student_t`, which may be left out."""
+"""Last parameters of `log_student_t`, which are optional."""
 WIDE = (7.0, 4.0)
 """Figure size. [in]"""
 
@@ -79,7 +79,7 @@ def add_uncertainty(parser: argparse.ArgumentParser) -> None:
 
 
 def run_uncertainty(args: argparse.Namespace) -> int:
-    """Estimate and print."""
+    """Run an uncertainty study, and print its answer."""
     body = read_body(args.case, args, STRIKE)
     given = dict(body.given)
     for text in args.uncertain:
@@ -115,7 +115,7 @@ def run_uncertainty(args: argparse.Namespace) -> int:
 
 
 def with_usual_scatter(body: RequestBody) -> None:
-    """Add the usual scatter to a case without inputs that scatter, and say so.
+    """Add the usual scatter to a case without uncertain inputs, and print a note.
 
     Raises
     ------
@@ -134,12 +134,12 @@ def with_usual_scatter(body: RequestBody) -> None:
 
 
 def next_shot_advice(answer: Mapping[str, Any]) -> str:
-    """Return what the next shots are worth, in one sentence.
+    """Return the advice on the value of further own shots, in one sentence.
 
     Raises
     ------
     CommandError
-        If the study does not say so.
+        If the study has no uncertain S.
     """
     from service.schemas.verdict import next_shot_advice_in
 
@@ -153,12 +153,12 @@ def next_shot_advice(answer: Mapping[str, Any]) -> str:
 
 
 def estimate_here(operation: str, body: RequestBody) -> bytes:
-    """Return the answer as JSON, computed in this process.
+    """Compute a study in this process, and return its answer as JSON.
 
     Raises
     ------
     CommandError
-        If there is none; it names the flag or the field of the file that is invalid.
+        If the request is refused or fails. The message names the invalid flag or field of the file.
     """
     from service.cli.local import compute
     from service.schemas.uncertainty import SAMPLING
@@ -177,17 +177,17 @@ def estimate_here(operation: str, body: RequestBody) -> bytes:
 
 
 def reached(half_width: float | None, requested: float) -> str:
-    """Return the half width reached, if there is one, and the one requested."""
+    """Return a text with the half width reached and requested; empty before there is one."""
     return "" if half_width is None else f"half width {half_width:.2g}, requested {requested:g}"
 
 
 def estimate(operation: str, body: RequestBody, url: str) -> bytes:
-    """Return the answer of a service, as JSON; follows the job that computes it.
+    """Have a service compute a study as a job, show its progress, and return the answer as JSON.
 
     Raises
     ------
     CommandError
-        If there is none; it names the flag or the field of the file that is invalid.
+        If the request is refused or fails. The message names the invalid flag or field of the file.
     """
     from service.cli.client import JSON, POLL_SECONDS, UNFINISHED, connect, dumps
 
@@ -221,7 +221,7 @@ def key_of(item: Mapping[str, Any]) -> str:
     Raises
     ------
     CommandError
-        If it failed.
+        If the study failed.
     """
     if "problem" in item:
         raise CommandError(f"the study failed: {problem_text(item['problem'])}", FAILED)
@@ -230,12 +230,12 @@ def key_of(item: Mapping[str, Any]) -> str:
 
 
 def uncertain_input(text: str) -> dict[str, Any]:
-    """Return the input that a flag describes.
+    """Parse the value of `--uncertain`.
 
     Raises
     ------
     CommandError
-        If it does not.
+        If the text has another form.
     """
     field, equals, rest = text.partition("=")
     kind, *numbers = rest.split(":")
@@ -260,11 +260,11 @@ def _number(word: str, text: str) -> float | str:
     except ValueError:
         if not word:
             raise CommandError(f"--uncertain {text}: a value is missing") from None
-        return word  # It is the name of a model, or validation refuses it.
+        return word  # A word may be the name of a model; otherwise validation refuses it.
 
 
 def print_answer(answer: Mapping[str, Any], *, verbose: bool) -> None:
-    """Print estimates, sensitivities and how they were sampled."""
+    """Print estimates, sensitivities, and the number of samples."""
     if "outcomes" in answer:
         columns = outcomes_of(answer)
         print_table([heading(name) for name in columns], list(zip(*columns.values(), strict=True)))

@@ -1,6 +1,6 @@
-"""`ricochet thickness`, `limit-speed` and `formulas`: the wall that stops a projectile, the speed that perforates one.
+"""`ricochet thickness`, `limit-speed` and `formulas`: walls that stop a projectile, and speeds that perforate a wall.
 
-The last gives what the empirical formulas of the field say of both, and of the depth in thick concrete.
+`formulas` evaluates the empirical formulas for both, and for the depth in thick concrete.
 """
 
 import argparse
@@ -31,9 +31,9 @@ from service.names import FORMULAS, OUTCOMES, QUANTITIES, STATUSES, named
 STRIKE_FLAGS = (*IMPACT, *(flag for flag in BODY if flag.steps != SOUGHT["thickness"]), *RESISTANCE)
 WALL_FLAGS = (OBLIQUE_ANGLE, *ATTACK, *BODY, *RESISTANCE)
 FORMULA_VALUES = {"least_thickness_m": "perforation_thickness_m", "limit_speed_m_s": "limit_speed_m_s"}
-"""Value of the formulas that is compared with the value sought, by the name of the latter."""
+"""Value of the formulas that corresponds to the result of a search, by the field of the result."""
 BRACKETS = {"least_thickness_m": "bracket_m", "limit_speed_m_s": "bracket_m_s"}
-"""Bracket of the value sought."""
+"""Field of the bracket, by the field of the result."""
 
 
 def add_thickness(parser: argparse.ArgumentParser) -> None:
@@ -70,33 +70,33 @@ def add_limit_speed(parser: argparse.ArgumentParser) -> None:
 
 
 def run_thickness(args: argparse.Namespace) -> int:
-    """Search the least thickness and print it, below the verdict on the wall of the case."""
+    """Find the least thickness, and print it after the verdict on the wall of the case."""
     body = read_body(args.case, args, STRIKE_FLAGS)
     for name in body.content.keys() - WALL_PARTS:
         del body.content[name]
     said = []
     if not (args.json or args.csv):
-        wall = replace(body, content=copy.deepcopy(body.content))  # the search leaves its thickness out
+        wall = replace(body, content=copy.deepcopy(body.content))  # A copy, as `without_sought` removes the thickness.
         said.append(json.loads(answer_of("wall", wall, args.url))["sentence"])
     text = answer_of("thickness", without_sought(body, "thickness"), args.url)
     return _print(args, text, "least_thickness_m", said)
 
 
 def run_limit_speed(args: argparse.Namespace) -> int:
-    """Search the limit speed and print it."""
+    """Find the limit speed, and print it."""
     body = without_sought(read_body(args.case, args, WALL_FLAGS), "limit-speed")
     return _print(args, answer_of("limit-speed", body, args.url), "limit_speed_m_s", [])
 
 
 def _print(args: argparse.Namespace, text: bytes, value: str, said: list[str]) -> int:
-    """Print an answer: what is said of it, the formulas, and if verbose the trials and the numbers of the search.
+    """Print an answer: its sentences, the formulas, and with `--verbose` the trials and the numbers of the search.
 
     Parameters
     ----------
     value
-        Field with what was sought.
+        Field with the result of the search.
     said
-        Sentences before that of the answer.
+        Sentences to print before that of the answer.
     """
     answer: dict[str, Any] = json.loads(text)
     columns = trial_columns(answer)
@@ -123,7 +123,7 @@ def _print(args: argparse.Namespace, text: bytes, value: str, said: list[str]) -
 
 
 def _found(answer: Mapping[str, Any], value: str) -> dict[str, Any]:
-    """Return the numbers of a search, which are for comparing models and not for a design."""
+    """Return the numbers of a search, which serve to compare models and not for a design."""
     found: dict[str, Any] = {"status": named(STATUSES, answer["status"])}
     if value in answer:
         bracket = BRACKETS[value]
@@ -161,7 +161,7 @@ def add_formulas(parser: argparse.ArgumentParser) -> None:
 
 
 def run_formulas(args: argparse.Namespace) -> int:
-    """Evaluate and print."""
+    """Evaluate the empirical formulas, and print them."""
     body = read_body(args.case, args, FLAGS)
     for name in body.content.keys() - PARTS:
         del body.content[name]
@@ -179,13 +179,13 @@ def run_formulas(args: argparse.Namespace) -> int:
 
 
 def _named_input(pointer: str) -> str:
-    """Return the name of an input, or of a result, at a pointer."""
+    """Return the display name of the input or result at a pointer."""
     field = pointer[1:].replace("/", ".")
     return (QUANTITIES.get(field) or heading(field)).lower()
 
 
 def print_formulas(answer: Mapping[str, Any], *, verbose: bool) -> None:
-    """Print the table, what is out of range, and how far those in range differ."""
+    """Print the table of the formulas, the inputs that are out of range, and the spread of those in range."""
     rows = [
         [named(FORMULAS, row["formula"]), *(row.get(name, "") for name in LIMITS), _marks(row), row["source"]]
         for row in answer["formulas"]

@@ -1,4 +1,4 @@
-"""Output: JSON lines for programs; tables, warnings and progress bars for people."""
+"""Writers of results: JSON lines, CSV and workbooks for programs; tables, warnings and progress bars for people."""
 
 import argparse
 import csv
@@ -18,12 +18,12 @@ from service.cli.arguments import FAILED, SOME_FAILED, CommandError, problem_tex
 from service.columns import base_of, batch_columns, batch_row, csv_cells, summarize, unit_end, unit_of
 
 Item: TypeAlias = Mapping[str, Any]
-"""Result or problem of one case of a job."""
+"""One case of a job with its result or its problem."""
 ProgressReport: TypeAlias = Callable[..., None]
-"""Called with the number of finished cases and the total."""
+"""Function that receives the number of finished cases, the total and an optional text."""
 
 HEAD_ROWS = 20
-"""Rows of the table on a terminal."""
+"""Number of rows of the table on a terminal, which fit on a usual screen of 24 lines."""
 SHOWN = {
     "trajectory": ("outcome", "maximum_depth_m", "final_depth_velocity_m_s", "final_lateral_velocity_m_s"),
     "cra": ("status", "critical_angle_deg", "critical_angle_standard_error_deg"),
@@ -33,49 +33,51 @@ SHOWN = {
 """Columns of the summary in the table on a terminal."""
 MINUS = "\N{MINUS SIGN}"
 DIGITS = 5
+"""Number of significant digits in a table, a judgement: more than any result is accurate to."""
 MOST_WRITTEN_OUT = 1e9
-"""Numbers from here on have an exponent in a table."""
+"""Magnitude from which numbers have an exponent in a table: pressures in Pa stay below it."""
 NUMERAL = re.compile(r"([-+]?[\d.]+(e[-+]?\d+)?)?|nan|-?inf")
-"""Number in a table, or an empty cell."""
+"""Pattern of a number in a table, or of an empty cell."""
 
 
 class Writer(ABC):
-    """Receives the results of a job in order."""
+    """Base class of writers, which receive the results of a job in order."""
 
     @abstractmethod
     def write(self, items: Sequence[Item]) -> None:
         """Write some results."""
 
     def close(self) -> None:  # noqa: B027 (most have nothing to do)
-        """Finish, after the last result."""
+        """Finish the output after the last result."""
 
 
 class JsonLines(Writer):
-    """Results as JSON lines, as the service sends them."""
+    """Writer of JSON lines, as the service sends them."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
 
     def write(self, items: Sequence[Item]) -> None:
-        """Write a line for each result and flush, so that the reader of a pipe gets them at once."""
-        self._stream.buffer.write(b"".join(orjson.dumps(item) + b"\n" for item in items))  # JSON is UTF-8 everywhere.
+        """Write a line for each result, and flush, so that the reader of a pipe receives it at once."""
+        # Bytes are written, as JSON is UTF-8 whatever the encoding of the stream.
+        self._stream.buffer.write(b"".join(orjson.dumps(item) + b"\n" for item in items))
         self._stream.flush()
 
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """Rows of the input of a batch. Some are not sent, and the cells of a table are copied to the output.
+    """Rows of the input of a batch, some of which are not sent. The cells of a table are copied to the output.
 
     Parameters
     ----------
     sent
-        Places of the rows that are sent, in order.
+        Numbers of the rows that are sent, in order.
     left_out
-        Problems of the others, as items of a batch, by their places.
+        Items with the problems of the other rows, by number.
     headers, cells
-        Columns of the table, and the cells of every row.
+        Headers of the table, and the cells of every row.
     errors
-        What is wrong with the rows that are not sent, by the headers of the table.
+        Errors of the rows that are not sent, by the headers of the table.
     """
 
     sent: Sequence[int]
@@ -85,7 +87,7 @@ class Inputs:
     errors: Mapping[int, str] = field(default_factory=dict)
 
     def placed(self, items: Iterable[Item]) -> Iterator[Item]:
-        """Yield results of the cases sent with their places among all rows, after the problems of rows before them."""
+        """Yield results with their numbers among all rows, each preceded by the problems of rows that were not sent."""
         for item in items:
             number = item["index"]
             before = self.sent[number - 1] + 1 if number else 0
@@ -93,7 +95,7 @@ class Inputs:
             yield {**item, "index": self.sent[number]}
 
     def rest(self) -> Iterator[Item]:
-        """Yield the problems of the rows after the last that is sent."""
+        """Yield the problems of the rows after the last one that was sent."""
         yield from self._left_out(self.sent[-1] + 1 if self.sent else 0, max(self.left_out, default=-1) + 1)
 
     def _left_out(self, first: int, end: int) -> Iterator[Item]:
@@ -101,18 +103,18 @@ class Inputs:
 
 
 class Rows:
-    """Rows of results under a header: those of the service, with columns of the input.
+    """Table of results with a header: the columns of the service, preceded by those of the input.
 
     Parameters
     ----------
     operation
         Operation of the cases.
     digits
-        Significant digits of the numbers that are computed; None keeps all.
+        Number of significant digits of computed numbers; None for all.
     base
         Base of a sweep, whose fields become columns.
     inputs
-        Rows that the cases come from.
+        Rows of the input.
     """
 
     def __init__(
@@ -126,7 +128,7 @@ class Rows:
         self._inputs = inputs if inputs and inputs.headers else None
 
     def under_header(self, items: Sequence[Item], *, first: bool) -> Iterator[list[Any]]:
-        """Yield the rows of some results, for the first ones with the header above."""
+        """Yield the rows of some results, preceded by the header if they are the first."""
         fields = tuple(items[0].get("point", ()))
         base = base_of(self._whole_base, fields)
         names = [column.name for column in batch_columns(self._columns, fields)]
@@ -155,12 +157,12 @@ class Rows:
 
 
 def without_name(names: Iterable[str]) -> list[str]:
-    """Return the columns of results without the name of a case, which is a column of the input."""
+    """Return the columns of results without the name of a case, which the input has as a column."""
     return [name for name in names if name != "custom_id"]
 
 
 class CsvTable(Writer):
-    """Results as CSV."""
+    """Writer of CSV."""
 
     def __init__(self, stream: TextIO, rows: Rows) -> None:
         self._stream = stream
@@ -169,7 +171,7 @@ class CsvTable(Writer):
         self._begun = False
 
     def write(self, items: Sequence[Item]) -> None:
-        """Write a row for each result, the first time with the header above."""
+        """Write a row for each result, and the header before the first one."""
         if items:
             self._writer.writerows(map(csv_cells, self._rows.under_header(items, first=not self._begun)))
             self._begun = True
@@ -177,7 +179,7 @@ class CsvTable(Writer):
 
 
 class Workbook(Writer):
-    """Results as the sheet of an Excel workbook, which is written at the end."""
+    """Writer of an Excel workbook with one sheet, which is saved at the end."""
 
     def __init__(self, stream: TextIO, rows: Rows) -> None:
         require_excel("an Excel workbook")
@@ -190,14 +192,14 @@ class Workbook(Writer):
         self._begun = False
 
     def write(self, items: Sequence[Item]) -> None:
-        """Keep a row for each result, the first time with the header above."""
+        """Add a row for each result, and the header before the first one."""
         if items:
             for row in self._rows.under_header(items, first=not self._begun):
                 self._sheet.append(csv_cells(map(as_number, row)))
             self._begun = True
 
     def close(self) -> None:
-        """Write the workbook."""
+        """Save the workbook."""
         self._book.save(self._stream.buffer)
         self._stream.flush()
 
@@ -217,21 +219,21 @@ def require_excel(feature: str) -> None:
 
 
 def as_number(value: Any) -> Any:
-    """Return a text that is a number as one, and a number that no sheet can hold as text."""
+    """Convert the text of a number to a number, and a number that no sheet can hold (NaN, infinite) to text."""
     if isinstance(value, str) and value and NUMERAL.fullmatch(value):
         value = float(value)
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def rounded(row: Iterable[Any], digits: int | None) -> list[Any]:
-    """Return numbers with so many significant digits, all if there is no number of them; other values as they are."""
+    """Round the floats of a row to `digits` significant digits; None keeps all digits."""
     if digits is None:
         return list(row)
     return [float(f"{value:.{digits}g}") if isinstance(value, float) else value for value in row]
 
 
 class Head(Writer):
-    """A table of the first results."""
+    """Writer of a table with the first results, for a terminal."""
 
     def __init__(self, operation: str) -> None:
         self._columns = SHOWN[operation]
@@ -239,12 +241,12 @@ class Head(Writer):
         self._count = 0
 
     def write(self, items: Sequence[Item]) -> None:
-        """Keep the first results."""
+        """Collect the first results."""
         self._count += len(items)
         self._rows += [self._row(item) for item in items[: HEAD_ROWS - len(self._rows)]]
 
     def close(self) -> None:
-        """Print the table without its empty columns."""
+        """Print the table without empty columns."""
         names = [name for name in self._rows[0] if any(row[name] != "" for row in self._rows)] if self._rows else []
         print_table([heading(name) for name in names], [[row[name] for name in names] for row in self._rows])
         if self._count > len(self._rows):
@@ -258,7 +260,7 @@ class Head(Writer):
 
 
 class Counts(Writer):
-    """Number of results, and of problems among them."""
+    """Writer that counts results, and problems among them."""
 
     def __init__(self) -> None:
         self.total = 0
@@ -271,7 +273,7 @@ class Counts(Writer):
 
     @property
     def status(self) -> int:
-        """Exit status."""
+        """Exit status of the command."""
         return SOME_FAILED if self.failed else 0
 
     def __str__(self) -> str:
@@ -285,20 +287,20 @@ def writer_for(
     base: Mapping[str, Any] | None = None,
     inputs: Inputs | None = None,
 ) -> Writer:
-    """Return a writer in the format of the flags; without one of JSON lines, or of a table if that is a terminal."""
+    """Return a writer in the format of the flags. The default is JSON lines, or a table on a terminal."""
     if args.csv or args.xlsx:
         return (CsvTable if args.csv else Workbook)(stream, Rows(operation, args.digits, base, inputs))
     return JsonLines(stream) if args.json or not stream.isatty() else Head(operation)
 
 
 def heading(name: str) -> str:
-    """Return the name of a field as the heading of a column, with its unit last."""
+    """Return the heading of a column for a field, with its unit at the end."""
     name = name.rpartition(".")[2]
     return f"{name.removesuffix(unit_end(name)).replace('_', ' ')} {unit_of(name)}".rstrip()
 
 
 def cell(value: Any) -> str:
-    """Return a value as text in a table; an exponent stands only where a person would write one."""
+    """Return a value as text in a table. Exponents are used only for very large and very small numbers."""
     if isinstance(value, float):
         text = f"{value:.{DIGITS}g}"
         return f"{float(text):.0f}" if 10.0**DIGITS <= abs(float(text)) < MOST_WRITTEN_OUT else text
@@ -313,12 +315,12 @@ def print_csv(columns: Mapping[str, Sequence[Any]], digits: int | None) -> None:
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Print a table, with rules on a terminal and as aligned columns elsewhere; numbers are aligned right.
+    """Print a table with numbers aligned right, on a terminal with rules.
 
     Parameters
     ----------
     columns
-        The header, which is left out if all of it is empty.
+        Header, which is left out if all cells are empty.
     """
     cells = [list(map(cell, row)) for row in rows]
     right = [all(NUMERAL.fullmatch(line[i]) for line in cells) for i in range(len(columns))]
@@ -336,12 +338,12 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
 
 
 def print_values(values: Mapping[str, Any]) -> None:
-    """Print named values, one a line."""
+    """Print named values, one per line."""
     print_table(("", ""), values.items())
 
 
 def print_warnings(warnings: Iterable[Mapping[str, Any]], *, verbose: bool) -> None:
-    """Print the warnings about this answer on standard error in one line, or if verbose in full with standing notes."""
+    """Print warnings on standard error, as one line of codes, or with `verbose` in full with standing notes."""
     special, standing = _apart(warnings)
     if verbose:
         for warning in special:
@@ -355,7 +357,7 @@ def print_warnings(warnings: Iterable[Mapping[str, Any]], *, verbose: bool) -> N
 
 
 def _apart(warnings: Iterable[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], list[Mapping[str, Any]]]:
-    """Return the warnings about this answer, and the standing ones, which come with most answers."""
+    """Separate the warnings of this answer from the standing notes, which come with most answers."""
     found: tuple[list[Mapping[str, Any]], list[Mapping[str, Any]]] = ([], [])
     for warning in warnings:
         found[warning.get("standing", False)].append(warning)
@@ -376,7 +378,7 @@ def _print_ruled(columns: Sequence[str], cells: Sequence[Sequence[str]], right: 
 
 
 def _with_minus(text: str, stream: TextIO) -> str:
-    """Return a number with a minus sign where the stream can show one; other text as it is."""
+    """Replace the hyphen of a number by a minus sign if the encoding of the stream has one."""
     if not NUMERAL.fullmatch(text):
         return text
     try:
@@ -388,7 +390,7 @@ def _with_minus(text: str, stream: TextIO) -> str:
 
 @contextmanager
 def progress(description: str) -> Iterator[ProgressReport]:
-    """Show a progress bar on standard error if it is a terminal; the bar disappears at the end."""
+    """Show a progress bar on standard error if that is a terminal. The bar disappears at the end."""
     if not sys.stderr.isatty():
         yield lambda *_: None
         return

@@ -1,26 +1,28 @@
-"""Number of cases in each chunk, from the time that earlier ones took."""
+"""Number of cases in a chunk, adapted to the time that earlier cases took."""
 
 from collections.abc import Sequence
 
 FIRST_CASES = 4
-"""Cases of the first chunk, when their time is unknown: the slowest take a minute each."""
+"""Number of cases in the first chunk, whose time is unknown: the slowest cases take a minute each."""
 MOST_CASES = 256
-"""Largest number of cases in a chunk: one of a millisecond each takes as long as the usual one."""
+"""Largest number of cases in a chunk. With cases of 1 ms it takes 0.25 s, as long as a usual chunk."""
 MOST_BYTES = 16 * 1024 * 1024
-"""Size of the answers of one chunk: those with long histories take 4 MB each. [bytes]"""
+"""Largest size of the answers of one chunk, as of a segment [bytes]. Answers with long histories take 4 MB each."""
 SHRUNK = 8
-"""Factor by which chunks shrink after one that took far too long."""
+"""Factor by which chunks shrink after one that exceeded its timeout. A judgement: two steps reach single cases from the
+usual chunk of some 20."""
 NEWEST = 0.3
-"""Weight of the latest chunk in the mean, as the cases of a sweep become slower or faster on the way."""
+"""Weight of the latest chunk in the moving average, as the cases of a sweep become slower or faster on the way. A
+judgement: one odd chunk should not decide, and ten chunks should be forgotten."""
 
 
 class ChunkSizer:
-    """Sizes chunks from the time and the bytes that their cases take.
+    """Chooses the size of chunks from the time and the bytes of earlier cases.
 
     Parameters
     ----------
     seconds
-        Duration that one chunk should have. [s]
+        Desired duration of a chunk. [s]
     """
 
     def __init__(self, seconds: float) -> None:
@@ -31,7 +33,7 @@ class ChunkSizer:
 
     @property
     def cases(self) -> int:
-        """Number of cases that the next chunk should hold."""
+        """Number of cases for the next chunk."""
         if self._seconds is None:
             return FIRST_CASES
         by_time = self._target / max(self._seconds, 1e-6)
@@ -39,11 +41,11 @@ class ChunkSizer:
         return max(1, int(min(by_time, by_bytes, self._most)))
 
     def shrink(self, cases: int) -> None:
-        """Make the next chunks smaller, because one of so many cases took far too long."""
+        """Make the next chunks smaller, because one with this many cases exceeded its timeout."""
         self._most = max(1, min(self._most, cases // SHRUNK))
 
     def note(self, seconds: Sequence[float], nbytes: int) -> None:
-        """Take the times of these cases into account; `nbytes` is the size of all their answers."""
+        """Update the averages with the times of cases [s] and the size of all their answers [bytes]."""
         if not seconds:
             return
         mean, size = sum(seconds) / len(seconds), nbytes / len(seconds)

@@ -1,7 +1,8 @@
-"""The SQLite file of the jobs: opened when it is needed, one writer at a time, every failure the same error.
+"""SQLite file of the jobs: opened on first use, with one writer at a time and `StorageError` for every failure.
 
-Write-ahead log with a sync at each commit: a transaction is there whole after any crash, or not at all. The log
-is emptied regularly, and only whole: a damaged bit costs what was written since, and what is before it fits the file.
+The write-ahead log is synchronised at each commit, so that a transaction is complete after any crash, or absent. The
+log is moved into the file regularly, always as a whole: a damaged bit in it then costs only what was written since, and
+the rest of the log still fits the file.
 """
 
 import os
@@ -17,11 +18,12 @@ from service.errors import FolderReplacedError, StorageError, storage_error
 from service.private_files import make_private, make_private_folder
 
 BUSY_SECONDS = 10.0
-"""Timeout for a lock that another process holds on the file, such as a reader [s]."""
+"""Timeout for a lock that another process, such as a backup, holds on the file; a judgement. [s]"""
 CHECKPOINT_SECONDS = 0.1
-"""Longest wait of a checkpoint for a reader; one that another process prevents is done the next time."""
+"""Longest wait of a checkpoint for a reader [s]. Writers wait as long; a checkpoint that fails is repeated later."""
 
-# Requests of sweeps are apart from `jobs`: they can be large, and every progress of a job writes its whole row anew.
+# Requests of sweeps have a table of their own, because they can be large, and SQLite writes the whole row of `jobs` at
+# each progress of a job.
 TABLES = """
 CREATE TABLE jobs (
     number INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -84,40 +86,40 @@ CREATE INDEX idempotency_by_job ON idempotency (job);
 
 
 class Database:
-    """One connection to write, one to read, each for one thread at a time.
+    """A connection for writing and one for reading, each used by one thread at a time.
 
     Parameters
     ----------
     path
-        Path of the file; made if it is not there. A damaged one, or one that is not a database, is set aside.
+        Path of the file, which is created if it is missing. A damaged file is set aside.
     check
-        Called before anything is written; raises StorageError if nothing may be.
+        Function called before each transaction that writes; raises StorageError if the folder must not be written to.
     """
 
     def __init__(self, path: Path, check: Callable[[], None] = lambda: None) -> None:
         self._path = path
         self._check = check
         self.was_missing = False
-        """Whether the file was missing or empty when it was first needed."""
+        """True if the file was missing or empty when it was first opened."""
         self._opened: os.stat_result | None = None
         self._checked = False
         self._written = True
-        """Whether the log may hold anything: at first what an earlier process has left."""
+        """True if the log may contain transactions, at first those of an earlier process."""
         self._opening = threading.Lock()
         self._locks = {"write": threading.Lock(), "read": threading.Lock()}
         self._connections: dict[str, sqlite3.Connection] = {}
 
     @contextmanager
     def writing(self) -> Iterator[sqlite3.Connection]:
-        """Make all that is done here one transaction, on disk when it ends.
+        """Run the block as one transaction, which is on the disk when the block has ended.
 
         Raises
         ------
         StorageError
-            If it cannot be; nothing has changed then.
+            If the transaction fails; nothing has changed then.
         """
         with self._connected("write") as connection:
-            connection.execute("BEGIN IMMEDIATE")
+            connection.execute("BEGIN IMMEDIATE")  # Takes the write lock now, so that no later statement fails for it.
             self._written = True
             try:
                 yield connection
@@ -130,12 +132,12 @@ class Database:
 
     @contextmanager
     def reading(self) -> Iterator[sqlite3.Connection]:
-        """Look at one state of the file.
+        """Run the block on one snapshot of the file.
 
         Raises
         ------
         StorageError
-            If it cannot be read.
+            If the file cannot be read.
         """
         with self._connected("read") as connection:
             connection.execute("BEGIN")
@@ -145,12 +147,12 @@ class Database:
                 connection.execute("COMMIT")
 
     def checkpoint(self) -> None:
-        """Move what stands in the log into the file, and empty the log.
+        """Move the content of the log into the file, and empty the log.
 
         Raises
         ------
         StorageError
-            If it cannot be done; nothing is lost then.
+            If the disk fails; nothing is lost then.
         """
         if self._written:
             with self._connected("write") as connection:
@@ -162,7 +164,7 @@ class Database:
                 self._written = bool(busy)
 
     def close(self) -> None:
-        """Give up the file; it is opened again when it is needed."""
+        """Close the file. It is opened again on the next use."""
         with suppress(StorageError):
             self.checkpoint()
         for kind, lock in self._locks.items():
@@ -173,12 +175,14 @@ class Database:
         self._opened = None
 
     def check(self) -> None:
-        """See that what is written goes to the file of this path, and not to one that was there before.
+        """Check that the open file is still the one at its path.
+
+        Jobs written to a file that has been removed would be gone with this process.
 
         Raises
         ------
         StorageError
-            If it does not.
+            If the file has been removed or replaced.
         """
         self._check()
         try:
@@ -207,9 +211,9 @@ class Database:
         make_private(self._path)
         try:
             return self._connect()
-        except sqlite3.OperationalError:
+        except sqlite3.OperationalError:  # An error of the disk or of a lock says nothing about the content.
             raise
-        except sqlite3.DatabaseError as error:  # The file is damaged, or not a database.
+        except sqlite3.DatabaseError as error:
             set_aside(self._path, self._path.parent / "damaged", str(error))
             return self._connect()
 
@@ -220,10 +224,10 @@ class Database:
         connection.text_factory = decode
         try:
             layout = check_layout(connection, self._path.name)
-            connection.execute("PRAGMA journal_mode = WAL")
-            connection.execute("PRAGMA synchronous = FULL")
-            connection.execute("PRAGMA foreign_keys = ON")
-            connection.execute("PRAGMA wal_autocheckpoint = 0")  # An automatic one would copy only a part of the log.
+            connection.execute("PRAGMA journal_mode = WAL")  # Readers do not wait for the writer.
+            connection.execute("PRAGMA synchronous = FULL")  # An accepted job must survive a power cut.
+            connection.execute("PRAGMA foreign_keys = ON")  # Cases are deleted with their job.
+            connection.execute("PRAGMA wal_autocheckpoint = 0")  # An automatic one may copy a part of the log only.
             if layout == 0:
                 self.was_missing = not self._checked
                 connection.executescript(f"BEGIN IMMEDIATE; {TABLES} PRAGMA user_version = {LAYOUT}; COMMIT;")

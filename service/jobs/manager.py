@@ -1,4 +1,4 @@
-"""Accepts batches of cases: small ones run at once, jobs in the background and through restarts and crashes."""
+"""Job manager: runs small batches at once, and jobs in the background, across restarts and crashes."""
 
 import asyncio
 import logging
@@ -29,13 +29,14 @@ from service.queries import Answered, Count, QueryService, Rate
 from service.telemetry import NO_TRACER, current_traceparent
 
 EXPIRY_SECONDS = 3600.0
-"""Interval between removals of jobs past their retention, which is counted in days [s]."""
+"""Interval between removals of expired jobs [s]. An hour is short against a retention of days."""
 REOPEN_SECONDS = 5.0
-"""Time between attempts to read a folder of jobs that could not be read at the start."""
+"""Interval between attempts to read jobs that could not be read at the start; a judgement. [s]"""
 CHECKPOINT_SECONDS = 5.0
-"""Longest time whose progress a damaged log can cost; a checkpoint takes some milliseconds."""
+"""Interval between checkpoints, and thereby the longest progress that a damaged log can cost [s]. A checkpoint takes
+some milliseconds."""
 CHANGE_SECONDS = 0.2
-"""Shortest interval between two changes of a job that are sent as events [s]."""
+"""Shortest interval between events of a job: five a second look continuous to a reader [s]."""
 OWNER = "local"
 
 Value = TypeVar("Value")
@@ -43,24 +44,24 @@ log = logging.getLogger(__name__)
 
 
 class JobManager:
-    """Accepts, runs and ends batches.
+    """Accepts, runs, reads and ends jobs, and runs small batches.
 
     Parameters
     ----------
     queries
-        Computes and keeps results.
+        Query service that computes and stores results.
     jobs
-        Keeps the jobs.
+        Store of the jobs.
     max_queued_cases
-        Cases that may wait, of all jobs together; an owner has room for half of what the others leave.
+        Largest number of waiting cases of all jobs together. One owner may take half of what the others leave.
     count
-        Counts cases by how they ended; see `Count`.
+        Function that counts finished cases; see `Count`.
     give_back
-        Takes back what an ended job has not used of its quota; see `GiveBack`.
+        Function that gives unused cases of an ended job back to its quota; see `GiveBack`.
     tracer
-        Traces the work of jobs.
+        Tracer of the work of jobs.
     clock
-        By whose dates jobs expire.
+        Clock by which jobs expire.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class JobManager:
         clock: Clock = SYSTEM,
     ) -> None:
         self.warning = ""
-        """What somebody should know of the jobs that were there before."""
+        """Warning of lost jobs for the readiness probe; empty if there is none."""
         self._clocks = ClockWatch(clock)
         self._count = count
         self._jobs = jobs
@@ -89,9 +90,9 @@ class JobManager:
         )
         self._reader = ResultReader(queries, jobs, self._runner, self._studies)
         self._accepting: set[tuple[str, str]] = set()
-        """Owners and idempotency keys of what is being received."""
+        """Owners and idempotency keys of requests that are being read."""
         self._received: Counter[str] = Counter()
-        """Cases of jobs that are not yet accepted, by owner."""
+        """Numbers of cases of jobs that are being read, by owner."""
         self._going_on = False
         """True once the unfinished jobs in the store have been loaded."""
         self._beginning = asyncio.Lock()
@@ -100,17 +101,17 @@ class JobManager:
 
     @property
     def queued_cases(self) -> int:
-        """Cases that wait or are being computed."""
+        """Number of cases that wait or are being computed."""
         return self._queued.total()
 
     @property
     def running_chunks(self) -> int:
-        """Number of chunks of jobs that are being prepared, computed or kept."""
+        """Number of chunks of jobs that are being prepared, computed or stored."""
         return self._runner.job_chunks
 
     @property
     def rate(self) -> float:
-        """Cases done in a second, over the last half minute."""
+        """Rate of completed cases over the last half minute. [1/s]"""
         return self._rate.per_second
 
     def jobs_ahead(self, state: JobState) -> int:
@@ -118,16 +119,17 @@ class JobManager:
         return len(self._scheduler.ahead(state))
 
     def seconds_until_done(self, state: JobState) -> int:
-        """Whole seconds until a job is likely to have ended: with what goes before it, of a study with all its samples.
+        """Return the estimated time until a job has ended, in whole seconds. [s]
 
-        By the measured rate; before there is one, by the cost of the cases of the job.
+        The estimate counts the cases that are computed before its end, and all samples of a study. It uses the measured
+        rate or, before there is one, the cost of the cases.
         """
         operation = self._queries.operations.get(state.operation)
         weight = 1 if operation is None else operation.weight
         return self._rate.seconds_for(self._scheduler.cases_until_done(state), weight)
 
     async def start(self) -> None:
-        """Go on with the jobs that are not finished. Without a folder for them the service runs all the same."""
+        """Continue unfinished jobs. If the store cannot be read, the service runs without jobs and retries."""
         try:
             await self._go_on()
         except StorageError as error:
@@ -135,18 +137,18 @@ class JobManager:
         self._tasks = [asyncio.create_task(work) for work in (self._expire(), self._checkpoint(), self._clocks.run())]
 
     async def check(self) -> None:
-        """See that jobs can be accepted as far as their file goes.
+        """Check that jobs can be stored.
 
         Raises
         ------
         StorageError
-            If it, or the data folder, has been removed or replaced, or jobs could not be read at the start nor now.
+            If the file of jobs or the data folder has been removed or replaced, or the jobs cannot be read.
         """
         await run_sync(self._jobs.check)
         await self._go_on()
 
     async def stop(self) -> None:
-        """Give up what is being computed: the next start goes on with it."""
+        """Cancel running work, which the next start continues."""
         self._stopping = True
         for task in self._tasks:
             task.cancel()
@@ -157,19 +159,19 @@ class JobManager:
     def run_now(
         self, operation: str, cases: Sequence[JobCase], more: int = 0, *, owner: str = OWNER
     ) -> AsyncGenerator[CaseResult, None]:
-        """Yield the result of every case as it finishes; closing it (`aclose`) stops the work.
+        """Run cases at once, and yield the result of each as it finishes. Closing the generator stops the work.
 
         Parameters
         ----------
         more
-            Number of cases that the same request will have after these.
+            Number of further cases of the same request.
 
         Raises
         ------
         QueueFullError
-            At once, if too many cases wait.
+            By the call itself, if too many cases are waiting.
         PoolUnavailableError
-            While it runs, if no worker can take the cases.
+            During the iteration, if no worker can take the cases.
         """
         self._admit(owner, len(cases))
         return self._counted(operation, self._runner.results(operation, cases, more, owner=owner))
@@ -184,16 +186,16 @@ class JobManager:
         take: Callable[[int], None] = lambda _: None,
         limiter: CapacityLimiter | None = None,
     ) -> Answered:
-        """Return the record of a study, and whether it was there or computed for another who had requested the same.
+        """Return the record of a study, and whether it came from the cache or from an equal study in flight.
 
         Parameters
         ----------
         study
-            The validated request.
+            Validated request.
         owner
-            In whose turn its samples are computed.
+            Owner in whose turn samples are computed.
         take
-            Called with the number of samples before they are computed.
+            Function called with the number of samples before they are computed.
         limiter
             Limiter of the threads in which samples are validated.
 
@@ -218,40 +220,40 @@ class JobManager:
         count: int = 0,
         estimate: Callable[[], int] = lambda: 0,
     ) -> tuple[JobState, bool]:
-        """Take on a job: from the return of this on it will be finished, whatever happens.
+        """Store and queue a job. Once this has returned, the job will be finished even after a crash.
 
         Parameters
         ----------
         blocks
-            Its cases.
+            Blocks of cases.
         queue
-            Owner in whose turn they are computed until the service starts anew, if another.
+            Owner in whose turn the cases are computed, if other than `owner`, until the service restarts.
         sweep
-            The request, if it is a sweep.
+            Request of a sweep.
         charge
-            What it counts as against a quota, if less may be used.
+            Cost charged to a quota, of which the unused part is given back at the end of the job.
         count
-            Number of its cases, if known before they are read: too many are refused before any is stored.
+            Number of cases, if it is known beforehand. Too many are then refused before any is stored.
         estimate
-            Returns about how many there are, else, once some are read: a refusal says when there is room for them all.
+            Returns an estimate of the number of cases, for the `Retry-After` of a refusal while they are being read.
 
         Returns
         -------
         state
-            The job.
+            State of the job.
         new
-            False if it was there already.
+            False if the idempotency key has a job already.
 
         Raises
         ------
         IdempotencyConflictError, IdempotencyBusyError
-            If the idempotency key has another request, or one still being accepted.
+            If the idempotency key belongs to another request, or its request is still being read.
         QueueFullError
-            If too many cases wait.
+            If too many cases are waiting.
         StorageError
             If the job cannot be stored.
         Exception
-            Out of `blocks`. Nothing is left of the job then.
+            Raised by `blocks`; the job is removed then.
         """
         receive = partial(
             self._receive, operation, blocks, owner, queue or owner, idempotency, sweep, charge, count, estimate
@@ -267,7 +269,7 @@ class JobManager:
             if found is None:
                 return await receive(), True
             if not isinstance(idempotency.digest, str):
-                async for _ in blocks:  # the digest is known when the body has been read
+                async for _ in blocks:  # The digest is complete only after the whole body has been read.
                     pass
             if found[0] != idempotency.whole_digest:
                 raise IdempotencyConflictError("this idempotency key was sent with another request before")
@@ -276,26 +278,26 @@ class JobManager:
             self._accepting.discard(token)
 
     async def job(self, name: str, owner: str | None = OWNER) -> JobState | None:
-        """Job with this id, if the owner has one; None stands for any owner."""
+        """Return the job with this id if it belongs to the owner; None stands for any owner."""
         state = await self._state(name)
         return state if state is not None and owner in {None, state.owner} else None
 
     async def jobs(self, owner: str | None = OWNER, *, before: int = 0, limit: int | None = None) -> list[JobState]:
-        """Jobs of the owner, newest first; None stands for all owners. `before` and `limit` as in `JobStore.jobs`."""
+        """Return the jobs of an owner, newest first; None stands for all owners. See `JobStore.jobs`."""
         stored = await run_sync(lambda: self._jobs.jobs(owner, before=before, limit=limit))
         return [self._present(state.id) or state for state in stored]
 
     async def tally(self) -> Counter[Status]:
-        """Return how many jobs of all owners there are, by status."""
+        """Return the numbers of jobs of all owners by status."""
         present = self._scheduler.unwritten | {name: job.state for name, job in self._scheduler.active.items()}
         return await run_sync(self._jobs.tally, present) + Counter(state.status for state in present.values())
 
     async def sweep(self, job: JobState) -> StoredSweep | None:
-        """Return the request of a job, if it is a sweep."""
+        """Return the request of a sweep; None for other jobs."""
         return await run_sync(self._jobs.sweep, job.number)
 
     async def request(self, job: JobState) -> dict[str, Any] | None:
-        """Return the request of a job, if it is a sweep or a study; None too if that of a study is damaged."""
+        """Return the request of a sweep or a study; None for other jobs, and for a damaged request of a study."""
         if not is_study(job.operation):
             sweep = await self.sweep(job)
             return None if sweep is None else sweep.request
@@ -303,7 +305,7 @@ class JobManager:
         return None if case.request is None else orjson.loads(case.request)
 
     async def partial(self, job: JobState) -> dict[str, Any] | None:
-        """Return the latest partial answer of a study that is not finished."""
+        """Return the latest partial answer of an unfinished study; None for other jobs."""
         if job.progress is None or job.status == "successful":
             return None
         return await run_sync(self._jobs.partial, job.number)
@@ -318,17 +320,17 @@ class JobManager:
         take: Callable[[int], None] = lambda _: None,
         whole: bool = False,
     ) -> AsyncGenerator[Value, None]:
-        """Yield what `use` makes of the results that are ready of a job, in order, in blocks, from case `start` on.
+        """Read the available results of a job in blocks, and yield the value of `use` for each block.
 
-        Ends at the first case that is not ready yet; if the job has ended, such cases are left out. What the cache has
-        lost is computed again: `take` and `whole` as in `ResultReader.read`. `use` is called in a thread, for two
-        blocks of all jobs at a time, so that readers take memory for what they send alone.
+        The reading ends at the first case without a result; if the job has ended, such cases are skipped. Evicted
+        results are computed again; see `ResultReader.read` for `take` and `whole`. `use` runs in a thread, for at most
+        two blocks of all readers at a time, which bounds their memory.
         """
         async for used in self._reader.read(lambda: self._state(name), use, start, limit, take, whole=whole):
             yield used
 
     async def cancel(self, name: str, owner: str | None = OWNER) -> JobState | None:
-        """End the job as it is, if it has not ended; return it."""
+        """Cancel a job unless it has ended, and return it; None if there is no such job."""
         state = await self.job(name, owner)
         active = self._scheduler.active.get(name)
         if state is None or active is None:
@@ -336,7 +338,7 @@ class JobManager:
         return await self._scheduler.end(active, "dismissed")
 
     async def rename(self, name: str, title: str, owner: str | None = OWNER) -> JobState | None:
-        """Give the job another title; return it."""
+        """Change the title of a job, and return it; None if there is no such job."""
         state = await self.job(name, owner)
         if state is None:
             return None
@@ -348,7 +350,7 @@ class JobManager:
         return self._present(name) or renamed
 
     async def delete(self, name: str, owner: str | None = OWNER) -> bool:
-        """Cancel the job and remove it; return whether there was one."""
+        """Cancel and remove a job; return False if there is no such job."""
         state = await self.cancel(name, owner)
         if state is None:
             return False
@@ -357,10 +359,11 @@ class JobManager:
         return True
 
     async def changes(self, name: str) -> AsyncGenerator[JobState, None]:
-        """Yield the job as it is, then at each change, at most five times a second; ends after the last."""
+        """Yield the state of a job, and again after changes, at most five times a second, until it has ended."""
         sent = None
         while not self._stopping:
             active = self._scheduler.active.get(name)
+            # The event is taken before the state, so that a change between both wakes this up.
             changed = active.changed if active is not None else None
             state = await self._state(name)
             if state is None:
@@ -376,21 +379,21 @@ class JobManager:
     def _run_samples(
         self, operation: str, cases: Sequence[JobCase], more: int, *, owner: str
     ) -> AsyncGenerator[CaseResult, None]:
-        """Yield the results of samples of a study that is a job."""
+        """Run samples of a study that is a job, and yield their results."""
         return self._counted(operation, self._runner.results(operation, cases, more, owner=owner, urgent=False))
 
     @property
     def _queued(self) -> Counter[str]:
-        """Cases that wait or are being computed, by owner."""
+        """Numbers of cases that wait or are being computed, by owner."""
         queued = self._received + self._runner.queued
         for job in self._scheduler.active.values():
             queued[job.queue] += job.state.total - job.state.done
         return queued
 
     def _admit(self, owner: str, count: int, more: int = 0) -> None:
-        """Refuse cases of an owner if too many would wait; `more` of the same request are to come.
+        """Refuse cases of an owner if too many would wait. `more` is the number of further cases of the request.
 
-        Half of what the others leave is always free for the next owner, however many there are.
+        An owner may take half of what the others leave, so that there is always room for another owner.
         """
         queued = self._queued
         over = queued[owner] + count - math.ceil((self._most_queued - queued.total() + queued[owner]) / 2)
@@ -416,7 +419,7 @@ class JobManager:
         received = 0
 
         def append(number: int, cases: Sequence[JobCase]) -> None:
-            """Compress and store a block, both of which take long."""
+            """Compress and store a block, in a thread because both take long."""
             self._jobs.append(job, number, CaseBlock.of(cases))
 
         try:
@@ -434,7 +437,8 @@ class JobManager:
                 await run_sync(append, number, waiting)
             state = await run_sync(self._jobs.accept, job, received, idempotency, charge)
         except BaseException:
-            with CancelScope(shield=True), suppress(StorageError):  # the next start removes what is left
+            # If the removal fails, the next start removes the job, as it was never accepted.
+            with CancelScope(shield=True), suppress(StorageError):
                 await run_sync(self._jobs.discard, job)
             raise
         finally:
@@ -454,7 +458,7 @@ class JobManager:
                 yield result
 
     def _present(self, name: str) -> JobState | None:
-        """Job as it is in memory, if it is there."""
+        """Return the state of a job in memory, which is newer than the stored one; None if it is not in memory."""
         active = self._scheduler.active.get(name)
         return active.state if active is not None else self._scheduler.unwritten.get(name)
 
@@ -462,7 +466,7 @@ class JobManager:
         return self._present(name) or await run_sync(self._jobs.job, name)
 
     async def _go_on(self) -> None:
-        """Load unfinished jobs once, before any new job is stored, so that a half-written one is never picked up."""
+        """Load unfinished jobs once, and before any new job is stored: a job that is being read is unfinished too."""
         async with self._beginning:
             if self._going_on:
                 return

@@ -1,4 +1,4 @@
-"""Jobs and their cases, as the service has them in memory and in the store."""
+"""Jobs and their cases, in memory and as they are stored."""
 
 import itertools
 import math
@@ -20,16 +20,16 @@ Status: TypeAlias = Literal["accepted", "running", "successful", "failed", "dism
 FINAL = frozenset({"successful", "failed", "dismissed", "damaged"})
 Natural: TypeAlias = Annotated[int, Field(ge=0)]
 BLOCK_SIZE = 200
-"""Cases stored together: few enough that preparing them leaves the interpreter lock to others, and enough to compress
-well."""
+"""Number of cases in a stored block: few enough that preparing one does not hold the interpreter lock for long, and
+enough to be compressed well."""
 KEY_BYTES = 32
 """Length of the key of a result, a SHA-256 digest [bytes]."""
 FASTEST = 1
-"""Level of zlib. The slowest one saves no more than a tenth."""
+"""Compression level of zlib. The slowest one saves no more than a tenth."""
 
 
 class CaseState(IntEnum):
-    """How far a case is; a byte each."""
+    """State of a case, stored as one byte."""
 
     WAITING = 0
     DONE = 1
@@ -39,7 +39,7 @@ class CaseState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class JobCase:
-    """One case of a batch, validated."""
+    """A validated case of a batch."""
 
     request: KeyedRequest
     custom_id: str | None = None
@@ -47,12 +47,12 @@ class JobCase:
 
 @dataclass(frozen=True, slots=True)
 class StoredSweep:
-    """The request of a sweep: every combination of the values of its axes, the last axis fastest.
+    """Request of a sweep over every combination of the values of its axes, the last axis fastest.
 
     Parameters
     ----------
     request
-        Base and axes, as they were sent.
+        Base and axes as the client sent them.
     fields, values
         Field and values of each axis.
     """
@@ -63,6 +63,7 @@ class StoredSweep:
 
     def point(self, number: int) -> tuple[float, ...]:
         """Return the values of the axes at a case."""
+        # The step of an axis is the number of combinations of all axes after it.
         later = itertools.accumulate(map(len, reversed(self.values)), lambda total, count: total * count, initial=1)
         steps = list(later)[-2::-1] if self.values else []
         return tuple(axis[number // step % len(axis)] for axis, step in zip(self.values, steps, strict=True))
@@ -73,29 +74,29 @@ class StoredSweep:
         return math.prod(map(len, self.values))
 
     def pack(self) -> bytes:
-        """Return the sweep as it is stored."""
+        """Encode the sweep for the store."""
         content = orjson.dumps({"request": self.request, "fields": self.fields, "values": self.values})
         return zlib.compress(content, FASTEST)
 
     @classmethod
     def unpack(cls, packed: bytes) -> "StoredSweep":
-        """Return the sweep that was stored."""
+        """Decode a stored sweep."""
         stored = orjson.loads(zlib.decompress(packed))
         return cls(stored["request"], tuple(stored["fields"]), tuple(stored["values"]))
 
 
 @lru_cache(maxsize=64)
 def fields_of(packed: bytes) -> tuple[str, ...]:
-    """Return the fields of the axes of a sweep that was stored; lists of jobs and every mark of a job ask for them."""
+    """Return the fields of the axes of a stored sweep, cached because lists of jobs and each progress need them."""
     return StoredSweep.unpack(packed).fields
 
 
 TITLED = {"diameter_m": (1e3, "mm"), "mass_kg": (1.0, "kg")}
-"""Quantities of the projectile in the title of a sweep: factor from SI, and unit."""
+"""Quantities of the projectile in the title of a sweep, with the factor from SI and the unit."""
 
 
 def title_of(sweep: StoredSweep) -> str:
-    """Return the title of a sweep that has been given none."""
+    """Return the default title of a sweep: its axes, and diameter and mass of the projectile if they are fixed."""
     varied = " × ".join(map(name_of, sweep.fields))
     projectile = sweep.request["base"].get("projectile", {})
     fixed = {name: unit for name, unit in TITLED.items() if f"projectile.{name}" not in sweep.fields}
@@ -103,25 +104,25 @@ def title_of(sweep: StoredSweep) -> str:
 
 
 def name_of(field: str) -> str:
-    """Return a field in words."""
+    """Return the display name of a field."""
     return TITLES.get(field) or named(QUANTITIES, field).lower()
 
 
 def shown(part: Mapping[str, Any], name: str, factor: float, unit: str) -> str:
-    """Return a value with its unit."""
+    """Return a quantity as text with its unit."""
     return f"{part[name] * factor:.4g} {unit}"
 
 
 @dataclass(frozen=True, slots=True)
 class Idempotency:
-    """What identifies a request that is sent again.
+    """Identity of a request that may be sent again.
 
     Parameters
     ----------
     token
-        The client's key.
+        Idempotency key chosen by the client.
     digest
-        Hash of the operation and the whole body; a function if the body is still being read, called at its end.
+        Hash of path and body. While the body is still being read, a function that returns it afterwards.
     """
 
     token: str
@@ -129,22 +130,22 @@ class Idempotency:
 
     @property
     def whole_digest(self) -> str:
-        """The digest, once the body has been read."""
+        """Digest of the whole body, which must have been read."""
         return self.digest if isinstance(self.digest, str) else self.digest()
 
 
 class Charge(NamedTuple):
-    """What a study counts as against the quota of an API key until it ends: all the samples it may take."""
+    """Cost of all samples that a study may take, charged to the quota of an API key until the study ends."""
 
     key_id: str
     cases: int
     began: int
-    """Entry of the quota that has them: since 1970. [s]"""
+    """Begin of the entry of the quota that counts the cases, in seconds since 1970. [s]"""
 
 
 @dataclass(frozen=True, slots=True)
 class JobState:
-    """A job at one instant. `done` counts every case that has its result: new ones, `cached` ones, `failed` ones."""
+    """State of a job. `done` counts all finished cases, including `cached` and `failed` ones."""
 
     id: str
     operation: str
@@ -160,32 +161,32 @@ class JobState:
     problem: dict[str, Any] | None
     revision: Natural
     number: int = field(repr=False)
-    """Row in the store."""
+    """Number of the row in the store."""
     owner: str = field(repr=False)
     versions: str = field(repr=False)
     axes: tuple[str, ...] = ()
-    """Fields of the axes of a sweep."""
+    """Fields of the axes of a sweep; empty for a batch."""
     progress: dict[str, Any] | None = None
-    """How far a study is, once it has begun."""
+    """Progress of a study that has begun."""
     title: str | None = None
-    """What varies, if it is a sweep, or as it was given."""
+    """Title given by the client, or the default title of a sweep."""
     charge: Charge | None = field(default=None, repr=False)
     traceparent: str | None = field(default=None, repr=False)
-    """Span of the request that made it, if that was traced."""
+    """Span of the request that created the job, if it was traced."""
 
     @property
     def final(self) -> bool:
-        """Whether nothing changes any more."""
+        """True if the job has ended."""
         return self.status in FINAL
 
     @property
     def engine_version(self) -> str:
-        """Version of the solver that its results are of."""
+        """Version of the solver that computes the results."""
         return self.versions.split()[0]
 
     @property
     def unused_cases(self) -> int:
-        """Cases that it was charged and has not taken; an answer that was there already counts as one."""
+        """Number of cases that were charged and not used. An answer from the cache costs one case."""
         if self.charge is None:
             return 0
         if self.cached or self.progress is None:
@@ -202,15 +203,15 @@ class CaseRow(NamedTuple):
     key: str
     custom_id: str | None
     request: bytes | None
-    """Canonical request; None if it is damaged."""
+    """Canonical request as JSON; None if it is damaged."""
     problem: dict[str, Any] | None
 
 
 @dataclass(frozen=True, slots=True)
 class CaseBlock:
-    """Cases in order: their keys one after the other, their canonical requests as compressed lines of JSON.
+    """Stored block of cases in order: concatenated keys, and canonical requests as compressed lines of JSON.
 
-    The requests are alike and compressed together: some 15 bytes a case instead of 800.
+    Requests of a batch are similar, so that they are compressed together: to some 15 bytes per case instead of 800.
     """
 
     keys: bytes
@@ -219,7 +220,7 @@ class CaseBlock:
 
     @classmethod
     def of(cls, cases: Sequence[JobCase]) -> "CaseBlock":
-        """Return the cases as they are stored."""
+        """Encode cases as a block."""
         ids = [case.custom_id for case in cases]
         return cls(
             keys=join_keys(case.request.key for case in cases),
@@ -234,23 +235,23 @@ class CaseBlock:
 
 
 def join_keys(keys: Iterable[str]) -> bytes:
-    """Return keys as they are stored."""
+    """Encode keys for the store."""
     return b"".join(map(bytes.fromhex, keys))
 
 
 def split_keys(keys: bytes) -> list[str]:
-    """Return the keys that were stored."""
+    """Decode stored keys."""
     return [keys[i : i + KEY_BYTES].hex() for i in range(0, len(keys), KEY_BYTES)]
 
 
 @lru_cache(maxsize=16)
 def split_requests(requests: bytes) -> tuple[bytes, ...]:
-    """Return the canonical requests that were stored, each as JSON; those of the latest blocks are at hand."""
+    """Decode stored canonical requests. Recent blocks are cached, as a block is read in several parts."""
     return tuple(zlib.decompress(requests).split(b"\n"))
 
 
 def split_custom_ids(custom_ids: bytes | None, count: int) -> list[str | None]:
-    """Return the names that were stored, as many as there are cases."""
+    """Decode the stored names of `count` cases."""
     if custom_ids is None:
         return [None] * count
     names: list[str | None] = orjson.loads(zlib.decompress(custom_ids))

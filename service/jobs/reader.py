@@ -1,4 +1,4 @@
-"""Results of jobs, read in blocks; what the cache has lost is computed again."""
+"""Reader of the results of jobs in blocks. Evicted results are computed again."""
 
 import itertools
 import math
@@ -23,30 +23,31 @@ from service.operations import OPERATIONS, KeyedRequest, is_study, result_key
 from service.queries import QueryService
 
 MOST_CASES = 200
-"""Largest number of results read at once, however small they are."""
+"""Largest number of results read at once, as many as in a stored block of cases."""
 FIRST_CASES = 4
-"""Number of results read first, when their size is unknown."""
+"""Number of results read first, while their size is unknown. Four with long histories take 16 MB."""
 READ_BYTES = 1024 * 1024
-"""Approximate size of the answers read at once: those with long histories take 4 MB each."""
+"""Approximate size of the answers read at once [bytes]. Answers with long histories take 4 MB each."""
 BLOCKS_AT_ONCE = 2
-"""Blocks of results in memory, of all readers together: one can take twenty times its answers while it is encoded."""
+"""Number of blocks of results in memory, of all readers together. One can take twenty times the size of its answers
+while it is encoded."""
 
 Value = TypeVar("Value")
 Take: TypeAlias = Callable[[int], None]
-"""Takes work from the quota of a reader."""
+"""Function that charges cost to the quota of a reader. [ordinary cases]"""
 
 
 class ResultReader:
-    """Reads results.
+    """Reads the results of jobs.
 
     Parameters
     ----------
     queries
-        Has the cache.
+        Query service with the cache.
     jobs
-        Keeps the jobs.
+        Store of the jobs.
     runner, studies
-        Compute what the cache has lost.
+        Services that compute evicted results again.
     """
 
     def __init__(self, queries: QueryService, jobs: JobStore, runner: CaseRunner, studies: StudyService) -> None:
@@ -66,22 +67,23 @@ class ResultReader:
         *,
         whole: bool = False,
     ) -> AsyncGenerator[Value, None]:
-        """Yield what `use` makes of the results from case `start` on, block by block.
+        """Read results from case `start` on, and yield the value of `use` for each block.
 
-        Ends at the first case without a result; in a job that has ended, such cases are left out.
+        The reading ends at the first case without a result; in a job that has ended, such cases are skipped.
 
         Parameters
         ----------
         current
-            The job as it is now; None once it has been deleted.
+            Returns the present state of the job; None once it has been deleted.
         use
-            Called in a thread, for few blocks at a time; what it returns should hold no more than is sent.
+            Function called with each block in a thread, for few blocks at a time. Its value should be as small as the
+            data that is sent.
         limit
             Largest number of results; None for all.
         take
-            Called with the work of what is computed again; raises QuotaError if that is more than the reader may.
+            Charges the cost of results that are computed again; raises QuotaError if the quota is too small.
         whole
-            Whether that is raised; else the cases have it as their problem, as the answer may have begun.
+            Raise that error. Otherwise it is the problem of the cases, since the response may have begun.
         """
         count, left = FIRST_CASES, math.inf if limit is None else limit
         while left > 0 and (state := await current()) is not None:
@@ -105,11 +107,11 @@ class ResultReader:
         *,
         whole: bool,
     ) -> tuple[int, Value]:
-        """Return how many cases to read next, and what `use` makes of the results of these."""
+        """Return the number of cases to read next, and the value of `use` for the results of these cases."""
         again: dict[int, CaseResult] = {}
 
         def gather() -> list[CaseRow] | tuple[int, Value]:
-            """Return what the cache has lost, or use the results if it has all; they live no longer than this."""
+            """Return the evicted cases or, if there are none, use the results, which are freed when this returns."""
             stored = [row for row in rows if row.problem is None and row.number not in again]
             records = self._queries.cache.get_many(list({row.key for row in stored}))
             if lost := [row for row in stored if row.key not in records]:
@@ -125,22 +127,21 @@ class ResultReader:
             return next_count(results), use(results)
 
         while isinstance(found := await run_sync(gather, limiter=self._blocks), list):
-            again |= await self._compute(
-                state, found, take, whole=whole
-            )  # It may take long, but does not hold up other readers.
+            # Outside the limiter, so that computing evicted results does not hold up other readers.
+            again |= await self._compute(state, found, take, whole=whole)
         return found
 
     async def _compute(
         self, state: JobState, rows: Sequence[CaseRow], take: Take, *, whole: bool
     ) -> dict[int, CaseResult]:
-        """Compute these cases again, which counts as work of the reader; those that cannot be have a problem."""
+        """Compute these cases again at the cost of the reader. Cases that cannot be computed have a problem."""
         cases = await run_sync(lambda: [again_of(state, row) for row in rows])
         found = {row.number: damaged(row) for row, case in zip(rows, cases, strict=True) if case is None}
         places = [(row, case) for row, case in zip(rows, cases, strict=True) if case is not None]
         try:
             if is_study(state.operation):
                 run = partial(self._runner.results, owner=state.owner)
-                for row, case in places:  # Most of its samples may still be there.
+                for row, case in places:  # Most samples of the study may still be in the cache.
                     record, _ = await self._studies.answer(state.operation, case.request, run, take=take)
                     found[row.number] = CaseResult(
                         row.number, row.custom_id, record, None, row.state == CaseState.CACHED
@@ -162,10 +163,10 @@ class ResultReader:
 
 
 def again_of(state: JobState, row: CaseRow) -> JobCase | None:
-    """Return a case that is computed again; None if it is not known what it was."""
+    """Return a case with an evicted result for another computation; None if its request is damaged."""
     if row.request is None or state.operation == UNKNOWN:
         return None
-    # Results of an earlier engine cannot be computed any more: the case gets the key of this one.
+    # A result of an earlier engine cannot be computed any more, so that the case gets the key of this engine.
     key = row.key if state.versions == VERSIONS else result_key(state.operation, orjson.loads(row.request))
     if not is_of(state.operation, row.request, key):
         return None
@@ -176,26 +177,26 @@ def again_of(state: JobState, row: CaseRow) -> JobCase | None:
 
 
 def belongs(state: JobState, row: CaseRow, record: Record) -> bool:
-    """Return whether the result that was found by the key of a case is that of its request."""
+    """Return True if the result found by the key of a case belongs to its request, which a damaged key need not."""
     if row.request is None or record.request_json == row.request:
         return True
     return is_of(state.operation, row.request, result_key(state.operation, record.request))
 
 
 def damaged(row: CaseRow) -> CaseResult:
-    """Return the result of a case of which something is damaged."""
+    """Return the result of a damaged case, a problem."""
     problem = problem_of(DamagedCasesError(row.number, row.number))
     return CaseResult(row.number, row.custom_id, None, problem, cached=False)
 
 
 def rows_ready(rows: Sequence[CaseRow], *, final: bool) -> list[CaseRow]:
-    """Return the cases that have a result: up to the first that has none, all of them if nothing is to come."""
+    """Return the finished cases up to the first unfinished one, or all finished cases of a job that has ended."""
     if final:
         return [row for row in rows if row.state]
     return list(itertools.takewhile(lambda row: row.state, rows))
 
 
 def next_count(results: Sequence[CaseResult]) -> int:
-    """Return how many cases to read next, going by the size of these."""
+    """Return the number of cases to read next, from the size of these results."""
     nbytes = sum(result.record.length for result in results if result.record is not None)
     return max(1, min(MOST_CASES, READ_BYTES * len(results) // max(nbytes, 1)))

@@ -1,6 +1,6 @@
-"""The one place that reads what is stored of a job: its row, and its cases in blocks.
+"""Decoding of stored jobs and blocks of cases, with checks for damage by a disk or by hand.
 
-What a disk or a hand has damaged is found here: a job is `damaged` then, and cases have a problem.
+A job with a damaged row has the status `damaged`; a damaged case has a problem.
 """
 
 import logging
@@ -34,15 +34,15 @@ COLUMNS = (
     "id, operation, status, total, done, cached, failed, created, started, finished, expires, problem, revision, "
     "number, owner, versions, progress, title, traceparent, charge, sweep"
 )
-"""Columns of a `JobState`, of `jobs` and `sweeps`; the last is read for `axes`."""
+"""Columns of the tables `jobs` and `sweeps` that make a `JobState`. The last one is decoded to `axes`."""
 BLOCK_COLUMNS = "keys, states, requests, custom_ids"
 UNKNOWN = "unknown"
-"""Operation of a job whose own cannot be read."""
+"""Operation of a job whose own operation is damaged."""
 DAMAGE = (LookupError, OSError, OverflowError, TypeError, ValueError, zlib.error)
-"""Errors of reading what is not what was written."""
+"""Exceptions that decoding a damaged value may raise."""
 JOB = TypeAdapter(JobState)
 VERSIONS_KEPT = 2
-"""Versions that a job is stored with: those of the solver and of the contract."""
+"""Number of versions stored with a job: that of the solver and that of the contract."""
 
 log = logging.getLogger(__name__)
 
@@ -70,7 +70,7 @@ READ: Mapping[str, Callable[[Any], Any]] = {
     "charge": lambda text: Charge(*orjson.loads(text)),
     "axes": fields_of,
 }
-"""Functions that read what is not stored as it is."""
+"""Decoders of columns whose values are stored in another form."""
 WITHOUT: Mapping[str, Any] = {
     **dict.fromkeys(("id", "owner", "versions"), ""),
     **dict.fromkeys(("total", "done", "cached", "failed", "revision"), 0),
@@ -78,16 +78,16 @@ WITHOUT: Mapping[str, Any] = {
     "created": _date(0.0),
     "axes": (),
 }
-"""Values in place of those that cannot be read; None for the others."""
+"""Values that replace damaged ones; None for other columns."""
 
 
 def read_job(row: Sequence[Any], operations: Container[str]) -> JobState:
-    """Return the job of a row of `COLUMNS`; a damaged one has what can be read of it.
+    """Decode a row of `COLUMNS`. A damaged job has the readable values, and defaults for the others.
 
     Parameters
     ----------
     operations
-        Names of what jobs compute.
+        Names of the operations that jobs can have.
     """
     *names, _ = COLUMNS.split(", ")
     found: dict[str, Any] = {}
@@ -111,7 +111,7 @@ def read_job(row: Sequence[Any], operations: Container[str]) -> JobState:
 
 
 def _validated(found: dict[str, Any], wrong: set[str]) -> JobState:
-    """Return the job of these fields; those that cannot be what was written are left out, and noted as wrong."""
+    """Validate the fields of a job. Invalid ones are replaced by defaults, and their names are added to `wrong`."""
     try:
         return JOB.validate_python(found)
     except ValidationError as error:
@@ -121,17 +121,17 @@ def _validated(found: dict[str, Any], wrong: set[str]) -> JobState:
 
 
 def read_block(number: int, count: int, row: Sequence[Any] | None) -> list[CaseRow]:
-    """Return the cases of a block, without problems, from a row of `BLOCK_COLUMNS`.
+    """Decode a row of `BLOCK_COLUMNS` to cases without problems.
 
     Parameters
     ----------
     number, count
-        Number of the block, and of its cases.
+        Number of the block, and number of its cases.
 
     Raises
     ------
     DamagedCasesError
-        If they are not what was written, or not there at all.
+        If the block is damaged or missing.
     """
     first = number * BLOCK_SIZE
     try:
@@ -148,12 +148,12 @@ def read_block(number: int, count: int, row: Sequence[Any] | None) -> list[CaseR
 
 
 def damaged_case(number: int) -> CaseRow:
-    """Return a case of which nothing can be read."""
+    """Return a case whose block is damaged, with that as its problem."""
     return CaseRow(number, CaseState.FAILED, "", None, None, problem_of(DamagedCasesError(number, number)))
 
 
 def read_problem(number: int, text: Any) -> dict[str, Any]:
-    """Return the problem of a case, that of a damaged one if it cannot be read."""
+    """Decode the problem of a case. If it is damaged, return the problem of a damaged case."""
     try:
         return _problem(text)
     except DAMAGE:
@@ -161,7 +161,7 @@ def read_problem(number: int, text: Any) -> dict[str, Any]:
 
 
 def _lines(requests: bytes, count: int) -> Sequence[bytes | None]:
-    """Return the requests of a block; None for each if they cannot be read, as results are found without them."""
+    """Decode the requests of a block, with None for each if they are damaged: results are found by key without them."""
     try:
         return split_requests(requests)
     except DAMAGE:
@@ -169,7 +169,7 @@ def _lines(requests: bytes, count: int) -> Sequence[bytes | None]:
 
 
 def is_of(operation: str, request: bytes, key: str) -> bool:
-    """Return whether a key is that of the result of a request."""
+    """Return True if a key belongs to a request."""
     try:
         return result_key(operation, orjson.loads(request)) == key
     except DAMAGE:

@@ -1,4 +1,4 @@
-"""Runs cases in chunks, those of batches answered at once and those of jobs."""
+"""Runner that computes cases in chunks, both of batches that are answered at once and of jobs."""
 
 import asyncio
 import math
@@ -19,31 +19,34 @@ from service.jobs.models import JobCase
 from service.queries import Answered, QueryService, Rate
 
 URGENT_SECONDS = 0.1
-"""Work in a chunk that a client waits for: short, so that the first results are there soon."""
+"""Desired duration of a chunk that a client waits for, short so that the first results come soon [s]."""
 CHUNK_SECONDS = 0.25
-"""Work in a chunk of a job: what a crash costs at most, and a hundred times what handing it over does."""
+"""Desired duration of a chunk of a job [s]. A crash costs at most this much work, and the overhead of a chunk is a
+hundredth of it."""
 AHEAD_SHARE = 8
-"""Workers to each chunk of a run that waits for one, beyond the first: to prepare a chunk takes far less time."""
+"""Number of workers for each extra chunk that a run queues so that no worker is idle. Preparing a chunk takes far less
+time than computing it, so that one extra chunk for eight workers suffices."""
 CHUNKS_KEPT = 2
-"""Chunks of a run that may be prepared or kept, beyond two a worker: with a slow disk they would fill the memory."""
+"""Number of chunks of a run that may be in preparation or being stored, in addition to two per worker. Without a limit,
+finished chunks would fill the memory while a slow disk stores them."""
 NO_WORKER_SECONDS = 1.0
-"""Delay before retrying cases of a job for which there was no worker [s]."""
+"""Delay before retrying cases of a job for which there was no worker [s]. A worker starts in about 1 s."""
 OVERLONG_SECONDS = 10.0
-"""Time after which a chunk is given up: cases that take far longer than those before are handed out again in smaller
-chunks, so that all workers share them and other work gets in between."""
+"""Timeout of a chunk [s]. Cases that take far longer than earlier ones are queued again in smaller chunks, so that all
+workers share them and other work can pass. A judgement: forty times the desired duration."""
 TEMPORARY = (ComputationCancelled, PoolUnavailableError, QueueFullError)
-"""Errors that do not come from the case itself: it is tried again. A case whose worker died was tried again by the
-executor (`DEATHS` in `service/workers/process_pool.py`)."""
+"""Errors that are not caused by the case, which is retried. A case whose worker died has been retried by the executor
+(`DEATHS` in `service/workers/process_pool.py`)."""
 
 Blocks: TypeAlias = AsyncGenerator[Mapping[int, JobCase], None]
-"""Cases by their numbers, read when there is a turn to compute some."""
+"""Blocks of cases by number, read when a chunk is prepared."""
 Take: TypeAlias = Callable[[list[CaseResult]], Awaitable[None]]
-"""Takes results as they finish; the next chunk of a job may wait for it."""
+"""Function that receives results as they finish. The next chunk may wait for it, which limits a fast producer."""
 
 
 @dataclass(eq=False)
 class Run:
-    """Cases that are being run. The parameters are those of `CaseRunner.run`."""
+    """State of the cases of one call of `CaseRunner.run`, whose parameters the first fields are."""
 
     operation: str
     blocks: Blocks
@@ -57,19 +60,19 @@ class Run:
     """Number of chunks that can run at the same time."""
     sizer: ChunkSizer = field(init=False)
     cases: dict[str, dict[int, JobCase]] = field(default_factory=dict)
-    """Cases without a result, by key: only the first with a key is computed."""
+    """Unfinished cases by key. Equal cases are computed once."""
     waiting: deque[str] = field(default_factory=deque)
-    """Keys of cases to be computed next."""
+    """Keys of the cases to compute next."""
     read: bool = False
     """True once all blocks have been read."""
     share: int = 1
-    """Largest chunk from then on, so that all workers have a share of the last cases."""
+    """Largest number of cases in a chunk after that, so that the last cases are spread over all workers."""
     preparing: bool = False
     """True while the cases of a chunk are being read."""
     queued: set[object] = field(default_factory=set)
-    """A token for each chunk that waits for a worker."""
+    """Tokens of the chunks that wait for a worker."""
     underway: int = 0
-    """Chunks that are being prepared, wait, are computed or kept."""
+    """Number of chunks that are being prepared, queued, computed or stored."""
 
     @property
     def may_begin(self) -> bool:
@@ -82,7 +85,7 @@ class Run:
         self.sizer = ChunkSizer(URGENT_SECONDS if self.urgent else CHUNK_SECONDS)
 
     async def next_chunk(self) -> list[JobCase]:
-        """Take out the cases of the next chunk, no two alike; there are none when all are done or underway."""
+        """Remove and return the cases of the next chunk, with different keys; none if nothing is left to begin."""
         while not self.read and len(self.waiting) < self.sizer.cases:
             block = await anext(self.blocks, None)
             self.read = block is None
@@ -98,7 +101,7 @@ class Run:
         return [next(iter(self.cases[self.waiting.popleft()].values())) for _ in range(size)]
 
     def results(self, key: str, record: Record | None, error: Exception | None, *, own: bool) -> list[CaseResult]:
-        """Return the results of all cases with a key; `own` says whether the first was computed for it."""
+        """Return the results of all cases with a key. `own` is True if the result was computed by this run."""
         problem = None if error is None else case_problem(error)
         return [
             CaseResult(number, case.custom_id, record, problem, cached=not own or place > 0)
@@ -112,28 +115,28 @@ class CaseRunner:
     Parameters
     ----------
     queries
-        Computes the cases.
+        Query service that computes the chunks.
     rate
-        Counts every case that is done.
+        Rate that counts completed cases.
     """
 
     def __init__(self, queries: QueryService, rate: Rate) -> None:
         self.queued: Counter[str] = Counter()
-        """Cases of `results` that wait or are being computed, by owner."""
+        """Numbers of unfinished cases of `results`, by owner."""
         self.job_chunks = 0
-        """Number of chunks of jobs that are being prepared, wait, are computed or kept."""
+        """Number of chunks of jobs that are being prepared, queued, computed or stored."""
         self._queries = queries
         self._rate = rate
 
     async def results(
         self, operation: str, cases: Sequence[JobCase], more: int = 0, *, owner: str, urgent: bool = True
     ) -> AsyncGenerator[CaseResult, None]:
-        """Yield the result of every case as it finishes; closed, it stops the work.
+        """Compute cases, and yield the result of each as it finishes. Closing the generator stops the work.
 
         Parameters
         ----------
         more
-            Number of cases that the same request will have after these.
+            Number of further cases of the same request.
 
         Raises
         ------
@@ -176,7 +179,7 @@ class CaseRunner:
                     yield result
             await working
         finally:
-            self.queued -= Counter({owner: left})  # The subtraction also forgets owners who have nothing queued.
+            self.queued -= Counter({owner: left})  # The subtraction also removes owners with nothing queued.
             working.cancel()
             with CancelScope(shield=True):
                 await asyncio.wait([working])
@@ -192,27 +195,27 @@ class CaseRunner:
         urgent: bool = True,
         traced: Callable[[int], AbstractContextManager[object]] = nullcontext,
     ) -> None:
-        """Compute all cases of these blocks, except those that have been kept meanwhile; cancelled, it stops the work.
+        """Compute all cases of these blocks that are not in the cache by then. Cancellation stops the work.
 
         Parameters
         ----------
         take
-            Takes the results, after they have been kept.
+            Function that receives the results after they have been stored.
         owner
-            In whose turn they are computed.
+            Owner in whose turn the cases are computed.
         remaining
-            Returns the cost of the cases that are not done: of the work of one owner the least goes first.
+            Returns the cost of the unfinished cases, by which the queue sorts the work of an owner. [ordinary cases]
         urgent
-            Whether somebody waits for them: chunks are short, and have no retries when no worker can take them.
+            True if a client waits: chunks are short, and are not retried when no worker can take them.
         traced
-            Called with the number of cases of each chunk; its context lasts as long as the chunk.
+            Returns the context of a chunk from its number of cases, such as a span.
 
         Raises
         ------
         PoolUnavailableError
             If no worker can take the cases and they are urgent.
         Exception
-            Out of `blocks` and `take`.
+            Raised by `blocks` or `take`.
         """
         capacity = self._queries.executor.capacity
         try:
@@ -220,7 +223,7 @@ class CaseRunner:
                 async with aclosing(blocks), create_task_group() as group:
                     run = Run(operation, blocks, take, owner, urgent, traced, group, remaining, capacity)
                     self._begin_chunk(run)
-        except ExceptionGroup as errors:  # The first one has cancelled the other chunks.
+        except ExceptionGroup as errors:  # The first error has cancelled the other chunks, and is the cause.
             raise errors.exceptions[0] from None
 
     def _begin_chunk(self, run: Run) -> None:
@@ -229,7 +232,7 @@ class CaseRunner:
             run.group.start_soon(self._run_chunk, run)
 
     async def _run_chunk(self, run: Run) -> None:
-        """Prepare and compute the next cases."""
+        """Prepare and compute the next chunk, and begin another one when possible."""
         run.underway += 1
         self.job_chunks += not run.urgent
         token = object()
@@ -248,7 +251,7 @@ class CaseRunner:
         self._begin_chunk(run)
 
     async def _compute(self, run: Run, cases: Sequence[JobCase], token: object) -> None:
-        """Compute these cases, except those that have been kept since, or are in flight elsewhere."""
+        """Compute these cases, except those that are in the cache by now or in flight elsewhere."""
 
         def begun() -> None:
             run.queued.discard(token)
@@ -263,6 +266,7 @@ class CaseRunner:
         if shared:
             run.group.start_soon(self._take_answers, run, shared)
         if own := [request for key, request in unknown.items() if key not in shared]:
+            # A chunk of one case cannot be split, and has the timeout of a call.
             longest = OVERLONG_SECONDS if len(own) > 1 else None
             chunk = await self._queries.compute(
                 run.operation, own, owner=run.owner, remaining=run.remaining(), begun=begun, longest=longest
@@ -275,7 +279,7 @@ class CaseRunner:
     async def _take_answers(
         self, run: Run, futures: Mapping[str, "asyncio.Future[Answered]"], *, own: bool = False
     ) -> None:
-        """Take answers when they are there; cases without one for a reason that is not their own are tried again."""
+        """Wait for answers, and pass them to `take`. Cases that failed with a temporary error are queued again."""
         await asyncio.wait(futures.values())
         results: list[CaseResult] = []
         again: list[str] = []
@@ -302,5 +306,5 @@ class CaseRunner:
 
 
 async def only(block: Mapping[int, JobCase]) -> Blocks:
-    """Yield this block of cases."""
+    """Yield a single block of cases."""
     yield block

@@ -1,7 +1,7 @@
-"""Runs the cases of jobs: of one owner those of the job with the fewest left first.
+"""Scheduler of jobs. Among the jobs of an owner, the one with the fewest cases left comes first.
 
-A crash may come at any instant. The results of a chunk are kept first and its cases marked after, so a chunk is either
-marked, or found in the cache when the job goes on, or computed then.
+A crash may come at any instant. The results of a chunk are stored first and its cases marked as done afterwards, so
+that after a restart a chunk is marked, or found in the cache, or computed again.
 """
 
 import asyncio
@@ -31,41 +31,43 @@ from service.queries import Count, QueryService
 from service.telemetry import span_within
 
 AHEAD = 10
-"""Blocks of cases looked up in the cache at once: what is there is marked without a chunk being made of it."""
+"""Number of blocks of cases looked up in the cache at once, 2,000 cases. A judgement: enough that a cached job is
+marked in few transactions, and few enough to hold in memory."""
 STORED = "stored"
-"""Outcome that is counted for a case whose result was in the cache, as the record is not read."""
+"""Outcome counted for a case whose result was in the cache, where the record with the real one is not read."""
 
 GiveBack: TypeAlias = Callable[[str, int, int], None]
-"""Takes back cases of a quota: id of the API key, cases, begin of the entry that has them."""
+"""Function that gives cases back to a quota. Its arguments are the id of the API key, the number of cases, and the
+begin of the entry that counts them."""
 log = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
 class ActiveJob:
-    """A job that has not ended, and its work."""
+    """A job that has not ended, and its running task."""
 
     state: JobState
     queue: str
-    """Owner in whose turn it is computed."""
+    """Owner in whose turn the cases are computed."""
     ended: Callable[[JobState], object] = lambda _: None
-    """Called once, with the last state."""
+    """Function called once, with the final state."""
     scope: CancelScope = field(default_factory=CancelScope)
-    """Cancelled to give up its work."""
+    """Scope of the work, which can be cancelled."""
     work: "asyncio.Task[None] | None" = None
-    """None before it is begun."""
+    """Task of the work; None before it has begun."""
     changed: asyncio.Event = field(default_factory=asyncio.Event)
-    """Set at the next change, and another one put in its place."""
+    """Event that is set, and replaced by a new one, at the next change."""
 
     @property
     def left(self) -> int:
-        """Cases that have no result yet; of a study, samples that it may still take, if that is known."""
+        """Number of unfinished cases, or of the samples that a study may still take; 0 while these are unknown."""
         if is_study(self.state.operation):
             progress = self.state.progress or {"max_samples": 0, "samples": 0}
             return int(progress["max_samples"] - progress["samples"])
         return self.state.total - self.state.done
 
     def update(self, state: JobState) -> None:
-        """Take over a newer state, and wake those who follow it."""
+        """Set a newer state, and wake the followers of the job."""
         if state.revision > self.state.revision:
             before, self.state = self.state, state
             if state.final and not before.final:
@@ -80,19 +82,19 @@ class Scheduler:
     Parameters
     ----------
     queries
-        Has the cache.
+        Query service with the cache.
     jobs
-        Keeps the jobs.
+        Store of the jobs.
     runner
-        Runs cases.
+        Runner of the cases.
     count
-        Counts every case that is done.
+        Function that counts finished cases.
     studies, run_cases
-        Answer studies, and compute their samples.
+        Service that answers studies, and function that computes their samples.
     give_back
-        Takes back what an ended job has not used of its quota.
+        Function that gives unused cases of an ended job back to its quota.
     tracer
-        Traces chunks and studies.
+        Tracer of chunks and studies.
     """
 
     def __init__(
@@ -108,7 +110,7 @@ class Scheduler:
     ) -> None:
         self.active: dict[str, ActiveJob] = {}
         self.unwritten: dict[str, JobState] = {}
-        """Jobs that have ended though it could not be written: the next start would go on with them."""
+        """Ended jobs whose end could not be written. Without it the next start would continue them."""
         self._queries = queries
         self._jobs = jobs
         self._runner = runner
@@ -119,10 +121,10 @@ class Scheduler:
         self._tracer = tracer
         self._stopping = False
         self._handing_out: set[ActiveJob] = set()
-        """Jobs that have been begun and have cases to hand out."""
+        """Jobs that have begun and still have cases to hand to the runner."""
 
     def add(self, state: JobState, queue: str = "") -> None:
-        """Queue a job; `queue` is the owner in whose turn it is computed, if not its own."""
+        """Queue a job; `queue` overrides the owner in whose turn it is computed."""
         if state.final:
             return
         job = self.active[state.id] = ActiveJob(state, queue or state.owner, self._settle_charge)
@@ -153,7 +155,7 @@ class Scheduler:
         return mine + sum(min(mine, theirs) for theirs in others.values())
 
     async def stop(self) -> None:
-        """Give up what is underway; the next start goes on with it."""
+        """Cancel the running jobs, which the next start continues."""
         self._stopping = True
         await asyncio.gather(*(self.halt(job) for job in self.active.values()))
         for job in self.active.values():
@@ -161,13 +163,13 @@ class Scheduler:
         await self.write_ends()
 
     async def halt(self, job: ActiveJob) -> None:
-        """Hand out nothing more of the job, and give up what is computed for it."""
+        """Cancel the work of a job, and wait until it has ended."""
         job.scope.cancel()
         if job.work is not None and job.work is not asyncio.current_task():
             await asyncio.wait([job.work])
 
     async def end(self, job: ActiveJob, status: Status, problem: dict[str, Any] | None = None) -> JobState | None:
-        """End a job as it is, and all its work within a second; return it, unless it was deleted meanwhile."""
+        """End a job and its work, which takes up to a second; return the job, or None if it was deleted meanwhile."""
         await self.halt(job)
         try:
             state = await run_sync(self._jobs.end, job.state.number, status, problem)
@@ -184,7 +186,7 @@ class Scheduler:
         return state
 
     async def write_ends(self) -> None:
-        """Write what could not be written before, if it can be now."""
+        """Retry to write the ends of jobs that could not be written before."""
         with suppress(StorageError):
             for state in list(self.unwritten.values()):
                 with suppress(JobGoneError):
@@ -192,10 +194,10 @@ class Scheduler:
                 self.unwritten.pop(state.id, None)
 
     def _begin_jobs(self, owner: str) -> None:
-        """Begin the job of an owner with the fewest cases left, unless one with fewer has some to hand out.
+        """Begin the owner's job with the fewest cases left, unless a running one has fewer and is still handing out.
 
-        All could be begun at once, since the queue before the executor keeps the same order; this bounds how many
-        blocks of cases are in memory.
+        All jobs could begin at once, since the queue of the executor has the same order. Beginning them one by one
+        bounds the number of blocks of cases in memory.
         """
         jobs = [job for job in self.active.values() if job.queue == owner and not job.scope.cancel_called]
         waiting = sorted((job for job in jobs if job.work is None), key=lambda job: job.left)
@@ -205,7 +207,7 @@ class Scheduler:
             waiting[0].work = asyncio.create_task(self._run(waiting[0]))
 
     def _note_handed_out(self, job: ActiveJob) -> None:
-        """Begin the next job of the owner: this one has no more cases to hand out."""
+        """Record that a job has handed out its last case, and begin the next job of the owner."""
         if job in self._handing_out:
             self._handing_out.discard(job)
             self._begin_jobs(job.queue)
@@ -248,10 +250,10 @@ class Scheduler:
         )
 
     async def _run_study(self, job: ActiveJob) -> None:
-        """Compute a study, the only case of its job, if it is not there."""
+        """Answer a study, the only case of its job."""
 
         async def report(progress: dict[str, Any], partial: dict[str, Any] | None) -> None:
-            with suppress(JobGoneError):  # another job with the same study goes on
+            with suppress(JobGoneError):  # Another job may follow the same computation, which must then continue.
                 job.update(await run_sync(self._jobs.report, job.state.number, progress, partial))
 
         run = partial(self._run_cases, owner=job.queue)
@@ -265,9 +267,9 @@ class Scheduler:
                     await self._mark(job, [CaseResult(number, None, record, None, cached=status == "hit")])
 
     async def _blocks(self, job: ActiveJob) -> Blocks:
-        """Yield the cases of a job that have no result, after those whose results are in the cache are marked."""
+        """Yield the unfinished cases of a job in blocks. Those with a result in the cache are marked before."""
         state = job.state
-        if state.versions != VERSIONS:
+        if state.versions != VERSIONS:  # The service was upgraded since the job was accepted.
             await run_sync(self._jobs.renew_keys, state.number)
             job.state = replace(state, versions=VERSIONS)
         if state.status == "accepted":
@@ -282,7 +284,7 @@ class Scheduler:
         self._note_handed_out(job)
 
     def _look_up(self, state: JobState, first: int) -> tuple[list[CaseRow], int, JobState | None]:
-        """Mark what is in the cache of the next blocks; return the rest, and how much was marked."""
+        """Mark the cases of the next blocks that are in the cache; return the others, and the number marked."""
         waiting = self._jobs.waiting(state, first, AHEAD)
         known = self._queries.cache.known([row.key for row in waiting])
         cached = {row.number: CaseState.CACHED for row in waiting if row.key in known}
@@ -290,10 +292,10 @@ class Scheduler:
         return [row for row in waiting if row.key not in known], len(cached), marked
 
     async def _load(self, job: ActiveJob, waiting: Sequence[CaseRow]) -> dict[int, JobCase]:
-        """Return the cases to compute; those whose key is not that of their request are marked as damaged."""
+        """Load the cases to compute. Those whose key does not belong to their request are marked as damaged."""
 
         def check() -> dict[int, JobCase]:
-            """Read and hash the requests, which takes long."""
+            """Read and hash the requests, in a thread because it takes long."""
             requests = self._jobs.requests(job.state.number, [row.number for row in waiting])
             return {
                 row.number: JobCase(KeyedRequest(row.key, requests[row.number]))
@@ -310,12 +312,12 @@ class Scheduler:
         return cases
 
     async def _mark(self, job: ActiveJob, results: Sequence[CaseResult]) -> None:
-        """Note results that have been kept, count them and pass the new state of their job on.
+        """Mark cases with stored results as done, count them, and publish the new state of the job.
 
         Raises
         ------
         StorageError
-            If the disk has refused a result: a job does not end well with results that are not there.
+            If the disk has refused a result: a job must not succeed with results that are missing.
         """
         if any(result.record is not None and not result.record.stored for result in results):
             raise StorageError(f"results cannot be stored: {self._queries.cache.last_error or 'the disk refused them'}")
@@ -344,6 +346,6 @@ class Scheduler:
 
 
 def problem_name(problem: Mapping[str, Any]) -> str:
-    """Return the last part of the type of a problem, as it is counted."""
+    """Return the last part of the type of a problem, which is its label in the metrics."""
     name: str = problem["type"].rpartition(":")[2]
     return name

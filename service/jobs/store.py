@@ -1,8 +1,8 @@
-"""Durable jobs: what has been accepted is finished, whatever happens to the process meanwhile.
+"""Durable store of jobs. An accepted job survives crashes and restarts.
 
-    jobs.sqlite   jobs, the requests of sweeps, cases in blocks (table `slices`), how far each case or study is
+    jobs.sqlite   jobs, requests of sweeps, cases in blocks (table `slices`), states of cases, progress of studies
 
-A job is `accepting`, and seen by nobody, until all its cases are there.
+A job has the status `accepting`, and is invisible, until all its cases are stored.
 """
 
 import itertools
@@ -47,15 +47,16 @@ from solver import ENGINE_VERSION
 
 DAY = 86_400.0  # [s]
 VERSIONS = f"{ENGINE_VERSION} {SCHEMA_VERSION}"
-"""Versions with which the keys of a job were made."""
+"""Versions of solver and contract that the keys of new jobs are made with."""
 OWNER_BYTES = 2**30
-"""Disk space for the jobs of one owner [bytes]."""
+"""Default of the disk space for the jobs of one owner: ten million cases [bytes]."""
 JOB_BYTES = 10_000
-"""Size charged for a job beside its cases [bytes]: more than it takes, so that an owner has at most 100,000 jobs."""
+"""Size charged for a job in addition to its cases [bytes]. It is more than a job takes, so that an owner has at most
+100,000 jobs."""
 CASE_BYTES, PROBLEM_BYTES = 100, 300
-"""Approximate size of a case of a job without a noted size, and of a problem."""
+"""Approximate sizes of a case, for jobs whose size was not recorded, and of a problem [bytes]."""
 TAKEN = f"coalesce(bytes, {JOB_BYTES} + {CASE_BYTES} * total) + {PROBLEM_BYTES} * failed"
-"""Space that a job takes."""
+"""SQL expression for the disk space of a job. [bytes]"""
 BEYOND = f"""
 SELECT number, finished IS NOT NULL FROM (
     SELECT number, finished,
@@ -66,8 +67,8 @@ SELECT number, finished IS NOT NULL FROM (
 )
 WHERE taken > ?
 """  # noqa: S608 (of this file)
-"""Selects the jobs of the owner of a job that exceed so many bytes, and whether they have ended; unfinished jobs and
-those that ended last stay."""
+"""Selects the jobs that an owner has no space for, and whether they have ended. The parameters are the number of a job
+of the owner and the limit. Unfinished jobs and those that ended last are kept."""
 STATUSES = frozenset(get_args(Status))
 LARGEST = 2**63 - 1
 """Largest integer of SQLite."""
@@ -75,22 +76,22 @@ SELECT = f"SELECT {COLUMNS} FROM jobs LEFT JOIN sweeps ON sweeps.job = jobs.numb
 
 
 class JobStore:
-    """Keeps jobs. Everything here waits for the disk, is safe from several threads and raises `StorageError`.
+    """Store of jobs. All methods wait for the disk, are thread-safe and raise `StorageError`.
 
     Parameters
     ----------
     folder
         Data folder of the service.
     job_days
-        How long a job is kept after its end.
+        Time for which a job is kept after its end. [days]
     owner_bytes
-        Disk for the jobs of one owner: those that ended first go when there is no room for a new one.
+        Disk space for the jobs of one owner. Those that ended first are removed to make room for a new one. [bytes]
     check_folder
-        Called before anything is written; raises StorageError if nothing may be.
+        Function called before each transaction that writes; raises StorageError if the folder must not be written to.
     operations
-        Names of what jobs compute.
+        Names of the operations that jobs can have.
     clock
-        Its dates are those of jobs.
+        Clock for the dates of jobs.
     """
 
     def __init__(
@@ -109,10 +110,10 @@ class JobStore:
         self._kept_seconds = job_days * DAY
         self._owner_bytes = owner_bytes
         self._most_taken: dict[str, int] = {}
-        """Most that the jobs of an owner can take, so that they are added up only when there may be no room."""
+        """Upper bound of the disk space of each owner's jobs, which are added up only above the limit. [bytes]"""
 
     def expire(self, *, at_start: bool = False) -> int:
-        """Remove what has expired, and at the start what was never accepted whole; return how many jobs."""
+        """Remove expired jobs and, at the start, jobs that were never accepted; return the number of jobs removed."""
         with self._database.writing() as database:
             removed = database.execute("DELETE FROM jobs WHERE expires < ?", (self._clock.now(),)).rowcount
             if at_start:
@@ -122,7 +123,7 @@ class JobStore:
     def create(
         self, operation: str, owner: str, sweep: StoredSweep | None = None, *, traceparent: str | None = None
     ) -> int:
-        """Begin a job that nobody sees yet; return its number."""
+        """Create an invisible job, and return its number."""
         columns = "id, owner, operation, versions, status, created, title, traceparent"
         title = None if sweep is None else title_of(sweep)
         row = (secrets.token_hex(16), owner, operation, VERSIONS, "accepting", self._clock.now(), title, traceparent)
@@ -134,7 +135,7 @@ class JobStore:
             return number
 
     def sweep(self, job: int) -> StoredSweep | None:
-        """Return the request of a job, if it is a sweep; None too if it is damaged, as the job is then."""
+        """Return the request of a sweep; None for other jobs, and for a damaged one, whose job is `damaged`."""
         with self._database.reading() as database:
             row = database.execute("SELECT sweep FROM sweeps WHERE job = ?", (job,)).fetchone()
         try:
@@ -143,19 +144,19 @@ class JobStore:
             return None
 
     def append(self, job: int, number: int, cases: CaseBlock) -> None:
-        """Add the block of cases with this number, whole but for the last one."""
+        """Add a block of cases. All blocks but the last one must be full."""
         with self._database.writing() as database:
             row = (job, number, cases.keys, cases.requests, cases.custom_ids)
             database.execute("INSERT INTO slices VALUES (?, ?, ?, ?, ?)", row)
             database.execute("INSERT INTO states VALUES (?, ?, ?)", (job, number, bytes(cases.count)))
 
     def accept(self, job: int, total: int, idempotency: Idempotency | None, charge: Charge | None = None) -> JobState:
-        """Make the job known: from here on it will be finished.
+        """Make a job visible. From here on it will be finished, even after a crash.
 
         Raises
         ------
         JobsTooLargeError
-            If the unfinished jobs of its owner would take more room than they may.
+            If the unfinished jobs of its owner would exceed their disk space.
         """
         with self._database.writing() as database:
             self._make_room(database, job, total)
@@ -168,12 +169,12 @@ class JobStore:
             return state if total else self._end(database, job, "successful", None)
 
     def discard(self, job: int) -> None:
-        """Remove the job and all that belongs to it."""
+        """Remove a job with its cases, problems and idempotency key."""
         with self._database.writing() as database:
             database.execute("DELETE FROM jobs WHERE number = ?", (job,))
 
     def begin(self, job: int) -> JobState:
-        """Note that the job is being worked on."""
+        """Mark a job as running."""
         with self._database.writing() as database:
             changes = "status = 'running', started = coalesce(started, ?), revision = revision + 1"
             return self._changed(database, job, changes, (self._clock.now(),))
@@ -181,7 +182,7 @@ class JobStore:
     def mark(
         self, job: int, states: Mapping[int, CaseState], problems: Mapping[int, dict[str, Any]] | None = None
     ) -> JobState:
-        """Note results of cases, by their number; the job ends with the last of them."""
+        """Mark cases as finished, by number. The job ends when its last case is marked."""
         counts = dict.fromkeys(CaseState, 0)
         with self._database.writing() as database:
             for number, cases in itertools.groupby(sorted(states), key=lambda case: case // BLOCK_SIZE):
@@ -206,14 +207,14 @@ class JobStore:
             return self._end(database, job, "successful", None) if finished else state
 
     def report(self, job: int, progress: dict[str, Any], partial: dict[str, Any] | None = None) -> JobState:
-        """Note how far a study is; without another partial answer, that of before stays."""
+        """Set the progress of a study, and its partial answer unless that is None."""
         values = (orjson.dumps(progress).decode(), None if partial is None else orjson.dumps(partial).decode())
         with self._database.writing() as database:
             changes = "progress = ?, partial = coalesce(?, partial), revision = revision + 1"
             return self._changed(database, job, changes, values)
 
     def rename(self, job: int, title: str) -> JobState:
-        """Give the job another title."""
+        """Change the title of a job."""
         with self._database.writing() as database:
             return self._changed(database, job, "title = ?", (title,))
 
@@ -223,16 +224,16 @@ class JobStore:
             row = database.execute("SELECT partial FROM jobs WHERE number = ?", (job,)).fetchone()
         try:
             return orjson.loads(row[0]) if row and row[0] else None
-        except DAMAGE:  # the next one replaces it
+        except DAMAGE:  # The next partial answer replaces the damaged one.
             return None
 
     def end(self, job: int, status: Status, problem: dict[str, Any] | None = None) -> JobState:
-        """End the job as it is; one that has ended stays as it was."""
+        """Set the final status of a job, unless it has ended before."""
         with self._database.writing() as database:
             return self._end(database, job, status, problem)
 
     def token(self, owner: str, token: str) -> tuple[str, JobState] | None:
-        """Digest and job of an idempotency key."""
+        """Return the digest and the job of an idempotency key, or None."""
         with self._database.reading() as database:
             statement = "SELECT digest, job FROM idempotency WHERE owner = ? AND token = ?"
             row = database.execute(statement, (owner, token)).fetchone()
@@ -240,19 +241,19 @@ class JobStore:
         return (row[0], found[0]) if found else None
 
     def job(self, name: str) -> JobState | None:
-        """Job with this id."""
+        """Return the job with this id, or None."""
         found = self._jobs("id = ? AND status != 'accepting'", name)
         return found[0] if found else None
 
     def jobs(self, owner: str | None, *, before: int = 0, limit: int | None = None) -> list[JobState]:
-        """Jobs of this owner, of all if it is None, the newest first.
+        """Return the jobs of an owner, or of all owners if it is None, the newest first.
 
         Parameters
         ----------
         before
-            Number of a job, there or removed, that the jobs came before; 0 for the newest.
+            Number of a job, which may have been removed; only older ones are returned. 0 begins with the newest.
         limit
-            How many at most; None for all.
+            Largest number of jobs; None for all.
         """
         condition = "number < ? AND status != 'accepting' ORDER BY number DESC LIMIT ?"
         values = (before or LARGEST, -1 if limit is None else limit)
@@ -261,7 +262,7 @@ class JobStore:
         return self._jobs(f"owner = ? AND {condition}", owner, *values)
 
     def tally(self, others: Collection[str] = ()) -> Counter[Status]:
-        """Return how many jobs there are by status, but for those with these ids."""
+        """Return the numbers of jobs by status, without the jobs whose ids are in `others`."""
         statement = (
             "SELECT status, count(*) FROM jobs WHERE status != 'accepting' "
             "AND id NOT IN (SELECT value FROM json_each(?)) GROUP BY status"
@@ -274,16 +275,16 @@ class JobStore:
         return counts
 
     def unfinished(self) -> list[JobState]:
-        """Jobs to go on with, in order of arrival."""
+        """Return the unfinished jobs in the order of arrival."""
         return self._jobs("status IN ('accepted', 'running') ORDER BY number")
 
     def waiting(self, job: JobState, first: int, count: int) -> list[CaseRow]:
-        """Return the cases in these blocks that have no result yet.
+        """Return the unfinished cases in these blocks.
 
         Raises
         ------
         DamagedCasesError
-            If a block cannot be read.
+            If a block is damaged.
         """
         end = min(job.total, (first + count) * BLOCK_SIZE)
         blocks = self._blocks(job.number, range(first, -(-end // BLOCK_SIZE)))
@@ -295,7 +296,7 @@ class JobStore:
         ]
 
     def rows(self, job: JobState, start: int, limit: int) -> list[CaseRow]:
-        """Return up to so many cases in order; those that cannot be read have a problem."""
+        """Return up to `limit` cases in order, from case `start` on. Damaged cases have a problem."""
         total = self._cases_in(job.number) if job.status == "damaged" else job.total
         end = min(start + limit, total)
         rows: list[CaseRow] = []
@@ -315,12 +316,12 @@ class JobStore:
         ]
 
     def requests(self, job: int, cases: Collection[int]) -> dict[int, bytes]:
-        """Canonical requests of these cases, as JSON.
+        """Return the canonical requests of these cases as JSON.
 
         Raises
         ------
         DamagedCasesError
-            If what is stored of a block of them cannot be read.
+            If a block of them is damaged.
         """
         found: dict[int, bytes] = {}
         with self._database.reading() as database:
@@ -330,10 +331,12 @@ class JobStore:
         return found
 
     def renew_keys(self, job: int) -> None:
-        """Make the keys of a job that an earlier engine has accepted anew: its cases are now another's results."""
+        """Replace the keys of a job that was accepted by an earlier version by those of the present version."""
         operation = self._jobs("number = ?", job)[0].operation
         with self._database.reading() as database:
             numbers = database.execute("SELECT slice FROM slices WHERE job = ?", (job,)).fetchall()
+        # One transaction per block, so that other jobs are not held up. After a crash in between, the job still has its
+        # earlier versions and is done again.
         for (number,) in numbers:
             with self._database.reading() as database:
                 requests = _requests_of(database, job, number)
@@ -344,24 +347,24 @@ class JobStore:
             self._changed(database, job, "versions = ?", (VERSIONS,))
 
     def check(self) -> None:
-        """See that jobs would be stored where the next start looks for them."""
+        """Check that jobs are written to the file that the next start will open."""
         self._database.check()
 
     @property
     def was_missing(self) -> bool:
-        """Whether the file of the jobs was missing or empty when it was first needed."""
+        """True if the file of the jobs was missing or empty when it was first opened."""
         return self._database.was_missing
 
     def checkpoint(self) -> None:
-        """Move what stands in the log of the database into the file itself."""
+        """Move the write-ahead log into the file."""
         self._database.checkpoint()
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._database.close()
 
     def _make_room(self, database: sqlite3.Connection, job: int, total: int) -> None:
-        """Note the size of a new job, and remove what its owner has no room for any more."""
+        """Record the size of a new job, and remove ended jobs that its owner has no space for any more."""
         [(owner, size)] = database.execute(
             f"UPDATE jobs SET bytes = {JOB_BYTES} + (SELECT coalesce(sum(length(keys) + length(requests) "  # noqa: S608 (of this file)
             "+ coalesce(length(custom_ids), 0)), 0) FROM slices WHERE job = ?) WHERE number = ? RETURNING owner, bytes",
@@ -388,7 +391,7 @@ class JobStore:
     def _changed(
         self, database: sqlite3.Connection, job: int, changes: str, values: tuple[object, ...], condition: str = ""
     ) -> JobState:
-        """Change a job; return it as it is then."""
+        """Update a job, and return its new state."""
         database.execute(f"UPDATE jobs SET {changes} WHERE number = ? {condition}", (*values, job))  # noqa: S608 (of this file)
         row = database.execute(f"{SELECT} WHERE number = ?", (job,)).fetchone()
         if row is None:
@@ -400,7 +403,7 @@ class JobStore:
             return [read_job(row, self._operations) for row in database.execute(f"{SELECT} WHERE {condition}", values)]
 
     def _blocks(self, job: int, numbers: range) -> dict[int, tuple[Any, ...] | None]:
-        """Return rows of `BLOCK_COLUMNS` of these blocks; None for one that is not there."""
+        """Return the rows of `BLOCK_COLUMNS` of these blocks, with None for missing ones."""
         statement = (
             f"SELECT slice, {BLOCK_COLUMNS} FROM slices JOIN states USING (job, slice) "  # noqa: S608 (of the package)
             "WHERE job = ? AND slice >= ? AND slice < ?"
@@ -410,7 +413,7 @@ class JobStore:
         return {number: found.get(number) for number in numbers}
 
     def _cases_in(self, job: int) -> int:
-        """Return how many cases a job has by its blocks."""
+        """Return the number of cases of a job from its blocks, as the number in a damaged row may be wrong."""
         statement = (
             f"SELECT coalesce(max(slice * {BLOCK_SIZE} + length(keys) / {KEY_BYTES}), 0) FROM slices WHERE job = ?"  # noqa: S608
         )
@@ -420,7 +423,7 @@ class JobStore:
 
 
 def _requests_of(database: sqlite3.Connection, job: int, number: int) -> tuple[bytes, ...]:
-    """Canonical requests of a block."""
+    """Return the canonical requests of a block."""
     statement = "SELECT requests, length(keys) FROM slices WHERE job = ? AND slice = ?"
     stored, length = database.execute(statement, (job, number)).fetchone() or (b"", BLOCK_SIZE * KEY_BYTES)
     count = length // KEY_BYTES

@@ -1,4 +1,4 @@
-"""Studies of uncertainty: each sample is a case like those of a batch, through the same cache and executor."""
+"""Studies of uncertainty. Each sample is a case like those of a batch, with the same cache and executor."""
 
 import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, Mapping, Sequence
@@ -16,29 +16,30 @@ from service.operations import OPERATIONS, KeyedRequest, StudyOperation, study_o
 from service.queries import Answered, QueryService
 
 PART = 320
-"""Samples handed over at a time: about a second of work, after which other work gets in and progress is reported."""
+"""Number of samples handed to the runner at a time: about a second of work, after which progress is reported."""
 PARTIAL = ("probability", "outcomes", "convergence")
-"""What a partial answer has of an answer."""
+"""Fields of an answer that a partial answer has."""
 
 RunCases: TypeAlias = Callable[[str, Sequence[JobCase], int], AsyncGenerator[CaseResult, None]]
-"""Yields the result of every case of an operation as it finishes; takes the number of cases that may come after."""
+"""Function that computes cases and yields their results as they finish. Its arguments are the operation, the cases, and
+the number of cases that may follow."""
 Report: TypeAlias = Callable[[dict[str, Any], dict[str, Any] | None], Awaitable[None]]
-"""Takes the progress of a study and, if it is another than before, its partial answer."""
+"""Function that receives the progress of a study, and its partial answer if that has changed."""
 
 
 @dataclass(eq=False)
 class RunningStudy:
-    """A study that is being computed, for one request and all equal ones that come meanwhile."""
+    """A study in flight, shared by all equal requests."""
 
     urgent: bool
     reports: list[Report]
     done: "asyncio.Future[Record | None]" = field(default_factory=lambda: asyncio.get_running_loop().create_future())
-    """Its record; None if it ended without one."""
+    """Record of the study; None if it ended without one."""
     latest: tuple[dict[str, Any], dict[str, Any] | None] | None = None
-    """Progress and partial answer."""
+    """Latest progress and partial answer."""
 
     async def report(self, progress: dict[str, Any], partial: dict[str, Any] | None) -> None:
-        """Pass progress on to all who follow it."""
+        """Pass progress on to all followers."""
         before = self.latest[1] if self.latest else None
         self.latest = progress, partial or before
         for report in list(self.reports):
@@ -46,12 +47,12 @@ class RunningStudy:
 
 
 class StudyService:
-    """Answers studies, equal ones in flight by one computation.
+    """Answers studies. Equal studies in flight share one computation.
 
     Parameters
     ----------
     queries
-        Has the cache.
+        Query service with the cache.
     """
 
     def __init__(self, queries: QueryService) -> None:
@@ -70,15 +71,15 @@ class StudyService:
         report: Report | None = None,
         limiter: CapacityLimiter | None = None,
     ) -> Answered:
-        """Return the record of a study, and whether it was there or computed for another.
+        """Return the record of a study, and whether it came from the cache or from an equal study in flight.
 
-        An equal study in flight is waited for, and computed here if it ends without an answer: cancelled, say, or
-        beyond the quota of its client. What is urgent never waits for what is not.
+        If an equal study in flight ends without an answer, for example by cancellation or by the quota of its client,
+        the study is computed here. An urgent study never waits for one that is not.
 
         Parameters
         ----------
         study
-            The validated request, if it is at hand.
+            Validated request, if the caller has it.
         run, take, report, limiter
             As for `run_study`.
         """
@@ -90,7 +91,7 @@ class StudyService:
         own = self._in_flight[key] = RunningStudy(urgent, reports)
         record = None
         try:
-            record = await self._queries.result(key)  # it may have been kept since it was looked up
+            record = await self._queries.result(key)  # It may have been stored since the caller looked it up.
             if record is not None:
                 return record, "hit"
             study = study or await run_sync(OPERATIONS[operation].request.model_validate_json, request.json)
@@ -103,7 +104,7 @@ class StudyService:
             own.done.set_result(record)
 
     async def _follow(self, other: RunningStudy, reports: Sequence[Report]) -> Record | None:
-        """Wait for another computation, and pass its progress on."""
+        """Wait for another computation of the study, and report its progress."""
         if other.latest is not None:
             for report in reports:
                 await report(*other.latest)
@@ -124,18 +125,18 @@ async def run_study(
     report: Report,
     limiter: CapacityLimiter | None,
 ) -> dict[str, Any]:
-    """Return the answer to a study without key and version.
+    """Compute a study, and return its answer without key and versions.
 
     Parameters
     ----------
     study
-        The validated request.
+        Validated request.
     run
-        Computes samples.
+        Function that computes samples.
     take
-        Called with what samples count as before they are computed.
+        Function called with the cost of samples before they are computed. [ordinary cases]
     report
-        Called after every part of the samples, and with the partial answer at the end of every round.
+        Function called after each part of the samples, and with a partial answer at the end of each round.
     limiter
         Limiter of the threads in which samples are validated.
     """
@@ -166,7 +167,7 @@ async def run_study(
 async def _findings(
     operation: StudyOperation, count: int, cases: Mapping[int, JobCase], more: int, run: RunCases
 ) -> list[Any]:
-    """Return what a study keeps of some samples, of which those without a case are outside the contract."""
+    """Compute samples, and return the results that the study needs. Samples without a case are outside its range."""
     found, numbers = [operation.outside] * count, list(cases)
     async with aclosing(run(operation.sample, list(cases.values()), more)) as results:
         async for result in results:
@@ -175,7 +176,7 @@ async def _findings(
 
 
 def _finding(operation: StudyOperation, result: CaseResult) -> Any:
-    """Return what a study keeps of a sample."""
+    """Return the result that the study needs from a sample."""
     if result.record is not None:
         return operation.finding(result.record.answer)
     invalid = (result.problem or {}).get("type") == InvalidBodyError.type
@@ -183,7 +184,7 @@ def _finding(operation: StudyOperation, result: CaseResult) -> Any:
 
 
 def advance(steps: Generator[Any, Any, Any], found: Sequence[Any] | None) -> tuple[Any, Any]:
-    """Return the next batch of a study, or None and its answer."""
+    """Return the next batch of samples of a study, or None and its answer."""
     try:
         return (next(steps) if found is None else steps.send(found)), None
     except StopIteration as end:
@@ -191,13 +192,13 @@ def advance(steps: Generator[Any, Any, Any], found: Sequence[Any] | None) -> tup
 
 
 def partial_answer(operation: StudyOperation, so_far: Any) -> dict[str, Any]:
-    """Return the curve or the outcomes so far, and the history of the sampling."""
+    """Return the partial answer of a study: curve or outcomes so far, and the history of the sampling."""
     answer = operation.answer(so_far)
     return {name: answer[name] for name in PARTIAL if name in answer}
 
 
 def progress_of(study: Any, samples: int, answer: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return how far a study is: samples done and at most, width reached (once there is one) and requested."""
+    """Return the progress of a study: samples taken and allowed, half width requested and, once known, reached."""
     sampling = study.sampling
     progress = {"samples": samples, "max_samples": sampling.max_samples, "requested_half_width": sampling.half_width}
     return progress if answer is None else progress | {"half_width": answer["convergence"]["half_width"][-1]}

@@ -1,24 +1,32 @@
 // The same case under other laws: how much the choice of model decides.
 
 import { angleRequest, trajectoryRequest } from "./case.js";
-import { table } from "./elements.js";
+import { element, table } from "./elements.js";
 import { fieldAt } from "./fields.js";
+import { buildFold } from "./fold.js";
 import { request } from "./service.js";
 import { degreesShown, outcomeShown, statusShown } from "./words.js";
 
-/** Return the critical angle of a case with its alternatives. */
-export async function requestAngles(values, signal) {
+/** Return a folded section with the critical angle of a case and, with `hasStrike`, its outcome under other laws. */
+export function lawsFold(onError, { hasStrike }) {
+  const content = element("div.laws-table");
+  const show = async (values, signal) => {
+    const [angles, outcomes] = await Promise.all([requestAngles(values, signal), hasStrike && requestOutcomes(values, signal)]);
+    if (!signal.aborted) content.replaceChildren(alternativesTable(angles, outcomes));
+  };
+  return buildFold("Under other laws", content, show, onError);
+}
+
+async function requestAngles(values, signal) {
   return (await request("cra", { body: { ...angleRequest(values), alternatives: true }, signal })).data;
 }
 
-/** Return the outcome of a strike with its alternatives. */
-export async function requestOutcomes(values, signal) {
+async function requestOutcomes(values, signal) {
   const body = { ...trajectoryRequest(values), output: { history: false }, alternatives: true };
   return (await request("trajectory", { body, signal })).data;
 }
 
-/** Return a table of the alternatives of a search and, if given, of a strike. */
-export function alternativesTable(angles, outcomes) {
+function alternativesTable(angles, outcomes) {
   const [decays, laws, shapes] = ["free_surface.model", "strength_factor.model", "strength_factor.obliquity_shape"].map(
     (field) => fieldAt(`resistance.${field}`).choices,
   );

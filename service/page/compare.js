@@ -1,9 +1,9 @@
 // Compare: strikes that are pinned, beside the one that the fields have. They are in the address.
 
 import { address, caseQuery, readCase } from "./address.js";
-import { angleRequest, valueAt } from "./case.js";
+import { angleRequest } from "./case.js";
 import { announce, element, table } from "./elements.js";
-import { GROUPS, isThere, labelWithUnit, shownValue } from "./fields.js";
+import { GROUPS, fieldShown, labelWithUnit } from "./fields.js";
 import { computeRun } from "./run.js";
 import { isAbort, isLost, request } from "./service.js";
 import { markFresh, markStale } from "./stale.js";
@@ -16,15 +16,15 @@ const OWN = "This strike";
 const ABOUT =
   "Change a field, or take another preset: this strike then differs from those that are pinned. In brackets is how far each differs from this strike.";
 const LETTERS = ["A", "B", "C"];
-/** What became of a strike, as the table has it: a number with its decimals, or a word. */
+/** What became of a strike, as the table has it: a number with its decimals and its unit where SI is shown, or a word. */
 const RESULTS = [
   ["Outcome", ({ run }) => outcomeShown(run.outcome)],
-  ["Critical angle [°]", ({ found }) => found.critical_angle_deg ?? statusShown(found.status), 2],
-  ["Greatest depth [mm]", ({ run }) => (run.outcome === "perforated" ? "through" : run.maximum_depth_m), 1],
-  ["End of motion [ms]", ({ run }) => 1e3 * run.final.time_s, 2],
-  ["Axis angle at the end [°]", ({ run }) => run.final.axis_angle_deg, 1],
-  ["Speed at the exit [m/s]", ({ run }) => run.exit?.speed_m_s ?? "none", 1],
-  ["Direction at the exit, from the face [°]", ({ run }) => run.exit?.elevation_deg ?? "none", 1],
+  ["Critical angle", ({ found }) => found.critical_angle_deg ?? statusShown(found.status), 2, "°"],
+  ["Greatest depth", ({ run }) => (run.outcome === "perforated" ? "through" : run.maximum_depth_m), 1, "mm"],
+  ["End of motion", ({ run }) => 1e3 * run.final.time_s, 2, "ms"],
+  ["Axis angle at the end", ({ run }) => run.final.axis_angle_deg, 1, "°"],
+  ["Speed at the exit", ({ run }) => run.exit?.speed_m_s ?? "none", 1, "m/s"],
+  ["Direction at the exit, from the face", ({ run }) => run.exit?.elevation_deg ?? "none", 1, "°"],
   ["Strength factor", ({ run }) => run.strength_factor, 2],
 ];
 
@@ -112,7 +112,7 @@ export class Compare {
   }
 
   #tableOf(strikes) {
-    const numbers = RESULTS.map(([name, make, decimals]) => resultRow(name, strikes.map(make), decimals));
+    const numbers = RESULTS.map(([label, make, decimals, si]) => resultRow({ label, ...unitOf(si) }, strikes.map(make), decimals));
     const heads = ["", OWN, ...this.pinned.map((pin, i) => this.#head(pin, i))];
     return table("table", { heads, rows: [...fieldRows(strikes), ...numbers], label: "Table of differences", isNamed: true });
   }
@@ -134,24 +134,13 @@ function fieldRows(strikes) {
   });
 }
 
-function fieldShown(field, values) {
-  if (!isThere(field, values)) return "-";
-  const value = shownValue(field, values);
-  if (value === undefined || value === "") return field.open ?? "auto";
-  if (field.choices) return field.choices[value];
-  return Array.isArray(value) ? JSON.stringify(valueAt(values, field.path)) : String(value);
-}
-
-function resultRow(title, values, decimals) {
-  const [, quantity, si] = title.match(/^(.*) \[(mm|m\/s)\]$/) ?? [];
-  const { unit, factor } = si ? unitOf(si) : { factor: 1 };
-  const name = si ? `${quantity} [${unit}]` : title;
-  const [own, ...others] = values.map((value) => (typeof value === "number" ? value / factor : value));
+function resultRow(quantity, values, decimals) {
+  const [own, ...others] = values.map((value) => (typeof value === "number" ? value / quantity.factor : value));
   const text = (value) => (typeof value === "number" ? value.toFixed(decimals) : value);
   const further = (value) => {
     if (typeof value !== "number" || typeof own !== "number") return text(value);
     const difference = value - own;
     return `${text(value)} (${difference < 0 ? "−" : "+"}${text(Math.abs(difference))})`;
   };
-  return [name, text(own), ...others.map(further)];
+  return [labelWithUnit(quantity), text(own), ...others.map(further)];
 }

@@ -1,8 +1,8 @@
 // The results of a job as files.
 
-import { announce, element, save } from "./elements.js";
+import { announce, save, taskButton } from "./elements.js";
 import { slug } from "./exports.js";
-import { isAbort, request } from "./service.js";
+import { request } from "./service.js";
 
 const FORMS = {
   CSV: { type: "text/csv", ending: "csv" },
@@ -19,21 +19,13 @@ const FORMS = {
  */
 export function downloadButtons(id, readTitle, onError) {
   return Object.entries(FORMS).map(([name, { type, ending }]) => {
-    const button = element("button", { type: "button", "aria-label": `${name} of job ${shortId(id)}` }, name);
-    button.addEventListener("click", async () => {
-      button.disabled = true;
+    const download = async () => {
       announce(`${name} is being made ...`);
-      try {
-        const { data } = await request(`jobs/${id}/results`, { headers: { Accept: type }, as: "blob" });
-        save(data, `ricochet-${slug(readTitle())}.${ending}`, type);
-        announce(`${name} is downloaded.`);
-      } catch (error) {
-        announce("");
-        if (!isAbort(error)) onError(error);
-      }
-      button.disabled = false;
-    });
-    return button;
+      const { data } = await request(`jobs/${id}/results`, { headers: { Accept: type }, as: "blob" });
+      save(data, `ricochet-${slug(readTitle())}.${ending}`, type);
+      announce(`${name} is downloaded.`);
+    };
+    return taskButton(name, { "aria-label": `${name} of job ${shortId(id)}` }, download, onError);
   });
 }
 

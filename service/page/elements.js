@@ -1,5 +1,7 @@
 // Elements of the page.
 
+import { isAbort } from "./service.js";
+
 /**
  * Return a new element.
  *
@@ -53,6 +55,34 @@ export function table(name, { heads, rows, caption, label, isNamed = false, isNu
 /** Return a group of buttons that act on the case, which a form disables while it has none. */
 export function caseActions(name, ...children) {
   return element("fieldset.of-case", { "aria-label": name }, ...children);
+}
+
+/** Return a button that is disabled while what it does goes on; `onError` is called with what goes wrong. */
+export function taskButton(text, attributes, act, onError) {
+  const onclick = async () => {
+    button.disabled = true;
+    try {
+      await act();
+    } catch (error) {
+      announce("");
+      if (!isAbort(error)) onError(error);
+    }
+    button.disabled = false;
+  };
+  const button = element("button", { type: "button", ...attributes, onclick }, text);
+  return button;
+}
+
+/** Let a file that is dropped on a text area take the place of its text, as if it were typed; text it takes by itself. */
+export function takeFiles(area) {
+  area.addEventListener("dragover", (event) => event.preventDefault());
+  area.addEventListener("drop", async (event) => {
+    const [file] = event.dataTransfer.files;
+    if (!file) return;
+    event.preventDefault();
+    area.value = await file.text();
+    area.dispatchEvent(new Event("input"));
+  });
 }
 
 /** Offer content as a file. */

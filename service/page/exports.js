@@ -74,15 +74,3 @@ export function titleLines(about) {
   const others = (about.others ?? []).map(({ name, values }) => `${name}: ${caseLine({ ...about, values })}`);
   return [about.title, caseLine(about), ...others, ...(about.key ? about.key.split(", ").map((key) => `key ${key}`) : [])];
 }
-
-/** Return a layout for a picture by itself, below its title. */
-export function withTitle(layout, about) {
-  const text = titleLines(about).map((line, i) => (i ? `<span style="font-size:11px">${line}</span>` : `<b>${line}</b>`)).join("<br>");
-  const title = { text, x: 0, xref: "container", xanchor: "left", y: 1, yref: "container", yanchor: "top", font: { size: 15 } };
-  return { ...layout, title: { ...title, pad: { l: 10, t: 42 } }, margin: { ...layout.margin, t: (layout.margin?.t ?? 8) + headPx(about) } };
-}
-
-/** Return the room that the title, the cases and the keys take. [px] */
-export function headPx({ others = [] }) {
-  return 108 + 36 * others.length;
-}

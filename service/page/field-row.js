@@ -2,7 +2,7 @@
 
 import { valueAt } from "./case.js";
 import { nodeAt } from "./contract.js";
-import { element } from "./elements.js";
+import { element, takeFiles } from "./elements.js";
 import { readValue } from "./field-value.js";
 import { shownNumber, shownValue } from "./fields.js";
 import { unitOf } from "./units.js";
@@ -141,12 +141,7 @@ function buildShots(field, values, read) {
   const lines = (valueAt(values, field.path) ?? []).map((shot) => `${shown(shot.velocity_m_s, "m/s")}, ${shown(shot.depth_m, "mm")}`);
   const example = [[250, 0.31], [300, 0.42]].map(([speed, depth]) => `${quantityShown(speed, "m/s")}, ${lengthShown(depth)}`);
   const area = buildArea(lines.join("\n"), read, { rows: 4, placeholder: `none yet, as in\n${example.join("\n")}` });
-  area.addEventListener("dragover", (event) => event.preventDefault());
-  area.addEventListener("drop", async (event) => {
-    event.preventDefault();
-    area.value = (await event.dataTransfer.files[0]?.text()) ?? event.dataTransfer.getData("text");
-    read(area.value);
-  });
+  takeFiles(area);
   return area;
 }
 

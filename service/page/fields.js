@@ -63,7 +63,7 @@ export const GROUPS = [
       number("projectile.center_of_gravity_m", "mm", OPTIONAL),
       number("projectile.moment_of_inertia_kg_m2", "kg m²", OPTIONAL),
       number("projectile.inner_diameter_m", "mm", { ...OPTIONAL, open: "solid" }),
-      number("projectile.yield_strength_pa", "MPa", { ...OPTIONAL, open: "1,200", note: "for bending" }),
+      number("projectile.yield_strength_pa", "MPa", { ...OPTIONAL, open: "1200", note: "for bending" }),
     ],
   },
   {
@@ -179,6 +179,15 @@ export function numericFields(values) {
 export function shownValue(field, values) {
   const value = valueAt(values, field.path);
   return typeof value === "number" ? shownNumber(field, value) : value;
+}
+
+/** Return the value of a field as text, without its unit. */
+export function fieldShown(field, values) {
+  if (!isThere(field, values)) return "-";
+  const value = shownValue(field, values);
+  if (value === undefined || value === "") return field.open ?? "auto";
+  if (field.choices) return field.choices[value];
+  return Array.isArray(value) ? JSON.stringify(value) : String(value);
 }
 
 /** Return a number in SI in the unit of a field, without what floating point adds, or a conversion. */

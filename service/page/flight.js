@@ -102,8 +102,9 @@ function fly(speed, elevation, time, drag) {
   return { along, height };
 }
 
-/** Return a distance as text, rounded up as the verdict rounds it: in tens above 100 m. */
+/** Return a distance as text as the verdict has it: rounded up, in tens above 100 m. */
 function up(distance) {
   const step = distance > 100 ? 10 : 1;
-  return quantityShown(Math.ceil(distance / step - 1e-9) * step, "m", 4);
+  const { unit, factor } = unitOf("m");
+  return `${Number(((Math.ceil(distance / step - 1e-9) * step) / factor).toPrecision(4)).toLocaleString("en")} ${unit}`;
 }

@@ -11,51 +11,36 @@ import { keep, kept } from "./storage.js";
 const MOST_UNDONE = 100;
 const DESCRIBES = "ricochet-describe"; // whether every field is described, in this browser
 
-/**
- * Build the form.
- *
- * @param {HTMLElement} root
- * @param {{case: object, onChange: (values: object, path: string) => void, include?: string[],
- *   problem: HTMLElement, parts?: () => HTMLElement[], panels?: object[], actions?: HTMLFieldSetElement[], onHold?: () => void, groups?: object[], without?: string[], open?: string[]}} options
- *   `onChange` is called with a case only if all its fields are in their bounds, `onHold` while one is not; `problem` is where
- *   there is a word on what is wrong elsewhere than at a field; `parts` are marked as of the inputs before while a field may
- *   still be typed into, and once its value is not accepted are cleared of all but pictures, as are `panels`, by their `hold` and
- *   `clear`; `actions` hold the buttons that act on the case, which are disabled as long; `include` names the groups of fields.js, all if none, `groups` others instead; `without` are fields to leave out by
- *   their paths, `open` the groups that are not folded
- * @returns {{setCase: (values: object) => void, setField: (path: string, value: number) => void, fail: (error: Error) => void, currentCase: () => object, isHeld: () => boolean}}
- *   `setField` fills in a field as if a value in SI were typed; `fail` shows an error: at the fields it points to, if it does; `isHeld` returns whether a field is not
- *   accepted, so that the fields have no case
- */
-export function buildForm(root, options) {
-  const form = new CaseForm(root, options);
-  form.rebuild();
-  return {
-    currentCase: () => form.values,
-    isHeld: () => form.isHeld,
-    setCase(values) {
-      form.values = values;
-      form.rebuild();
-    },
-    setField: (path, value) => form.setField(path, value),
-    fail: (error) => form.fail(error),
-  };
-}
-
-class CaseForm {
+/** The form of a case. */
+export class CaseForm {
   rows = [];
   wrong = new Set(); // paths of fields whose text is not accepted
   isHeld = false; // whether the service or the form does not accept a field
   undone = []; // cases before each edit, with the field that was edited
 
-  constructor(root, { case: values, onChange, onHold, problem, parts = () => [], panels = [], actions = [], include, groups, without = [], open = include }) {
-    Object.assign(this, { root, values, onChange, onHold, problem, parts, panels, actions, without, open });
+  /**
+   * @param {HTMLElement} root
+   * @param {{case: object, onChange: (values: object, path: string) => void, onHold?: () => void, problem: HTMLElement, parts?: () => HTMLElement[],
+   *   panels?: object[], actions?: HTMLFieldSetElement[], include?: string[], groups?: object[], open?: string[]}} options
+   *   `onChange` is called with a case only if all its fields are in their bounds, `onHold` while one is not; `problem` is where
+   *   there is a word on what is wrong elsewhere than at a field; `parts` are marked as of the inputs before while a field may
+   *   still be typed into, and once its value is not accepted are cleared of all but pictures, as are `panels`, by their `hold` and
+   *   `clear`; `actions` hold the buttons that act on the case, which are disabled as long; `include` names the groups of
+   *   fields.js, all if none, `groups` others instead; `open` are the groups that are not folded
+   */
+  constructor(root, { case: values, onChange, onHold, problem, parts = () => [], panels = [], actions = [], include, groups, open = include }) {
+    Object.assign(this, { root, values, onChange, onHold, problem, parts, panels, actions, open });
     const describes = element("input", { type: "checkbox", checked: kept(DESCRIBES) === "yes" });
     describes.addEventListener("change", () => keep(DESCRIBES, describes.checked ? "yes" : "no"));
     this.help = element("label.describe", {}, describes, " Describe every field");
     this.undoButton = element("button", { type: "button", disabled: true, onclick: () => this.undo() }, "Undo");
     this.groups = groups ?? include?.map((given) => GROUPS.find(({ name }) => name === given)) ?? GROUPS;
     this.tools = groups ? [] : [element("p.actions", {}, this.help, this.undoButton)];
+    this.rebuild();
   }
+
+  /** Return the case that the fields have; the one before while a field is not accepted. */
+  currentCase = () => this.values;
 
   rebuild() {
     const before = new Map([...this.root.children].map((group) => [group.dataset.name, group.open]));
@@ -65,13 +50,14 @@ class CaseForm {
     this.root.replaceChildren(
       ...this.tools,
       ...this.groups.map(({ name, fields, isFolded }) => {
-        const lines = fields.filter((field) => this.has(field)).map((field) => this.addRow(field));
+        const lines = fields.filter((field) => isThere(field, this.values)).map((field) => this.addRow(field));
         const open = before.get(name) ?? (isFolded ? fields.some((field) => this.isOther(field)) : !this.open || this.open.includes(name));
         return element("details", { open, "data-name": name }, element("summary", {}, name), ...lines);
       }),
     );
   }
 
+  /** Fill in a field as if a value in SI were typed. */
   setField(path, value) {
     const { input, field } = this.rows.find((row) => row.field.path === path);
     input.value = Number((value / field.factor).toPrecision(12));
@@ -82,10 +68,6 @@ class CaseForm {
   isOther({ path }) {
     const [own, usual] = [this.values, paperCase()].map((values) => JSON.stringify(valueAt(values, path)));
     return own !== undefined && own !== usual;
-  }
-
-  has(field) {
-    return !this.without.includes(field.path) && isThere(field, this.values);
   }
 
   addRow(field) {
@@ -150,6 +132,7 @@ class CaseForm {
     this.problem.textContent = text;
   }
 
+  /** Show an error: at the fields it points to, if it does. */
   fail(error) {
     if (error.errors?.length) this.refuse(error);
     else this.problem.textContent = error.message;

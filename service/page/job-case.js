@@ -2,7 +2,7 @@
 
 import { valueAt } from "./case.js";
 import { element } from "./elements.js";
-import { GROUPS, fieldAt, shownNumber } from "./fields.js";
+import { GROUPS, fieldAt, fieldShown, shownNumber, withUnit } from "./fields.js";
 import { request } from "./service.js";
 
 /**
@@ -36,12 +36,7 @@ function axisWords({ field, start, stop, count, values = [start, stop] }) {
 function caseWords({ base, axes }) {
   const varied = new Set(axes.map(({ field }) => field));
   const fields = GROUPS.flatMap((group) => group.fields).filter(({ path }) => !varied.has(path));
-  return fields.flatMap((field) => {
-    const value = valueAt(base, field.path);
-    if (value === undefined) return [];
-    if (field.kind === "number") return [[field.label, `${shownNumber(field, value)} ${field.unit}`]];
-    return [[field.label, field.choices?.[value] ?? String(value)]];
-  });
+  return fields.filter(({ path }) => valueAt(base, path) !== undefined).map((field) => [field.label, withUnit(fieldShown(field, base), field.unit)]);
 }
 
 function line([name, text]) {

@@ -2,6 +2,7 @@
 
 import { markAnswered, markLost, pause, untilAnswered } from "./lost.js";
 import { isAbort, isLost, request } from "./service.js";
+import { digits } from "./words.js";
 
 const PAGE = 1000; // results requested at once
 const PAUSE_MS = 1000; // before a broken stream is opened anew
@@ -9,6 +10,21 @@ const PAUSE_MS = 1000; // before a broken stream is opened anew
 /** Return whether a job has ended. */
 export function isFinal(job) {
   return !["accepted", "running"].includes(job.status);
+}
+
+/** Say how far a job is, how fast it goes and how long it takes. */
+export function progressWords({ counts, status, started }) {
+  const { total, done, cached = 0, failed } = counts;
+  const rate = (1e3 * (done - cached)) / (Date.now() - Date.parse(started)); // [1/s]
+  const left = (total - done) / rate;
+  const isKnown = status === "running" && done > cached;
+  return [
+    `${done} of ${total} cases`,
+    cached && `${cached} from cache`,
+    failed && `${failed} failed`,
+    isKnown && `${digits(rate, 2)} a second`,
+    isKnown && `about ${left < 90 ? `${Math.ceil(left)} s` : `${Math.ceil(left / 60)} min`} left`,
+  ].filter(Boolean).join(", ");
 }
 
 /**

@@ -4,7 +4,7 @@ import { names } from "./contract.js";
 import { downloadButtons, shortId } from "./downloads.js";
 import { element } from "./elements.js";
 import { baseCase } from "./job-case.js";
-import { isFinal } from "./job-progress.js";
+import { isFinal, progressWords } from "./job-progress.js";
 import { isMap } from "./sweep.js";
 
 /** The columns; the table may show a row as a card, where each cell has its name. */
@@ -43,15 +43,14 @@ export class JobRow {
   /** Show what has changed. */
   update(job) {
     this.job = job;
-    const { total, done, cached, failed } = job.counts;
-    const { jobs_ahead: ahead, remaining_s: left } = job.queue ?? {};
+    const { total, done } = job.counts;
+    const ahead = job.queue?.jobs_ahead;
     const [, , status, , , finished, expires] = this.cells;
     this.title.textContent = titleOf(job);
     status.textContent = names.job_statuses[job.status] + (job.problem ? `: ${job.problem.detail}` : "") + (job.status === "accepted" && ahead ? `, ${ahead} ahead` : "");
     this.bar.max = total;
     this.bar.value = done;
-    const parts = [`${done} of ${total}`, cached && `${cached} from cache`, failed && `${failed} failed`, left && `about ${left < 90 ? `${Math.ceil(left)} s` : `${Math.ceil(left / 60)} min`} left`];
-    this.counts.textContent = parts.filter(Boolean).join(", ");
+    this.counts.textContent = progressWords(job);
     finished.replaceChildren(job.finished ? time(job.finished) : "");
     expires.replaceChildren(job.expires ? time(job.expires) : "");
     this.cancel.hidden = isFinal(job);

@@ -1,7 +1,7 @@
 // While values keep changing, at most one request runs, and the latest value is requested next.
 
-import { markAnswered, markLost, retryDelay } from "./lost.js";
-import { isAbort, isLost } from "./service.js";
+import { untilAnswered } from "./lost.js";
+import { isAbort } from "./service.js";
 
 /**
  * Return a function that runs `work(value, signal)` for the latest value it was called with.
@@ -18,67 +18,44 @@ import { isAbort, isLost } from "./service.js";
 export function latest(work, onError, { supersede = false, restMs = 0 } = {}) {
   let waiting = [];
   let running; // of the running work
-  let [runs, isStopped] = [false, false];
-  let wake = () => {};
-
-  const pause = (milliseconds) =>
-    new Promise((resolve) => {
-      const timer = setTimeout(resolve, milliseconds);
-      wake = () => {
-        clearTimeout(timer);
-        resolve();
-      };
-    });
-
-  const rest = async () => {
-    let value;
-    while (restMs && waiting.length && waiting[0] !== value) {
-      [value] = waiting;
-      await pause(restMs);
-    }
-  };
+  let timer; // while a value has to rest
+  let isStopped = false;
 
   const run = async () => {
-    runs = true;
-    let failures = 0;
-    for (;;) {
-      await rest();
-      if (!waiting.length || isStopped) break;
-      const [value] = waiting;
-      waiting = [];
+    timer = undefined;
+    if (running) return; // the running work is followed by what waits
+    while (waiting.length && !timer) {
       running = new AbortController();
       const { signal } = running;
+      let value;
+      const send = () => {
+        if (waiting.length) [value] = waiting.splice(0);
+        return work(value, signal);
+      };
       try {
-        await work(value, signal);
-        failures = 0;
-        markAnswered(update);
+        await untilAnswered(send, signal);
       } catch (error) {
-        if (isAbort(error) || signal.aborted) continue;
-        if (isLost(error)) {
-          markLost(update, error);
-          if (!waiting.length) waiting = [value];
-          await pause(retryDelay(failures++, error));
-          continue;
-        }
-        markAnswered(update);
-        if (!waiting.length) onError(error); // else it is of a value that is no longer there
+        const isOfBefore = isAbort(error) || signal.aborted || waiting.length; // of a value that is no longer there
+        if (!isOfBefore) onError(error);
       }
     }
-    runs = false;
+    running = undefined;
   };
 
   const update = (value) => {
+    if (isStopped) return;
     waiting = [value];
     if (supersede) running?.abort();
-    wake();
-    if (!runs) run();
+    clearTimeout(timer);
+    if (restMs) timer = setTimeout(run, restMs);
+    else run();
   };
   update.isBehind = () => waiting.length > 0;
   update.cancel = () => {
     waiting = [];
+    clearTimeout(timer);
+    timer = undefined;
     running?.abort();
-    markAnswered(update);
-    wake();
   };
   update.stop = () => {
     isStopped = true;

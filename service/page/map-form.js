@@ -2,7 +2,7 @@
 
 import { element } from "./elements.js";
 import { outside } from "./field-value.js";
-import { boundsOf, fieldAt, labelWithUnit, numericFields, withUnit } from "./fields.js";
+import { boundsOf, fieldAt, labelWithUnit, numericFields, shownNumber, withUnit } from "./fields.js";
 import { around, isOn, isVariable, mostValues, OPERATIONS, usualAxes } from "./sweep.js";
 
 const SIDES = { x: "Horizontal axis", y: "Vertical axis" };
@@ -74,13 +74,11 @@ function axisFields(side, map, onChange) {
     const [from, to] = inputs.map(({ valueAsNumber }) => Number((valueAsNumber * factor).toPrecision(12)));
     return { field: path, start: from, stop: to, count: count.input.valueAsNumber };
   };
-  const put = (from, to) => {
-    [start.input.value, stop.input.value] = [from, to];
-    for (const { unit } of [start, stop]) unit.textContent = fieldAt(field.value).unit;
-  };
-  const lay = ({ field: path, start: from, stop: to }) => {
-    field.value = path;
-    put(...[from, to].map((end) => shown(end, fieldAt(path).factor)));
+  const lay = (wanted) => {
+    field.value = wanted.field;
+    const own = fieldAt(wanted.field);
+    [start.input.value, stop.input.value] = [wanted.start, wanted.stop].map((end) => shownNumber(own, end));
+    for (const { unit } of [start, stop]) unit.textContent = own.unit;
   };
   const offer = (current, isOther = false) => {
     const before = field.value || current[side].field;
@@ -109,8 +107,7 @@ function axisFields(side, map, onChange) {
   });
   for (const input of inputs) input.addEventListener("input", () => onChange(axis()));
   offer(map);
-  const { factor } = fieldAt(field.value);
-  if (field.value === map[side].field) put(...[map[side].start, map[side].stop].map((value) => shown(value, factor)));
+  if (field.value === map[side].field) lay(map[side]);
   count.input.value = map[side].count;
   const label = element("label", { for: field.id }, "Field");
   const root = element(
@@ -150,15 +147,11 @@ function problemOf({ field, start, stop, count }, other, map) {
   const bounds = boundsOf({ path, factor }, map.values);
   for (const [part, end] of [start, stop].entries()) {
     if (Number.isNaN(end)) return { text: "Both ends have to be numbers.", parts: [part] };
-    const broken = outside(shown(end, factor), bounds);
+    const broken = outside(shownNumber({ factor }, end), bounds);
     if (broken) return { text: `Has to be ${broken[0]} ${withUnit(broken[1], unit)}.`, parts: [part] };
   }
   if (start > stop) return { text: "From has to be below To.", parts: [0, 1] };
   if (start === stop && count > 1) return { text: "The ends are the same.", parts: [0, 1] };
   const isCount = Number.isInteger(count) && count >= 1 && count <= mostValues(map);
   return isCount ? undefined : { text: `Takes 1 to ${mostValues(map)} values.`, parts: [2] };
-}
-
-function shown(value, factor) {
-  return Number((value / factor).toPrecision(6));
 }

@@ -1,12 +1,13 @@
 // What is seen of a map: how far its job is, the picture, and one case in words.
 
-import { element } from "./elements.js";
+import { announce, element } from "./elements.js";
 import { slug } from "./exports.js";
 import { fieldAt, shownValue } from "./fields.js";
+import { progressWords } from "./job-progress.js";
 import { buildCellChoice } from "./map-cell.js";
 import { cellsCsv, countWords, QUANTITIES } from "./map-cells.js";
 import { mapLayout, mapTraces } from "./map-plot.js";
-import { endWords, progressWords } from "./map-run.js";
+import { endWords } from "./map-run.js";
 import { draw, purge } from "./plots.js";
 import { markFresh, markPending, markSettled, markStale, markUntilRun } from "./stale.js";
 import { QUICK, inputField, usualInputs } from "./scatter.js";
@@ -22,7 +23,6 @@ export class MapPicture {
   #axes;
   #isDrawn = false; // whether cells of the map are shown
   #isSame = true; // whether the form has the inputs of the map
-  #begin; // when the first state of the job was seen, and how far it was
 
   /**
    * @param {HTMLElement} root
@@ -52,7 +52,6 @@ export class MapPicture {
   begin(map) {
     this.#map = map;
     this.#axes = [map.x, map.y].map(shownAxis);
-    this.#begin = undefined;
     this.here = undefined;
     this.panel.hidden = false;
     this.bar.removeAttribute("value");
@@ -68,19 +67,19 @@ export class MapPicture {
 
   /** Show how far the job is. */
   showProgress(job) {
-    this.#begin ??= { at: performance.now(), done: job.counts.done };
-    this.bar.max = job.counts.total;
-    this.bar.value = job.counts.done;
-    const seconds = (performance.now() - this.#begin.at) / 1000;
-    this.words.textContent = progressWords(job, seconds, this.#begin.done);
+    this.#fill(job, progressWords(job));
   }
 
   /** Show how the job has ended. */
   showEnd(job) {
-    this.words.textContent = endWords(job);
+    this.#fill(job, endWords(job));
     markSettled(this.words);
-    this.bar.max = job.counts.total;
-    this.bar.value = job.counts.done;
+    announce(endWords(job));
+  }
+
+  #fill({ counts: { total, done } }, words) {
+    this.words.textContent = words;
+    Object.assign(this.bar, { max: total, value: done });
   }
 
   /** Show that no more comes: something is wrong, which is said elsewhere. */

@@ -26,25 +26,19 @@ const PAPER = "#e8eaed"; // below the marks of the legend, in either theme
  * @param {(index: number) => number} yieldOf the stress above which the surface of the body of a cell yields [Pa]
  */
 export function mapTraces(operation, [x, y], cells, rough, room, here, yieldOf) {
-  const cellAt = (index) => cells[index] ?? rough[index];
-  const rows = (value) => y.shown.map((_, row) => x.shown.map((_, column) => value(cellAt(row * x.shown.length + column))));
-  const finished = (value) => y.shown.map((_, row) => x.shown.map((_, column) => value(cells[row * x.shown.length + column]))); // for lines
+  const grid = (value) => y.shown.map((up, row) => x.shown.map((across, column) => value(row * x.shown.length + column, across, up)));
+  const rows = (value) => grid((index) => value(cells[index] ?? rough[index]));
+  const finished = (value) => grid((index) => value(cells[index])); // for lines
   const place = { x: x.shown, y: y.shown };
   const rare = rareWarnings(cells);
-  const words = y.shown.map((up, row) =>
-    x.shown.map((across, column) => {
-      const cell = cells[row * x.shown.length + column];
-      const warnings = (cell?.warnings ?? []).filter((code) => rare.has(code)).map((code) => `<br>${warningShown(code)}`);
-      return `${withUnit(format(across), x.unit)}, ${withUnit(format(up), y.unit)}<br>${cellWords(cell)}${warnings.join("")}`;
-    }),
-  );
+  const words = grid((index, across, up) => {
+    const warnings = (cells[index]?.warnings ?? []).filter((code) => rare.has(code)).map((code) => `<br>${warningShown(code)}`);
+    return `${withUnit(format(across), x.unit)}, ${withUnit(format(up), y.unit)}<br>${cellWords(cells[index])}${warnings.join("")}`;
+  });
   const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };
   const quantity = QUANTITIES[operation];
   const surface = quantity ? amounts(place, rows, finished, hover, quantity) : outcomes(place, rows, finished, hover);
-  if (!quantity) {
-    const shares = cells.map((cell, index) => (cell?.stress === undefined ? null : cell.stress / yieldOf(index)));
-    surface.push(...bends(place, y.shown.map((_, row) => x.shown.map((_, column) => shares[row * x.shown.length + column] ?? null))));
-  }
+  if (!quantity) surface.push(...bends(place, grid((index) => (cells[index]?.stress === undefined ? null : cells[index].stress / yieldOf(index)))));
   return [...surface, ...marks(operation, [x, y], cells, room), ...warned([x, y], cells, room, rare), youAreHere(here)];
 }
 

@@ -39,6 +39,7 @@ export async function quickMap(map, signal) {
 export async function followStudies(map, onCells, signal) {
   const cells = Array.from({ length: map.x.count * map.y.count });
   const counts = { total: cells.length, done: 0, failed: 0 };
+  const started = new Date().toISOString();
   const judge = () => request("verdict", { body: reportRequest(clipped(map.values)), signal });
   takeUsual((await untilAnswered(judge, signal)).data.usual_scatter); // what scatters is that of the case
   let [next, shown] = [0, performance.now()];
@@ -61,7 +62,7 @@ export async function followStudies(map, onCells, signal) {
       await study(next++);
       if (performance.now() - shown < REDRAW_MS && counts.done < counts.total) continue;
       shown = performance.now();
-      await onCells(cells, { status: counts.done < counts.total ? "running" : "successful", counts });
+      await onCells(cells, { status: counts.done < counts.total ? "running" : "successful", counts, started });
     }
   };
   try {
@@ -112,19 +113,6 @@ export async function followMap(map, { onProgress, onCells }, signal, known = []
   };
   await Promise.all([follow(), read()]);
   return job;
-}
-
-/** Say how far a job is, and how fast it goes. */
-export function progressWords({ counts, status }, seconds, doneBefore) {
-  const { total, done, cached, failed } = counts;
-  const parts = [`${done} of ${total} cases`];
-  if (cached) parts.push(`${cached} from cache`);
-  if (failed) parts.push(`${failed} failed`);
-  const rate = (done - doneBefore) / seconds;
-  if (status === "running" && seconds > 0.5 && rate > 0) {
-    parts.push(`${rate.toPrecision(2)} a second`, `${Math.ceil((total - done) / rate)} s left`);
-  }
-  return parts.join(", ");
 }
 
 /** Say how a job has ended. */

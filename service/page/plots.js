@@ -1,7 +1,7 @@
 // A thin layer over Plotly: colours of the theme, downloads, words for those who do not see the picture.
 
 import { element, save, svg } from "./elements.js";
-import { fileName, headPx, titleLines, withHeader, withTitle } from "./exports.js";
+import { fileName, titleLines, withHeader } from "./exports.js";
 import { locate } from "./service.js";
 import { themeChanges } from "./theme.js";
 import { inShownColumns } from "./units.js";
@@ -135,31 +135,21 @@ function frame(root) {
   return plot;
 }
 
+/** Save a picture below its title. */
 async function savePicture(root, format) {
   const { plot, picture, traces, about } = drawn.get(root);
-  if (picture) return savePlain(picture, format, about);
-  const { width, height } = plot.getBoundingClientRect();
-  const layout = withTitle({ ...plot.layout, paper_bgcolor: colour("panel") }, about);
-  const figure = { data: traces, layout, config: {} };
-  const url = await window.Plotly.toImage(figure, { format, width, height: height + headPx(about), scale: format === "png" ? 2 : 1 });
-  const content = url.slice(url.indexOf(",") + 1);
-  if (format === "svg") return save(decodeURIComponent(content), `${fileName(about)}.svg`, "image/svg+xml");
-  return save(Uint8Array.from(atob(content), (byte) => byte.charCodeAt(0)), `${fileName(about)}.png`, "image/png");
-}
-
-/** Save a picture that is SVG already, below its title. */
-async function savePlain(picture, format, about) {
-  const head = headPx(about);
-  const [width, height] = [Number(picture.getAttribute("width")), Number(picture.getAttribute("height")) + head];
-  const copy = picture.cloneNode(true);
-  copy.setAttribute("y", head);
-  const title = titleLines(about).map((line, i) =>
+  const own = picture ? asText(picture) : await textOf(plot, traces);
+  const lines = titleLines(about);
+  const head = 18 * lines.length + 18;
+  const [width, height] = [plot.clientWidth, plot.clientHeight + head];
+  const title = lines.map((line, i) =>
     svg("text", { x: 10, y: 24 + i * 18, "font-size": i ? 11 : 15, "font-weight": i ? undefined : "bold" }, line),
   );
   const font = getComputedStyle(document.body).fontFamily;
   const whole = svg("svg", { width, height, viewBox: `0 0 ${width} ${height}`, "font-family": font, fill: colour("text") });
-  whole.append(svg("rect", { width, height, fill: colour("panel") }), ...title, copy);
-  const text = new XMLSerializer().serializeToString(whole);
+  whole.append(svg("rect", { width, height, fill: colour("panel") }), ...title);
+  // Joined as text: the styles of Plotly's elements are none that the policy of the page lets it parse.
+  const text = asText(whole).replace("</svg>", () => `${own.replace("<svg", `<svg y="${head}"`)}</svg>`);
   if (format === "svg") return save(text, `${fileName(about)}.svg`, "image/svg+xml");
   const image = element("img", { src: URL.createObjectURL(new Blob([text], { type: "image/svg+xml" })) });
   await image.decode();
@@ -167,6 +157,13 @@ async function savePlain(picture, format, about) {
   canvas.getContext("2d").drawImage(image, 0, 0, 2 * width, 2 * height);
   URL.revokeObjectURL(image.src);
   return canvas.toBlob((png) => save(png, `${fileName(about)}.png`, "image/png"));
+}
+
+const asText = (picture) => new XMLSerializer().serializeToString(picture);
+
+async function textOf({ clientWidth: width, clientHeight: height, layout }, data) {
+  const url = await window.Plotly.toImage({ data, layout, config: {} }, { format: "svg", width, height });
+  return decodeURIComponent(url.slice(url.indexOf(",") + 1));
 }
 
 function themed(layout) {
@@ -178,7 +175,6 @@ function themed(layout) {
     automargin: true,
     tickangle: 0,
     exponentformat: "none", // with a unit there is no room for k and M
-    separatethousands: true,
     ticklabeloverflow: "allow", // each label that might be hidden is measured, a millisecond or more
   };
   const made = {

@@ -1,8 +1,8 @@
 // The report of a strike in a new tab, and its button.
 
-import { announce, element, save } from "./elements.js";
+import { announce, element, save, taskButton } from "./elements.js";
 import { fileName } from "./exports.js";
-import { isAbort, request } from "./service.js";
+import { request } from "./service.js";
 
 const WAIT = "The report is being computed: some 300 cases, half a minute to a few minutes.";
 const POLL_MS = 100;
@@ -14,14 +14,12 @@ const POLL_MS = 100;
  * @param {(error: Error) => void} onError
  */
 export function reportButton(read, onError) {
-  const button = element("button", { type: "button" }, "Report");
-  button.addEventListener("click", async () => {
+  const report = async () => {
     const tab = open("", "_blank"); // only a click may open one, so it is opened before the report is there
     if (tab) {
       tab.document.title = "Report";
       tab.document.body.textContent = WAIT;
     }
-    button.disabled = true;
     announce(WAIT);
     const [values, back] = [read(), location.href];
     try {
@@ -30,12 +28,10 @@ export function reportButton(read, onError) {
       announce("The report is in a new tab; print it from there.");
     } catch (error) {
       tab?.close();
-      announce("");
-      if (!isAbort(error)) onError(error);
+      throw error;
     }
-    button.disabled = false;
-  });
-  return button;
+  };
+  return taskButton("Report", {}, report, onError);
 }
 
 /** Show a report in a tab, below a bar that is not printed: back to the case, and the report as a file or as PDF. */

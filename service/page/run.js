@@ -30,7 +30,7 @@ export async function computeRun(values, signal) {
   const given = clipped(values);
   const most = given.numerics?.termination_time_s ?? TERMINATION_S;
   const requestRun = async (time) => {
-    const interval = Math.min(Math.max(nice(time / INSTANTS), most / MOST_ROWS), most);
+    const interval = Math.min(Math.max(nice(time / INSTANTS), most / MOST_ROWS), most); // few intervals, so that results are found again
     return requestStrike(trajectoryRequest(given, interval), signal);
   };
   const speed = given.impact.velocity_m_s;
@@ -110,8 +110,8 @@ function pathOf(history, projectile) {
   };
 }
 
-/** The next 1, 2 or 5 times a power of ten at or below: few intervals, so that results are found again. */
-function nice(value) {
+/** Return the next 1, 2 or 5 times a power of ten at or below. */
+export function nice(value) {
   const power = 10 ** Math.floor(Math.log10(value));
   return Number(([5, 2, 1].find((step) => step * power <= value * (1 + 1e-9)) * power).toPrecision(3));
 }

@@ -7,71 +7,65 @@ import { DISTRIBUTIONS, centreOf, inputField, parametersOf, scatterFields, usual
 
 const NUMBER = /-?\d+(?:\.\d+)?(?:e[+-]?\d+)?/g; // an error of a distribution has numbers in SI, without their unit
 
-/**
- * Build the form.
- *
- * @param {HTMLElement} root
- * @param {{inputs: object[], values: object, onChange: () => void}} options `values` is the case
- * @returns {{inputs: () => object[]|undefined, setCase: (values: object) => void,
- *   setInputs: (inputs: object[]) => boolean, showProblems: (errors: object[]) => object[]}} `inputs` are undefined while a field holds no number;
- *   `setInputs` returns whether they are others; `showProblems` returns the errors that point elsewhere
- */
-export function buildScatterForm(root, options) {
-  const form = new ScatterForm(root, options);
-  form.rebuild();
-  return {
-    inputs: () => (form.wrong.size ? undefined : form.inputs),
-    setCase(values) {
-      form.values = values;
-      form.rebuild();
-    },
-    setInputs(inputs) {
-      if (JSON.stringify(inputs) === JSON.stringify(form.inputs)) return false;
-      form.inputs = inputs;
-      form.rebuild();
-      return true;
-    },
-    showProblems: (errors) => form.showProblems(errors),
-  };
-}
-
-class ScatterForm {
+/** The form. */
+export class ScatterForm {
   groups = [];
   wrong = new Set(); // rows whose text is not accepted
 
+  /**
+   * @param {HTMLElement} root
+   * @param {{inputs: object[], values: object, onChange: () => void}} options `values` is the case
+   */
   constructor(root, { inputs, values, onChange }) {
-    Object.assign(this, { inputs, values, onChange });
+    Object.assign(this, { given: inputs, values, onChange });
     this.list = element("div");
     this.choice = element("select", { id: "scatter-add" });
     this.addButton = element("button", { type: "button", onclick: () => this.add() }, "Add");
     const usual = element("button", { type: "button", onclick: () => this.replace(usualInputs(this.values)) }, "Usual scatter");
     const label = element("label", { for: this.choice.id }, "Another input");
     root.append(this.list, element("div.field.whole", {}, label, this.choice), element("p.actions", {}, this.addButton, usual));
+    this.rebuild();
+  }
+
+  /** The inputs that scatter; undefined while a field holds no number. */
+  get inputs() {
+    return this.wrong.size ? undefined : this.given;
+  }
+
+  setCase(values) {
+    this.values = values;
+    this.rebuild();
+  }
+
+  setInputs(inputs) {
+    if (JSON.stringify(inputs) === JSON.stringify(this.given)) return; // the field that has the focus keeps it
+    this.given = inputs;
+    this.rebuild();
   }
 
   rebuild() {
     this.wrong.clear();
-    this.groups = this.inputs.map((input, index) => this.buildGroup(input, index));
+    this.groups = this.given.map((input, index) => this.buildGroup(input, index));
     this.list.replaceChildren(...this.groups.map(({ root }) => root));
-    const taken = new Set(this.inputs.map(({ field }) => field));
+    const taken = new Set(this.given.map(({ field }) => field));
     const free = scatterFields(this.values).filter(({ path }) => !taken.has(path));
     this.choice.replaceChildren(...free.map(({ path, label }) => element("option", { value: path }, label)));
     this.addButton.disabled = !free.length;
   }
 
   replace(inputs) {
-    this.inputs = inputs;
+    this.given = inputs;
     this.rebuild();
     this.onChange();
   }
 
   add() {
-    this.replace([...this.inputs, usualInput(this.choice.value)]);
+    this.replace([...this.given, usualInput(this.choice.value)]);
     this.groups.at(-1).root.querySelector("select, input").focus();
   }
 
   remove(index) {
-    this.replace(this.inputs.filter((_, i) => i !== index));
+    this.replace(this.given.filter((_, i) => i !== index));
     this.choice.focus();
   }
 
@@ -93,7 +87,7 @@ class ScatterForm {
     const id = `scatter-${index}-type`;
     const onchange = ({ target }) => {
       const other = { field, type: target.value, given: {} };
-      this.replace(this.inputs.map((each, i) => (i === index ? other : each)));
+      this.replace(this.given.map((each, i) => (i === index ? other : each)));
       document.getElementById(id).focus();
     };
     return element("div.field", {}, element("label", { for: id }, "Distribution"), element("select", { id, onchange }, ...options));
@@ -101,7 +95,7 @@ class ScatterForm {
 
   /** Build the row of a parameter, as of a field that may be empty: the centre is then the value of the case. */
   buildParameter(index, { name, label, si, centre }) {
-    const { field: path, given } = this.inputs[index];
+    const { field: path, given } = this.given[index];
     const field = fieldOf("number", `uncertain.${index}.${name}`, si, { label, name, optional: true });
     const usual = centre ? centreOf(path, this.values) : undefined;
     field.open = usual === undefined ? "" : String(shownNumber(field, usual));
@@ -109,9 +103,9 @@ class ScatterForm {
       accept: (value) => {
         this.wrong.delete(row);
         this.clear();
-        const { [name]: _, ...others } = this.inputs[index].given;
+        const { [name]: _, ...others } = this.given[index].given;
         const next = value === undefined ? others : { ...others, [name]: value };
-        this.inputs = this.inputs.map((each, i) => (i === index ? { ...each, given: next } : each));
+        this.given = this.given.map((each, i) => (i === index ? { ...each, given: next } : each));
         this.onChange();
       },
       hold: () => {
@@ -132,6 +126,7 @@ class ScatterForm {
     }
   }
 
+  /** Show errors at the fields they point to; return those that point elsewhere. */
   showProblems(errors) {
     return errors.filter(({ pointer, detail }) => {
       const [, index, ...names] = pointer.slice(1).split("/");

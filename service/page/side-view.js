@@ -7,7 +7,7 @@ import { aboutRuns } from "./exports.js";
 import { closedOutline, placed } from "./outline.js";
 import { colour, csvOf, drawingOf, place } from "./plots.js";
 import { arcMarks, bendingMark, criticalMark, exitMark, faceNames, forceMarks, hole, protrusionMark } from "./side-view-marks.js";
-import { rowAt } from "./run.js";
+import { nice, rowAt } from "./run.js";
 import { unitOf } from "./units.js";
 import { digits, endingShown, lengthShown } from "./words.js";
 
@@ -17,7 +17,7 @@ const [NARROW, CAPTIONED] = [640, 490]; // px
 const NEAR = 2; // a rear face is in view up to this many times the depth that is reached
 const GRID_M = 0.1; // ends of the picture, so that it does not tremble while a slider moves
 const MARGIN = { left: 48, right: 12, top: 26, bottom: 38 }; // px
-const TICK_PX = 90; // between grid lines, at least
+const MOST_TICK_PX = 225; // between grid lines: 90 or more
 const LINE_PX = 14;
 const LETTER_PX = 7;
 
@@ -194,7 +194,7 @@ function solid({ target: { thickness_m: wall } }, { box, origin, scale }) {
 
 function axes({ box, origin, scale }) {
   const { unit, factor } = unitOf("m");
-  const step = nice((TICK_PX / scale) / factor) * factor;
+  const step = nice(MOST_TICK_PX / scale / factor) * factor;
   const ticks = (from, to) => {
     const first = Math.ceil(from / step);
     return Array.from({ length: Math.max(Math.floor(to / step) - first + 1, 0) }, (_, i) => (first + i) * step);
@@ -256,12 +256,6 @@ function labels(marks, { at, box }) {
     const halo = { stroke: colour("panel"), "stroke-width": 3, "paint-order": "stroke", "stroke-linejoin": "round" };
     return svg("text", { class: "mark", x, y, fill: color, ...halo }, ...lines);
   });
-}
-
-/** Return the next 1, 2 or 5 times a power of ten at or above. */
-function nice(value) {
-  const power = 10 ** Math.floor(Math.log10(value));
-  return [1, 2, 5, 10].find((step) => step * power >= value) * power;
 }
 
 function rowsOf({ run: { history, path }, name }) {

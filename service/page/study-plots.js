@@ -1,7 +1,7 @@
 // What a study shows: the probability with its band, the swing of each input, and tables of them.
 
 import { element, table } from "./elements.js";
-import { colour, csvOf, draw } from "./plots.js";
+import { colour, csvOf, draw, drawingOf } from "./plots.js";
 import { inputField } from "./scatter.js";
 import { headline, probabilityAt } from "./study.js";
 import { degreesShown, digits } from "./words.js";
@@ -65,7 +65,7 @@ export function drawCurve(root, study, values) {
 /** Draw how far each input moves the critical angle, the furthest on top. */
 export function drawTornado(root, study, values) {
   const bars = swings(study).reverse(); // Plotly begins at the bottom
-  root.querySelector(".drawing")?.style.setProperty("height", heightOf(bars));
+  drawingOf(root).style.height = `${bars.length * ROW_PX + AXIS_PX}px`;
   const trace = {
     type: "bar",
     orientation: "h",
@@ -91,9 +91,6 @@ export function drawTornado(root, study, values) {
     again: () => drawTornado(root, study, values),
     csv: () => csvOf(study.sensitivity.flatMap(({ field, swing }) => swing.map((each) => ({ field, ...each })))),
     label: `Swing of the critical angle by input: ${bars.map(({ label, span }) => `${label} ${degreesShown(span)}`).reverse().join(", ")}.`,
-  }).then((plot) => {
-    plot?.style.setProperty("height", heightOf(bars));
-    if (plot) window.Plotly.Plots.resize(plot);
   });
 }
 
@@ -159,8 +156,4 @@ function estimateShown({ value, lower, upper }) {
 function rangeOf(x, y, mine) {
   const changing = [...x.filter((_, i) => y[i] > 0.002 && y[i] < 0.998), mine];
   return [Math.max(Math.min(...changing) - MARGIN_DEG, x[0]), Math.min(Math.max(...changing) + MARGIN_DEG, x.at(-1))];
-}
-
-function heightOf(bars) {
-  return `${bars.length * ROW_PX + AXIS_PX}px`;
 }

@@ -28,7 +28,6 @@ export class TurnHandle {
     this.root = element("div.handle", {
       role: "slider",
       tabindex: 0,
-      hidden: true,
       "aria-label": "Oblique angle, in the side view",
       "aria-valuemin": LEAST_DEG,
       "aria-valuemax": MOST_DEG,
@@ -49,14 +48,10 @@ export class TurnHandle {
 
   /** Go along with what is drawn. */
   follow(run, words) {
-    const isNew = !this.#run;
     this.#run = run;
     if (!this.isHeld) this.#angle = run.values.impact.oblique_angle_deg;
     this.root.setAttribute("aria-valuetext", `${run.values.impact.oblique_angle_deg}° from the normal: ${words}`);
-    if (isNew) {
-      this.plotRoot.append(this.root);
-      this.root.hidden = false;
-    }
+    if (!this.root.isConnected) this.plotRoot.append(this.root); // below the drawing, which comes first
     this.place();
   }
 

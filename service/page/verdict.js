@@ -12,56 +12,53 @@ import { inputField, takeUsual } from "./scatter.js";
 import { request } from "./service.js";
 import { clearParts, markFresh, markStale } from "./stale.js";
 import { inShownUnits } from "./units.js";
-import { capital, degreesShown, describeAngle, digits, endingShown, lengthShown, outcomeShown, quantityShown, warningList } from "./words.js";
+import { degreesShown, describeAngle, digits, endingShown, lengthShown, quantityShown, warningList } from "./words.js";
 
 const REST_MS = 300; // without a change before the spread and the theories are computed: they are hundreds of searches
-const STRIP = { height: 40, edge: 14, margin_deg: 4 };
+const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2, letter: 6 }; // px and °; rows of labels, at least
+const BY_THEORY = /; (?:[\w-]+ decay \(weight [\d.]+\) [\d.]+°(?:, )?)+/;
 
 /**
- * Return the verdict on a strike: the sentence of the service where it is known, until then how the strike ends.
+ * Return the verdict on a strike: in a line what decides, in another what it means, and the design values of a wall.
+ *
+ * They are the sentence of the service where it is known, without the theories, which the strip names; until then how the strike ends.
  *
  * @param {{values: object, run: object, found: object, judged?: object}} known the answers to `/trajectory`, `/cra` and
  *   `/verdict` for a case; the range of `judged` may be that of another oblique angle
- * @returns {{sentence: string, figures: {name: string, value: string, note: string, kind?: string}[]}}
+ * @returns {{first: string, second: string, design: string, angle?: string}} `angle` is the critical one, as `second` has it
  */
-export function verdictOf({ values, run, found, judged }) {
+function verdictOf({ values, run, found, judged }) {
   const mine = `${clipped(values).impact.oblique_angle_deg}°`; // of the strike that is computed; a warning names it
-  const angle = found.critical_angle_deg;
-  const decimals = decimalsOf(judged);
-  const isOfAngle = judged?.oblique_angle_deg === values.impact.oblique_angle_deg;
-  const probability = isOfAngle ? judged.probability_text : undefined;
-  return {
-    sentence: isOfAngle ? inShownUnits(judged.sentence) : `At ${mine} from the normal, with the inputs as given: ${endingShown(run)}.`,
-    figures: [
-      { name: `Outcome at ${mine}`, value: capital(outcomeShown(run.outcome)), note: endOf(run) },
-      {
-        name: "Probability of ricochet",
-        value: probability ?? (isOfAngle ? "–" : "..."),
-        note: isOfAngle && probability === undefined && judged.range_text ? `${mine} is not in the range searched` : `at ${mine}, with the usual scatter`,
-      },
-      {
-        name: "Critical angle",
-        value: angle === undefined ? "none" : degreesShown(angle, decimals),
-        note: judged?.range_text ? `90 % range ${judged.range_text}` : "",
-        kind: angle === undefined ? undefined : "angle",
-      },
-    ],
-  };
+  const angle = found.critical_angle_deg && degreesShown(found.critical_angle_deg, decimalsOf(judged));
+  const range = judged?.range_text ? `, 90 % range ${judged.range_text}` : "";
+  if (judged?.oblique_angle_deg !== values.impact.oblique_angle_deg) {
+    const second = `${endOf(run)} ${angle ? `Critical angle ${angle}` : "No critical angle"}${range}.`;
+    return { first: `At ${mine} from the normal, with the inputs as given: ${endingShown(run)}.`, second, design: "", angle };
+  }
+  const [first, ...others] = sentencesOf(inShownUnits(judged.sentence));
+  const plain = judged.own_law ? others : others.map((each) => each.replace(BY_THEORY, ""));
+  const end = others.findIndex((each) => each.startsWith("Wall ")) + 1 || others.length; // the values of a wall follow
+  const unsearched = range && judged.probability_text === undefined ? [`${mine} is not in the range searched.`] : [];
+  return { first, second: [endOf(run), ...plain.slice(0, end), ...unsearched].join(" "), design: plain.slice(end).join(" "), angle };
 }
 
-/** Put a verdict into an element: a sentence and its figures. */
-export function showCard(root, { sentence, figures }, outcome) {
-  const [, first, rest = ""] = sentence.match(/^(.*?\.)(?:( [A-Z].*))?$/s); // at the first full stop before a capital
-  root.replaceChildren(
-    element("p.outcome", { "data-outcome": outcome }, element("strong", {}, first), element("span.rest", {}, rest)),
-    element(
-      "dl.figures",
-      {},
-      ...figures.map(({ name, value, note, kind }) =>
-        element("div", {}, element("dt", {}, name), element("dd", {}, element(kind ? `strong.${kind}` : "strong", {}, value), element("span.note", {}, note))),
-      ),
-    ),
-  );
+/** Return the sentences of a text: each ends with a full stop before a capital. */
+export function sentencesOf(text) {
+  return text.split(/(?<=\.) (?=[A-Z])/);
+}
+
+/** Put a verdict into an element: what decides, and in a second line what it means. */
+export function showCard(root, { first, second, angle }, outcome) {
+  const [before, ...after] = second.split(angle);
+  const rest = after.length ? [before, element("strong.angle", {}, angle), after.join(angle)] : [before];
+  root.replaceChildren(element("p.outcome.figures", { "data-outcome": outcome }, element("strong", {}, first), " ", element("span.rest", {}, ...rest)));
+}
+
+/** Return the section of a verdict: its first part stays at the upper edge of the window, beside the form or above it. */
+export function verdictSection(...parts) {
+  const setHeight = () => document.documentElement.style.setProperty("--verdict", `${parts[0].offsetHeight}px`);
+  new ResizeObserver(setHeight).observe(parts[0]);
+  return element("section.verdict", { "aria-label": "Verdict" }, ...parts);
 }
 
 /** The panel with the verdict. */
@@ -73,21 +70,26 @@ export class Verdict {
   #judged; // the answer to `/verdict`, perhaps for another oblique angle
 
   /**
-   * @param {{onError: (error: Error) => void, onAngle?: (found: object, values: object) => void, onJudged?: (judged: object) => void, hasRun?: boolean}} options
+   * @param {{onError: (error: Error) => void, onAngle?: (found: object, values: object) => void, onJudged?: (judged: object) => void, hasRun?: boolean, isLine?: boolean}} options
    *   `onAngle` is called with the answer of `/cra` for the inputs shown, whenever these change, `onJudged` with that of `/verdict`
-   *   once it is known what usually scatters; with `hasRun` the view computes the run and gives it to `setRun`
+   *   once it is known what usually scatters; with `hasRun` the view computes the run and gives it to `setRun`; with `isLine` the
+   *   verdict is a line that unfolds to the rest
    */
-  constructor({ onError, onAngle = () => {}, onJudged = () => {}, hasRun = false }) {
+  constructor({ onError, onAngle = () => {}, onJudged = () => {}, hasRun = false, isLine = false }) {
     Object.assign(this, { onAngle, onJudged, hasRun });
     this.card = element("div", {}, element("p.quiet", {}, "Computing ..."));
     this.strip = element("div.strip");
+    this.design = element("p");
     this.spread = element("div", { role: "group", "aria-label": "Spread" });
     this.fit = element("div.strip", { role: "group", "aria-label": "Own depth tests" });
     this.link = element("a", {}, "How sure, input by input");
     this.about = element("details", {}, element("summary", {}, "What the range stands for"), this.spread, this.fit);
     this.warnings = element("div", {});
-    const parts = [this.card, this.strip, element("div.spread", {}, this.about, this.link), this.warnings];
-    this.root = element("section.panel.across.verdict", { "aria-label": "Verdict" }, ...parts);
+    const notes = [this.design, element("div.spread", {}, this.about, this.link), this.warnings];
+    this.parts = isLine
+      ? [element("details.panel.head", { ontoggle: () => this.#show() }, element("summary", {}, this.card), this.strip, ...notes)]
+      : [element("div.panel.across.head", {}, this.card, this.strip), element("div.panel.across.notes", {}, ...notes)];
+    this.root = verdictSection(...this.parts);
     this.updateAngle = latest((values, signal) => this.#showAngle(values, signal), onError);
     this.updateJudged = latest((values, signal) => this.#judge(values, signal), onError, { supersede: true, restMs: REST_MS });
   }
@@ -97,7 +99,7 @@ export class Verdict {
     this.#values = values;
     this.#run = undefined;
     this.link.setAttribute("href", address("how-sure", caseQuery(values)));
-    markStale(this.card, this.warnings, this.strip);
+    markStale(this.card, this.warnings, this.strip, this.design);
     this.updateJudged.cancel();
     if (!this.isOf(values)) markStale(this.spread, this.fit);
     this.updateAngle(values);
@@ -120,13 +122,13 @@ export class Verdict {
     this.updateAngle.cancel();
     this.updateJudged.cancel();
     this.#key = undefined;
-    markStale(this.card, this.warnings, this.strip, this.spread, this.fit);
+    markStale(this.card, this.warnings, this.strip, this.design, this.spread, this.fit);
   }
 
   /** Show none, as a field is not accepted. */
   clear() {
     this.hold();
-    const others = [this.warnings, this.strip, this.spread, this.fit];
+    const others = [this.warnings, this.strip, this.design, this.spread, this.fit];
     for (const part of others) part.replaceChildren();
     markFresh(...others);
     clearParts(this.card); // says so once
@@ -134,8 +136,10 @@ export class Verdict {
 
   /** Keep the height that it has, or take what its words need: a picture below must not move under the pointer that drags in it. */
   keepHeight(isKept) {
-    const kept = { height: `${this.root.offsetHeight}px`, overflow: "clip" };
-    Object.assign(this.root.style, isKept ? kept : { height: "", overflow: "" });
+    for (const part of this.parts) {
+      const kept = { height: `${part.offsetHeight}px`, overflow: "clip" };
+      Object.assign(part.style, isKept ? kept : { height: "", overflow: "" });
+    }
   }
 
   stop() {
@@ -184,7 +188,9 @@ export class Verdict {
   #show() {
     const [values, run] = [this.#values, this.#run];
     if (!run || !this.isOf(values)) return;
-    showCard(this.card, verdictOf({ values, run, found: this.found, judged: this.#judged }), run.outcome);
+    const verdict = verdictOf({ values, run, found: this.found, judged: this.#judged });
+    showCard(this.card, verdict, run.outcome);
+    this.design.textContent = verdict.design;
     this.fit.replaceChildren(...(this.#judged?.own_tests ? fitOf(this.#judged.own_tests, this.strip.clientWidth) : []));
     const hasShots = Boolean(values.resistance?.strength_factor?.shots);
     if (hasShots && !this.#hadShots) this.about.open = true; // it says what they did to S
@@ -192,12 +198,12 @@ export class Verdict {
     this.spread.replaceChildren([describeAngle(this.found, decimalsOf(this.#judged)), this.#judged ? describeRange(this.#judged) : ""].join(" "));
     this.warnings.replaceChildren(...warningList(run.warnings, this.#warningsBeside(run)));
     // One card shows one critical angle: beside that of a law of one's own, the theories stand in words alone.
-    const theories = (this.#judged?.own_law ? [] : this.#judged?.theories ?? []).map((each) => each.critical_angle_deg).filter((angle) => angle !== undefined);
+    const theories = (this.#judged?.own_law ? [] : this.#judged?.theories ?? []).filter((each) => each.critical_angle_deg !== undefined);
     const { lower_deg: lower, upper_deg: upper } = this.#judged?.range ?? {};
     const range = lower === undefined ? [] : [lower, upper];
     const { oblique_angle_deg: mine } = values.impact;
     this.strip.replaceChildren(stripOf(mine, this.found.critical_angle_deg, theories, range, this.strip.clientWidth, decimalsOf(this.#judged)));
-    markFresh(this.card, this.strip, this.fit);
+    markFresh(this.card, this.strip, this.design, this.fit);
     // Until the verdict is there, a warning may turn out to be a standing note.
     if (this.#judged?.oblique_angle_deg === mine) markFresh(this.warnings);
   }
@@ -205,15 +211,14 @@ export class Verdict {
 
 /** Return the decimals of a critical angle as the sentence of a verdict has them: one more than its range, at most 2; 1 without. */
 function decimalsOf(judged) {
-  return judged?.range_text.includes(".") ? 2 : 1;
+  return judged?.range_text?.includes(".") ? 2 : 1;
 }
 
-/** Return where a run has ended in a few words. */
-function endOf({ outcome, final, exit, protrusion, maximum_depth_m: depth }) {
-  if (outcome === "perforated") return `goes on at ${quantityShown(exit?.speed_m_s ?? final.depth_velocity_m_s, "m/s")}`;
-  if (exit) return `at ${quantityShown(exit.speed_m_s, "m/s")}, ${quantityShown(exit.elevation_deg, "°")} from the face`;
-  const out = outcome === "embedded" && protrusion?.final_m ? `its nose ${lengthShown(protrusion.final_m)} out of the rear face, ` : "";
-  return `${out}${lengthShown(depth)} deep after ${digits(final.time_s * 1e3)} ms`;
+/** Return where a run has ended in a sentence. */
+function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
+  if (outcome === "perforated") return `It goes on at ${quantityShown(exit?.speed_m_s ?? final.depth_velocity_m_s, "m/s")}.`;
+  if (exit) return `It leaves at ${quantityShown(exit.speed_m_s, "m/s")}, ${quantityShown(exit.elevation_deg, "°")} from the face.`;
+  return `It ${outcome === "embedded" ? "stops" : "is"} ${lengthShown(depth)} deep after ${digits(final.time_s * 1e3)} ms.`;
 }
 
 /** Return what the range stands for in words. */
@@ -232,37 +237,59 @@ function describeRange(judged) {
   ].filter(Boolean).join(" ");
 }
 
-/** A strip of angles: the theories as strokes on their range, the 90 % range as a band, the angle of the case as a pointer. */
+/** A strip of angles: the theories as strokes, the 90 % range as a band, the angle of the case as a pointer; each has its label. */
 function stripOf(mine, critical, theories, range, width, decimals) {
   const shown = (angle) => degreesShown(angle, decimals);
-  const all = [mine, critical, ...theories, ...range].filter((angle) => angle !== undefined);
+  const ends = theories.map((each) => each.critical_angle_deg).sort((a, b) => a - b);
+  const all = [mine, critical, ...ends, ...range].filter((angle) => angle !== undefined);
   const least = Math.max(Math.floor((Math.min(...all) - STRIP.margin_deg) / 5) * 5, 0);
   const most = Math.min(Math.ceil((Math.max(...all) + STRIP.margin_deg) / 5) * 5, 90);
-  const [size, { height, edge }] = [Math.max(width, 280), STRIP];
+  const [size, edge] = [Math.max(width, 280), STRIP.edge];
   const at = (angle) => edge + ((angle - least) / (most - least)) * (size - 2 * edge);
-  const bar = ([low, high], name, y, thickness) => svg("rect", { class: name, x: at(low), y, width: Math.max(at(high) - at(low), 1), height: thickness });
   const step = most - least > 40 ? 10 : 5;
   const ticks = Array.from({ length: Math.floor((most - least) / step) + 1 }, (_, i) => Math.ceil(least / step) * step + i * step).filter((angle) => angle <= most);
-  const ends = theories.length ? [Math.min(...theories), Math.max(...theories)] : [];
   const words = [
     `Your angle ${mine}°`,
     critical === undefined ? "no critical angle" : `critical angle ${shown(critical)}`,
-    ends.length ? `theories ${ends.map(shown).join(" to ")}` : "",
+    ends.length ? `theories ${[ends[0], ends.at(-1)].map(shown).join(" to ")}` : "",
     range.length ? `90 % range ${range.map((angle) => `${angle.toFixed(1)}°`).join(" to ")}` : "",
   ];
-  const toRight = at(mine) > size - 70;
+  const decays = names.choices["resistance.free_surface.model"];
+  const isCritical = (each) => shown(each.critical_angle_deg) === (critical !== undefined && shown(critical));
+  const marks = [
+    { angle: mine, name: "mine", text: `your angle ${mine}°` },
+    { angle: critical, name: "critical", text: ["critical angle", ...theories.filter(isCritical).map((each) => decays[each.free_surface])].join(", ") },
+    ...theories.filter((each) => !isCritical(each)).map((each) => ({ angle: each.critical_angle_deg, name: "theory", text: `${decays[each.free_surface]} ${shown(each.critical_angle_deg)}` })),
+    { angle: range[1], name: "band", text: "90 % range" },
+  ].filter(({ angle }) => angle !== undefined);
+  const rows = inRows(marks.map(({ angle, text }) => ({ x: at(angle), length: text.length * STRIP.letter })), size);
+  const top = STRIP.row * Math.max(STRIP.rows, ...rows.map(({ row }) => row + 1)); // the lower end of the labels
+  const stroke = ({ angle, name }, begin, end) => svg("line", { class: name, x1: at(angle), x2: at(angle), y1: begin, y2: end });
+  const band = range.length ? [svg("rect", { class: "band", x: at(range[0]), y: top + 10, width: Math.max(at(range[1]) - at(range[0]), 1), height: 14 })] : [];
   return svg(
     "svg",
-    { viewBox: `0 0 ${size} ${height}`, role: "img", "aria-label": `${words.filter(Boolean).join(", ")}.` },
-    svg("line", { class: "axis", x1: edge, x2: size - edge, y1: 22, y2: 22 }),
-    ...ticks.map((angle) => svg("text", { x: at(angle), y: height - 3, "text-anchor": "middle" }, `${angle}°`)),
-    ...(range.length ? [bar(range, "band", 15, 14)] : []),
-    ...(ends.length ? [bar(ends, "theories", 20, 4)] : []),
-    ...theories.map((angle) => svg("line", { class: "theory", x1: at(angle), x2: at(angle), y1: 17, y2: 27 })),
-    ...(critical === undefined ? [] : [svg("line", { class: "critical", x1: at(critical), x2: at(critical), y1: 13, y2: 30 })]),
-    svg("path", { class: "mine", d: `M${at(mine) - 6} 4h12l-6 12z` }),
-    svg("text", { class: "mine", x: at(mine) + (toRight ? -9 : 9), y: 12, "text-anchor": toRight ? "end" : "start" }, `${mine}°`),
+    { viewBox: `0 0 ${size} ${top + 40}`, role: "img", "aria-label": `${words.filter(Boolean).join(", ")}.` },
+    ...band,
+    svg("line", { class: "axis", x1: edge, x2: size - edge, y1: top + 17, y2: top + 17 }),
+    ...ticks.map((angle) => svg("text", { x: at(angle), y: top + 37, "text-anchor": "middle" }, `${angle}°`)),
+    ...marks.map(({ angle }, i) => stroke({ angle, name: "leader" }, top - STRIP.row * rows[i].row, top + 10)),
+    ...marks.filter(({ name }) => ["theory", "critical"].includes(name)).map((each) => stroke(each, top + 8, top + 26)),
+    ...marks.map(({ name, text }, i) => svg("text", { class: name, x: rows[i].left, y: top - 3 - STRIP.row * rows[i].row }, text)),
+    svg("path", { class: "mine", d: `M${at(mine) - 6} ${top + 1}h12l-6 12z` }),
   );
+}
+
+/** Return the places of labels, centred at `x`: each in the lowest row in which it is written over none before. */
+function inRows(labels, size) {
+  const placed = [];
+  for (const { x, length } of labels) {
+    const left = Math.min(Math.max(x - length / 2, 0), size - length);
+    const isTaken = (row) => placed.some((other) => other.row === row && left < other.left + other.length + 8 && other.left < left + length + 8);
+    let row = 0;
+    while (isTaken(row)) row += 1;
+    placed.push({ left, length, row });
+  }
+  return placed;
 }
 
 /** Two bars of the strength factor: by the published tests, and with the shots into this concrete; each its 90 % range. */

@@ -31,8 +31,7 @@ export function quantityShown(value, si, count = 3) {
 export function numberShown(value, si, count = 3) {
   if (Math.abs(value) < NOISE[si]) return "0";
   const shown = value / unitOf(si).factor;
-  const text = count > 3 ? String(Number(shown.toPrecision(count))) : digits(shown, count);
-  return Math.abs(Number(text)) >= 1e3 ? Number(text).toLocaleString("en") : text;
+  return count > 3 ? String(Number(shown.toPrecision(count))) : digits(shown, count);
 }
 
 /** Return a length in SI as text: in millimetres, or inches. */
@@ -66,16 +65,12 @@ export function warningShown(code) {
   return names.warnings[code] ?? code.replaceAll("_", " ");
 }
 
-/** Return how a run ended in a sentence or two. */
+/** Return how a run ended in a sentence or two; the verdict has its depth and its speed. */
 export function describeRun(run) {
   const { final, target } = run;
-  const speed = Math.hypot(final.depth_velocity_m_s, final.lateral_velocity_m_s);
-  const rest = run.outcome === "embedded" ? "" : ` It goes on at ${quantityShown(speed, "m/s")}.`;
-  const wall = wallOf(run);
-  const depth = run.outcome === "perforated" ? "" : ` It went ${lengthShown(run.maximum_depth_m)} deep.`;
   return (
     `After ${digits(final.time_s * 1e3)} ms, with its nose tip ${place(final.nose_tip_depth_m, target.thickness_m)} and its axis at ` +
-    `${(Math.round(10 * final.axis_angle_deg) / 10 || 0).toFixed(1)}° from the normal.${rest}${depth}${wall} Strength factor ${digits(run.strength_factor)}.`
+    `${(Math.round(10 * final.axis_angle_deg) / 10 || 0).toFixed(1)}° from the normal.${wallOf(run)} Strength factor ${digits(run.strength_factor)}.`
   );
 }
 

@@ -68,7 +68,8 @@ OBLIQUITY_POINTS = (
 )
 MAX_VELOCITY = BOUNDS["impact.velocity"].upper
 MAX_DIAMETERS = 1000.0
-"""Depth over diameter; long rods at any speed stay below 100. [1]"""
+"""Largest plausible depth over diameter, and largest diameter over depth [1]. Long rods at any speed stay below 100;
+depths in a wrong unit are mostly off by a factor of 1000."""
 FILE = Quantity("file", None, ("history",), required=True)
 MOTION_RUNS = (
     FILE,
@@ -100,12 +101,12 @@ def read_depth_tests(
     diameter
         Diameter of the projectile, to find implausible depths. [m]
     grouped
-        Whether a column names the group of each test.
+        True if a column names the group of each test.
 
     Raises
     ------
     FileError
-        With the line, if the file holds no such tests.
+        If the file is not a valid table of tests; the error names the line.
     """
     quantities = (*TEST_NUMBERS, GROUP) if grouped else TEST_NUMBERS
     readings, text = read_columns(read_table(path), quantities, columns or {}, units or {})
@@ -115,12 +116,12 @@ def read_depth_tests(
 
 
 def read_shots(path: str | Path) -> list[Shot]:
-    """Read shots of one's own: velocity, depth and, if there are such columns, mass and diameter.
+    """Read the user's own shots: velocity, depth and, if there are such columns, mass and diameter.
 
     Raises
     ------
     FileError
-        With the line, if the file holds no such shots.
+        If the file is not a valid table of shots; the error names the line.
     """
     readings, _ = read_columns(read_table(path), SHOT_NUMBERS, {}, {})
     readings.require_rows(1)
@@ -142,7 +143,7 @@ def read_obliquity_points(
     Raises
     ------
     FileError
-        With the line, if the file holds no such points.
+        If the file is not a valid table of points; the error names the line.
     """
     readings, _ = read_columns(read_table(path), OBLIQUITY_POINTS, columns or {}, units or {})
     angles = readings.values["oblique_angle"]
@@ -174,18 +175,18 @@ def _check_depth_tests(readings: Readings, diameter: float | None) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionRunRow:
-    """A row of such a table.
+    """A row of a table of runs, which gives the history of a run and its impact.
 
     Parameters
     ----------
     name
-        The file as the table names it.
+        Path of the history as written in the table.
     file
-        The file with the history, beside the table if its path is relative.
+        Path of the history; relative paths are resolved from the folder of the table.
     line
         Line of the table.
     impact
-        The given quantities of the impact, by name. [m/s, rad, rad/s]
+        Those quantities of the impact that the table gives, by name. [m/s, rad, rad/s]
     until
         End of the fitted part, if the table gives one. [s]
     """
@@ -198,12 +199,12 @@ class MotionRunRow:
 
 
 def read_motion_runs(path: str | Path) -> list[MotionRunRow]:
-    """Read a table of runs: the file of each and, where there are such columns, its impact and the end of the fit.
+    """Read a table of runs: the file of each and, if there are such columns, its impact and the end of the fit.
 
     Raises
     ------
     FileError
-        With the line, if the table holds no such runs.
+        If the file is not a valid table of runs; the error names the line.
     """
     table = read_table(path)
     readings, text = read_columns(table, MOTION_RUNS, {}, {})
@@ -229,15 +230,16 @@ MOTION = (
     Quantity("rotation", ANGLE),
 )
 MAX_SPEED_RATIO, MIN_SPEED_RATIO = 1.5, 0.1
-"""Plausible speeds over the initial one, in the first half of the motion; wrong units mostly differ by 1000. [1]"""
+"""Largest and smallest plausible speed over the initial one, in the first half of the motion [1]. The bounds are wide
+(a judgement), as wrong units are mostly off by a factor of 1000."""
 
 ROTATION_SCATTER = math.radians(5.0)
-"""Scatter of measured rotations. [rad]"""
+"""Allowance for the scatter of measured rotations, a judgement. [rad]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expected:
-    """The impact of a history, to find implausible motions."""
+    """The impact that a history should belong to, by which implausible motions are found."""
 
     impact: Impact
     projectile: Projectile
@@ -256,7 +258,7 @@ def read_motion(
 ) -> MotionHistory:
     """Read the motion of a centre of gravity since first contact.
 
-    The format is found from the content: LS-DYNA's rbdout, nodout or binary binout, otherwise CSV.
+    The format is recognized by the content: LS-DYNA's rbdout, nodout or binary binout, otherwise CSV.
 
     Parameters
     ----------
@@ -265,7 +267,7 @@ def read_motion(
     units
         Unit by quantity, if the header of a CSV file has none; the default is SI. LS-DYNA files have no units.
     axes
-        LS-DYNA: global axis by quantity. Quantities without an axis are left out.
+        LS-DYNA: global axis of each quantity. Quantities without an axis are left out.
     part, node
         LS-DYNA: the rigid body or the node to read, if there are several.
     contact
@@ -281,7 +283,7 @@ def read_motion(
     Raises
     ------
     FileError
-        With the line, if the file holds no such history.
+        If the file does not hold a valid history; the error names the line.
     """
     content = sheet_as_csv(path) if is_workbook(path) else read_bytes(path)
     states = _read_dyna(path, content, part, node)
@@ -367,7 +369,7 @@ def _check_speed(readings: Readings, expected: Expected) -> None:
         _refuse(readings, way > MAX_SPEED_RATIO * free + 0.5 * expected.projectile.diameter, name, "more", impact)
         most = MAX_SPEED_RATIO * impact.velocity * np.diff(time) + 0.5 * expected.projectile.diameter
         _refuse_step(readings, most, name, impact)
-        # At half of its way the projectile has not been slow for long.
+        # Too slow a motion is looked for at half of its way: later the projectile may have been slow for long.
         half = np.arange(len(time)) == (int(np.argmax(way >= 0.5 * way.max())) if way.any() else len(time) - 1)
         _refuse(readings, half & (way < MIN_SPEED_RATIO * share[name] * free), name, "much less", impact)
     if "rotation" in readings.values:
@@ -381,7 +383,7 @@ def _check_speed(readings: Readings, expected: Expected) -> None:
 def _refuse_step(readings: Readings, most: FloatArray, name: str, impact: Impact) -> None:
     """Raise an error for the first step between two rows that is larger than a motion can make.
 
-    Rows are missing or in another run there, or an angle starts again at a full turn.
+    The likely causes are missing rows, rows of another run, and an angle that starts again at a full turn.
     """
     column, time = readings.values[name], readings.values["time"]
     rows = np.flatnonzero(abs(np.diff(column)) > most)

@@ -1,6 +1,6 @@
-"""LS-DYNA's files: the motion of a rigid body or a node, state by state.
+"""Readers of LS-DYNA's files: the motion of a rigid body or a node, state by state.
 
-The text file rbdout has rigid bodies, nodout nodes; the binary binout has both, a folder for each state.
+The text file rbdout contains rigid bodies, nodout nodes; the binary binout contains both, with a folder for each state.
 
 A state of rbdout begins with ``r i g i d   b o d y   m o t i o n   a t  cycle= ... time= ...``. For each body there is
 a line ``rigid body N`` or ``nodal rigid body N``, then coordinates, displacements, velocities and accelerations along
@@ -39,7 +39,7 @@ TRANSLATIONS = ("depth_displacement", "lateral_displacement")
 
 @dataclass(frozen=True, slots=True)
 class CoordinateAxis:
-    """A global axis with a direction.
+    """A global axis of the model, with a direction.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class CoordinateAxis:
 
     @classmethod
     def named(cls, name: str) -> "CoordinateAxis":
-        """Return the axis of a name such as ``-z``.
+        """Return the axis with a name such as ``-z``.
 
         Raises
         ------
@@ -82,7 +82,9 @@ class States:
     lines, rotation_lines
         Line of the displacements and of the rotations of each state; None for binary files.
 
-    What the file has in place of a number, such as asterisks, is NaN.
+    Notes
+    -----
+    Text in place of a number, such as asterisks, is read as NaN.
     """
 
     path: str | PathLike[str]
@@ -122,7 +124,7 @@ def along(states: States, axes: Mapping[str, CoordinateAxis]) -> Readings:
 
 
 def select(path: str | PathLike[str], kind: str, ids: Sequence[int], wanted: int | None) -> int:
-    """Return the id of the body to read: the wanted one, or the only one.
+    """Return the id of the body to read: the wanted one if any, otherwise the only one.
 
     Raises
     ------
@@ -139,21 +141,22 @@ def select(path: str | PathLike[str], kind: str, ids: Sequence[int], wanted: int
     return wanted
 
 
-# Digits are counted: without a limit the pattern would begin anew at each digit of a long run.
+# The digits are limited: otherwise the search would begin anew at each digit of a long run of digits.
 NUMBER = re.compile(
     r"[+-]?\d{1,40}\.\d{,40}(?:[EeDd][+-]?\d{1,9}|[+-]\d{3})?|[+-]?(?:nan|inf(?:inity)?)", re.IGNORECASE
 )
 MAX_LINE = 10_000
-"""Longest line of numbers [characters]; those of LS-DYNA have some 200."""
+"""Longest line of numbers that is parsed [characters]. Lines of LS-DYNA have some 200; the limit bounds the time for a
+crafted line (the number is a judgement)."""
 ASTERISKS, COLUMN_WIDTH = re.compile(r"\*+"), 12
-"""Text that Fortran writes for a number that does not fit into its column."""
+"""Fortran fills the column of a number that does not fit with asterisks; a column of LS-DYNA is 12 characters wide."""
 BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d{3})$")
-"""Fortran omits the E before an exponent of three digits."""
+"""Exponent of three digits, before which Fortran omits the E."""
 
 RBDOUT_MARK = "r i g i d   b o d y   m o t i o n"
 RBDOUT_STATE = re.compile(r"\s*r i g i d +b o d y +m o t i o n +a t +cycle= *\S+ +time= *(?P<time>\S+)\s*")
 SWITCHED = "a part that is switched to deformable is not a rigid body"
-"""Why a body may be absent from states in the middle of a file."""
+"""Reason of an error for a body that is absent from states in the middle of a file."""
 BODY = re.compile(r"\s*(nodal )?rigid body\s+(?P<body>\d{1,18})\b.*")
 DISPLACEMENT_LINE = re.compile(r"\s*displacements:(?P<numbers>.*)")
 
@@ -166,7 +169,7 @@ NODE = re.compile(r"\s*(?P<node>\d{1,18})(?P<numbers>(?:\s*[+-]?\d{,40}\.|\s*\*|
 
 
 def read_rbdout(path: str | Path, lines: Sequence[str], part: int | None) -> States:
-    """Read the motion of one rigid body.
+    """Read the motion of one rigid body from the lines of rbdout.
 
     Raises
     ------
@@ -186,7 +189,8 @@ def read_rbdout(path: str | Path, lines: Sequence[str], part: int | None) -> Sta
             body = int(found["body"])
         elif body is not None and starts and (found := DISPLACEMENT_LINE.fullmatch(text)):
             rows.append((body, len(starts), line, found["numbers"]))
-            body = None  # the following numbers are along the axes of the body
+            # The displacements that follow for this body are along its own axes.
+            body = None
     wanted = select(path, "rigid body", sorted({row[0] for row in rows}), part)
     motions: list[list[float]] = []
     places = [row[2] for row in rows if row[0] == wanted]
@@ -201,7 +205,7 @@ def read_rbdout(path: str | Path, lines: Sequence[str], part: int | None) -> Sta
 
 
 def read_nodout(path: str | Path, lines: Sequence[str], node: int | None) -> States:
-    """Read the motion of one node.
+    """Read the motion of one node from the lines of nodout.
 
     Raises
     ------
@@ -230,7 +234,8 @@ def read_nodout(path: str | Path, lines: Sequence[str], node: int | None) -> Sta
                 motions[kind].append(_numbers(path, line, row["numbers"], 3, f"node {wanted}")[:3])
                 places[kind].append(line)
         elif begun:
-            kind = ""  # a table ends at its first other line: the title of the next state may look like a row
+            # A table ends at its first other line, as the title of the next state may look like a row.
+            kind = ""
     for kind, lines_of_states in starts.items():
         _require_complete(path, missing, lines_of_states, len(lines_of_states), motions[kind])
     return States(
@@ -260,19 +265,19 @@ def _nodes(lines: Sequence[str]) -> list[int]:
 def _require_complete(
     path: str | Path, missing: str, starts: Sequence[int], states: int, motions: Sequence[list[float]]
 ) -> None:
-    """Raise an error if one of the first states has no row of a body."""
+    """Raise an error if one of the first `states` states has no row of the wanted body."""
     if len(motions) < states:
         reason = "is the file cut short?" if len(motions) == len(starts) - 1 else SWITCHED
         raise FileError(path, f"the state has no {missing}: {reason}", starts[len(motions)])
 
 
 def _numbers(path: str | PathLike[str], line: int, text: str, least: int, what: str) -> list[float]:
-    """Return the numbers of a line, NaN for asterisks; in fixed-width formats they may follow each other directly.
+    """Return the numbers of a line, NaN for asterisks; in fixed-width formats nothing need separate them.
 
     Raises
     ------
     FileError
-        If the line holds something else, or fewer numbers.
+        If the line holds anything but numbers, or fewer than `least`.
     """
     if len(text) > MAX_LINE:
         raise FileError(path, f"{what}: the line has more than {MAX_LINE:,} characters", line)
@@ -300,14 +305,15 @@ BODIES = {"rbdout": "rigid body", "nodout": "node"}
 CHANGE_FOLDER, DATA, VARIABLE, TABLE, TABLE_END, FIRST_TABLE = 2, 3, 4, 5, 6, 7
 HEADER_BYTES = 8
 MAX_PATH = 1000
-"""Longest path of a variable in its folders; those of LS-DYNA have some 50 characters."""
+"""Longest path of a variable [characters]. Paths of LS-DYNA have some 50; a damaged file could nest folders without
+end, and each variable keeps its whole path."""
 TYPES: Mapping[int, str] = {
     1: "i1", 2: "i2", 3: "i4", 4: "i8", 5: "u1", 6: "u2", 7: "u4", 8: "u8", 9: "f4", 10: "f8"
 }  # fmt: skip
 
 
 def is_binout(content: bytes) -> bool:
-    """Return whether a file begins with the header of a binout."""
+    """Return True if a file begins with the header of a binout."""
     return (
         len(content) > HEADER_BYTES
         and content[0] >= HEADER_BYTES
@@ -363,7 +369,7 @@ def read_binout(path: str | Path, content: bytes, part: int | None, node: int | 
 
 
 def _continuations(path: str | Path) -> Iterator["Lsda"]:
-    """Yield the files in which LS-DYNA continues when one is full: binout0000%001 and so on."""
+    """Yield the files in which LS-DYNA continues a binout that is full: binout0000%001, binout0000%002, ..."""
     for number in itertools.count(1):
         further = Path(f"{path}%{number:03d}")
         if not further.exists():
@@ -372,10 +378,11 @@ def _continuations(path: str | Path) -> Iterator["Lsda"]:
 
 
 def _ids_of_states(files: Sequence["Lsda"], folders: Sequence["Folder"], database: str) -> list[FloatArray]:
-    """Return the ids of the bodies of each state, in the order of its numbers; states with the same share an array.
+    """Return the ids of the bodies of each state, in the order of its numbers; states with equal ids share an array.
 
-    They are those of the state itself or, without any, those of the metadata that was written last before it: they
-    are written again where a part is switched between rigid and deformable, and in each file that continues a run.
+    The ids are taken from the state itself or, if it has none, from the metadata last written before it. LS-DYNA
+    writes the metadata again when a part is switched between rigid and deformable, and in each file that continues a
+    run.
     """
     known: list[FloatArray] = []
     latest: FloatArray | None = None
@@ -391,7 +398,13 @@ def _ids_of_states(files: Sequence["Lsda"], folders: Sequence["Folder"], databas
 
 
 def _over_states(folders: Sequence["Folder"], name: str, places: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
-    """Return one variable over all states, from its place among the bodies of each."""
+    """Return one variable of the body over all states.
+
+    Parameters
+    ----------
+    places
+        Position of the body in each state, and the number of bodies there.
+    """
     values = []
     for row, (folder, (column, bodies)) in enumerate(zip(folders, places, strict=True)):
         numbers = folder.file.read(f"{folder.path}/{name}")
@@ -406,7 +419,7 @@ def _over_states(folders: Sequence["Folder"], name: str, places: Sequence[tuple[
 
 @dataclass(frozen=True, slots=True)
 class Folder:
-    """A state in one of the files of a run."""
+    """The folder of a state in one of the files of a run."""
 
     file: "Lsda"
     path: str
@@ -426,7 +439,7 @@ def _start(variable: Variable) -> int:
 
 
 class Lsda:
-    """The variables of an LSDA file.
+    """Reader of the variables of an LSDA file.
 
     Parameters
     ----------
@@ -461,8 +474,8 @@ class Lsda:
         Parameters
         ----------
         before
-            Folder of a state. Of a variable written several times, the last one before its time is read; by default
-            the last of all.
+            Folder of a state. A variable may be written several times: the one read is the last before this state, by
+            default the last in the file.
         """
         versions = self._variables.get(name)
         if versions is None:
@@ -476,7 +489,9 @@ class Lsda:
             self._bytes += size
             if variable.start + size > len(self._content):
                 raise self._cut_short(variable.start)
-            if self._bytes > len(self._content):  # Each variable has bytes of its own.
+            # In an undamaged file each variable has its own bytes. Without this check a crafted table could name the
+            # same bytes under many names, and fill the memory.
+            if self._bytes > len(self._content):
                 raise self._damaged("its variables overlap")
             numbers = np.frombuffer(self._content, variable.dtype, variable.count, variable.start)
             self._numbers[variable] = numbers.astype(np.float64)
@@ -494,7 +509,7 @@ class Lsda:
             position = self._read_table(table)
 
     def _read_table(self, position: int) -> int:
-        """Read one table; return the position of the next table's offset."""
+        """Read one table of symbols, and return the position of the offset of the next one."""
         command, position, _ = self._record(position)
         if command != TABLE:
             raise self._damaged(f"no table of symbols at byte {position}")
@@ -521,8 +536,9 @@ class Lsda:
 
     def _add(self, path: str, name: str, position: int) -> None:
         kind = self._integer(position, self._type)
+        # Other types are links to folders, whose variables are read under their own paths.
         if kind not in TYPES:
-            return  # a link to another folder
+            return
         offset = self._integer(position + self._type, self._offset)
         count = self._integer(position + self._type + self._offset, self._length)
         command, start, end = self._record(offset)

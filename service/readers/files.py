@@ -1,4 +1,4 @@
-"""Content of files: bytes, lines, columns of numbers, and errors that name the line."""
+"""Reading of files as bytes, lines and columns of numbers, and an error that names the file and the line."""
 
 import itertools
 import re
@@ -28,21 +28,26 @@ OTHER_FORMATS = (
     ),
     (re.compile(rb"(?s)\s*\*{20,}+.{,200}LEGAL NOTICES"), "LS-DYNA's d3hsp, the log of a run; {motion}"),
 )
-"""What else is given as a file of tests or of a motion, by how it begins."""
+"""Formats that users pass by mistake as a file of tests or of a motion: pattern of the first bytes, and the advice.
+
+Quantifiers are possessive or bounded where backtracking could be slow.
+"""
 DYNA_TITLE = re.compile(rb"(?s).{,512}ls-dyna.{,80}date")
 DYNA_MOTIONS = (b"r i g i d   b o d y", b"n o d a l   p r i n t")
 OTHER_DYNA = "an LS-DYNA text file other than rbdout and nodout; {motion}"
 HEAD_BYTES = 65_536
-"""Bytes that show the format of a file, comments of a keyword file among them; patterns see no more, so that a crafted
-file cannot make them slow."""
+"""Length of the part in which the format of a file is recognized [bytes]; the comments at the start of a keyword file
+have room in it (a judgement). The patterns see no more, so that a crafted file cannot make them slow."""
 MAX_BYTES = 2**30
-"""Largest file that is read, as LS-DYNA begins another file at this size; a device such as /dev/zero has no end."""
+"""Largest file that is read [bytes]. LS-DYNA begins another file at this size; and a device such as /dev/zero would be
+read without end."""
 D3PLOT_TYPES, D3PLOT_DIMENSIONS = range(1, 7), range(2, 8)
 MOTION_FILES = "the motion of a body is in rbdout, nodout or binout"
 
 
 MAX_REASON = 500
-"""Characters of an error, which may quote a cell of any length."""
+"""Longest reason of an error before it is cut [characters]: it may quote a cell of any length (the number is a
+judgement)."""
 
 
 class FileError(Exception):
@@ -53,9 +58,9 @@ class FileError(Exception):
     path
         The file, as the caller named it.
     reason
-        What is wrong.
+        Description of the problem.
     line
-        Number of the line, from 1; None for the whole file, or if it has no lines.
+        Number of the line, from 1; None if the problem is in the whole file, or the file has no lines.
     """
 
     def __init__(self, path: str | PathLike[str], reason: str, line: int | None = None) -> None:
@@ -75,15 +80,17 @@ def read_bytes(path: str | Path) -> bytes:
     Raises
     ------
     FileError
-        If it cannot be read or is empty.
+        If the file cannot be read, is empty or too large, or has a format that no reader takes.
     """
     try:
         with Path(path).open("rb") as file:
+            # One byte too many shows that the file is too large; a device has no size to ask for.
             content = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise FileError(path, error.strerror or str(error)) from None
     if len(content) > MAX_BYTES:
         raise FileError(path, f"the file is larger than {MAX_BYTES:,} bytes")
+    # A byte order mark, blanks and the zeros of a file that was only allocated are no content either.
     if not content.strip(b"\xef\xbb\xbf \t\r\n\x00"):
         raise FileError(path, "the file is empty")
     if other := _other_format(content):
@@ -92,7 +99,7 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def _other_format(content: bytes) -> str | None:
-    """Return the name of a format that no reader takes, and what to do; None for any other content."""
+    """Return the name of a format that no reader takes, with advice for the user; None for any other content."""
     if _is_d3plot(content):
         return "LS-DYNA's d3plot, the state of a whole model; {motion}"
     head = content[:HEAD_BYTES]
@@ -103,7 +110,11 @@ def _other_format(content: bytes) -> str | None:
 
 
 def _is_d3plot(content: bytes) -> bool:
-    """Return whether a file begins as LS-DYNA's d3plot: words 11 and 15 are the type of file and of its geometry."""
+    """Return True if a file begins as LS-DYNA's d3plot does.
+
+    Word 11 is the type of the file, word 15 that of its geometry. The width and the order of the bytes depend on the
+    machine that wrote the file.
+    """
     for width, order in itertools.product((4, 8), ("<", ">")):
         if len(content) >= 64 * width and content[:1].isascii() and content[:1] >= b" ":  # The title comes first.
             words = np.frombuffer(content, f"{order}i{width}", 64)
@@ -118,7 +129,8 @@ def lines_of(path: str | Path, content: bytes, *, strict: bool = True) -> list[s
     Parameters
     ----------
     strict
-        Raise an error where the text is not UTF-8; otherwise replace such characters, which titles of older files have.
+        Raise an error if the text is not UTF-8; otherwise replace such characters, which occur in titles of older
+        LS-DYNA files.
 
     Raises
     ------
@@ -150,7 +162,7 @@ class Readings:
     values
         Columns of equal length, by quantity. [SI]
     lines
-        Line of each row; None for binary files, whose errors name the row by its number.
+        Line of each row; None for binary files, whose errors give the number of the state instead.
     """
 
     path: str | PathLike[str]
@@ -163,25 +175,33 @@ class Readings:
         return len(next(iter(self.values.values())))
 
     def each_row(self) -> Iterator[dict[str, float]]:
-        """Yield the rows, each a value by quantity. [SI]"""
+        """Yield each row as a mapping from quantity to value. [SI]"""
         for row in range(self.rows):
             yield {name: float(values[row]) for name, values in self.values.items()}
 
     def error(self, row: int, reason: str) -> FileError:
-        """Return an error that names a row."""
+        """Return an error about a row."""
         if self.lines is None:
             return FileError(self.path, f"state {row + 1}: {reason}")
         return FileError(self.path, reason, self.lines[row])
 
     def require(self, name: str, accepted: NDArray[np.bool_], requirement: str, unit: str) -> None:
-        """Raise an error for the first row whose value of a quantity is not accepted."""
+        """Raise an error for the first row whose value of the quantity is not accepted.
+
+        Parameters
+        ----------
+        accepted
+            True in each row whose value is accepted.
+        requirement
+            End of the sentence of the error, such as "must be greater than 0".
+        """
         rows = np.flatnonzero(~accepted)
         if rows.size:
             value = float(self.values[name][rows[0]])
             raise self.error(int(rows[0]), f"{name} {requirement}, got {value:g} {unit}".rstrip())
 
     def require_rows(self, least: int) -> None:
-        """Raise an error if there are fewer rows."""
+        """Raise an error if there are fewer than `least` rows."""
         if self.rows < least:
             line = self.lines[-1] if self.lines else None
             raise FileError(self.path, f"at least {least} rows are needed, the file has {self.rows}", line)

@@ -1,4 +1,4 @@
-"""Quantities with their units, and CSV files: a header and rows of numbers, each with its line."""
+"""Reader of CSV files, whose columns are quantities in any known unit and whose errors name the line."""
 
 import csv
 import itertools
@@ -62,7 +62,7 @@ class Quantity:
     also
         Other names in headers.
     required
-        Whether every file must have a column of it.
+        True if every file must have a column of the quantity.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Quantity:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All names."""
+        """All names under which a header may list the quantity."""
         return (self.name, *self.also)
 
 
@@ -85,7 +85,7 @@ class UnknownUnitError(ValueError):
 
 
 def spelled(unit: str) -> str:
-    """Return a unit in the spelling of the tables above: m/s is m_s, µs is us."""
+    """Return a unit in the spelling of the mappings above: m/s becomes m_s, µs becomes us."""
     return unit.translate(SPELLINGS).lower()
 
 
@@ -104,14 +104,14 @@ def factor_to_si(quantity: Quantity, unit: str) -> float:
 
 
 def unit_in_header(quantity: Quantity, cell: str, *, named: bool) -> str | None:
-    """Return the unit of a quantity in a header cell: "" without a unit, None if the cell is for another quantity.
+    """Return the unit in a header cell: "" if the cell has none, None if it belongs to another quantity.
 
     Parameters
     ----------
     cell
         A cell such as ``time_s``, ``time [ms]`` or ``Time``.
     named
-        Whether the caller has assigned the cell to the quantity, whatever its name.
+        True if the caller has assigned the cell to the quantity, regardless of its name.
 
     Raises
     ------
@@ -131,24 +131,26 @@ def unit_in_header(quantity: Quantity, cell: str, *, named: bool) -> str | None:
 
 SEPARATORS = ",;\t"
 SEPARATOR_LINE = re.compile(r"\s*sep=(?P<separator>[,;\t|])\s*", re.IGNORECASE)
-"""First line by which spreadsheets name the separator."""
+"""First line in which spreadsheets name the separator."""
 COMMENTS = ("#", "%")
 NUMBER_SIGN = re.compile(r"# *(?=[,;\t])")
 """Begin of a header whose first column is named #, as that of a number often is."""
 NUMBERED = re.compile(r"#[^\s,;\t]+(?=([,;\t]))")
 """Begin of a row whose first cell is a number such as #17."""
 MAX_NAMES = 20
-"""Most names of columns listed in an error."""
+"""Largest number of column names listed in an error, which should stay readable (a judgement)."""
 MAX_COLUMNS = 10_000
-"""Largest number of columns: the name of each is compared with those of all quantities in all units."""
+"""Largest number of columns. The name of each is compared with those of all quantities in all units, so that the time
+grows with the columns (the number is a judgement)."""
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?")
 BLANKS = re.compile(r"(?<![ \t])[ \t]++(?![\[(])")
-"""Blanks between cells: all of a run of blanks, unless a unit in brackets follows."""
+"""Blanks between two cells, unless a unit in brackets follows. The match is a whole run of blanks and possessive, as
+otherwise the time would grow with the square of a long run."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{,2}(,\d{3})+(\.\d*)?")
-"""A number with commas between its thousands; with one comma, it may as well be a decimal comma."""
+"""A number with commas between thousands; a single comma may as well be a decimal comma."""
 MINUS = "\u2212"
-"""The minus sign of typesetting, which spreadsheets and web pages put before numbers."""
+"""Typographic minus sign, which spreadsheets and web pages put before numbers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +166,7 @@ class Table:
     rows
         Cells of each row, as many as the header has.
     lines
-        First line of each row.
+        Line at which each row begins; quoted cells may span several lines.
     """
 
     path: str | Path
@@ -176,7 +178,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """The column of a quantity.
+    """The column of a table that holds a quantity.
 
     Parameters
     ----------
@@ -194,15 +196,15 @@ class Column:
 def read_table(path: str | Path, content: bytes | None = None, *, gaps: bool = False) -> Table:
     """Read a CSV file, or the first sheet of an Excel workbook.
 
-    Cells are separated by commas, semicolons, tabs or, without any of these in the header, by blanks. Lines that begin
-    with ``#`` or ``%`` are comments; the last one before numbers without a header is the header. A first line
-    ``sep=;`` names the separator, a second row of units belongs to the header.
+    Cells are separated by commas, semicolons or tabs, or by blanks if the header contains none of these. Lines that
+    begin with ``#`` or ``%`` are comments. If numbers follow without a header, the last comment before them is the
+    header. A first line ``sep=;`` names the separator, and a second row of units belongs to the header.
 
     Parameters
     ----------
     gaps
-        Whether lines may be empty, and rows lack cells at their ends; a line with all cells that begins with a number
-        such as #17 is then a row, and a column without a name or a cell is none.
+        True if lines may be empty, and rows may lack cells at their ends. A line with all cells that begins with a
+        number such as #17 is then a row, and a column without a name or a cell is ignored.
 
     Raises
     ------
@@ -269,12 +271,12 @@ def _with_numbers(lines: list[str]) -> list[str]:
 
 
 def _of_length(path: str | Path, line: int, row: Sequence[str], count: int, *, gaps: bool) -> list[str]:
-    """Return a row with as many cells as the header; with gaps, cells may be missing at its end.
+    """Return a row with as many cells as the header. With gaps, missing cells at its end are filled in as empty.
 
     Raises
     ------
     FileError
-        If it has another number of cells.
+        If the row has another number of cells.
     """
     cells = list(row)
     while len(cells) > count and not cells[-1]:
@@ -289,7 +291,7 @@ def _of_length(path: str | Path, line: int, row: Sequence[str], count: int, *, g
 def read_columns(
     table: Table, quantities: Sequence[Quantity], columns: Mapping[str, str], units: Mapping[str, str]
 ) -> tuple[Readings, Mapping[str, Sequence[str]]]:
-    """Return the numbers of a table in SI, and its columns of text, both by quantity.
+    """Return the columns of numbers of a table, in SI, and its columns of text, both by quantity.
 
     Parameters
     ----------
@@ -311,7 +313,7 @@ def read_columns(
 
 
 def _with_header(lines: list[str]) -> list[str]:
-    """Return the lines with the last comment as the header, if only numbers follow it, as in files of numpy."""
+    """Return the lines with the last comment turned into the header, if only numbers follow, as in files of numpy."""
     first = next((n for n, line in enumerate(lines) if line.strip() and not line.startswith(COMMENTS)), 0)
     comment = lines[first - 1] if first else ""
     if comment.startswith(COMMENTS) and not NUMBER_SIGN.match(comment) and _has_numbers_only(lines[first]):
@@ -326,18 +328,18 @@ def _has_numbers_only(line: str) -> bool:
 
 
 def _with_tabs(lines: list[str]) -> list[str]:
-    """Return lines whose cells are separated by blanks with tabs between them; names may have units in brackets."""
+    """Replace the blanks between cells by tabs, except before a unit in brackets."""
     return [line if line.startswith(COMMENTS) else BLANKS.sub("\t", line.strip()) for line in lines]
 
 
 def _are_units(row: Sequence[str]) -> bool:
-    """Return whether a row below the header holds units of its columns."""
+    """Return True if a row below the header holds the units of the columns."""
     units = {unit for known in ALL_UNITS for unit in known}
     return any(spelled(cell.strip("[]()")) in units for cell in row) and not any(map(NUMBER.fullmatch, row))
 
 
 def _cells(path: str | Path, lines: list[str], separator: str) -> Iterator[tuple[int, list[str]]]:
-    # A comment becomes an empty line, so that lines are counted right.
+    # A comment becomes an empty line rather than being left out, so that the line numbers in errors are right.
     reader = csv.reader(
         ("\n" if line.startswith(COMMENTS) else line + "\n" for line in lines), delimiter=separator, strict=True
     )
@@ -396,7 +398,7 @@ def _find_one(table: Table, quantity: Quantity, name: str | None, unit: str | No
 
 
 def _check_absent(table: Table, quantity: Quantity, wanted: str | None) -> None:
-    """Raise an error if a missing quantity is required, or seems to have a column with an unknown unit."""
+    """Raise an error if a missing quantity is required, or if a column has its name but is not read as it."""
     if wanted is None:
         for cell in table.header:
             for name in quantity.names:
@@ -448,7 +450,7 @@ def _hint(cell: str, *, first: bool) -> str:
 
 
 def decimal_hint(cell: str) -> str:
-    """Return the end of an error for a number with commas; empty for another cell."""
+    """Return the end of an error for a number with commas; empty for any other cell."""
     if THOUSANDS.fullmatch(cell):
         plain = cell.replace(",", "")
         if cell.count(",") == 1 and "." not in cell:

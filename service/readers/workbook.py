@@ -1,4 +1,4 @@
-"""The first sheet of an Excel workbook, as the text of a CSV file."""
+"""Conversion of the first sheet of an Excel workbook to the text of a CSV file."""
 
 import csv
 import io
@@ -11,23 +11,24 @@ from service.readers.files import MAX_BYTES, FileError
 
 ENDING = ".xlsx"
 MAX_CELLS = 5_000_000
-"""Largest number of cells that are read, 50 columns of the most cases of a batch: a small file can hold many more."""
+"""Largest number of cells that are read: 50 columns of the largest batch. A small compressed file can hold many more,
+and would fill the memory."""
 
 
 def is_workbook(path: str | Path) -> bool:
-    """Return whether a file is an Excel workbook by its name."""
+    """Return True if the name of a file is that of an Excel workbook."""
     return Path(path).suffix.lower() == ENDING
 
 
 def sheet_as_csv(path: str | Path) -> bytes:
-    """Return the cells of the first sheet; of a formula, the value that was saved with it.
+    """Return the cells of the first sheet as CSV; a formula is replaced by the value that was saved with it.
 
-    A row of the sheet is a line, so that errors name the row.
+    Each row of the sheet becomes one line, so that the line in an error is the number of the row.
 
     Raises
     ------
     FileError
-        If the file cannot be read or openpyxl is not installed.
+        If the file cannot be read, has too many cells, or openpyxl is not installed.
     """
     try:
         from openpyxl import load_workbook  # noqa: PLC0415 (an extra, which other files do without)
@@ -51,6 +52,7 @@ def sheet_as_csv(path: str | Path) -> bytes:
             count += len(cells)
             if count > MAX_CELLS:
                 raise FileError(path, f"the sheet has more than {MAX_CELLS:,} cells")
+            # An empty row becomes an empty line rather than one of commas, as the reader of tables expects.
             if any(cells):
                 writer.writerow(cells)
             else:
@@ -61,10 +63,11 @@ def sheet_as_csv(path: str | Path) -> bytes:
 
 
 def _text(value: Any) -> str:
-    """Return a cell as text on one line; a number has all its digits, and a whole one no point."""
+    """Return a cell as text on one line. Numbers keep all digits, and whole numbers have no decimal point."""
     if value is None:
         return ""
-    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:  # Excel has floats alone.
+    # Excel has no integers, only floats; those below 1e15 are written without an exponent.
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
         return str(int(value))
     if isinstance(value, datetime):
         return value.isoformat(sep=" ")

@@ -1,4 +1,4 @@
-"""The report of one strike, as an assessor files it: case, answer, spread, other models, limits, formulas, sources."""
+"""Report of one strike for the files of an assessor: case, answer, spread, other models, limits, formulas, sources."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -45,7 +45,7 @@ RUN_TITLES: Final[Mapping[str, str]] = {
     "highest": "Greatest angle searched, ",
 }
 UNSAID: Final = frozenset({"no_indices"})
-"""Warnings about what the report does not show."""
+"""Codes of warnings that concern nothing in the report."""
 KEYS: Final[Mapping[str, str]] = {
     "cra": "critical angle",
     "uncertainty": "spread",
@@ -64,35 +64,35 @@ MM: Final = 1e3
 
 @dataclass(frozen=True, kw_only=True)
 class Assessed:
-    """A strike with its answers, as plain data in the names and units of the contract."""
+    """A strike and its answers, as plain data with the names and units of the contract."""
 
     given: Mapping[str, Any]
     """The request as received."""
     case: Mapping[str, Any]
-    """The same with defaults filled in."""
+    """The request with defaults filled in."""
     assumed: Mapping[str, Any]
-    """Values of inputs for which neither has one."""
+    """Values that the model assumes for inputs without a default."""
     scatter: Sequence[Mapping[str, Any]]
-    """Inputs that scatter, as the study took them."""
+    """Uncertain inputs with their distributions, as the study used them."""
     dispersion: float
-    """Of S at the stated strength. [ln]"""
+    """Standard deviation of the logarithm of S at the stated strength. [1]"""
     verdict: Verdict
     advice: str
-    """What shots of one's own are worth; empty if it is not known."""
+    """Sentence about how far the user's own shots would narrow the range; empty if that is not known."""
     projectile: Projectile
     answers: Mapping[str, Any]
-    """By name; an object with `problem` where there is none."""
+    """Answers by name; one that failed is an object with the field `problem`."""
     speeds: Sequence[tuple[float, Mapping[str, Any]]]
-    """Speed and answer of searches at other speeds. [m/s]"""
+    """Speed [m/s] and answer of each search at another speed."""
     made: str
-    """Date and time."""
+    """Date and time at which the report was made."""
     address: str | None
-    """Address of the service that computed it."""
+    """Address of the service that computed the answers; None if there was no service."""
     versions: Mapping[str, str]
 
 
 class Limit(NamedTuple):
-    """A limit of validity, and the case beside it."""
+    """A limit of validity and the value of the case."""
 
     label: str
     value: Any
@@ -149,7 +149,7 @@ def page(strike: Assessed) -> str:
 
 
 def _headline(verdict: Verdict) -> Markup:
-    """Return the verdict with its range in bold, and what it says first of the strike and of the wall in large type."""
+    """Return the verdict as HTML: its range in bold, its first sentences on the strike and the wall in large type."""
     leads = [verdict.sentence, verdict.wall.sentence if verdict.wall else ""]
     text = escape(verdict.sentence)
     for lead in dict.fromkeys(escape(_first_sentence(each)) for each in leads if each):
@@ -161,7 +161,7 @@ def _headline(verdict: Verdict) -> Markup:
 
 
 def _first_sentence(text: str) -> str:
-    """Return text up to the first full stop before a capital: those of decimals and abbreviations have none behind."""
+    """Return the text up to the first full stop before a capital letter; none follows decimals and abbreviations."""
     return re.split(r"(?<=\.) (?=[A-Z])", text, maxsplit=1)[0]
 
 
@@ -181,7 +181,7 @@ def _problem(strike: Assessed, name: str) -> str | None:
 
 
 def _title(strike: Assessed) -> str:
-    """Return a title that also makes a file name."""
+    """Return the title of the report; browsers suggest it as the name of a saved file."""
     case = strike.case
     parts = [f"{case['impact']['velocity_m_s']:.4g} m/s", f"{1e-6 * case['target']['compressive_strength_pa']:.4g} MPa"]
     if (angle := lookup(case, "/impact/oblique_angle_deg")) is not None:
@@ -196,7 +196,7 @@ def _groups(numbers: Numbers, strike: Assessed) -> Mapping[str, list[Row]]:
 
 
 def _probability_at(strike: Assessed, study: Mapping[str, Any] | None) -> int | None:
-    """Return the place of the angle to judge among those of the study."""
+    """Return the index of the angle to judge among the angles of the study."""
     angle = lookup(strike.case, "/impact/oblique_angle_deg")
     if study is None or angle is None:
         return None
@@ -205,12 +205,12 @@ def _probability_at(strike: Assessed, study: Mapping[str, Any] | None) -> int | 
 
 
 def _quantiles(study: Mapping[str, Any] | None) -> Mapping[float, int]:
-    """Return the places of the quantiles by level."""
+    """Return the index of each quantile by its level."""
     return {} if study is None else {each["level"]: i for i, each in enumerate(study["critical_angle"]["quantiles"])}
 
 
 def _scatter(numbers: Numbers, strike: Assessed, study: Mapping[str, Any] | None) -> list[list[Any]]:
-    """Return a row for each input that scatters: label, spread, its 5 % and 95 % quantiles with the angle at these."""
+    """Return a row for each uncertain input: label, spread, and its 5 % and 95 % quantiles with the angle at each."""
     found = []
     for i, (each, given) in enumerate(zip((study or {}).get("sensitivity", ()), strike.scatter, strict=False)):
         field = field_of(each["field"])
@@ -240,7 +240,7 @@ def _spread(distribution: Mapping[str, Any], unit: str) -> str:
 
 
 def _laws(numbers: Numbers, search: Mapping[str, Any]) -> list[list[Any]]:
-    """Return a row for each strength law: its name and the angle with each decay law."""
+    """Return a header and a row for each strength law: its name and the critical angle with each decay law."""
     alternatives = search.get("alternatives", ())
     decays = list(dict.fromkeys(each["free_surface"] for each in alternatives))
     found: dict[tuple[str, str], list[Any]] = {}
@@ -255,7 +255,10 @@ def _laws(numbers: Numbers, search: Mapping[str, Any]) -> list[list[Any]]:
 
 
 def _law_range(search: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Return the pointers of the smallest and the largest angle under the theories of the decay and other laws of S."""
+    """Return the pointers of the smallest and the largest critical angle among the alternative laws.
+
+    Alternatives without any decay near the free surface are not counted.
+    """
     found = [
         (each["critical_angle_deg"], f"/cra/alternatives/{i}/critical_angle_deg")
         for i, each in enumerate(search.get("alternatives", ()))
@@ -265,7 +268,7 @@ def _law_range(search: Mapping[str, Any]) -> tuple[str, str] | None:
 
 
 def _formula_rows(answer: Mapping[str, Any] | None) -> list[tuple[int, Mapping[str, Any]]]:
-    """Return the formulas with their places, those in range first."""
+    """Return the formulas with their indices, those in their range of validity first."""
     return sorted(enumerate(answer["formulas"] if answer else ()), key=lambda each: not each[1]["in_range"])
 
 
@@ -337,9 +340,9 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
 
 
 def _warnings(strike: Assessed) -> list[tuple[tuple[str, str, str], bool]]:
-    """Return the warnings of what is shown: those of the verdict, and of the rest each code that these do not have.
+    """Return the warnings of the report: those of the verdict, and from other answers those with a further code.
 
-    Each is its code, its text and what it belongs to, with whether it comes with most answers.
+    Each item is the code, the text and the label of the answer, and True if most answers have this warning.
     """
     of_strike = {each["detail"] for each in (_answered(strike, "judged") or {}).get("warnings", ())}
     of_search = {each["detail"] for each in strike.answers["cra"]["warnings"]}
@@ -361,7 +364,7 @@ def _warnings(strike: Assessed) -> list[tuple[tuple[str, str, str], bool]]:
 
 
 def _pictures(strike: Assessed, study: Mapping[str, Any] | None) -> dict[str, bytes]:
-    """Draw the figures; those of runs that could not be computed are missing."""
+    """Draw the figures; runs that could not be computed are left out."""
     case, angle = strike.case, strike.answers["cra"].get("critical_angle_deg")
     judged, thickness = lookup(case, "/impact/oblique_angle_deg"), lookup(case, "/target/thickness_m")
     runs = []

@@ -1,4 +1,4 @@
-"""Figures of the report of one strike: a sketch of it, runs from the side, and the two decisive curves."""
+"""Figures of the report of one strike: a sketch, side views of runs, and the two decisive curves."""
 
 import io
 import math
@@ -15,11 +15,11 @@ from service.reports.style import TIP_PATH, TipPath, draw_concrete, draw_path, s
 from solver.projectile import Projectile
 
 SNAPSHOTS = 4
-"""Outlines of a run."""
+"""Outlines of the projectile drawn for each run; more would cover each other in a view of this size (a judgement)."""
 LEAST_WIDTH = 0.8
-"""Least width of a view, over that of the widest beside it. [1]"""
+"""Least width of a view, over that of the widest beside it [1]; a narrower one would be too narrow for its title."""
 Frame: TypeAlias = tuple[float, float, float, float]
-"""Left, right, top and bottom of a view. [m]"""
+"""Left, right, top and bottom end of a view. [m]"""
 SETTINGS: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 8.5,
@@ -27,12 +27,20 @@ SETTINGS: dict[Any, Any] = {
     "legend.fontsize": 7,
     "svg.fonttype": "path",
 }
+ONE_LINE: dict[str, Any] = {
+    "ncols": 4,
+    "handlelength": 1.2,
+    "columnspacing": 0.9,
+    "handletextpad": 0.4,
+    "borderpad": 0.2,
+}
+"""A legend below a picture, so narrow that its entries fit beside each other."""
 PAGE = 7.2
 """Width of the page between its margins. [in]"""
 
 
 def svg(figure: Figure) -> bytes:
-    """Return a figure as SVG without date."""
+    """Return a figure as SVG, without the date so that the same strike gives the same bytes."""
     file = io.BytesIO()
     figure.savefig(file, format="svg", metadata={"Date": None}, bbox_inches="tight", pad_inches=0.03)
     return file.getvalue()
@@ -54,7 +62,8 @@ def sketch(projectile: Projectile, *, oblique_deg: float, attack_deg: float, thi
     body, length = silhouette(projectile), projectile.length
     lateral = -body[:, 0] * math.sin(axis) + body[:, 1] * math.cos(axis)
     depth = -body[:, 0] * math.cos(axis) - body[:, 1] * math.sin(axis)
-    depth -= max(depth.max(), 0.0)  # the edge that touches first
+    # At first contact the lowest point lies in the face; with a large angle it is an edge rather than the tip.
+    depth -= max(depth.max(), 0.0)
     below = 0.6 * length if thickness is None else min(max(1.2 * thickness, 0.45 * length), 1.2 * length)
     side = 0.12 * length
     left, right = min(lateral.min(), -0.3 * length) - side, max(lateral.max(), 0.75 * length) + side
@@ -79,7 +88,7 @@ def sketch(projectile: Projectile, *, oblique_deg: float, attack_deg: float, thi
 
 
 def _arc(axes: Axes, radius: float, start_deg: float, stop_deg: float) -> None:
-    """Draw an angle from the inward normal; depth grows downwards."""
+    """Draw the arc of an angle from the inward normal; depth grows downwards."""
     ends = sorted((90.0 - start_deg, 90.0 - stop_deg))
     axes.add_patch(Arc((0.0, 0.0), 2.0 * radius, 2.0 * radius, theta1=ends[0], theta2=ends[1], linewidth=0.9))
 
@@ -87,12 +96,12 @@ def _arc(axes: Axes, radius: float, start_deg: float, stop_deg: float) -> None:
 def side_views(
     projectile: Projectile, runs: Sequence[tuple[str, Mapping[str, Any]]], *, thickness: float | None
 ) -> Figure:
-    """Draw runs beside one another to one scale.
+    """Draw runs beside one another, to the same scale.
 
     Parameters
     ----------
     runs
-        Title and answer with history of each.
+        Title and answer, with its history, of each run.
     thickness
         Thickness of a wall; None for a half-space. [m]
     """
@@ -116,7 +125,7 @@ def side_views(
 
 
 def _widened(frame: Frame, width: float) -> Frame:
-    """Return a view that is at least this wide, which leaves room for its title. [m]"""
+    """Return a view widened to at least `width`, which leaves room for its title. [m]"""
     left, right, top, bottom = frame
     more = max(0.5 * (width - (right - left)), 0.0)
     return left - more, right + more, top, bottom
@@ -134,7 +143,7 @@ def _path_of(projectile: Projectile, history: Mapping[str, Sequence[float]]) -> 
 
 
 def _frame(path: TipPath, length: float, breadth: float, thickness: float | None) -> Frame:
-    """Return left, right, top and bottom of a view. [m]"""
+    """Return the view that contains the whole run and, unless it is far away, the back of the wall."""
     tails = path.lateral - length * np.sin(path.axis_angle), path.depth - length * np.cos(path.axis_angle)
     lateral, depth = np.concatenate((path.lateral, tails[0])), np.concatenate((path.depth, tails[1], [0.0]))
     margin = 0.05 * length + breadth
@@ -159,12 +168,13 @@ def curves(
     speeds
         Speed [m/s] and answer of each search.
     uncertainty
-        Answer of the study, None if there is none.
+        Answer of the uncertainty study; None if there is none.
     speed, angle, judged
         Speed of the case [m/s], its critical angle if there is one, and the angle to judge if given [°].
     """
-    figure = Figure(figsize=(PAGE, 1.55), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure = Figure(figsize=(PAGE, 1.6), layout="constrained")
+    halves = figure.subfigures(1, 2)
+    left = halves[0].subplots()
     _draw_speeds(left, speeds)
     left.axvline(speed, color=style.HINT, linewidth=0.8, linestyle="--")
     if angle is not None:
@@ -174,10 +184,10 @@ def curves(
     left.set(title="Critical angle over the speed", xlabel="speed [m/s]", ylabel="angle from the normal [°]")
     left.set_ylim(0.0, 90.0)
     if left.get_legend_handles_labels()[1]:
-        left.legend(loc="best")
+        halves[0].legend(loc="outside lower center", **ONE_LINE)  # No place within the axes is free for every case.
     if uncertainty is None:
-        right.remove()
         return figure
+    right = halves[1].subplots()
     curve = uncertainty["probability"]
     angles = curve["oblique_angle_deg"]
     right.fill_between(
@@ -190,12 +200,12 @@ def curves(
         right.axvline(judged, color=TIP_PATH, linewidth=0.8, linestyle=":", label="angle to judge")
     right.set(title="Probability of ricochet", xlabel="oblique angle θ from the normal [°]", ylabel="probability")
     right.set(xlim=(angles[0], angles[-1]), ylim=(0.0, 1.02))
-    right.legend(loc="best")
+    halves[1].legend(loc="outside lower center", **ONE_LINE)
     return figure
 
 
 def _draw_speeds(axes: Axes, speeds: Sequence[tuple[float, Mapping[str, Any]]]) -> None:
-    """Draw the critical angle, and for walls the angle up to which they are perforated."""
+    """Draw the critical angle over the speed, and for walls the angle up to which they are perforated."""
     perforated = [(speed, _perforated_to(answer)) for speed, answer in speeds]
     critical = [(speed, answer.get("critical_angle_deg", math.nan)) for speed, answer in speeds]
     if all(math.isnan(angle) for _, angle in critical):

@@ -1,4 +1,4 @@
-"""Numbers of answers as a report shows them, each with its pointer and full value, and the inputs of a case as rows."""
+"""Format of the numbers in a report, each with its JSON pointer and full value, and the inputs of a case as rows."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +13,7 @@ MINUS, NARROW = "\N{MINUS SIGN}", "\N{NARROW NO-BREAK SPACE}"
 
 
 def lookup(content: Any, pointer: str) -> Any:
-    """Return what stands at a JSON pointer, None if nothing does."""
+    """Return the value at a JSON pointer; None if there is none."""
     for step in pointer.split("/")[1:]:
         if isinstance(content, Mapping):
             content = content.get(step)
@@ -25,36 +25,37 @@ def lookup(content: Any, pointer: str) -> Any:
 
 
 class Numbers:
-    """Writes numbers that stand in answers; each keeps its pointer and all its digits in the page.
+    """Formatter of numbers from answers; the page keeps the pointer and all digits of each.
 
     Parameters
     ----------
     content
-        The answers by name.
+        Answers by name.
     """
 
     def __init__(self, content: Mapping[str, Any]) -> None:
         self._content = content
 
     def at(self, pointer: str) -> Any:
-        """Return what stands at a JSON pointer, None if nothing does."""
+        """Return the value at a JSON pointer; None if there is none."""
         return lookup(self._content, pointer)
 
     def fixed(self, pointer: str, decimals: int, *, factor: float = 1.0, unit: str = "") -> Markup:
-        """Return a number, times a factor, with so many decimals; nothing if there is none."""
+        """Return a number, times a factor, with a fixed number of decimals; empty if there is no number."""
         return self._written(pointer, factor, f".{decimals}f", unit)
 
     def short(self, pointer: str, *, factor: float = 1.0, digits: int = 3, unit: str = "") -> Markup:
-        """Return a number, times a factor, with so many significant digits; nothing if there is none."""
+        """Return a number, times a factor, with the given significant digits; empty if there is no number."""
         return self._written(pointer, factor, f".{digits}g", unit)
 
     def upwards(self, pointer: str, *, factor: float = 1.0) -> Markup:
-        """Return a number, times a factor, rounded up to a whole one as a design value is."""
+        """Return a number, times a factor, rounded up to an integer, as is usual for a design value."""
         value = self.at(pointer)
+        # Without the subtraction, a whole number that rounding made slightly too large would become the next one.
         return Markup() if value is None else self._data(pointer, factor, f"{math.ceil(value * factor - 1e-6)}", "")
 
     def angle(self, pointer: str, decimals: int = 2) -> Markup:
-        """Return an angle in degrees."""
+        """Return an angle with the sign of degrees."""
         return self.fixed(pointer, decimals, unit="°")
 
     def _written(self, pointer: str, factor: float, spec: str, unit: str) -> Markup:
@@ -71,7 +72,7 @@ class Numbers:
 
 
 def _plain(text: str) -> str:
-    """Write a small power of ten in full, without a sign at zero."""
+    """Rewrite the exponent of a number: small ones in full, others without padding; zero loses its sign."""
     mantissa, exponent, power = text.partition("e")
     if exponent and 0 <= int(power) <= 6:
         text = f"{float(text):.0f}"
@@ -81,24 +82,24 @@ def _plain(text: str) -> str:
 
 
 def sentence(text: str) -> Markup:
-    """Return a warning as a sentence: with a capital and a full stop."""
+    """Return a warning as a sentence, with a capital letter and a full stop."""
     return escape(text[:1].upper() + text[1:] + ("" if text.endswith((".", "!", "?")) else "."))
 
 
 class Field(NamedTuple):
-    """How an input is shown: `factor` times its value is the number in the unit."""
+    """Format of an input: the number shown is `factor` times its value, in `unit`."""
 
     unit: str = ""
     factor: float = 1.0
 
     @property
     def written(self) -> str:
-        """The unit as it stands behind a number."""
+        """The unit with the space, if any, that separates it from the number."""
         return f" {self.unit}" if self.unit and self.unit != "°" else self.unit
 
 
 class Row(NamedTuple):
-    """An input as it is shown."""
+    """A row of the table of inputs."""
 
     label: str
     value: Any
@@ -106,8 +107,9 @@ class Row(NamedTuple):
 
 
 MOST_SHOTS = 12
+"""Largest number of shots listed in the report, where a list should stay within a few lines (a judgement)."""
 SHOT = ("velocity_m_s", "depth_m", "mass_kg", "diameter_m")
-"""What is known of a shot, in the order in which it is shown."""
+"""Fields of a shot, in the order in which they are shown."""
 GROUPS: Final[Mapping[str, str]] = {
     "projectile": "Projectile",
     "target": "Target",
@@ -117,62 +119,62 @@ GROUPS: Final[Mapping[str, str]] = {
     "numerics": "Computation",
     "search": "Computation",
 }
-"""Group of inputs by the part of the request, in the order of the report."""
+"""Title of the group of inputs for each part of the request, in the order of the report."""
 BY_END: Final[Mapping[str, Field]] = {"_m": Field("mm", 1e3), "_pa": Field("MPa", 1e-6)}
-"""How quantities are shown by the end of their name, where not in the unit of the contract."""
+"""Format of quantities by the end of their names; all others are shown in the unit of the contract."""
 OTHER_FIELDS: Final[Mapping[str, Field]] = {
     "projectile.nose.points": Field("mm", 1e3),
     "target.youngs_modulus_pa": Field("GPa", 1e-9),
     "numerics.termination_time_s": Field("ms", 1e3),
     "numerics.retention_energy_fraction": Field("%", 100.0),
 }
-"""How others are shown."""
+"""Format of single quantities for which neither the end of the name nor the unit of the contract serves."""
 
 
 def field_of(name: str) -> Field:
-    """Return how a quantity of the contract is shown."""
+    """Return the format of a quantity of the contract."""
     return OTHER_FIELDS.get(name) or BY_END.get(unit_end(name)) or Field(unit_of(name))
 
 
 FIELDS: Final[Mapping[str, Field]] = {
     f"/{name.replace('.', '/')}": field_of(name) for name in QUANTITIES if name.partition(".")[0] in GROUPS
 }
-"""Inputs by their pointers."""
+"""Format of each input, by its JSON pointer."""
 UNUSED: Final = frozenset({"/numerics/panels", "/numerics/time_step_s", "/search/relative_tolerance"})
-"""Settings of the paper's numerics and searches."""
+"""Settings of the numerics and of the searches of the paper, which only its reproduction uses."""
 ABSENT: Final[Mapping[str, tuple[str, str]]] = {
     "/target/thickness_m": ("half-space", "default"),
     "/impact/oblique_angle_deg": ("none", "not given"),
     "/resistance/crater/depth_diameters": ("no crater", "default"),
     "/resistance/rear_plug/cone_angle_deg": ("no plug", "default"),
 }
-"""What stands for inputs that are not given and have no value."""
+"""Text and note shown for inputs that are not given and have no default value."""
 ASSUMED: Final[Mapping[str, str]] = {
     "/projectile/center_of_gravity_m": "default: homogeneous",
     "/projectile/moment_of_inertia_kg_m2": "default: homogeneous",
     "/target/youngs_modulus_pa": "default: ACI 318-19",
 }
-"""Sources of the values of inputs that are not given."""
+"""Source of the value that the model assumes for an input that is not given."""
 WORDS: Final[Mapping[str, str]] = {value: name for names in CHOICES.values() for value, name in names.items()}
-"""Names of models in words; a value that several fields have has the same name in each."""
+"""Names of choices, such as models, in words. A value that is common to several fields has the same name in all."""
 
 
 def label_of(pointer: str) -> str:
-    """Return the name of an input."""
+    """Return the name of an input in words."""
     return QUANTITIES[pointer[1:].replace("/", ".")]
 
 
 def rows(numbers: Numbers, given: Mapping[str, Any], case: Mapping[str, Any]) -> Mapping[str, list[Row]]:
-    """Return the inputs by group.
+    """Return the rows of the inputs by group.
 
     Parameters
     ----------
     numbers
-        Numbers of the case and of what is assumed where it has none.
+        Formatter of the numbers of the case and of the assumed values.
     given
-        The request as received: what it lacks is a default.
+        The request as received; inputs that it lacks are marked as defaults.
     case
-        The same with defaults filled in.
+        The request with defaults filled in.
     """
     found: dict[str, list[Row]] = {group: [] for group in GROUPS.values()}
     values = dict(leaves(case))
@@ -190,7 +192,7 @@ def rows(numbers: Numbers, given: Mapping[str, Any], case: Mapping[str, Any]) ->
 
 
 def leaves(case: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield pointer and value of every input that the model uses."""
+    """Yield the pointer and the value of each input that the model uses."""
     for name, value in case.items():
         pointer = f"{before}/{name}"
         if isinstance(value, Mapping):
@@ -211,13 +213,13 @@ def _shown(numbers: Numbers, pointer: str, field: Field, *, digits: int = 12) ->
 
 
 def _shot(shot: Mapping[str, float]) -> str:
-    """Return a shot with what is given of it."""
+    """Return the given fields of a shot as text."""
     given = [(shot[name], field_of(name)) for name in SHOT if name in shot]
     return ", ".join(f"{value * field.factor:.6g}{field.written}" for value, field in given)
 
 
 def _listed(values: Sequence[Any], factor: float) -> str:
-    """Numbers in full, as long as they are few."""
+    """Return the numbers in full, or how many there are if they are too many to list."""
     if values and isinstance(values[0], Mapping):
         more = f"; {len(values)} in all, as in the request" if len(values) > MOST_SHOTS else ""
         return "; ".join(map(_shot, values[:MOST_SHOTS])) + more

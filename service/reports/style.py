@@ -1,4 +1,4 @@
-"""Style of every figure of the reports, and the projectile from the side at instants of its motion."""
+"""Style of the figures of all reports, and a side view of the projectile at instants of its motion."""
 
 import base64
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,17 +40,20 @@ SETTINGS: dict[Any, Any] = {
     "savefig.dpi": 150,
 }
 WIDTH = 8.0
-"""Size of a figure that fills the column of the page. [in]"""
+"""Width of a figure that fills the column of text of a page. [in]"""
 
 TEST, FINITE_ELEMENT, MODEL, PAPER = "#c8102e", "#d95f00", "#123f73", "#1d7a46"
-"""Measured, finite elements, this model, printed in the paper."""
+"""Colours of measured values, of finite elements, of this model, and of values printed in the paper."""
 CONCRETE, FACE, HINT = "#e4e1dc", "#8a8378", "#5c6670"
 TIP_PATH = "#c8102e"
 
 
 @contextmanager
 def styled(further: Mapping[Any, Any] | None = None) -> Iterator[None]:
-    """Draw and save in this style and further settings, whatever a user's matplotlibrc says."""
+    """Draw and save in this style, with further settings if given.
+
+    The defaults of Matplotlib are restored first, so that a user's matplotlibrc does not change a report.
+    """
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update({**SETTINGS, **(further or {})})
@@ -58,7 +61,7 @@ def styled(further: Mapping[Any, Any] | None = None) -> Iterator[None]:
 
 
 def panels(count: int, *, height: float = 3.2, rows: int = 1, **options: Any) -> tuple[Figure, list[Axes]]:
-    """Return an empty figure as wide as the page, with panels laid out by rows.
+    """Return an empty figure as wide as the page, with its panels laid out in rows.
 
     Parameters
     ----------
@@ -67,9 +70,9 @@ def panels(count: int, *, height: float = 3.2, rows: int = 1, **options: Any) ->
     height
         Height of the figure. [in]
     rows
-        The panels are spread over these, the last row may end early.
+        Number of rows; the last one may have fewer panels.
     **options
-        For `Figure.subplots`: `sharex`, `sharey`, ...
+        Options of `Figure.subplots`: `sharex`, `sharey`, ...
     """
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     grid = figure.subplots(rows, -(-count // rows), squeeze=False, **options).ravel().tolist()
@@ -79,23 +82,23 @@ def panels(count: int, *, height: float = 3.2, rows: int = 1, **options: Any) ->
 
 
 def shades(count: int) -> list[tuple[float, float, float]]:
-    """Colours of a family of curves, from light to dark."""
+    """Return the colours of a family of curves, from light to dark."""
     shaded = mpl.colormaps["viridis"](np.linspace(0.88, 0.0, count))
     return [(float(red), float(green), float(blue)) for red, green, blue, _ in shaded]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipPath:
-    """Motion of the nose tip, from the origin."""
+    """Motion of the nose tip, which starts at the origin."""
 
     time: FloatArray
-    """[s]"""
+    """Time since first contact. [s]"""
     lateral: FloatArray
-    """Along the face. [m]"""
+    """Position along the face. [m]"""
     depth: FloatArray
-    """[m]"""
+    """Distance behind the face. [m]"""
     axis_angle: FloatArray
-    """[rad]"""
+    """Angle from the inward normal to the axis of the projectile. [rad]"""
 
 
 def tip_path(
@@ -106,12 +109,12 @@ def tip_path(
     lateral_displacement: FloatArray,
     axis_angle: FloatArray,
 ) -> TipPath:
-    """Path of a nose tip that touches the face first.
+    """Return the path of a nose tip that touches the face first.
 
     Parameters
     ----------
     projectile
-        Its centre of gravity is behind the tip.
+        The projectile, which gives the distance from the tip to the centre of gravity.
     time
         Time since first contact, from 0. [s]
     depth_displacement, lateral_displacement
@@ -130,7 +133,7 @@ def tip_path(
 
 
 def silhouette(projectile: Projectile) -> FloatArray:
-    """(n, 2) distance behind the tip and signed distance from the axis, once around. [m]"""
+    """Return the outline of the projectile, once around: (n, 2) distance behind the tip and from the axis. [m]"""
     edge: list[tuple[float, float]] = []
     for piece in projectile.outline():
         if isinstance(piece, Line):
@@ -143,7 +146,7 @@ def silhouette(projectile: Projectile) -> FloatArray:
 
 
 def draw_path(axes: Axes, projectile: Projectile, path: TipPath, instants: Sequence[float] | FloatArray) -> None:
-    """Draw the body at some instants and the path of its tip, labelled for a legend; depth is the ordinate."""
+    """Draw the body at the given instants and the path of its tip, with labels for a legend; depth is the ordinate."""
     body = silhouette(projectile)
     colors = mpl.colormaps["viridis"](np.linspace(0.75, 0.0, len(instants)))
     for row, color in zip(np.searchsorted(path.time, instants), colors, strict=True):
@@ -158,7 +161,7 @@ def draw_path(axes: Axes, projectile: Projectile, path: TipPath, instants: Seque
 def draw_concrete(
     axes: Axes, *, lateral: tuple[float, float], depth: tuple[float, float], thickness: float | None = None
 ) -> None:
-    """Frame a view between two places along the face and two depths, and fill in the target, a wall if given. [m]"""
+    """Set the limits of a view, and draw the target: a wall if a thickness is given, otherwise a half-space. [m]"""
     axes.set(xlim=lateral, ylim=(depth[1], depth[0]), aspect="equal")
     back = depth[1] if thickness is None else min(thickness, depth[1])
     axes.axhspan(0.0, back, color=CONCRETE, zorder=0)
@@ -167,5 +170,8 @@ def draw_concrete(
 
 
 def embedded(picture: bytes) -> str:
-    """An SVG as the address of an image: identifiers of one do not reach into another."""
+    """Return an SVG as the address of an image.
+
+    Inline SVGs would share the identifiers of the page, and clip paths of one could act on another.
+    """
     return "data:image/svg+xml;base64," + base64.b64encode(picture).decode("ascii")

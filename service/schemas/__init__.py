@@ -1,4 +1,4 @@
-"""Requests and answers as the contract has them; the only place that converts degrees."""
+"""Models of requests and answers in the contract. Degrees are converted to radians here and nowhere else."""
 
 from service.schemas.answers import (
     CriticalAngleAnswer,

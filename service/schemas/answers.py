@@ -1,4 +1,4 @@
-"""The answers as the contract has them."""
+"""Models of the answers to trajectories and critical angles."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Generic, TypeVar
@@ -100,60 +100,60 @@ VERSIONED = {"key": "0" * 64, "engine_version": solver.ENGINE_VERSION}
 
 Key = Annotated[
     str,
-    Field(pattern="^[0-9a-f]{64}$", description="Key of this result, which `/results/{key}` answers again."),
+    Field(pattern="^[0-9a-f]{64}$", description="Key of this result, under which `/results/{key}` returns it again."),
     GIVEN,
 ]
-EngineVersion = Annotated[str, Field(description="Raised whenever results change."), GIVEN]
+EngineVersion = Annotated[str, Field(description="Version of the solver, raised whenever results change."), GIVEN]
 Bracket = Annotated[list[Num], Field(min_length=2, max_length=2)]
 
 
 class ModelWarning(Part):
-    """Something to know before relying on a result."""
+    """A warning about the reliability of a result."""
 
     model_config = with_examples(WARNING)
 
     code: str
-    """Stable, for programs."""
+    """Stable code of the warning, for programs."""
     detail: str
-    """For people."""
+    """Text of the warning, for people."""
     standing: bool | MISSING = MISSING
-    """Present and true if it says of most answers what it says of this one, and hardly moves it."""
+    """Present and true for a standing note, which applies to most answers and hardly changes this one."""
     angle_shift_deg: Num | MISSING = MISSING
-    """Change of the critical angle by what it names, if that is computed. [°]"""
+    """Change of the critical angle by the effect that the warning names, if it is computed. [°]"""
 
 
 StrengthDispersion = Annotated[
     Num,
     Field(
         ge=0.0,
-        description="Standard deviation of ln S of a next shot in the same concrete: by shots into it, or by the law "
-        "of the published tests. [ln]",
+        description="Standard deviation of ln S for the next shot into the same concrete, from own tests or from the "
+        "law of the published tests. [ln]",
     ),
 ]
 
 
 class OwnTestsAnswer(Part):
-    """What shots into the very concrete changed of what is known of its S. Values are of normal impact."""
+    """Posterior and prior of S for a concrete with own tests, in normal impact."""
 
     model_config = with_examples(OWN_TESTS)
 
     shots: Annotated[Count, Of(lambda tests: len(tests.factors))]
     median: Num
-    """S of a next shot, with the shots. [1]"""
+    """Posterior median of S for the next shot. [1]"""
     dispersion: Num
-    """Standard deviation of its logarithm, with the shots. [ln]"""
+    """Posterior standard deviation of ln S. [ln]"""
     spread: Annotated[list[Num], Field(min_length=2, max_length=2)]
-    """90 % range of S of a next shot, with the shots. [1]"""
+    """Posterior 90 % range of S for the next shot. [1]"""
     prior_median: Num
-    """S by the law of the published tests, without the shots. [1]"""
+    """Prior median of S, by the law of the published tests. [1]"""
     prior_dispersion: Num
-    """[ln]"""
+    """Prior standard deviation of ln S. [ln]"""
     prior_spread: Annotated[list[Num], Field(min_length=2, max_length=2)]
-    """90 % range of S without the shots. [1]"""
+    """Prior 90 % range of S. [1]"""
 
 
 class Motion(Part, Generic[Value]):
-    """Quantities of a motion. Depth is positive inside the target; lateral, the way the projectile travels."""
+    """Quantities of a motion. Depth is positive inside the target, lateral in the direction of travel."""
 
     solved = solver.Motion
 
@@ -172,26 +172,26 @@ class Motion(Part, Generic[Value]):
 
 
 class MotionState(Motion[Num]):
-    """The motion at one instant. Depth is positive inside the target; lateral, the way the projectile travels."""
+    """State of the motion at one instant. Depth is positive inside the target, lateral in the direction of travel."""
 
     model_config = with_examples(STATE)
 
 
 class MotionInHistory(Motion[Value], Generic[Value]):
-    """Quantities of a motion that a history has, beside those of its end."""
+    """Quantities of a motion that only a history has, in addition to those of a state."""
 
     axial_acceleration_g: Value
     transverse_acceleration_g: Value
 
 
 class MotionHistory(MotionInHistory[list[Num]]):
-    """The motion over time, columns of equal length: even intervals, then the instant that ended it."""
+    """Motion over time, as columns of equal length: at even intervals, and at the event that ended the run."""
 
     model_config = with_examples({name: [value] for name, value in (STATE | ACCELERATIONS).items()})
 
 
 class Exit(Part):
-    """How a projectile leaves the target, through the impact face or the rear face."""
+    """State of a projectile that leaves the target through the impact face or the rear face."""
 
     model_config = with_examples(EXIT)
 
@@ -205,11 +205,11 @@ class Exit(Part):
     kinetic_energy_j: Num
     lateral_m: Num
     flight: Annotated[FlightResult | MISSING, GIVEN, columns_of(FlightResult, "flight_")] = MISSING
-    """Where the body lands, in the answer to a trajectory with `flight`."""
+    """Flight to the ground, in the answer to a trajectory with `flight`."""
 
 
 class FlightAnswer(FlightResult):
-    """Where a body lands on level ground, and how far it can land at most."""
+    """Landing point of a body on level ground, and the farthest one over all elevations."""
 
     model_config = with_examples(LANDING | VERSIONED)
 
@@ -218,7 +218,7 @@ class FlightAnswer(FlightResult):
 
 
 class Protrusion(Part):
-    """How far a projectile stands out of the rear face of a wall that it does not perforate."""
+    """Protrusion of a projectile from the rear face of a wall that it does not perforate."""
 
     model_config = with_examples(PROTRUSION)
 
@@ -229,7 +229,7 @@ class Protrusion(Part):
 
 
 class BendingHistory(Part):
-    """Largest bending stress in the body over time, at the instants at which it was computed."""
+    """Largest bending stress in the body over time, at the instants of its computation."""
 
     model_config = with_examples({"time_s": [0.0, 0.001615], "stress_pa": [0.0, 1.829e9]})
 
@@ -242,7 +242,8 @@ class BendingHistory(Part):
 class Bending(Part):
     """Largest bending stress over a run, until the projectile first comes free or has lost 95 % of its energy.
 
-    By D'Alembert: the loads of the model against the inertia of the body, a solid of its outer shape, or a tube.
+    It follows from D'Alembert's principle, with the loads of the model and the inertia of a homogeneous body of the
+    outer shape, solid or hollow.
     """
 
     model_config = with_examples(BENDING)
@@ -254,11 +255,11 @@ class Bending(Part):
     distance_behind_tip_m: Num
     normal_force_n: Num
     history: BendingHistory | MISSING = MISSING
-    """If a history is requested."""
+    """Bending stress over time, if a history is requested."""
 
 
 class Trajectory(Part):
-    """One run: how it ended, and how it went."""
+    """Result of one run: outcome, final state and motion."""
 
     model_config = with_examples(RUN)
 
@@ -268,35 +269,35 @@ class Trajectory(Part):
     outcome: Outcome
     final: Annotated[MotionState, columns_of(MotionState, "final_", "; at the event that ended the run")]
     exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_")] = MISSING
-    """If the projectile left."""
+    """State at the exit, if the projectile left the target."""
     maximum_depth_m: Num | MISSING = MISSING
     protrusion: Annotated[Protrusion | MISSING, columns_of(Protrusion, "protrusion_")] = MISSING
-    """In a wall, if anything of the projectile ever comes out of the rear face, and it does not perforate."""
+    """Protrusion from the rear face of a wall that is not perforated, if any part comes out."""
     bending: Annotated[Bending | MISSING, columns_of(Bending, "bending_")] = MISSING
-    """Unless a given centre of gravity or moment of inertia is not that of the homogeneous solid of the shape."""
+    """Bending stress. Absent if a given centre of gravity or moment of inertia is not that of the homogeneous body."""
     strength_factor: Num
     strength_factor_dispersion: StrengthDispersion
     own_tests: OwnTestsAnswer | MISSING = MISSING
-    """If S rests on shots into the very concrete, the paper's with eq. 9 in its concrete among them."""
+    """Effect of own tests on S, if there are any. With eq. 9 in its concrete the shots of the paper count as such."""
     history: Annotated[MotionHistory | MISSING, GIVEN] = MISSING
-    """If requested."""
+    """Motion over time, if requested."""
     warnings: list[ModelWarning]
 
 
 class Alternative(Part):
-    """The same case under other laws."""
+    """Result of the same case with other laws."""
 
     free_surface: FreeSurfaceModel
     strength_factor: StrengthLaw
     obliquity_shape: ObliquityShape
     fitted_to: str
-    """What the two laws were fitted to."""
+    """Data that the two laws were fitted to."""
     problem: Problem | MISSING = MISSING
-    """Why there is no answer under these laws."""
+    """Reason why there is no result with these laws."""
 
 
 class TrajectoryAlternative(Alternative):
-    """How the same strike ends under other laws."""
+    """Outcome of the same strike with other laws."""
 
     model_config = with_examples(OTHER_OUTCOME)
 
@@ -304,13 +305,13 @@ class TrajectoryAlternative(Alternative):
 
 
 class CriticalAngleAlternative(Alternative):
-    """What the same search finds under other laws."""
+    """Result of the same search with other laws."""
 
     model_config = with_examples(OTHER_ANGLE)
 
     status: SearchStatus | MISSING = MISSING
     critical_angle_deg: Num | MISSING = MISSING
-    """If there is one. [°]"""
+    """Critical angle; absent if there is none. [°]"""
 
 
 class TrajectoryAnswer(Trajectory):
@@ -319,7 +320,7 @@ class TrajectoryAnswer(Trajectory):
     model_config = with_examples(RUN | VERSIONED, RUN | VERSIONED | {"alternatives": [OTHER_OUTCOME]})
 
     alternatives: Annotated[list[TrajectoryAlternative] | MISSING, GIVEN] = MISSING
-    """If wanted."""
+    """Results with other laws, if requested."""
     key: Key
     engine_version: EngineVersion
 
@@ -338,7 +339,7 @@ class Trial(Part):
         bool, Column("fine", "whether it was computed at the final resolution, or only to see where to look", "?")
     ]
     exit: Annotated[Exit | MISSING, Of(lambda trial: trial.exit if trial.fine else None)] = MISSING
-    """If the projectile left, of a fine trial."""
+    """State at the exit, in a fine trial whose projectile left the target."""
 
 
 class OutcomeInterval(Part):
@@ -385,27 +386,27 @@ class CriticalAngleAnswer(Part):
     strength_factor: Num | MISSING = MISSING
     strength_factor_dispersion: StrengthDispersion | MISSING = MISSING
     own_tests: OwnTestsAnswer | MISSING = MISSING
-    """If S rests on shots into the very concrete, the paper's with eq. 9 in its concrete among them."""
+    """Effect of own tests on S, if there are any. With eq. 9 in its concrete the shots of the paper count as such."""
     energy_fraction_below: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
     energy_fraction_above: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
     exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_")] = MISSING
-    """At the critical angle, if there is one."""
+    """State at the exit of the strike at the critical angle, if there is such an angle."""
     iterations: list[Trial]
     other_crossings_deg: list[Num]
     outcomes: list[OutcomeInterval] | MISSING = MISSING
-    """Over the whole range in order, each end to the tolerance; for a target with a thickness in a search by
-    outcome."""
+    """Intervals of equal outcome over the whole range, in order, with ends to the tolerance. Present for a target with
+    a thickness in a search by outcome."""
     trajectory: Annotated[Trajectory | MISSING, GIVEN] = MISSING
-    """At the critical angle, if requested."""
+    """Run at the critical angle, if requested."""
     alternatives: Annotated[list[CriticalAngleAlternative] | MISSING, GIVEN] = MISSING
-    """If wanted."""
+    """Results with other laws, if requested."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
 
 
 Columns = dict[str, FloatArray]
-"""Columns of a history, by their names in the contract."""
+"""Columns of a history by their names in the contract."""
 
 
 def trajectory_answer(
@@ -416,9 +417,9 @@ def trajectory_answer(
     Parameters
     ----------
     found
-        The run.
+        Result of the run.
     flight
-        Of the body that has left, if it is wanted.
+        Flight of the body after its exit, if requested.
     """
     history = None if found.history is None else history_columns(MotionHistory, found.history)
     answer = walk(TrajectoryAnswer, found)
@@ -430,6 +431,6 @@ def trajectory_answer(
 def critical_angle_answer(
     found: solver.CriticalAngle, trajectory: solver.Trajectory | None
 ) -> tuple[dict[str, Any], Columns | None]:
-    """Return the answer without the history of its trajectory, and the columns of that if there is one."""
+    """Return the answer without the history of its trajectory, and the columns of that history if there is one."""
     run, history = (None, None) if trajectory is None else trajectory_answer(trajectory)
     return walk(CriticalAngleAnswer, found, trajectory=run), history

@@ -1,4 +1,4 @@
-"""Many cases at once, and their results, as the contract has them."""
+"""Models of batches and of their results."""
 
 from typing import Annotated, Any, Generic, TypeVar
 
@@ -10,16 +10,17 @@ from service.schemas.requests import Case, TrajectoryFields, TrajectoryOutput
 from service.schemas.strike import PAPER_AT_45
 
 MOST_CASES = 1_000
-"""Cases of a JSON batch, which is parsed in one piece."""
+"""Largest number of cases in a JSON batch. It bounds the time of parsing, which is done in one piece."""
 MOST_LINES = 100_000
-"""Cases of a JSONL batch, and points of a sweep."""
+"""Largest number of cases in a JSONL batch, and of points in a sweep. A judgement: some twenty minutes of work on one
+core for critical angles, and 200 MB of JSON lines; measured up to this size."""
 
 CustomId = Annotated[
     str,
     StringConstraints(strict=True, min_length=1, max_length=128),
-    Field(description="Given back with the result. It need not be unique, though it serves better if it is."),
+    Field(description="Name of the case, returned with its result. It should be unique, but need not be."),
 ]
-Index = Annotated[Count, Field(ge=0, description="Place of the case in the request, from 0.")]
+Index = Annotated[Count, Field(ge=0, description="Number of the case in the request, from 0.")]
 
 
 BatchCase = TypeVar("BatchCase", bound="NamedCase")
@@ -28,57 +29,57 @@ ItemOf = TypeVar("ItemOf", bound="Item")
 
 
 class NamedCase(Case):
-    """A case of a batch, which may have a name."""
+    """A case of a batch, with an optional name."""
 
     custom_id: CustomId | MISSING = MISSING
 
 
 class Batch(Part, Generic[BatchCase]):
-    """Cases of one operation."""
+    """Body of a batch: cases of one operation."""
 
     cases: Annotated[list[BatchCase], Field(min_length=1, max_length=MOST_CASES)]
 
 
 class Cases(Part):
-    """A batch before its cases are looked at."""
+    """Body of a batch whose cases are not validated yet, as they are validated in parts."""
 
     cases: Annotated[list[Any], Field(min_length=1, max_length=MOST_CASES)]
 
 
 class Item(Part):
-    """What became of one case: its result, or the problem that kept it from having one."""
+    """One case with its result, or with the problem that prevented one."""
 
     index: Index
     custom_id: CustomId | MISSING = MISSING
     point: dict[str, Num] | MISSING = MISSING
-    """Values of the axes of a sweep, by their fields."""
+    """Values of the axes of a sweep, by field."""
     problem: Problem | MISSING = MISSING
-    """Why there is no result."""
+    """Reason why there is no result."""
 
 
 class ResultItem(Item, Generic[Answer]):
-    """What became of one case of one operation."""
+    """One case of an operation with its result, or with the problem that prevented one."""
 
     result: Answer | MISSING = MISSING
 
 
 class Results(Part, Generic[ItemOf]):
-    """What became of many cases, in the order of the request."""
+    """Results of many cases, in the order of the request."""
 
     results: list[ItemOf]
 
 
 class BatchOutput(TrajectoryOutput):
-    """What the answer to a trajectory among many holds."""
+    """Contents of the answer to a trajectory in a batch or a sweep."""
 
     model_config = with_examples({"history": True, "sample_interval_s": 1e-4})
 
     history: Flag = False
-    """Whether to give the motion over time; not among many, unless requested."""
+    """Include the motion over time. It is left out by default, since the answers of a batch would be very long."""
 
 
 class TrajectoryBase(TrajectoryFields):
-    """One strike among many: as a single one, but without a history unless requested."""
+    """One strike in a batch or a sweep. Unlike a single one, its answer has no history by default."""
 
     model_config = with_examples(PAPER_AT_45)
 

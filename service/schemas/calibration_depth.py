@@ -1,4 +1,4 @@
-"""Calibration by depths of penetration, and a polynomial of the factors over the oblique angle."""
+"""Models of the calibration by depths of penetration, and of the polynomial of S over the oblique angle."""
 
 import itertools
 import math
@@ -35,9 +35,11 @@ from solver.calibration import ObliquityPoint as SolverPoint
 from solver.checks import ParameterError
 
 MOST_TESTS = 1000
+"""Largest number of tests, four times as many as all published ones that the law was fitted to."""
 CURVE_POINTS = 21
+"""Number of points of a curve of depth over velocity, enough for a smooth plot."""
 BELOW, ABOVE = 0.8, 1.2
-"""Where a curve begins and ends, over the lowest and the highest velocity of the tests."""
+"""Ends of a curve, relative to the lowest and to the highest velocity of the tests [1]."""
 
 TEST = {"velocity_m_s": 238.1, "depth_m": 0.30, "mass_kg": 12.923}
 TABLE_1 = [
@@ -46,33 +48,33 @@ TABLE_1 = [
     {"velocity_m_s": 314.0, "depth_m": 0.45, "mass_kg": 12.910},
     {"velocity_m_s": 369.5, "depth_m": 0.53, "mass_kg": 12.914},
 ]
-"""Values of the paper."""
+"""Tests of the paper's table 1."""
 
 POSTERIOR = {"type": "log_student_t", "median": 8.055, "scale": 0.0815, "degrees_of_freedom": 7.0}
-"""That of these shots."""
+"""Posterior of S after the tests of table 1."""
 
 Group = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=128)]
 
 
 class DepthTest(SolverPart[SolverTest]):
-    """One shot along the normal, and how deep it went."""
+    """One shot in normal impact with its depth of penetration."""
 
     model_config = with_examples(TEST, TEST | {"weight": 0.5, "group": "80 mm"})
 
     velocity_m_s: Annotated[Num, Field(**within("impact.velocity"))]
-    """At first contact. [m/s]"""
+    """Speed at first contact. [m/s]"""
     depth_m: Annotated[Num, Field(**within("shot.depth"))]
     """Greatest depth of the nose tip. [m]"""
     mass_kg: Annotated[Num, Field(**within("projectile.mass"))] | MISSING = MISSING
-    """That of the projectile when not given. [kg]"""
+    """Mass of the projectile, if it differs from that of `projectile`. [kg]"""
     weight: Annotated[Num, Field(ge=1e-6, le=1e6)] = 1.0
     """Relative weight of the squared residual. [1]"""
     group: Group | MISSING = MISSING
-    """Gets a separate strength factor, beside that of all tests."""
+    """Name of a group of tests, which gets a strength factor of its own in addition to that of all tests."""
 
 
 class DepthCalibrationRequest(Calibration):
-    """Shots along the normal, of one projectile into one target."""
+    """Shots of one projectile into one target in normal impact."""
 
     model_config = with_examples(
         {"projectile": PROJECTILE, "target": TARGET, "tests": TABLE_1},
@@ -94,7 +96,7 @@ class DepthCalibrationRequest(Calibration):
         Raises
         ------
         ParameterError
-            If values do not go together.
+            If values contradict each other.
         """
         fit = self.model_arguments() | {
             "tests": [test.to_solver() for test in self.tests],
@@ -105,18 +107,18 @@ class DepthCalibrationRequest(Calibration):
 
 
 def _error_in(fit: DepthFit) -> float | None:
-    """Return the standard error of a fit; None from a single test."""
+    """Return the standard error of a fit, or None for a single test."""
     error = fit.estimate.standard_error
     return None if math.isnan(error) else error
 
 
 def _interval_in(fit: DepthFit) -> tuple[float, float] | None:
-    """Return the confidence interval of a fit; None from a single test."""
+    """Return the confidence interval of a fit, or None for a single test."""
     return None if math.isnan(fit.estimate.standard_error) else fit.estimate.confidence_interval
 
 
 class DepthGroup(FittedStrength):
-    """The strength factor of a group of tests."""
+    """Strength factor of a group of tests."""
 
     model_config = with_examples(
         {
@@ -131,7 +133,7 @@ class DepthGroup(FittedStrength):
 
 
 class DepthCurve(Part):
-    """Depths that the model predicts with one strength factor, for the mass of the projectile."""
+    """Depths that the model predicts with one strength factor for the mass of `projectile`."""
 
     model_config = with_examples(
         {"strength_factor": 8.5, "velocity_m_s": [238.1, 369.5], "depth_m": [0.274, 0.562]},
@@ -140,31 +142,33 @@ class DepthCurve(Part):
     strength_factor: StrengthFactorValue
     velocity_m_s: Annotated[
         list[Num],
-        Field(description=f"From {BELOW:g} of the lowest velocity of the tests to {ABOVE:g} of the highest. [m/s]"),
+        Field(
+            description=f"Velocities from {BELOW:g} times the lowest of the tests to {ABOVE:g} times the highest. [m/s]"
+        ),
     ]
     depth_m: list[Num]
     """Greatest depth of the nose tip. [m]"""
 
 
 class Posterior(Part):
-    """S of the next shot in the same concrete, as own tests give it: the published tests are what is known before.
+    """Posterior of S for the next shot into the same concrete, with the published tests as the prior.
 
-    Weights do not count.
+    Weights of tests have no effect on it.
     """
 
     model_config = with_examples(POSTERIOR)
 
     type: Annotated[Literal["log_student_t"], Of("name")]
     median: Num
-    """[1]"""
+    """Median of S. [1]"""
     scale: Num
-    """Of the natural logarithm, which has Student's distribution. [ln]"""
+    """Scale of ln S, which has Student's distribution. [ln]"""
     degrees_of_freedom: Num
-    """Of that distribution. [1]"""
+    """Degrees of freedom of Student's distribution. [1]"""
 
 
 class DepthCalibrationAnswer(Part):
-    """The strength factor that fits depths of penetration best."""
+    """Strength factor that fits depths of penetration best."""
 
     model_config = with_examples(
         {
@@ -184,7 +188,7 @@ class DepthCalibrationAnswer(Part):
     """Strength factor that fits best. [1]"""
     standard_error: Annotated[StandardError | MISSING, Of(_error_in)] = MISSING
     """Standard error of the strength factor, if there are several tests. The scatter within series of published tests
-    counts as three more. [1]"""
+    counts as three additional tests. [1]"""
     confidence_interval: Annotated[
         ConfidenceInterval | MISSING,
         Of(_interval_in),
@@ -194,13 +198,13 @@ class DepthCalibrationAnswer(Part):
     residuals: Residuals
     """Measured minus predicted depth of each test. [m]"""
     predicted_depth_m: Annotated[list[Num], Of("predicted")]
-    """Depth of each test. [m]"""
+    """Predicted depth of each test. [m]"""
     root_mean_square_m: Annotated[Num, Field(ge=0.0), Of("root_mean_square"), NOT_TABLED]
-    """Weighted mean of the residuals. [m]"""
+    """Weighted root mean square of the residuals. [m]"""
     groups: Annotated[list[DepthGroup] | MISSING, GIVEN] = MISSING
-    """If the tests name groups."""
+    """Strength factors of the groups, if the tests name groups."""
     curves: Annotated[list[DepthCurve] | MISSING, GIVEN] = MISSING
-    """If strength factors to compare are given."""
+    """Predicted depths for each of `compare_strength_factors`."""
     posterior: Posterior
     warnings: list[ModelWarning]
     key: Key
@@ -208,7 +212,7 @@ class DepthCalibrationAnswer(Part):
 
 
 def depth_answer(fit: DepthFit, curves: Sequence[tuple[float, FloatArray, FloatArray]]) -> dict[str, Any]:
-    """Return the answer from a fit and the curves: strength factor, velocities and depths of each."""
+    """Return the answer from a fit and from curves of strength factor, velocities and depths."""
     groups = [{"group": name} | walk(FittedStrength, group) for name, group in fit.groups.items()]
     compared = [
         {"strength_factor": factor, "velocity_m_s": velocities.tolist(), "depth_m": depths.tolist()}
@@ -218,11 +222,12 @@ def depth_answer(fit: DepthFit, curves: Sequence[tuple[float, FloatArray, FloatA
 
 
 MOST_POINTS = 1000
+"""Largest number of points of a fit over the angle, as of tests of a fit by depth."""
 TABLE_2 = [
     {"oblique_angle_deg": angle, "strength_factor": factor}
     for angle, factor in ((0.0, 8.52), (15.0, 8.25), (30.0, 7.91), (45.0, 6.48))
 ]
-"""Values of the paper."""
+"""Strength factors of the paper's table 2."""
 
 
 class ObliquityPoint(SolverPart[SolverPoint]):
@@ -231,14 +236,14 @@ class ObliquityPoint(SolverPart[SolverPoint]):
     model_config = with_examples(TABLE_2[1], TABLE_2[1] | {"standard_error": 0.1})
 
     oblique_angle_deg: Obliquity
-    """From the normal. [°]"""
+    """Angle between the velocity and the inward normal. [°]"""
     strength_factor: StrengthFactorValue
     standard_error: Annotated[Num, Field(ge=1e-6, le=1000.0)] | MISSING = MISSING
-    """Standard error of the strength factor; given for all points or for none. [1]"""
+    """Standard error of the strength factor, given for all points or for none. [1]"""
 
 
 class ObliquityCalibrationRequest(Part):
-    """Strength factors over the oblique angle, and the order of the polynomial through them."""
+    """Strength factors over the oblique angle, and the order of the polynomial to fit."""
 
     model_config = with_examples(
         {"points": TABLE_2}, {"points": [point | {"standard_error": 0.1} for point in TABLE_2], "order": 1}
@@ -246,10 +251,10 @@ class ObliquityCalibrationRequest(Part):
 
     points: Annotated[list[ObliquityPoint], Field(min_length=1, max_length=MOST_POINTS, fail_fast=True)]
     order: Annotated[Count, Field(ge=0, le=9), WHOLE] = 2
-    """Degree of the polynomial; there must be more points at different angles. [1]"""
+    """Degree of the polynomial, less than the number of different angles. [1]"""
 
     def canonical(self) -> dict[str, Any]:
-        """Return the request as JSON data, defaults filled in."""
+        """Return the request as JSON data, with defaults filled in."""
         return self.model_dump(mode="json")
 
     def arguments(self) -> dict[str, Any]:
@@ -258,7 +263,7 @@ class ObliquityCalibrationRequest(Part):
 
 
 class ObliquityCalibrationAnswer(Part):
-    """The polynomial that fits strength factors over the oblique angle best."""
+    """Polynomial that fits strength factors over the oblique angle best."""
 
     model_config = with_examples(
         {
@@ -272,12 +277,12 @@ class ObliquityCalibrationAnswer(Part):
     )
 
     coefficients: list[Num]
-    """From the constant term upwards. [1, 1/°, 1/°², ...]"""
+    """Coefficients from the constant term upwards. [1, 1/°, 1/°², ...]"""
     covariance: CovarianceMatrix | MISSING = MISSING
     residuals: Residuals
     """Given minus fitted strength factor of each point. [1]"""
     strength_factor_model: Annotated[ObliquityPolynomial, GIVEN]
-    """The same as the `strength_factor` of a `resistance`."""
+    """The polynomial in the form of the `strength_factor` of a `resistance`."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
@@ -289,7 +294,7 @@ def obliquity_answer(fit: ObliquityFit) -> dict[str, Any]:
     Raises
     ------
     ParameterError
-        If the points are so close together that the polynomial is beyond what a request takes.
+        If the points are so close together that the coefficients exceed the bounds of a request.
     """
     numbers = [*fit.coefficients, *itertools.chain.from_iterable(fit.covariance or ())]
     if not all(abs(number) <= LARGEST_COEFFICIENT for number in numbers):

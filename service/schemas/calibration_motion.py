@@ -1,4 +1,4 @@
-"""Strength factor from the motion of a projectile: the request; and what all calibrations have in common."""
+"""Models of the request of a calibration by motion, and the base of all calibrations."""
 
 from typing import Annotated, Any
 
@@ -18,9 +18,10 @@ from solver.checks import ParameterError
 from solver.strike import TERMINATION_TIME
 
 MOST_COMPARED = 20
+"""Largest number of strength factors to compare, a judgement: more curves cannot be told apart in a plot."""
 
 StrengthFactorValue = Annotated[
-    Num, Field(ge=0.1, le=1000.0, description="[1] Measured ones lie between some 5 and 25.")
+    Num, Field(ge=0.1, le=1000.0, description="Strength factor. Measured ones lie between some 5 and 25. [1]")
 ]
 StandardError = Annotated[Num, Field(ge=0.0, description="Standard error of the strength factor. [1]")]
 ConfidenceInterval = Annotated[
@@ -28,14 +29,14 @@ ConfidenceInterval = Annotated[
     Field(
         min_length=2,
         max_length=2,
-        description="Lower and upper end, at the requested confidence level, by Student's distribution. [1]",
+        description="Ends of the confidence interval at the requested level, by Student's distribution. [1]",
     ),
 ]
-Residuals = Annotated[list[Num], Field(description="Given minus predicted, in the order of the request.")]
+Residuals = Annotated[list[Num], Field(description="Given minus predicted values, in the order of the request.")]
 
 
 class CalibrationResistance(SolverPart[solver.Resistance]):
-    """How the target resists, but for the strength factor, which is sought."""
+    """Resistance of the target without the strength factor, which is fitted."""
 
     model_config = with_examples(
         {"inertia_factor": 0.9, "free_surface": MOHR_COULOMB}, {"crater": {"depth_diameters": 2.0}}
@@ -48,26 +49,26 @@ class CalibrationResistance(SolverPart[solver.Resistance]):
 
 
 class Calibration(Part):
-    """What fits of the model have in common."""
+    """Base of the requests that fit the model."""
 
     projectile: Projectile
     target: Target
     resistance: Annotated[CalibrationResistance, Field(default_factory=CalibrationResistance)]
     numerics: Numerics | MISSING = MISSING
-    """Route and resolution of the runs; a run of a motion ends with its history."""
+    """Route and resolution of the runs. A run of a motion ends with its history."""
     confidence_level: Annotated[Num, Field(ge=0.5, le=0.9999)] = 0.95
-    """Chance that the interval holds the strength factor. [1]"""
+    """Probability that the confidence interval contains the strength factor. [1]"""
     compare_strength_factors: (
         Annotated[list[StrengthFactorValue], Field(min_length=1, max_length=MOST_COMPARED)] | MISSING
     ) = MISSING
-    """Strength factors with which the model predicts as well. [1]"""
+    """Further strength factors to predict with. [1]"""
 
     def canonical(self) -> dict[str, Any]:
-        """Return the request as JSON data, defaults filled in."""
+        """Return the request as JSON data, with defaults filled in."""
         return self.model_dump(mode="json")
 
     def model_arguments(self) -> dict[str, Any]:
-        """Return the arguments that all functions of the solver take that run the model."""
+        """Return the arguments that the functions of the solver share which run the model."""
         return {
             "projectile": self.projectile.to_solver(),
             "target": self.target.to_solver(),
@@ -76,12 +77,12 @@ class Calibration(Part):
         }
 
     def longest_run(self) -> float:
-        """Return when the last run ends at the latest. [s]"""
+        """Return the latest end of a run. [s]"""
         end = MISSING if self.numerics is MISSING else self.numerics.termination_time_s
         return TERMINATION_TIME if end is MISSING else end
 
     def panel_steps(self) -> float:
-        """Return panels times time steps of one run at most, 0 if it has none. [1]"""
+        """Return the largest product of panels and time steps of one run; 0 with the adaptive method. [1]"""
         numerics = self.numerics
         if numerics is MISSING or numerics.method is not Method.PANELS:
             return 0.0
@@ -93,7 +94,7 @@ class Calibration(Part):
 
 
 class FittedStrength(Part):
-    """A strength factor and how well it is known."""
+    """A fitted strength factor with its standard error."""
 
     strength_factor: Annotated[Num, Field(gt=0.0), Of("estimate.strength_factor")]
     """Strength factor that fits best. [1]"""
@@ -107,8 +108,10 @@ class FittedStrength(Part):
 
 
 COMPARED_ROWS = 1000
-"""Rows of a motion that is only compared: a curve needs no more."""
+"""Number of rows of a motion that is only compared. A curve in a plot needs no more."""
 MOST_RUNS = 20
+"""Largest number of runs of a calibration by motion. Each costs three fits, so that a request costs up to 1,200
+cases."""
 
 AT_30: dict[str, Any] = {
     "time_s": [0.0, 0.0005, 0.001, 0.0015, 0.002, 0.0025],
@@ -116,7 +119,7 @@ AT_30: dict[str, Any] = {
     "lateral_displacement_m": [0.0, 0.06, 0.111, 0.147, 0.169, 0.173],
     "rotation_deg": [0.0, 1.9, 7.1, 11.0, 11.6, 11.6],
 }
-"""What the model gives with a strength factor of 7.91."""
+"""Motion that the model predicts with a strength factor of 7.91."""
 STRIKE_AT_30 = STRIKE | {"oblique_angle_deg": 30.0}
 
 Time = Annotated[Num, Field(ge=0.0, le=1.0)]
@@ -126,7 +129,7 @@ DisplacementColumn = Annotated[list[Displacement], Field(min_length=2, max_lengt
 
 
 class MotionRecord(SolverPart[MotionHistory]):
-    """How a projectile moved since first contact: columns of equal length, at least one beside the time."""
+    """Motion of a projectile since first contact: columns of equal length, at least one in addition to the time."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -136,38 +139,38 @@ class MotionRecord(SolverPart[MotionHistory]):
     )
 
     time_s: Annotated[list[Time], Field(min_length=2, max_length=MOST_ROWS, fail_fast=True)]
-    """Since first contact, increasing. [s]"""
+    """Time since first contact, increasing. [s]"""
     depth_displacement_m: DisplacementColumn | MISSING = MISSING
-    """Way of the centre of gravity along the inward normal of the face. [m]"""
+    """Displacement of the centre of gravity along the inward normal of the face. [m]"""
     lateral_displacement_m: DisplacementColumn | MISSING = MISSING
-    """Way of the centre of gravity along the face, the way the projectile travels. [m]"""
+    """Displacement of the centre of gravity along the face, positive in the direction of travel. [m]"""
     rotation_deg: Annotated[list[Rotation], Field(min_length=2, max_length=MOST_ROWS, fail_fast=True)] | MISSING = (
         MISSING
     )
-    """Change of the axis angle; positive as the nose turns toward the face. [°]"""
+    """Change of the axis angle, positive if the nose turns toward the face. [°]"""
 
 
 class MotionWeights(SolverPart[Weights]):
-    """Weights of the squared residuals of the quantities, relative, after each is scaled by its span."""
+    """Relative weights of the squared residuals of the quantities, each scaled by its span."""
 
     model_config = with_examples({"depth": 1.0, "lateral": 1.0, "rotation": 0.5})
 
     depth: Annotated[Num, Field(ge=0.0, le=1e6)] = 1.0
-    """[1]"""
+    """Weight of the displacement along the normal. [1]"""
     lateral: Annotated[Num, Field(ge=0.0, le=1e6)] = 1.0
-    """[1]"""
+    """Weight of the displacement along the face. [1]"""
     rotation: Annotated[Num, Field(ge=0.0, le=1e6)] = 1.0
-    """[1]"""
+    """Weight of the rotation. [1]"""
 
 
-Until = Annotated[Num, Field(gt=0.0, le=1.0, description="Uses the rows up to this time, itself included. [s]")]
+Until = Annotated[Num, Field(gt=0.0, le=1.0, description="Time of the last row to fit. [s]")]
 UntilGreatestDepth = Annotated[
-    Flag, Field(description="Uses the rows up to the greatest depth, itself included; not together with `until_s`.")
+    Flag, Field(description="Fit the rows up to the greatest depth only. Not allowed together with `until_s`.")
 ]
 
 
 class CalibrationRun(Part):
-    """One of several strikes and how the projectile moved. What a run leaves out is that of the request."""
+    """One of several strikes with the motion of the projectile. Omitted fields default to those of the request."""
 
     model_config = with_examples(
         {"impact": STRIKE_AT_30, "history": AT_30},
@@ -182,9 +185,9 @@ class CalibrationRun(Part):
 
 
 class MotionCalibrationRequest(Calibration):
-    """Strikes and how the projectile moved, as measured or from finite element runs.
+    """Strikes with the motion of the projectile, measured or from finite element runs.
 
-    Either `impact` and `history` of one strike, or `runs`.
+    The request has either `impact` and `history` of one strike, or `runs`.
     """
 
     model_config = with_examples(
@@ -216,8 +219,8 @@ class MotionCalibrationRequest(Calibration):
     impact: Impact | MISSING = MISSING
     history: MotionRecord | MISSING = MISSING
     runs: Annotated[list[CalibrationRun], Field(min_length=1, max_length=MOST_RUNS)] | MISSING = MISSING
-    """Instead of `impact` and `history`: strikes at any angles and speeds, which one strength factor is to fit
-    together. Each counts alike."""
+    """Strikes at any angles and speeds, instead of `impact` and `history`, to which one strength factor is fitted. All
+    have the same weight."""
     weights: Annotated[MotionWeights, Field(default_factory=MotionWeights)]
     until_s: Until | MISSING = MISSING
     until_greatest_depth: UntilGreatestDepth = False
@@ -228,7 +231,7 @@ class MotionCalibrationRequest(Calibration):
         Raises
         ------
         ParameterError
-            If there are none, or a single strike is given besides.
+            If there are no runs, or a single strike is given as well.
         """
         if self.runs is MISSING:
             if self.impact is MISSING:
@@ -256,21 +259,24 @@ class MotionCalibrationRequest(Calibration):
 
     @property
     def several(self) -> bool:
-        """Whether the request has runs, even if it is but one."""
+        """True if the request has `runs`, even a single one."""
         return self.runs is not MISSING
 
     @property
     def run_count(self) -> int:
-        """How many runs there are, one without `runs`."""
+        """Number of runs; one without `runs`."""
         return 1 if self.runs is MISSING else len(self.runs)
 
     def longest_run(self) -> float:
-        """Return when the last history ends. [s]"""
+        """Return the latest end of a history. [s]"""
         histories = [self.history] if self.runs is MISSING else [run.history for run in self.runs]
         return max((each.time_s[-1] for each in histories if each is not MISSING), default=0.0)
 
     def located(self, error: ParameterError) -> ParameterError:
-        """Return an error of the solver with the field of the request: the solver has no place for a single run."""
+        """Return an error of the solver with the field of the request.
+
+        The solver does not number a single run, which the request has at `runs.0`.
+        """
         if self.several and error.field.startswith(("history.", "weights")):
             return ParameterError(f"runs.0.{error.field}", error.requirement)
         return ParameterError("runs", error.requirement) if self.several and error.field == "history" else error
@@ -281,7 +287,7 @@ class MotionCalibrationRequest(Calibration):
         Raises
         ------
         ParameterError
-            If values do not go together.
+            If values contradict each other.
         """
         runs = self.motion_runs()
         fit = self.model_arguments() | {"runs": runs, "confidence_level": self.confidence_level}
@@ -303,7 +309,7 @@ def _used(record: MotionRecord, until_s: Any, until_greatest_depth: bool) -> Mot
 
 
 def _thinned(times: FloatArray) -> FloatArray:
-    """Return times of a motion that is only compared."""
+    """Return at most `COMPARED_ROWS` times, evenly chosen, for a motion that is only compared."""
     rows = np.unique(np.linspace(0, times.size - 1, COMPARED_ROWS).round().astype(int))
     thinned: FloatArray = times[rows]
     return thinned

@@ -1,4 +1,4 @@
-"""Strength factor from the motion of a projectile: the answer."""
+"""Models of the answer to a calibration by motion."""
 
 from collections.abc import Collection, Sequence
 from typing import Annotated, Any
@@ -46,22 +46,22 @@ NO_DECAY_ESTIMATE = {"strength_factor": 9.935, "standard_error": 2.341, "confide
 
 
 class FittedMotion(Part):
-    """Columns of equal length, for the quantities that were given."""
+    """Columns of equal length for the quantities of the request."""
 
     model_config = with_examples(PREDICTED, {"time_s": [0.0, 0.001], "rotation_deg": [0.0, 7.122]})
 
     time_s: list[Num]
-    """Since first contact. [s]"""
+    """Time since first contact. [s]"""
     depth_displacement_m: list[Num] | MISSING = MISSING
-    """[m]"""
+    """Displacement of the centre of gravity along the inward normal of the face. [m]"""
     lateral_displacement_m: list[Num] | MISSING = MISSING
-    """[m]"""
+    """Displacement of the centre of gravity along the face. [m]"""
     rotation_deg: list[Num] | MISSING = MISSING
-    """[°]"""
+    """Change of the axis angle. [°]"""
 
 
 class MotionMeasures(Part):
-    """A number for each quantity that was given."""
+    """One number for each quantity of the request."""
 
     model_config = with_examples(ROOT_MEAN_SQUARE)
 
@@ -71,7 +71,7 @@ class MotionMeasures(Part):
 
 
 class ComparedMotion(Part):
-    """The motion that the model predicts with one strength factor."""
+    """Motion that the model predicts with one strength factor."""
 
     model_config = with_examples(
         {"strength_factor": 9.0, "history": {"time_s": [0.0, 0.001], "rotation_deg": [0.0, 6.9]}}
@@ -79,31 +79,37 @@ class ComparedMotion(Part):
 
     strength_factor: StrengthFactorValue
     history: Annotated[
-        FittedMotion, Field(description=f"At the times of the request; at {COMPARED_ROWS} of them if there are more.")
+        FittedMotion,
+        Field(description=f"Motion at the times of the request, at no more than {COMPARED_ROWS} of them."),
     ]
 
 
 NAMES = {name.removesuffix(unit_end(name)): name for name in MotionMeasures.model_fields}
-"""The quantities of a motion in the solver and in the contract."""
-FittedResiduals = Annotated[FittedMotion, Field(description="Given minus predicted, of the rows that were used.")]
-Predicted = Annotated[FittedMotion, Field(description="With the strength factor that fits best.")]
-RootMeanSquare = Annotated[MotionMeasures, Field(description="Mean of the residuals, in the unit of the quantity.")]
+"""Names of the quantities of a motion in the contract, by their names in the solver."""
+FittedResiduals = Annotated[FittedMotion, Field(description="Given minus predicted values of the fitted rows.")]
+Predicted = Annotated[FittedMotion, Field(description="Motion with the strength factor that fits best.")]
+RootMeanSquare = Annotated[
+    MotionMeasures, Field(description="Root mean square of the residuals, in the unit of the quantity.")
+]
 NormalizedRootMeanSquare = Annotated[
     Num,
     Field(
         ge=0.0,
-        description="Mean of the residuals, each quantity over its span, all weighted quantities of all runs. [1]",
+        description="Root mean square of the residuals relative to the span of each quantity, over all weighted "
+        "quantities of all runs. [1]",
     ),
 ]
 RSquared = Annotated[
     MotionMeasures,
-    Field(description="Share of the variance of each quantity that the model explains; absent if it has none. [1]"),
+    Field(description="Share of the variance of each quantity that the model explains; absent without a variance. [1]"),
 ]
-Compared = Annotated[list[ComparedMotion], Field(description="If strength factors to compare are given.")]
+Compared = Annotated[
+    list[ComparedMotion], Field(description="Predicted motions for each of `compare_strength_factors`.")
+]
 
 
 class FittedRun(Part):
-    """One of several runs with the common strength factor."""
+    """Fit of one of several runs with the common strength factor."""
 
     model_config = with_examples(MOTION | {"normalized_root_mean_square": 0.0019})
 
@@ -116,7 +122,7 @@ class FittedRun(Part):
 
 
 class RunAlone(FittedStrength):
-    """The strength factor that fits one of several runs best."""
+    """Strength factor that fits one of several runs best."""
 
     model_config = with_examples(ESTIMATE | {"normalized_root_mean_square": 0.0019})
 
@@ -124,20 +130,20 @@ class RunAlone(FittedStrength):
 
 
 class DecayLawRun(Part):
-    """One of several runs with one decay law."""
+    """Fit of one of several runs with one decay law."""
 
     model_config = with_examples(
         {"normalized_root_mean_square": 0.0042, "alone": ESTIMATE | {"normalized_root_mean_square": 0.0019}}
     )
 
     normalized_root_mean_square: NormalizedRootMeanSquare
-    """With the common strength factor. [1]"""
+    """Normalised root mean square with the common strength factor. [1]"""
     alone: Annotated[RunAlone | MISSING, GIVEN] = MISSING
-    """Fit of this run by itself; absent if it leaves the strength factor open."""
+    """Fit of this run by itself; absent if the run does not determine the strength factor."""
 
 
 class DecayLawFit(Part):
-    """The strength factor that fits best with one decay law; the law alone if the motion leaves it open."""
+    """Strength factor that fits best with one decay law; only the law if the motion does not determine the factor."""
 
     model_config = with_examples(
         {"free_surface": "elastic_plastic"} | ESTIMATE | {"normalized_root_mean_square": 0.0019},
@@ -151,11 +157,11 @@ class DecayLawFit(Part):
     confidence_interval: Annotated[ConfidenceInterval | MISSING, Of("estimate.confidence_interval")] = MISSING
     normalized_root_mean_square: NormalizedRootMeanSquare | MISSING = MISSING
     runs: Annotated[list[DecayLawRun] | MISSING, GIVEN] = MISSING
-    """If the request has runs, in its order."""
+    """Fits of the `runs` of the request, in its order."""
 
 
 class MotionCalibrationAnswer(FittedStrength):
-    """The strength factor that fits motions best, with the requested decay law and with each of the others.
+    """Strength factor that fits motions best, with the requested decay law and with each of the others.
 
     `residuals`, `predicted`, `root_mean_square`, `r_squared` and `compared` belong to a single strike; if the request
     has `runs`, each of `runs` has its own.
@@ -184,9 +190,9 @@ class MotionCalibrationAnswer(FittedStrength):
     compared: Annotated[Compared | MISSING, GIVEN] = MISSING
     normalized_root_mean_square: NormalizedRootMeanSquare
     runs: Annotated[list[FittedRun] | MISSING, GIVEN] = MISSING
-    """If the request has runs, in its order."""
+    """Fits of the `runs` of the request, in its order."""
     decay_laws: Annotated[list[DecayLawFit], GIVEN]
-    """The same with every decay law, the requested one included."""
+    """Fits with each decay law, including the requested one."""
     best_decay_law: Annotated[FreeSurfaceModel, GIVEN]
     """Law with the least normalised root mean square."""
     warnings: Annotated[list[ModelWarning], GIVEN]
@@ -199,7 +205,7 @@ def motion_answer(
 ) -> dict[str, Any]:
     """Return the answer from the fits and, for each run, the motions with the strength factors to compare.
 
-    With `several` every run has its part, also where there is but one.
+    With `several` the answer has a list of runs, even if there is only one.
     """
     requested = fits.requested
     runs = [_run(fit, motions) for fit, motions in zip(requested.runs, compared, strict=True)]
@@ -221,7 +227,7 @@ def _run(fit: MotionFit, compared: Sequence[tuple[float, MotionHistory]]) -> dic
 
 
 def _motion(motion: MotionHistory, quantities: Collection[str]) -> dict[str, Any]:
-    """Return these quantities of a motion."""
+    """Return a motion as JSON data, with these quantities only."""
     return walk(FittedMotion, MotionHistory(time=motion.time, **{name: motion.columns[name] for name in quantities}))
 
 

@@ -1,4 +1,4 @@
-"""Errors of validation in words: the unit of a bound, the unit a value may be meant in, the field that is meant."""
+"""Texts of validation errors, with the unit of a bound, a likely unit of the value, or a similar field."""
 
 import re
 from collections.abc import Mapping
@@ -19,9 +19,10 @@ from solver.checks import BOUNDS, ParameterError, require_bounds
 OUT_OF_BOUNDS = {"greater_than", "greater_than_equal", "less_than", "less_than_equal"}
 """Types of the errors of numbers outside their bounds."""
 ITEM = re.compile(r"(/\d+)+$")
-"""Index at the end of a JSON pointer; the item has the unit of its list."""
+"""Indices at the end of a JSON pointer. They are removed, as an item has the unit of its list."""
 LONGEST_MISSPELT = 200
-"""Longest pointer to a field that may be a misspelt one: difflib takes time in proportion to the length of a name."""
+"""Longest pointer for which a similar field is searched [characters]: the time of difflib grows with the length of the
+name. No pointer of the contract is half as long."""
 
 
 def explained(pointer: str, error: Mapping[str, Any], *, suggest: bool = True) -> str:
@@ -30,7 +31,7 @@ def explained(pointer: str, error: Mapping[str, Any], *, suggest: bool = True) -
     Parameters
     ----------
     suggest
-        Whether to look for the field that an unknown one may be meant as.
+        Search for a known field that is similar to an unknown one.
     """
     if error["type"] == UNKNOWN:
         return worded(error) + (suggestion(pointer) if suggest and len(pointer) <= LONGEST_MISSPELT else "")
@@ -48,10 +49,10 @@ def explained(pointer: str, error: Mapping[str, Any], *, suggest: bool = True) -
 
 
 def suggestion(pointer: str) -> str:
-    """Return the end of an error for an unknown field: the field it may be meant as, or those beside it."""
+    """Return the end of the error for an unknown field: a similar field, or the fields of the same object."""
     field = ".".join(step for step in pointer.split("/") if step and not step.isdigit())
     known = known_fields()
-    if field in known:  # The field belongs to another request.
+    if field in known:  # The field exists in another request, so that it is not misspelt.
         return SOUGHT.get(field, "; it belongs to another request, shape or model")
     if meant := meant_as(field, known):
         return f"; did you mean `{meant}`?"
@@ -62,7 +63,7 @@ def suggestion(pointer: str) -> str:
 
 @cache
 def known_fields() -> list[str]:
-    """Return the fields of all requests, by their places."""
+    """Return the dotted paths of the fields of all requests."""
     models = [each for name, each in vars(schemas).items() if name.endswith("Request") and isclass(each)]
     found = (name for model in models if issubclass(model, BaseModel) for name in field_names(schema_of(model)))
     return sorted(set(found))

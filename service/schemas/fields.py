@@ -1,4 +1,4 @@
-"""Fields of the models of answers: where each has its value in what the solver returns, and its columns."""
+"""Mapping of results of the solver to answers: the source, the unit and the columns of each field of a model."""
 
 import math
 from collections.abc import Callable, Mapping, Sized
@@ -17,31 +17,31 @@ from service.schemas.quantities import STANDARD_GRAVITY, Of, Part, degrees, shor
 from solver.arrays import FloatArray
 
 WHOLE_ANSWER = Of(lambda found: found)
-"""Marks a part of an answer that is made of the same object as the answer."""
+"""Marker of a part of an answer that is made from the same object as the whole answer."""
 GIVEN = Of(None)
-"""Marks a field that is given to `walk`, or added to the answer later."""
+"""Marker of a field whose value is passed to `walk`, or added to the answer later."""
 
 
 NOT_TABLED = ()
-"""Marks a number or a text that is not a column of tables."""
+"""Marker of a number or a text that is no column of tables."""
 
 
 IDENTIFYING = {column.name for column in IDENTITY}
-"""Fields that are columns of the tables of every operation."""
+"""Fields that are columns in the tables of every operation."""
 
 
 class AnswerField(NamedTuple):
-    """How a field of an answer gets its value."""
+    """Source and conversion of a field of an answer."""
 
     name: str
     get: Callable[[Any], Any] | None
-    """From what the solver returns."""
+    """Function from a result of the solver to the value; None for a given field."""
     part: type[Part] | None
-    """Model of its value, of an item if it is a list."""
+    """Model of the value or, for a list, of its items."""
     optional: bool
-    """Whether it is left out where there is nothing to say."""
+    """True if an empty value is left out."""
     convert: Callable[[float], float]
-    """Converts a number from the solver's unit to that of the name."""
+    """Function from the unit of the solver to that of the field."""
 
 
 @cache
@@ -61,7 +61,7 @@ def _field(model: type[Part], name: str) -> AnswerField:
 
 
 def kind_of(annotation: Any) -> Any:
-    """Return the type in an annotation; `object` for a union of several."""
+    """Return the type in an annotation, or `object` for a union of several types."""
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return kind_of(inner[0])
@@ -72,7 +72,7 @@ def kind_of(annotation: Any) -> Any:
 
 
 def part_of(model: type[Part], name: str) -> type[Part] | None:
-    """Return the model of a field or, if it is a list, of its items; None if these are not parts."""
+    """Return the model of a field or, for a list, of its items; None if there is no model."""
     kind = kind_of(model.model_fields[name].annotation)
     while get_origin(kind) is list:
         kind = kind_of(get_args(kind)[0])
@@ -80,19 +80,19 @@ def part_of(model: type[Part], name: str) -> type[Part] | None:
 
 
 def walk(model: type[Part], found: Any, /, **given: Any) -> dict[str, Any]:
-    """Return an answer as JSON data: the fields of its model, from what the solver returns.
+    """Convert a result of the solver to an answer as JSON data, by the fields of its model.
 
-    Angles become degrees in fields whose name says so, parts are walked in turn, and an optional field without a value,
-    without items, or that is false is left out.
+    Angles become degrees in fields with the suffix `_deg`, nested models are converted in turn, and optional fields
+    that are None, empty or False are left out.
 
     Parameters
     ----------
     model
-        Of the answer.
+        Model of the answer.
     found
-        What the solver returns.
+        Result of the solver.
     given
-        Values of fields that are not in it.
+        Values of fields that the result does not contain.
     """
     answer = {}
     for field in fields_of(model):
@@ -102,7 +102,7 @@ def walk(model: type[Part], found: Any, /, **given: Any) -> dict[str, Any]:
             value = field.get(found)
         else:
             continue
-        if isinstance(value, float):  # Most values are numbers, and a call for each would take long.
+        if isinstance(value, float):  # Most values are numbers, which are handled here without another call.
             answer[field.name] = field.convert(value)
         elif not field.optional or says_something(value):
             answer[field.name] = _plain(field, value)
@@ -110,12 +110,12 @@ def walk(model: type[Part], found: Any, /, **given: Any) -> dict[str, Any]:
 
 
 def says_something(value: Any) -> bool:
-    """Return whether a value is there and true, and has items if it can have any."""
+    """Return True unless a value is None, False or an empty collection."""
     return not (value is None or value is False or (isinstance(value, Sized) and not len(value)))
 
 
 def _plain(field: AnswerField, value: Any) -> Any:
-    """Return a value as JSON data; what is so already stays."""
+    """Convert a value to JSON data."""
     if isinstance(value, float):
         return field.convert(value)
     if isinstance(value, list | tuple):
@@ -134,9 +134,9 @@ def columns_of(model: type[Part], prefix: str = "", suffix: str = "") -> tuple[C
     Parameters
     ----------
     model
-        Of the answer.
+        Model of the answer, or of a part of one.
     prefix, suffix
-        Go before every name and behind every description.
+        Text before each name, and text after each description.
     """
     return tuple(
         Column(f"{prefix}{each.name}", f"{each.description}{suffix}", each.dtype)
@@ -146,7 +146,7 @@ def columns_of(model: type[Part], prefix: str = "", suffix: str = "") -> tuple[C
 
 
 def _columns_of(model: type[Part], name: str) -> tuple[Column, ...]:
-    """Return the columns of a field: those among its annotations, else its own if it is a number or a text."""
+    """Return the columns in the annotations of a field, or one column for a number or a text without any."""
     info = model.model_fields[name]
     given = [mark for mark in info.metadata if isinstance(mark, Column | tuple)]
     if given or name in IDENTIFYING:
@@ -159,24 +159,24 @@ def _columns_of(model: type[Part], name: str) -> tuple[Column, ...]:
 
 
 def history_columns(model: type[Part], found: Any) -> dict[str, FloatArray]:
-    """Return the columns of a motion over time, by their names in the contract."""
+    """Return the columns of a motion over time by their names in the contract."""
     return {field.name: in_unit(field.name, field.get(found)) for field in fields_of(model) if field.get}
 
 
 def in_g(acceleration: float) -> float:
-    """Return an acceleration in the unit of a name that ends in `_g`."""
+    """Convert an acceleration from m/s² to standard gravity."""
     return float(acceleration / STANDARD_GRAVITY)
 
 
 def in_unit(name: str, values: Any) -> Any:
-    """Return a number or an array in the unit of its name."""
+    """Convert a number or an array from the solver's unit to that in the name of the field."""
     if name.endswith("_g"):
         return values / STANDARD_GRAVITY
     return np.degrees(values) if name.endswith("_deg") else values
 
 
 def in_solver_units(answer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a part of an answer as the solver names its values, in the solver's units."""
+    """Convert a part of an answer back to the names and units of the solver."""
     ends = {name: unit_end(name) for name in answer}
     return {
         name.removesuffix(ends[name]): math.radians(value) if ends[name] == "_deg" else value

@@ -1,4 +1,4 @@
-"""Flight after a ricochet: request and answer as the contract has them."""
+"""Models of the flight after a ricochet: request, answer, and conditions of a trajectory."""
 
 from enum import StrEnum
 from typing import Annotated, Any
@@ -28,16 +28,20 @@ DragCoefficient = Annotated[
     Num,
     Field(
         **within("flight.drag_coefficient"),
-        description="On the projected area; 1 for a body that tumbles, 0.5 for a sphere. [1]",
+        description="Drag coefficient of the projected area: 1 for a tumbling body, 0.5 for a sphere. [1]",
     ),
 ]
 LaunchHeight = Annotated[
-    Num, Field(**within("flight.height"), description="Of the launch above level ground, on which the body lands. [m]")
+    Num,
+    Field(
+        **within("flight.height"),
+        description="Height of the launch above the level ground on which the body lands. [m]",
+    ),
 ]
 
 
 class IncidencePlane(StrEnum):
-    """Whether the body travels up the face, level along it, or down it."""
+    """Direction of travel on a tilted face: up the face, level along it, or down it."""
 
     UP = "up"
     LEVEL = "level"
@@ -45,35 +49,35 @@ class IncidencePlane(StrEnum):
 
 
 class FlightInput(SolverPart[solver.FlightConditions]):
-    """How the struck face stands, for the flight of a body that leaves it."""
+    """Position of the struck face, for the flight of a body that leaves it."""
 
     model_config = with_examples(FACE)
 
     face_tilt_deg: Annotated[Num, Field(ge=0.0, le=90.0)] = 0.0
-    """Angle of the impact face from level ground: 0 for a slab, 90 for a wall. [°]"""
+    """Angle between the impact face and level ground: 0 for a slab, 90 for a wall. [°]"""
     incidence_plane: IncidencePlane = IncidencePlane.UP
-    """How the plane of incidence lies on a tilted face. Without effect on level ground."""
+    """Direction of travel on a tilted face. It has no effect on level ground."""
     drag_coefficient: DragCoefficient = TUMBLING_DRAG
     height_m: LaunchHeight = 0.0
 
 
 class FlightRequest(Part):
-    """A body that flies off."""
+    """Launch of a body from the target."""
 
     model_config = with_examples(LAUNCH, LAUNCH | {"drag_coefficient": 0.5, "height_m": 12.0})
 
     speed_m_s: Annotated[Num, Field(**within("flight.speed"))]
-    """At launch. [m/s]"""
+    """Speed at launch. [m/s]"""
     elevation_deg: Annotated[Num, Field(ge=-90.0, le=90.0)]
-    """Of the launch above the horizontal. [°]"""
+    """Angle of the launch above the horizontal. [°]"""
     mass_kg: Annotated[Num, Field(**within("projectile.mass"))]
     projected_area_m2: Annotated[Num, Field(**within("flight.projected_area"))]
-    """Area that the drag coefficient refers to: for a convex body that tumbles a quarter of its surface. [m²]"""
+    """Area that the drag coefficient refers to. For a tumbling convex body it is a quarter of the surface. [m²]"""
     drag_coefficient: DragCoefficient = TUMBLING_DRAG
     height_m: LaunchHeight = 0.0
 
     def canonical(self) -> dict[str, Any]:
-        """Return every field as JSON data, defaults filled in."""
+        """Return all fields as JSON data, with defaults filled in."""
         return self.model_dump(mode="json")
 
     def arguments(self) -> dict[str, Any]:
@@ -82,7 +86,7 @@ class FlightRequest(Part):
 
 
 class FlightResult(Part):
-    """Where a body lands on level ground, and how far it can land at most."""
+    """Landing point of a body on level ground, and the farthest one over all elevations."""
 
     model_config = with_examples(LANDING)
 
@@ -101,15 +105,15 @@ class FlightResult(Part):
     range_without_drag_m: Annotated[Num, NOT_TABLED]
     """Greatest distance over all elevations without drag. [m]"""
     drag_coefficient: Annotated[Num, NOT_TABLED]
-    """Drag coefficient in use. [1]"""
+    """Drag coefficient used. [1]"""
     projected_area_m2: Annotated[Num, NOT_TABLED]
-    """Projected area in use. [m²]"""
+    """Projected area used. [m²]"""
 
 
 def flight_of(
     wanted: FlightInput | MISSING, projectile: solver.Projectile, found: solver.Trajectory
 ) -> dict[str, Any] | None:
-    """Return the flight of a body that has left the target; None if it is not wanted or the body has not left."""
+    """Return the flight of a body after its exit; None if it is not requested or the body has not left the target."""
     if wanted is MISSING or found.exit is None:
         return None
     rear = found.outcome is solver.Outcome.PERFORATED

@@ -1,4 +1,4 @@
-"""The empirical formulas of the field: request and answer as the contract has them."""
+"""Models of the empirical formulas: request and answer."""
 
 from functools import partial
 from typing import Annotated, Any
@@ -34,17 +34,17 @@ WARNING = {"code": NORMAL_COMPONENT_ONLY.code, "detail": NORMAL_COMPONENT_ONLY.d
 
 
 class FormulaImpact(Impact):
-    """The motion at first contact; only the component of the velocity along the normal counts."""
+    """Motion at first contact. Formulas use only the component of the velocity along the normal."""
 
     model_config = with_examples(STRIKE)
 
     oblique_angle_deg: Annotated[Num, Field(ge=0.0, lt=90.0)] = 0.0
-    """From the inward normal of the face to the velocity. Formulas have no angle: as is common practice, and nothing
-    better, the component of the velocity along the normal takes its place. [°]"""
+    """Angle between the velocity and the inward normal of the face. Formulas have no angle, so that the component of
+    the velocity along the normal is used instead, which is common practice and no more. [°]"""
 
 
 class FormulasRequest(Part):
-    """One strike, for all formulas."""
+    """One strike to evaluate with all formulas."""
 
     model_config = with_examples(REQUEST)
 
@@ -53,7 +53,7 @@ class FormulasRequest(Part):
     impact: FormulaImpact
 
     def canonical(self) -> dict[str, Any]:
-        """Return every field as JSON data, defaults filled in."""
+        """Return all fields as JSON data, with defaults filled in."""
         return self.model_dump(mode="json")
 
     def arguments(self) -> dict[str, Any]:
@@ -62,66 +62,66 @@ class FormulasRequest(Part):
 
 
 class NotFitted(Part):
-    """An input, or a result, outside the range that a formula was fitted to."""
+    """An input or a result outside the range that a formula was fitted to."""
 
     model_config = with_examples(NOT_FITTED)
 
     pointer: Annotated[str, Of(lambda outside: pointer_of_parameter(outside.field))]
-    """JSON pointer of the input in the request, or of the result in the row."""
+    """JSON pointer to the input in the request, or to the result in the row."""
     detail: str
-    """The range, and the value here."""
+    """Range of the formula, and the present value."""
 
 
 class FormulaRow(Part):
-    """Answer of one formula; absent where it has none."""
+    """Result of one formula. Quantities that it does not predict are absent."""
 
     model_config = with_examples(ROW)
 
     formula: str
-    """Stable, for programs."""
+    """Stable name of the formula, for programs."""
     penetration_depth_m: Num | MISSING = MISSING
-    """Into concrete that is thick enough. [m]"""
+    """Depth of penetration into concrete that is thick enough. [m]"""
     scabbing_thickness_m: Num | MISSING = MISSING
-    """Least thickness of a wall whose back does not scab, without a margin. [m]"""
+    """Least thickness of a wall whose rear face does not scab, without a margin. [m]"""
     perforation_thickness_m: Num | MISSING = MISSING
     """Least thickness of a wall that is not perforated, without a margin. [m]"""
     limit_speed_m_s: Num | MISSING = MISSING
     """Least speed that perforates the wall, in an answer to `/limit-speed` only. [m/s]"""
     in_range: bool
-    """Whether the range of the formula is known and `out_of_range` is empty."""
+    """True if the range of the formula is known and includes the strike."""
     range_known: bool
-    """Whether a source gives the range of the formula."""
+    """True if a source states the range of the formula."""
     out_of_range: list[NotFitted]
     note: str | MISSING = MISSING
-    """What is in doubt, or assumed; absent where nothing is."""
+    """Doubts about the formula, or assumptions; absent if there are none."""
     verified: bool
-    """Whether the constants were compared with an original, a standard or a published shot; those of the other formulas
-    come from secondary sources alone."""
+    """True if the constants were compared with an original, a standard or a published shot. Those of the other formulas
+    come from secondary sources only."""
     source: str
-    """Authors and year."""
+    """Authors and year of the source."""
 
 
 class FormulaSpread(Part):
-    """The lowest and the highest answer of the formulas that are in range."""
+    """Lowest and highest result of the formulas that are in range."""
 
     model_config = with_examples(SPREAD)
 
     lowest: Num
-    """[m]"""
+    """Lowest result. [m]"""
     highest: Num
-    """[m]"""
+    """Highest result. [m]"""
     formulas: Annotated[int, Of("count")]
-    """In range, with an answer. One that a formula takes from another, as Kar's for steel takes that of modified NDRC,
-    counts once."""
+    """Number of formulas in range with a result. A result that one formula takes from another, as Kar's for steel from
+    modified NDRC, counts once."""
 
 
 def spread_of(limit: Limit) -> Of:
-    """Return the source of the spread of a limit."""
+    """Return the source of a field with the spread of a limit."""
     return Of(partial(spread, limit=limit))
 
 
 class FormulasAnswer(Part):
-    """Answer of every formula, and how far they differ."""
+    """Results of all formulas, and their spread."""
 
     model_config = with_examples(
         {
@@ -140,19 +140,19 @@ class FormulasAnswer(Part):
     scabbing_thickness_spread: Annotated[FormulaSpread | MISSING, spread_of("scabbing_thickness")] = MISSING
     perforation_thickness_spread: Annotated[FormulaSpread | MISSING, spread_of("perforation_thickness")] = MISSING
     nose_class: Annotated[str, GIVEN, NOT_TABLED]
-    """In the sense of the formulas, from the length of the nose: flat to sharp."""
+    """Nose class of the formulas, from flat to sharp by the length of the nose."""
     scabbing_margin: Annotated[Num, Of(lambda _: SCABBING_MARGIN), NOT_TABLED]
-    """Factor on a scabbing thickness that DOE-STD-3014-2006 requires in a design. [1]"""
+    """Factor on the scabbing thickness that DOE-STD-3014-2006 requires in a design. [1]"""
     perforation_margin: Annotated[Num, Of(lambda _: PERFORATION_MARGIN), NOT_TABLED]
-    """Factor on a perforation thickness that DOE-STD-3014-2006 requires in a design. [1]"""
+    """Factor on the perforation thickness that DOE-STD-3014-2006 requires in a design. [1]"""
     warnings: Annotated[list[ModelWarning], GIVEN]
-    """`normal_component_only` for an oblique strike, `mean_density_unusual` and `reinforcement_not_counted`."""
+    """Warnings: `normal_component_only` for an oblique strike, `mean_density_unusual`, `reinforcement_not_counted`."""
     key: Key
     engine_version: EngineVersion
 
 
 def formulas_answer(request: FormulasRequest) -> dict[str, Any]:
-    """Return the answer without its key and version.
+    """Evaluate the formulas, and return the answer without its key and version.
 
     Raises
     ------

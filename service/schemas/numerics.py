@@ -1,4 +1,4 @@
-"""How a request is computed, as the contract has it."""
+"""Models of the numerical settings of a request: route, resolution and search."""
 
 from enum import StrEnum
 from functools import cache
@@ -17,14 +17,21 @@ Obliquity = Annotated[Num, Field(ge=0.0, lt=90.0)]
 
 
 class Method(StrEnum):
-    """`adaptive`: closed-form arcs and error-controlled steps; `panels`: the paper's elements and fixed step."""
+    """Route to a trajectory.
+
+    `adaptive` has closed-form arcs and error-controlled steps, `panels` the surface elements and the fixed step of the
+    paper.
+    """
 
     ADAPTIVE = "adaptive"
     PANELS = "panels"
 
 
 class SearchMethod(StrEnum):
-    """`outcome` brackets the change of outcome; `bisection` and `secant` are the paper's, on the final position."""
+    """Method of a search.
+
+    `outcome` brackets the change of outcome. `bisection` and `secant` are those of the paper, on the final position.
+    """
 
     OUTCOME = "outcome"
     BISECTION = "bisection"
@@ -39,7 +46,7 @@ class Numerics(SolverPart[solver.Numerics]):
     )
 
     method: Method | MISSING = MISSING
-    """`adaptive` when not given, `panels` in the searches `bisection` and `secant`."""
+    """Route to a trajectory. The default is `adaptive`, in the searches `bisection` and `secant` it is `panels`."""
     termination_time_s: Annotated[Num, Field(ge=1e-6, le=1.0)] | MISSING = MISSING
     panels: Annotated[Count, Field(ge=100, le=100_000), WHOLE] = NUMERICS.panels
     time_step_s: Annotated[Num, Field(ge=1e-7, le=1e-3)] = NUMERICS.time_step
@@ -51,13 +58,13 @@ class Numerics(SolverPart[solver.Numerics]):
 
 @cache
 def usual_range(method: SearchMethod) -> tuple[float, float]:
-    """Return the range of a search that is given none. [°]"""
+    """Return the default range of a search. [°]"""
     lower, upper = solver.Search(method=method.value).bounds
     return degrees(lower), degrees(upper)
 
 
 class Search(SolverPart[solver.Search]):
-    """How the critical angle is sought."""
+    """Method, range and tolerance of a search for the critical angle."""
 
     model_config = with_examples({"method": "outcome", "lower_deg": 20.0, "upper_deg": 80.0}, {"method": "secant"})
 

@@ -1,4 +1,4 @@
-"""Least thickness of a wall and limit speed: requests and answers as the contract has them."""
+"""Models of the searches for the least thickness of a wall and for the limit speed."""
 
 from typing import Annotated, Any, ClassVar, Self
 
@@ -33,7 +33,7 @@ RANGE_COLUMNS = {
     unit: (Column(f"range_low_{unit}", "lower end of the 90 % range"), Column(f"range_high_{unit}", "upper end"))
     for unit in ("m", "m_s")
 }
-"""Columns of a range, by the unit of the answer."""
+"""Columns of the 90 % range, by the unit of the answer."""
 VARIANT_COLUMNS = {
     unit: tuple(
         Column(f"{name}_{unit}", text)
@@ -112,43 +112,44 @@ SPEED = {
 
 
 class LimitOutput(Part):
-    """What the answer to a search for perforation holds."""
+    """Contents of the answer to a search for perforation."""
 
     model_config = with_examples({"range": False})
 
     range: Flag = True
-    """Whether to add the 90 % range over the strength factor, the values with a plug and a crater, and the sentence:
-    five searches more."""
+    """Include the 90 % range over the strength factor, the values with a plug and a crater, and the sentence. They take
+    five more searches."""
 
 
 class BatchLimitOutput(LimitOutput):
-    """What the answer to a search for perforation holds among many."""
+    """Contents of the answer to a search for perforation in a batch or a sweep."""
 
     range: Flag = False
-    """Whether to add the 90 % range over the strength factor, the values with a plug and a crater, and the sentence:
-    five searches more; not among many, unless requested."""
+    """Include the 90 % range over the strength factor, the values with a plug and a crater, and the sentence. They take
+    five more searches, and are left out by default."""
 
 
 class PerforationCase(Case):
-    """What searches for perforation have in common."""
+    """Base of the requests that search for perforation."""
 
     output: Annotated[LimitOutput, Field(default_factory=LimitOutput)]
 
     @property
     def searches(self) -> int:
-        """How many searches the answer takes."""
+        """Number of searches that the answer takes."""
+        # The range takes two more, at the ends of S, and the variants with a plug and a crater three.
         return 6 if self.output.range else 1
 
 
 class ThicknessFields(PerforationCase):
-    """A strike on a wall whose thickness is sought, alone or among many; its target has none."""
+    """A strike on a wall whose thickness is searched for, single or in a batch. The target must have no thickness."""
 
     model_config = with_examples(PAPER_AT_45)
 
     impact: Impact
 
     def resolved(self) -> Self:
-        """Return the same with what was left open filled in.
+        """Return the request with all defaults filled in.
 
         Raises
         ------
@@ -166,13 +167,13 @@ class ThicknessFields(PerforationCase):
         Raises
         ------
         ParameterError
-            If values do not go together.
+            If values contradict each other.
         """
         case = self.resolved()
         return case.shared_arguments() | {"impact": case.impact.to_solver()}
 
     def formulas(self) -> list[FormulaResult]:
-        """Return what the empirical formulas say of the same strike; nothing without a velocity along the normal."""
+        """Evaluate the empirical formulas for the same strike; none without a velocity along the normal."""
         arguments = self.arguments()
         try:
             rows = solver.formulas(**{name: arguments[name] for name in ("projectile", "target", "impact")})
@@ -182,13 +183,13 @@ class ThicknessFields(PerforationCase):
 
 
 class ThicknessRequest(ThicknessFields):
-    """A strike on a wall whose thickness is sought; its target has none."""
+    """A strike on a wall whose thickness is searched for. The target must not have a thickness."""
 
     model_config = with_examples(PAPER_AT_45)
 
 
 class ThicknessBase(ThicknessFields):
-    """A strike on a wall whose thickness is sought, among many: without a range unless requested."""
+    """A strike on a wall whose thickness is searched for, in a batch or a sweep, by default without the 90 % range."""
 
     model_config = with_examples(PAPER_AT_45)
 
@@ -196,14 +197,14 @@ class ThicknessBase(ThicknessFields):
 
 
 class LimitSpeedFields(PerforationCase):
-    """A wall, and a projectile whose least speed that perforates is sought, alone or among many."""
+    """A wall and a projectile whose limit speed is searched for, single or in a batch."""
 
     model_config = with_examples(WALL)
 
     impact: Approach
 
     def resolved(self) -> Self:
-        """Return the same with what was left open filled in, but for the end of a run, which depends on its speed.
+        """Return the request with defaults filled in, except for the end of a run, which depends on its speed.
 
         Raises
         ------
@@ -221,13 +222,13 @@ class LimitSpeedFields(PerforationCase):
         Raises
         ------
         ParameterError
-            If values do not go together.
+            If values contradict each other.
         """
         case = self.resolved()
         return case.shared_arguments() | case.impact.arguments()
 
     def formulas(self) -> list[FormulaResult]:
-        """Return the limit speeds of the empirical formulas; nothing for a strike along the face."""
+        """Return the limit speeds of the empirical formulas; none for a strike along the face."""
         arguments = self.arguments()
         strike = {name: arguments[name] for name in ("projectile", "target", "oblique_angle")}
         try:
@@ -237,13 +238,13 @@ class LimitSpeedFields(PerforationCase):
 
 
 class LimitSpeedRequest(LimitSpeedFields):
-    """A wall, and a projectile whose least speed that perforates is sought."""
+    """A wall and a projectile whose limit speed is searched for."""
 
     model_config = with_examples(WALL)
 
 
 class LimitSpeedBase(LimitSpeedFields):
-    """A wall, and a projectile whose limit speed is sought, among many: without a range unless requested."""
+    """A wall and a projectile whose limit speed is searched for, in a batch or a sweep, by default without a range."""
 
     model_config = with_examples(WALL)
 
@@ -258,24 +259,24 @@ class LimitRange(Part):
     lower: Num
     upper: Num
     probability: Annotated[Num, Field(ge=0.0, le=1.0)]
-    """With which the limit of this model lies in it. [1]"""
+    """Probability that the limit of this model is within the range. [1]"""
 
 
 class PerforationTrial(Part):
-    """How one run of a search for perforation ended."""
+    """Result of one run in a search for perforation."""
 
     solved = solver.PerforationTrial
     answered_last: ClassVar = ("outcome", "exit", "protrusion")
 
     outcome: Outcome
     exit: Exit | MISSING = MISSING
-    """If the projectile left."""
+    """State at the exit, if the projectile left the wall."""
     protrusion: Protrusion | MISSING = MISSING
-    """If anything of the projectile comes out of the rear face, and it does not perforate."""
+    """Protrusion from the rear face of a wall that is not perforated, if any part comes out."""
 
 
 class ThicknessTrial(PerforationTrial):
-    """One thickness tried."""
+    """One thickness tried in a search."""
 
     model_config = with_examples(THICKNESS_TRIAL)
 
@@ -284,7 +285,7 @@ class ThicknessTrial(PerforationTrial):
 
 
 class SpeedTrial(PerforationTrial):
-    """One speed tried."""
+    """One speed tried in a search."""
 
     model_config = with_examples(SPEED_TRIAL)
 
@@ -301,8 +302,8 @@ class ThicknessAnswer(Part):
 
     status: PerforationStatus
     least_thickness_m: Annotated[Num | MISSING, Of("value")] = MISSING
-    """Least thickness seen to stop the projectile, if there is one from a tenth to a thousand diameters. Unless
-    `resistance` has a `rear_plug` and a `crater`, the wall has neither, and a real one has to be thicker. [m]"""
+    """Least thickness found that stops the projectile, if there is one between a tenth and a thousand diameters. Unless
+    `resistance` has a `rear_plug` and a `crater`, the wall has neither, and a real wall has to be thicker. [m]"""
     bracket_m: Annotated[
         Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,
         Column("bracket_low_m", "lower of the thicknesses between which the outcome changes"),
@@ -312,16 +313,16 @@ class ThicknessAnswer(Part):
     without_protrusion: Annotated[
         Num | MISSING, Column("without_protrusion_m", "least thickness of a wall out of which nothing comes")
     ] = MISSING
-    """Least thickness with which nothing of the projectile was seen to come out of the rear face: where a wall is as
-    thick as `least_thickness_m`, its nose may stand out. [m]"""
+    """Least thickness found at which no part of the projectile comes out of the rear face. At `least_thickness_m` its
+    nose may stand out. [m]"""
     iterations: Annotated[list[ThicknessTrial], Column("trials", "number of thicknesses tried")]
-    """Every thickness tried, in order."""
+    """All thicknesses tried, in order."""
     range: Annotated[LimitRange | MISSING, GIVEN, *RANGE_COLUMNS["m"]] = MISSING
-    """Over the scatter of the strength factor; if requested, and if there is a thickness at both of its ends. [m]"""
+    """90 % range over the scatter of the strength factor, if requested and if there is a thickness at both ends. [m]"""
     variants: Annotated[Variants | MISSING, GIVEN, *VARIANT_COLUMNS["m"]] = MISSING
     """Least thickness with different rear and front faces, if requested. [m]"""
     sentence: Annotated[str | MISSING, GIVEN, NOT_TABLED] = MISSING
-    """What the formulas and the model say, with the range; not a design value, which `/wall` has."""
+    """Results of formulas and model in words, with the range. They are no design value, which `/wall` has."""
     formulas: Annotated[list[FormulaRow], GIVEN]
     """Empirical formulas with a perforation thickness for the same strike."""
     warnings: list[ModelWarning]
@@ -338,8 +339,8 @@ class LimitSpeedAnswer(Part):
 
     status: PerforationStatus
     limit_speed_m_s: Annotated[Num | MISSING, Of("value")] = MISSING
-    """Least speed seen to perforate, if there is one from 1 to 2,000 m/s. Unless `resistance` has a `rear_plug` and a
-    `crater`, the wall has neither, and slower projectiles perforate real ones. [m/s]"""
+    """Least speed found that perforates, if there is one between 1 and 2,000 m/s. Unless `resistance` has a `rear_plug`
+    and a `crater`, the wall has neither, and slower projectiles perforate real walls. [m/s]"""
     bracket_m_s: Annotated[
         Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,
         Column("bracket_low_m_s", "lower of the speeds between which the outcome changes"),
@@ -349,16 +350,16 @@ class LimitSpeedAnswer(Part):
     without_protrusion: Annotated[
         Num | MISSING, Column("without_protrusion_m_s", "greatest speed at which nothing comes out of the wall")
     ] = MISSING
-    """Greatest speed at which nothing of the projectile was seen to come out of the rear face: just below
-    `limit_speed_m_s` its nose may stand out. [m/s]"""
+    """Greatest speed found at which no part of the projectile comes out of the rear face. Just below `limit_speed_m_s`
+    its nose may stand out. [m/s]"""
     iterations: Annotated[list[SpeedTrial], Column("trials", "number of speeds tried")]
-    """Every speed tried, in order."""
+    """All speeds tried, in order."""
     range: Annotated[LimitRange | MISSING, GIVEN, *RANGE_COLUMNS["m_s"]] = MISSING
-    """Over the scatter of the strength factor; if requested, and if there is a speed at both of its ends. [m/s]"""
+    """90 % range over the scatter of the strength factor, if requested and if there is a speed at both ends. [m/s]"""
     variants: Annotated[Variants | MISSING, GIVEN, *VARIANT_COLUMNS["m_s"]] = MISSING
     """Limit speed with different rear and front faces, if requested. [m/s]"""
     sentence: Annotated[str | MISSING, GIVEN, NOT_TABLED] = MISSING
-    """What the formulas and the model say, with the range."""
+    """Results of formulas and model in words, with the range."""
     formulas: Annotated[list[FormulaRow], GIVEN]
     """Limit speeds of the empirical formulas for the same wall and angle."""
     warnings: list[ModelWarning]
@@ -367,12 +368,12 @@ class LimitSpeedAnswer(Part):
 
 
 def thickness_answer(request: ThicknessFields) -> dict[str, Any]:
-    """Return the answer to a search for the least thickness without its key and version.
+    """Find the least thickness, and return the answer without its key and version.
 
     Raises
     ------
     ParameterError
-        If values do not go together.
+        If values contradict each other.
     IntegrationError
         If a run could not be integrated.
     """
@@ -389,7 +390,7 @@ def thickness_answer(request: ThicknessFields) -> dict[str, Any]:
 
 
 def limit_speed_answer(request: LimitSpeedFields) -> dict[str, Any]:
-    """Return the answer to a search for the limit speed without its key and version; raises as `thickness_answer`."""
+    """Find the limit speed, and return the answer without its key and version; raises as `thickness_answer`."""
     arguments, rows = request.arguments(), request.formulas()
     found = solver.limit_velocity(**arguments)
     given: dict[str, Any] = {}

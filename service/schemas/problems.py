@@ -1,4 +1,4 @@
-"""Problems as the contract has them (RFC 9457), and JSON pointers into requests (RFC 6901)."""
+"""Models of problem documents (RFC 9457), and JSON pointers into requests (RFC 6901)."""
 
 from collections.abc import Iterable
 from functools import cache
@@ -10,22 +10,22 @@ from service.columns import unit_end
 from service.schemas.quantities import Part, with_examples
 
 TAGGED = frozenset({"distribution", "nose", "strength_factor"})
-"""Fields of several shapes. In a place inside one of them, pydantic names the shape after the field."""
+"""Fields that are unions. In a location inside one of them, pydantic inserts the name of the variant."""
 
 PLACES = {"velocity": "impact.velocity", "sample_interval": "output.sample_interval"}
-"""Arguments of the solver that are elsewhere in a request."""
+"""Dotted paths in a request of arguments that the solver takes at the top level."""
 
 UNITLESS = frozenset({"distribution", "weights"})
-"""Parts whose numbers are named after quantities, but have no units."""
+"""Parts whose numbers are named after quantities but have no unit in their names."""
 
 
 def json_pointer(steps: Iterable[str | int]) -> str:
-    """Pointer of these steps."""
+    """Return the JSON pointer with these steps."""
     return "".join("/" + str(step).replace("~", "~0").replace("/", "~1") for step in steps)
 
 
 def pointer_of_location(location: Iterable[str | int]) -> str:
-    """Pointer of a location of pydantic."""
+    """Convert a location of pydantic to a JSON pointer."""
     steps: list[str | int] = []
     in_tagged = False
     for step in location:
@@ -38,20 +38,20 @@ def pointer_of_location(location: Iterable[str | int]) -> str:
 
 
 def pointer_of_parameter(field: str) -> str:
-    """Pointer of an input as the solver names it, such as ``projectile.length``."""
+    """Convert the solver's name of an input, such as ``projectile.length``, to a JSON pointer."""
     names = PLACES.get(field, field).split(".")
     ends = {} if UNITLESS & set(names) else unit_ends()
     return json_pointer(f"{name}{ends.get(name, '')}" for name in names)
 
 
 def unit_ends() -> dict[str, str]:
-    """Return what the contract adds to the names of the solver: the units with which the models name quantities.
+    """Return the unit suffixes that the contract adds to names of the solver, by these names.
 
-    Collected anew each time, because not every command has imported all models yet.
+    They are collected at each call, because not every command has imported all models yet.
     """
     ends: dict[str, str] = {}
     models = [Part]
-    for model in models:  # It grows on the way.
+    for model in models:  # The loop visits the subclasses that it appends, so that it walks the whole tree of models.
         models += model.__subclasses__()
         ends |= ends_in(model)
     return ends
@@ -59,7 +59,7 @@ def unit_ends() -> dict[str, str]:
 
 @cache
 def ends_in(model: type[Part]) -> dict[str, str]:
-    """Return the units in the names of the fields of a model, by the names without them."""
+    """Return the unit suffixes of the fields of a model, by the names without them."""
     return {name.removesuffix(end): end for name in model.model_fields if (end := unit_end(name))}
 
 
@@ -78,31 +78,31 @@ INVALID = {
 
 
 class ProblemError(Part):
-    """One thing that is wrong with the request."""
+    """One error in the request."""
 
     model_config = with_examples(TOO_SHORT)
 
     pointer: str
-    """JSON pointer (RFC 6901) into the request body; empty for all of it. Of a JSONL body the first step is the line,
-    counted from 0."""
+    """JSON pointer (RFC 6901) into the request body, empty for the whole body. In a JSONL body the first step is the
+    line, counted from 0."""
     detail: str
-    """What is wrong with it."""
+    """Description of the error."""
 
 
 class Problem(Part):
-    """Why there is no answer (RFC 9457)."""
+    """Problem document (RFC 9457): the reason why there is no answer."""
 
     model_config = with_examples(INVALID)
 
     type: str
-    """Stable, for programs; the manual lists all of them."""
+    """Stable type of the problem, for programs. The manual lists all types."""
     title: str
     """Title of the type."""
     status: Annotated[int, Field(ge=400, le=599)]
-    """The HTTP status."""
+    """HTTP status."""
     detail: str
-    """What happened in this occurrence."""
+    """Description of this occurrence."""
     instance: str
     """Path of the request."""
     errors: list[ProblemError]
-    """What is wrong with the request body, if anything is."""
+    """Errors in the request body, if there are any."""

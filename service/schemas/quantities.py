@@ -1,4 +1,4 @@
-"""Building blocks of the contract: numbers as JSON knows them, and the base of every model."""
+"""Building blocks of the models: JSON numbers, and the base classes."""
 
 import math
 from collections.abc import Callable
@@ -24,10 +24,10 @@ from solver.checks import BOUNDS
 from solver.quantities import Quantity, field_docstrings, quantities
 
 Num = Annotated[FiniteFloat, Strict()]
-"""A JSON number, 13 as good as 13.0. No text, no truth value, nothing infinite."""
+"""Finite JSON number, integer or decimal. Texts and truth values are refused, which pydantic would convert."""
 
 Flag = Annotated[bool, Strict()]
-"""true or false, not 1 or "yes"."""
+"""JSON true or false. Numbers and texts are refused, which pydantic would convert."""
 
 
 def _whole(value: Any) -> Any:
@@ -36,40 +36,40 @@ def _whole(value: Any) -> Any:
 
 Count = Annotated[int, Strict()]
 WHOLE = BeforeValidator(_whole)
-"""With a `Count`, after its bounds: a JSON integer, 12000.0 as good as 12000."""
+"""Validator for a `Count` that accepts 12000.0 as 12000: JSON and many languages do not distinguish them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Of:
-    """Where the solver has the value of a field, if not in an attribute with the name of the field without its unit.
+    """Source of a field in the result of the solver, where it is no attribute with the name of the field.
 
     Parameters
     ----------
     source
-        Path of attributes, or a function of what the solver returns; None if the value is not from there.
+        Dotted path of attributes, or function of the result; None for a value that is not in the result.
     """
 
     source: str | Callable[[Any], Any] | None
 
 
 class Part(BaseModel):
-    """Base of all models: unknown fields are refused, a field that is not given is absent.
+    """Base of all models: unknown fields are refused, and fields that are not given are absent.
 
-    An optional field that is null in a request is absent too, as some generated clients send what they leave out.
+    An optional field that is null in a request counts as absent, since some generated clients send null for it.
 
-    The description of a field in the contract is its docstring or, without one, that of the field of the solver, in the
-    unit of the name. It is read when a schema is made: pydantic's `use_attribute_docstrings` reads it when the class is
-    made, which adds a fifth of a second to every start. Fields named in `answered_last` come behind the others in an
-    answer, whose order is otherwise that of the model.
+    The description of a field in the contract is its docstring or, without one, that of the field of the solver, with
+    the unit in the name of the field. It is read when a schema is made: pydantic's `use_attribute_docstrings` reads it
+    when the class is made, which adds 0.2 s to every start. Fields in `answered_last` follow the others in an answer,
+    which otherwise has the order of the model.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     solved: ClassVar[type | None] = None
-    """Class of the solver that has the same fields."""
+    """Class of the solver with the same fields."""
     answered_last: ClassVar[tuple[str, ...]] = ()
     tabled: ClassVar[tuple[str, ...]] = ()
-    """Fields that are columns of tables, in their order; all numbers and texts, in that of the answer, unless given."""
+    """Fields that are columns of tables, in order; by default all numbers and texts in the order of the answer."""
 
     @model_validator(mode="before")
     @classmethod
@@ -92,7 +92,7 @@ class Part(BaseModel):
 
 
 def description_of(model: type[Part], name: str) -> str:
-    """Return the description of a field, with its unit; empty without one."""
+    """Return the description of a field with its unit; empty if it has none."""
     return _docstring_of(model, name) or model.model_fields[name].description or _solver_description(model, name)
 
 
@@ -103,7 +103,7 @@ def _docstring_of(model: type[Part], name: str) -> str:
 
 
 def _solver_description(model: type[Part], name: str) -> str:
-    """Return the description that the solver has of a field, in the unit of its name."""
+    """Return the description of a field by the solver, with the unit in the name of the field."""
     marks = [mark.source for mark in model.model_fields[name].metadata if isinstance(mark, Of)]
     source = marks[-1] if marks else name.removesuffix(unit_end(name))
     kind = solver_class(model)
@@ -124,16 +124,16 @@ def short_description(model: type[Part], name: str) -> str:
 
 
 STANDARD_GRAVITY = 9.80665
-"""Unit of accelerations. [m/s²]"""
+"""Standard gravity, the unit of accelerations. [m/s²]"""
 KINDS = frozenset({"model", "shape", "type"})
-"""Fields that say which of several models a part is; the solver has a class for each."""
+"""Discriminators of unions, for whose variants the solver has classes."""
 Solved = TypeVar("Solved")
 
 
 def solver_arguments(part: Part) -> dict[str, Any]:
-    """Return the fields of a part as the solver names and takes them: without units, angles in radians.
+    """Return the fields of a part as arguments of the solver: names without units, angles in radians.
 
-    What is not given is left out, so that the solver's own default counts.
+    Absent fields are left out, so that the defaults of the solver apply.
     """
     return {
         name: _plain(value, angle=angle)
@@ -144,7 +144,7 @@ def solver_arguments(part: Part) -> dict[str, Any]:
 
 @cache
 def _solver_names(model: type[Part]) -> list[tuple[str, str, bool]]:
-    """Return the fields of a model, each with the solver's name and whether it is an angle in degrees."""
+    """Return the fields of a model, each with its name in the solver and True for an angle in degrees."""
     fields = [name for name in model.model_fields if name not in KINDS]
     return [(name, name.removesuffix(unit_end(name)), name.endswith("_deg")) for name in fields]
 
@@ -160,10 +160,10 @@ def _plain(value: Any, *, angle: bool) -> Any:
 
 
 class SolverPart(Part, Generic[Solved]):
-    """Base of the models that have a class of the solver, named in brackets, with the same fields but for the units."""
+    """Base of the models that correspond to a class of the solver, the type argument, with the same fields."""
 
     def to_solver(self) -> Solved:
-        """Return the solver's object."""
+        """Return the object of the solver."""
         kind: Any = solver_class(type(self))
         found: Solved = kind(**solver_arguments(self))
         return found
@@ -171,9 +171,9 @@ class SolverPart(Part, Generic[Solved]):
 
 @cache
 def solver_class(model: type[Part]) -> type | None:
-    """Return the class of the solver that has the same fields as a model, if there is one.
+    """Return the class of the solver with the same fields as a model, if there is one.
 
-    A `SolverPart`, or one that it inherits from, names it in brackets.
+    For a `SolverPart` it is the type argument of the class or of one of its bases.
     """
     bases = [base for base in model.__mro__ if issubclass(base, SolverPart)]
     named = [kind for base in bases for kind in base.__pydantic_generic_metadata__["args"]]
@@ -181,7 +181,7 @@ def solver_class(model: type[Part]) -> type | None:
 
 
 def with_examples(*examples: Any) -> ConfigDict:
-    """Model configuration that shows these in the schema."""
+    """Return a model configuration with these examples in the schema."""
     return ConfigDict(json_schema_extra={"examples": list(examples)})
 
 
@@ -192,7 +192,7 @@ def within(field: str) -> dict[str, Any]:
 
 
 def degrees(angle: float) -> float:
-    """Degrees of an angle in radians; those it was made from, where they had 15 digits or fewer."""
+    """Convert an angle to degrees so that an angle given with up to 15 digits is answered unchanged."""
     exact = math.degrees(angle)
     short = float(f"{exact:.15g}")
     return short if math.radians(short) == angle else exact

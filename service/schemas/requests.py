@@ -1,4 +1,4 @@
-"""The requests: one trajectory, one critical angle, the same under other laws, and the report of one strike."""
+"""Models of requests for trajectories, critical angles, their alternatives with other laws, and reports."""
 
 import math
 from abc import abstractmethod
@@ -37,25 +37,25 @@ from solver.trajectory import SAMPLE_INTERVAL
 from solver.uncertainty.usual import has_own_law
 
 MOST_ROWS = 20_000
-"""Rows of a history: some 4 MB of JSON, far finer than any plot shows."""
+"""Largest number of rows of a history: some 4 MB of JSON, and far finer than any plot shows."""
 
 SampleInterval = Annotated[
     Num,
     Field(
         ge=1e-8,
         le=1.0,
-        description=f"Interval of the history; at least the termination time over {MOST_ROWS:,}, which is its value "
-        f"when not given and longer than {SAMPLE_INTERVAL:g}. [s]",
+        description=f"Interval of the history, at least the termination time divided by {MOST_ROWS:,}. The default is "
+        f"{SAMPLE_INTERVAL:g} s or, if that is too short, this least value. [s]",
     ),
 ]
 
 
 NO_PART_OF_THE_CASE = {"alternatives", "custom_id"}
-"""Fields without effect on the result."""
+"""Fields without effect on the result, which are left out of its key."""
 
 
 class StrengthScatter(StrEnum):
-    """Tests from which the scatter of the strength factor comes."""
+    """Source of the scatter of the strength factor."""
 
     LAW = "law"
     PAPER_TABLE_1 = "paper_table_1"
@@ -64,29 +64,29 @@ class StrengthScatter(StrEnum):
 Alternatives = Annotated[
     Flag,
     Field(
-        description="Whether to add the answers under other laws: each decay near the face with each strength factor. "
-        "Each is a case like any other, and is kept under a separate key."
+        description="Include results with other laws: each decay near the face with each strength factor. Each of them "
+        "is a case like any other, and is stored under a key of its own."
     ),
 ]
 
 
 class TrajectoryOutput(Part):
-    """What the answer to a trajectory holds."""
+    """Contents of the answer to a trajectory."""
 
     model_config = with_examples({"history": False}, {"sample_interval_s": 1e-4})
 
     history: Flag = True
-    """Whether to give the motion over time."""
+    """Include the motion over time."""
     sample_interval_s: SampleInterval | MISSING = MISSING
 
 
 class CriticalAngleOutput(Part):
-    """What the answer to a critical angle holds."""
+    """Contents of the answer to a critical angle."""
 
     model_config = with_examples({"history": True, "sample_interval_s": 1e-4})
 
     history: Flag = False
-    """Whether to give the trajectory at the critical angle."""
+    """Include the trajectory at the critical angle."""
     sample_interval_s: SampleInterval | MISSING = MISSING
 
 
@@ -94,23 +94,24 @@ PartOfRequest = TypeVar("PartOfRequest", bound=Part)
 
 
 def filled(part: PartOfRequest, **usual: Any) -> PartOfRequest:
-    """Return a part of a request with usual values in the fields that were left open."""
+    """Return a part of a request with these values in its absent fields."""
     return part.model_copy(update={name: value for name, value in usual.items() if getattr(part, name) is MISSING})
 
 
 class Case(Part):
-    """What requests for one strike have in common, and those for many."""
+    """Base of the requests for one case, single or in a batch."""
 
     projectile: Projectile
     target: Target
     resistance: Annotated[Resistance, Field(default_factory=Resistance)]
     numerics: Annotated[Numerics, Field(default_factory=Numerics)]
     strength_scatter: StrengthScatter = StrengthScatter.LAW
-    """Tests from which the scatter of S comes: the published ones behind the `law`, or own tests in the resistance;
-    `paper_table_1` takes S to be known as well as after the paper's four shots, in whatever strike."""
+    """Source of the scatter of S. With `law` it comes from the published tests behind the law, or from own tests in the
+    resistance. With `paper_table_1` S is taken to be known as well as after the four shots of the paper, in any
+    strike."""
 
     def shared_arguments(self) -> dict[str, Any]:
-        """Return the arguments that all functions of the solver take."""
+        """Return the arguments that all functions of the solver share."""
         return {
             "projectile": self.projectile.to_solver(),
             "target": self.target.to_solver(),
@@ -120,34 +121,34 @@ class Case(Part):
 
     @abstractmethod
     def resolved(self) -> Self:
-        """Return the same with what was left open filled in."""
+        """Return the request with all defaults filled in."""
 
     def adaptive(self, **numerics: float) -> Self:
-        """Return the same with these numerics where they were left open, and adaptive steps."""
+        """Return the request with these defaults of its numerics, and adaptive steps by default."""
         return self.model_copy(update={"numerics": filled(self.numerics, method=Method.ADAPTIVE, **numerics)})
 
     def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data, the same for one case however it is sent."""
+        """Return the resolved request as JSON data, which is the same for one case however it is sent."""
         return self.resolved().model_dump(mode="json", exclude=NO_PART_OF_THE_CASE)
 
     @property
     def by_panels(self) -> bool:
-        """Whether it is computed by the paper's elements and fixed step."""
+        """True if the paper's surface elements and fixed step are used."""
         return self.numerics.method is Method.PANELS
 
     def usual_termination_time(self, velocity_m_s: float) -> float:
-        """Return the termination time of a run that is given none. [s]"""
+        """Return the default termination time of a run. [s]"""
         return usual_termination_time(
             length=self.projectile.length_m, velocity=velocity_m_s, method="panels" if self.by_panels else "adaptive"
         )
 
     @property
     def searches(self) -> int:
-        """How many times an answer takes what the weight of its operation stands for."""
+        """Cost of the answer, in multiples of the weight of its operation."""
         return 1
 
     def panel_steps(self) -> float:
-        """Return panels times time steps of one run at most, 0 if it has none. [1]"""
+        """Return the largest product of panels and time steps of one run; 0 with the adaptive method. [1]"""
         if not self.by_panels:
             return 0.0
         numerics = self.resolved().numerics
@@ -155,7 +156,7 @@ class Case(Part):
         return 0.0 if end is MISSING else numerics.panels * end / numerics.time_step_s
 
     def sample_interval(self, output: TrajectoryOutput | CriticalAngleOutput) -> float | None:
-        """Return the interval of the history, None if there is to be none."""
+        """Return the interval of the history, or None if none is requested. [s]"""
         if not output.history:
             return None
         end, interval = self.numerics.termination_time_s, output.sample_interval_s
@@ -170,15 +171,15 @@ class Case(Part):
 
 
 class TrajectoryFields(Case):
-    """One strike, alone or among many."""
+    """One strike, single or in a batch."""
 
     impact: Impact
     output: Annotated[TrajectoryOutput, Field(default_factory=TrajectoryOutput)]
     flight: FlightInput | MISSING = MISSING
-    """How the face stands: then an exit says where the body lands."""
+    """Position of the face. If it is given, the flight after an exit is computed."""
 
     def resolved(self) -> Self:
-        """Return the same with what was left open filled in."""
+        """Return the request with all defaults filled in."""
         end = self.usual_termination_time(self.impact.velocity_m_s)
         return self.adaptive(termination_time_s=end, relative_tolerance=TRAJECTORY_TOLERANCE)
 
@@ -188,11 +189,12 @@ class TrajectoryFields(Case):
         Raises
         ------
         ParameterError
-            If values do not go together.
+            If values contradict each other.
         """
         case = self.resolved()
         arguments = case.shared_arguments()
         impact = case.impact.to_solver()
+        # Evaluating S refuses a polynomial that is not positive at this angle before a worker computes anything.
         solver.strength_factor(
             resistance=arguments["resistance"],
             oblique_angle=impact.oblique_angle,
@@ -215,7 +217,7 @@ class TrajectoryRequest(TrajectoryFields):
 
 
 class CriticalAngleBase(Case):
-    """Strikes that differ in their oblique angle alone, among many such requests."""
+    """A search over the oblique angle of a strike, single or in a batch."""
 
     model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE)
 
@@ -225,16 +227,16 @@ class CriticalAngleBase(Case):
 
     @property
     def by_paper(self) -> bool:
-        """Whether the search is one of the paper's, which look at the final position."""
+        """True if the search is one of the paper's, which use the final position."""
         return self.search.method is not SearchMethod.OUTCOME
 
     @property
     def by_panels(self) -> bool:
-        """Whether it is computed by the paper's elements and fixed step."""
+        """True if the paper's surface elements and fixed step are used."""
         return super().by_panels or (self.numerics.method is MISSING and self.by_paper)
 
     def resolved(self) -> Self:
-        """Return the same with what was left open filled in."""
+        """Return the request with all defaults filled in."""
         numerics = filled(
             self.numerics,
             method=Method.PANELS if self.by_paper else Method.ADAPTIVE,
@@ -248,12 +250,12 @@ class CriticalAngleBase(Case):
         return self.model_copy(update={"numerics": numerics, "search": search})
 
     def arguments(self) -> tuple[dict[str, Any], float | None]:
-        """Return the arguments of `solver.critical_angle`, and the interval of a history if there is to be one.
+        """Return the arguments of `solver.critical_angle`, and the interval of a history if one is requested. [s]
 
         Raises
         ------
         ParameterError
-            If values do not go together.
+            If values contradict each other.
         """
         case = self.resolved()
         arguments = case.shared_arguments() | case.impact.arguments()
@@ -262,7 +264,7 @@ class CriticalAngleBase(Case):
 
 
 class CriticalAngleRequest(CriticalAngleBase):
-    """Strikes that differ in their oblique angle alone."""
+    """A search over the oblique angle of a strike."""
 
     model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE)
 
@@ -272,16 +274,16 @@ class CriticalAngleRequest(CriticalAngleBase):
 Request = TypeVar("Request", bound=TrajectoryRequest | CriticalAngleRequest)
 
 FOUND = ("status", "outcome", "critical_angle_deg")
-"""Fields of an answer that stand in the list of alternatives."""
+"""Fields of an answer that an alternative repeats."""
 
 
 def alternatives_in(request: Any) -> list[tuple[dict[str, Any], Any]]:
-    """Return the alternatives that a request of any operation has, as `alternative_requests`."""
+    """Return the alternatives of a request of any operation; see `alternative_requests`."""
     return alternative_requests(request) if getattr(request, "alternatives", False) else []
 
 
 def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request]]:
-    """Return the laws and the request of each alternative: the same case, with its inertia, under other laws."""
+    """Return the laws and the request of each alternative: the same case with other laws, but its own inertia."""
     found = []
     for each in alternative_resistances(request.resistance.to_solver()):
         laws = {"free_surface": each.free_surface.name, "strength_factor": each.strength_factor.name}
@@ -299,47 +301,47 @@ def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request
 
 
 def answered_alternative(laws: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an alternative with what its answer says."""
+    """Return an alternative with its result."""
     return {**laws, **{name: answer[name] for name in FOUND if name in answer}}
 
 
 def with_alternatives(answer: bytes, alternatives: list[dict[str, Any]]) -> bytes:
-    """Return the JSON of an answer with its alternatives behind the other fields."""
+    """Append alternatives to the JSON of an answer, without parsing it."""
     return b'%b,"alternatives":%b}' % (answer[:-1], orjson.dumps(alternatives))
 
 
 class ReportedStrike(Strike):
-    """The motion at first contact, with the oblique angle if one is to be judged."""
+    """Motion at first contact, with an optional oblique angle to judge."""
 
     model_config = with_examples(STRIKE, STRIKE | {"oblique_angle_deg": 45.0})
 
     oblique_angle_deg: ObliqueAngle | MISSING = MISSING
-    """Angle to judge: its run and outcome are in the report. [°]"""
+    """Oblique angle to judge, whose run and outcome are in the report. [°]"""
 
 
 class ReportRequest(CriticalAngleRequest):
-    """One strike as in a search for its critical angle; `output` and `alternatives` are without effect."""
+    """One strike as in a search for its critical angle. `output` and `alternatives` have no effect."""
 
     model_config = with_examples(PAPER, PAPER_AT_45)
 
     impact: ReportedStrike
     flight: FlightInput | MISSING = MISSING
-    """How the face stands, for where a body lands that is turned away at the angle to judge; level with the ground
-    unless given."""
+    """Position of the face, for the flight of a body that ricochets at the angle to judge. By default the face is
+    level."""
 
     @property
     def oblique_angle(self) -> float | None:
-        """Angle to judge, if any. [rad]"""
+        """Oblique angle to judge; None without one. [rad]"""
         angle = self.impact.oblique_angle_deg
         return None if angle is MISSING else math.radians(angle)
 
     @property
     def has_own_law(self) -> bool:
-        """Whether the verdict is on a law of one's own, beside the theories."""
+        """True if the request has a law of its own, which is judged in addition to the theories."""
         return has_own_law(self.resistance.to_solver())
 
     def check(self) -> None:
-        """Refuse routes that take seconds a case: a report is made of some hundreds.
+        """Refuse routes that take seconds per case, since a report has hundreds of cases.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""How the target resists, as the contract has it."""
+"""Models of the resistance of the target: strength factor, decay near a face, crater and plug."""
 
 import math
 from collections.abc import Mapping
@@ -38,6 +38,8 @@ OWN_TESTS = {"model": "own_tests", "shots": [SHOT]}
 MOHR_COULOMB = {"model": "mohr_coulomb", "inertia": True}
 
 LARGEST_COEFFICIENT = 1e6
+"""Largest magnitude of a coefficient of the polynomial of S, a judgement. That of the paper has 8.5 at most; the bound
+only keeps products finite."""
 
 Coefficient = Annotated[Num, Field(ge=-LARGEST_COEFFICIENT, le=LARGEST_COEFFICIENT)]
 CovarianceRow = Annotated[list[Coefficient], Field(min_length=1, max_length=10)]
@@ -46,14 +48,14 @@ CovarianceMatrix = Annotated[
     Field(
         min_length=1,
         max_length=10,
-        description="Covariance of the coefficients: a row for each, symmetric and positive semidefinite. Gives the "
-        "critical angle a standard error. [1, 1/°, 1/°², ... times the same]",
+        description="Covariance matrix of the coefficients, symmetric and positive semidefinite. With it the critical "
+        "angle has a standard error. [1, 1/°, 1/°², ... times the same]",
     ),
 ]
 
 
 class ConstantStrengthFactor(SolverPart[solver.ConstantStrengthFactor]):
-    """The same strength factor for every strike."""
+    """Constant strength factor."""
 
     model_config = with_examples(CONSTANT)
 
@@ -62,7 +64,7 @@ class ConstantStrengthFactor(SolverPart[solver.ConstantStrengthFactor]):
 
 
 class ObliquityPolynomial(SolverPart[solver.ObliquityPolynomial]):
-    """Polynomial in the initial oblique angle in degrees. Must be above zero at every angle of the request."""
+    """Polynomial in the initial oblique angle in degrees. It must be positive at every angle of the request."""
 
     model_config = with_examples(OBLIQUITY, UNCERTAIN, OBLIQUITY | {"held_from_deg": 55.0})
 
@@ -73,8 +75,8 @@ class ObliquityPolynomial(SolverPart[solver.ObliquityPolynomial]):
             min_length=1,
             max_length=10,
             default_factory=partial(list, POLYNOMIAL.coefficients),
-            description="From the constant term upwards; those fitted to finite element runs from 0° to 45°, "
-            f"{list(POLYNOMIAL.coefficients)}, when not given. [1, 1/°, 1/°², ...]",
+            description="Coefficients from the constant term upwards. The default, fitted to finite element runs from "
+            f"0° to 45°, is {list(POLYNOMIAL.coefficients)}. [1, 1/°, 1/°², ...]",
         ),
     ]
     covariance: CovarianceMatrix | MISSING = MISSING
@@ -84,8 +86,8 @@ class ObliquityPolynomial(SolverPart[solver.ObliquityPolynomial]):
 class ObliquityShape(StrEnum):
     """Change of the strength factor with the oblique angle.
 
-    None, S(θ)/S(0) of the default polynomial, or the one fitted to finite element motions with the decay law in use.
-    The polynomial is held from 60° on, the fit to motions from 55°.
+    `constant` is no change, `equation_9` is S(θ)/S(0) of the default polynomial, held from 60° on, and
+    `finite_elements` is the fit to finite element motions with the decay law in use, held from 55° on.
     """
 
     CONSTANT = "constant"
@@ -94,7 +96,7 @@ class ObliquityShape(StrEnum):
 
 
 class StrengthPowerLaw(SolverPart[solver.StrengthPowerLaw]):
-    """Power law of the compressive strength and, if wanted, of the diameter.
+    """Power law of the compressive strength and, optionally, of the diameter.
 
     `coefficient * (strength / reference_strength_pa)^exponent * (diameter / reference_diameter_m)^diameter_exponent`
     """
@@ -124,7 +126,7 @@ class PublishedTests(SolverPart[solver.PublishedTests]):
 
 
 class OwnShot(SolverPart[solver.Shot]):
-    """A shot along the normal into the concrete in question, thick enough to stop it."""
+    """A shot in normal impact into the concrete in question, which was thick enough to stop it."""
 
     model_config = with_examples(SHOT)
 
@@ -135,7 +137,7 @@ class OwnShot(SolverPart[solver.Shot]):
 
 
 class OwnTests(SolverPart[solver.OwnTests]):
-    """S of a concrete into which shots were fired: the posterior median, with the published tests as prior."""
+    """Posterior median of S for a concrete with own shots, with the published tests as the prior."""
 
     model_config = with_examples(OWN_TESTS)
 
@@ -172,7 +174,7 @@ STRENGTH_FACTORS: Mapping[str, type[Part]] = {
 
 
 class FreeSurfaceModel(StrEnum):
-    """How a nearby face weakens the resistance; `none` if it does not."""
+    """Law by which a nearby face weakens the resistance; `none` is no decay."""
 
     ELASTIC_PLASTIC = "elastic_plastic"
     MOHR_COULOMB = "mohr_coulomb"
@@ -186,10 +188,10 @@ class FreeSurface(SolverPart[SolverFreeSurface]):
 
     model: FreeSurfaceModel
     inertia: Flag = False
-    """Include the inertia of the expanding solid; without effect on `none`."""
+    """Include the inertia of the expanding solid. It has no effect on `none`."""
 
     def to_solver(self) -> SolverFreeSurface:
-        """Return the solver's model."""
+        """Return the decay law of the solver."""
         laws = {law.name: law for law in decay_laws(inertia=self.inertia)}
         return laws[self.model]
 
@@ -199,7 +201,7 @@ Decay = Annotated[
     FreeSurface,
     Field(
         default_factory=partial(FreeSurface, model=FreeSurfaceModel.ELASTIC_PLASTIC),
-        description="Decay near the face; `elastic_plastic` without inertia when not given.",
+        description="Decay near the face. The default is `elastic_plastic` without inertia.",
     ),
 ]
 
@@ -209,7 +211,7 @@ PLUG = solver.ShearPlug()
 
 
 class Crater(SolverPart[solver.Crater]):
-    """A front crater: all forces times depth over crater depth, up to 1 (Forrestal et al. 1994)."""
+    """Front crater, within which all forces grow in proportion to the depth (Forrestal et al. 1994)."""
 
     model_config = with_examples({"depth_diameters": 2.0})
 
@@ -217,7 +219,7 @@ class Crater(SolverPart[solver.Crater]):
 
 
 class ShearPlug(SolverPart[solver.ShearPlug]):
-    """A cone that shears out of the rear of a wall: within its height nothing resists (Li and Tong 2003)."""
+    """Cone that shears out of the rear of a wall, within whose height nothing resists (Li and Tong 2003)."""
 
     model_config = with_examples({"cone_angle_deg": 66.1})
 
@@ -225,7 +227,7 @@ class ShearPlug(SolverPart[solver.ShearPlug]):
 
 
 class Resistance(SolverPart[solver.Resistance]):
-    """How the target resists."""
+    """Resistance of the target."""
 
     model_config = with_examples(
         {"strength_factor": CONSTANT},
@@ -236,7 +238,7 @@ class Resistance(SolverPart[solver.Resistance]):
     strength_factor: Annotated[
         StrengthFactor, Field(default_factory=partial(ObliquityPolynomial, model="obliquity_polynomial"))
     ]
-    """Scales the compressive strength; `obliquity_polynomial` when not given."""
+    """Factor on the compressive strength. The default is `obliquity_polynomial`."""
     inertia_factor: InertiaFactor = 1.0
     free_surface: Decay
     crater: Crater | MISSING = MISSING

@@ -1,4 +1,4 @@
-"""Names of the fields of a request, and which of them a name that is none may be meant as."""
+"""Names of the fields of requests, and suggestions for unknown ones."""
 
 import difflib
 import re
@@ -10,22 +10,22 @@ from service.columns import unit_end
 from service.names import ALIASES
 
 CASE = {"projectile", "target", "impact", "resistance", "numerics", "search", "output", "alternatives"}
-"""Parts of the request of a case."""
+"""Top-level fields of the request of a case."""
 SOUGHT = {
     "impact.oblique_angle_deg": "; the angle is what is searched for here: `/trajectory` takes a strike at one angle",
     "impact.velocity_m_s": "; the speed is what is searched for here: `/thickness` and `/trajectory` take one speed",
     "resistance.strength_factor": "; it is what is fitted here",
 }
-"""Ends of the errors for fields that a search or a fit finds, which its request does not have."""
+"""Ends of the errors for fields that a search or a fit determines, and that its request therefore does not have."""
 SEPARATORS = re.compile(r"[^a-z0-9]+")
 SIMILAR = 0.8
-"""Similarity above which a misspelt name gets a suggestion, by difflib. [1]"""
+"""Least similarity of a suggested name by difflib, a judgement: it admits one wrong letter in five. [1]"""
 
 
 def field_names(
     schema: dict[str, Any], node: dict[str, Any] | None = None, before: str = "", *, in_lists: bool = True
 ) -> Iterator[str]:
-    """Yield the fields of a schema and of its parts, those of the items of lists too unless they are left out."""
+    """Yield the dotted paths of the fields of a schema, including those of list items unless `in_lists` is False."""
     node = schema if node is None else node
     while "$ref" in node:
         node = schema["$defs"][node["$ref"].rpartition("/")[2]]
@@ -39,10 +39,10 @@ def field_names(
 
 
 def meant_as(field: str, known: Sequence[str]) -> str:
-    """Return which of these fields one that does not exist may be meant as; empty if none is close.
+    """Return the known field that an unknown one is probably meant to be; empty if none is similar.
 
-    A name of the same quantity comes before one that is spelled alike, and a field of the same part before others. A
-    field of a case is not mistaken for one of a study or a calibration.
+    A common name of the same quantity takes precedence over a similar spelling, and a field of the same object over
+    others. Only fields of a case are suggested from elsewhere, not those of a study or a calibration.
     """
     holder, _, last = field.rpartition(".")
     name = SEPARATORS.sub("_", last.lower())
@@ -52,7 +52,7 @@ def meant_as(field: str, known: Sequence[str]) -> str:
         for each in places:
             if name in ALIASES.get(each, ()) or (places is beside and name in usual_names().get(last_name(each), ())):
                 return each
-        # Of several places, the first one counts; a unit may be left out.
+        # The first of several fields with one name counts, hence the reversed order. The unit may be omitted.
         whole = {each.rpartition(".")[2]: each for each in reversed(places)}
         names = {each.removesuffix(unit_end(each)): where for each, where in whole.items()} | whole
         for word in (name, last):
@@ -62,11 +62,11 @@ def meant_as(field: str, known: Sequence[str]) -> str:
 
 
 def last_name(field: str) -> str:
-    """Return the name of a field in its part."""
+    """Return the last part of a dotted path."""
     return field.rpartition(".")[2]
 
 
 @cache
 def usual_names() -> dict[str, tuple[str, ...]]:
-    """Return the usual names of quantities, by the name of their fields in any part: shots have masses too."""
+    """Return the common names of quantities by the last part of their path, as other objects have masses too."""
     return {last_name(field): names for field, names in ALIASES.items()}

@@ -1,4 +1,4 @@
-"""A strike as the contract has it: the projectile, the target, the motion at first contact; and the examples."""
+"""Models of a strike: projectile, target and motion at first contact. The examples of the contract are here too."""
 
 import math
 from typing import Annotated, Any, Literal
@@ -18,7 +18,7 @@ SPHERICAL = {"shape": "spherical", "caliber_radius_head": 0.5}
 FLAT = {"shape": "flat"}
 SPHERE = {"shape": "sphere"}
 PROFILE = {"shape": "profile", "points": [[0.0, 0.01], [0.06, 0.03], [0.12, 0.04]]}
-"""A truncated cone and a second, more slender one, for a shank of 80 mm."""
+"""Nose of two truncated cones, the second more slender, for a shank of 80 mm."""
 
 BOAT_TAIL = {"length_m": 0.08, "base_diameter_m": 0.06}
 
@@ -62,7 +62,7 @@ class SphericalNose(SolverPart[solver.Spherical]):
 
 
 class FlatNose(SolverPart[solver.Flat]):
-    """Flat face: the shank cut square."""
+    """Flat face of a shank that is cut square."""
 
     model_config = with_examples(FLAT)
 
@@ -70,19 +70,19 @@ class FlatNose(SolverPart[solver.Flat]):
 
 
 class ProfileNose(SolverPart[solver.Profile]):
-    """Convex chain of cones through points; a first radius above zero makes a flat face."""
+    """Convex chain of cones through points. A first radius above zero makes a flat face."""
 
     model_config = with_examples(PROFILE)
 
     shape: Literal["profile"]
     points: Annotated[list[ProfilePoint], Field(min_length=2, max_length=1000)]
-    """[x, r] from the tip: x, the distance behind it, from 0; r, the distance from the axis, up to the radius of the
-    shank. x may not decrease, and the slope may not increase. Where r falls behind its largest value, the points are
-    the outline of the whole body, up to its length. [m]"""
+    """Points [x, r] of the outline: x is the distance behind the tip, from 0, and r the distance from the axis, up to
+    the radius of the shank. x must not decrease, and the slope must not increase. If r decreases after its largest
+    value, the points are the outline of the whole body, up to its length. [m]"""
 
 
 class SphereNose(SolverPart[solver.Sphere]):
-    """A ball: the whole body, whose length is its diameter."""
+    """Ball, which is the whole body and whose length is its diameter."""
 
     model_config = with_examples(SPHERE)
 
@@ -90,7 +90,7 @@ class SphereNose(SolverPart[solver.Sphere]):
 
 
 class BoatTail(SolverPart[solver.BoatTail]):
-    """Cone behind the shank, narrower towards the base."""
+    """Cone behind the shank that narrows towards the base."""
 
     model_config = with_examples(BOAT_TAIL)
 
@@ -108,7 +108,7 @@ Nose = TypeAliasType(
 
 
 class Projectile(SolverPart[solver.Projectile]):
-    """A rigid body of revolution: a nose and a cylindrical shank with a flat base, or a body that tapers behind."""
+    """Rigid body of revolution: a nose and a cylindrical shank with a flat base, or a body that tapers behind."""
 
     model_config = with_examples(
         PROJECTILE,
@@ -133,7 +133,7 @@ STRIKE = {"velocity_m_s": PAPER_VELOCITY}
 
 
 class Target(SolverPart[solver.Target]):
-    """Concrete: a half-space, or a wall of a thickness."""
+    """Concrete target: a half-space, or a wall if it has a thickness."""
 
     model_config = with_examples(TARGET, TARGET | {"youngs_modulus_pa": 29.5e9, "poissons_ratio": 0.2})
 
@@ -154,7 +154,7 @@ ObliqueAngle = Annotated[Num, Field(ge=0.0, lt=90.0)]
 
 
 class Strike(Part):
-    """The motion at first contact but for the oblique angle."""
+    """Motion at first contact without the oblique angle."""
 
     solved = solver.Impact
 
@@ -165,7 +165,7 @@ class Strike(Part):
     angular_velocity_rad_s: AngularVelocity = 0.0
 
     def arguments(self) -> dict[str, float]:
-        """Return what the solver calls these."""
+        """Return the fields as arguments of the solver."""
         return {
             "velocity": self.velocity_m_s,
             "angle_of_attack": math.radians(self.angle_of_attack_deg),
@@ -174,7 +174,7 @@ class Strike(Part):
 
 
 class Impact(Strike, SolverPart[solver.Impact]):
-    """The motion at first contact."""
+    """Motion at first contact."""
 
     model_config = with_examples(STRIKE | {"oblique_angle_deg": 45.0})
 
@@ -182,7 +182,7 @@ class Impact(Strike, SolverPart[solver.Impact]):
 
 
 class Approach(Part):
-    """The motion at first contact but for the speed."""
+    """Motion at first contact without the speed."""
 
     solved = solver.Impact
 
@@ -193,11 +193,11 @@ class Approach(Part):
     angular_velocity_rad_s: AngularVelocity = 0.0
 
     def arguments(self) -> dict[str, float]:
-        """Return what the solver calls these."""
+        """Return the fields as arguments of the solver."""
         return solver_arguments(self)
 
 
-# The paper's strike and others, the examples of the contract: a test sends each to a running service.
+# The following strikes, the paper's among them, are the examples of the contract. A test sends each to a service.
 PAPER: dict[str, Any] = {"projectile": PROJECTILE, "target": TARGET, "impact": STRIKE}
 PAPER_AT_45 = PAPER | {"impact": STRIKE | {"oblique_angle_deg": 45.0}}
 PAPER_BY_SECANT = PAPER | {"search": {"method": "secant"}, "numerics": {"panels": 3000}}

@@ -1,4 +1,4 @@
-"""Requests that differ in up to four numbers, as the contract has them."""
+"""Models of sweeps, and the grid of their points."""
 
 import itertools
 import math
@@ -18,6 +18,7 @@ from service.schemas.requests import Case
 from service.schemas.similar_names import SOUGHT, field_names, meant_as
 
 MOST_AXES = 4
+"""Largest number of axes, a judgement: ten values on each of four axes are 10,000 points already."""
 EVEN = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 3}
 ANGLES = {"field": "impact.oblique_angle_deg", "values": [0.0, 20.0]}
 LISTED = {"field": "target.compressive_strength_pa", "values": [39e6, 97e6]}
@@ -27,20 +28,20 @@ AxisNumber = Annotated[Num, Field(ge=-1e300, le=1e300)]
 
 
 class Axis(Part):
-    """A field and the values it takes: those listed, or a number of them at even distances, both ends included."""
+    """A field and its values, either listed or evenly spaced between two ends, both included."""
 
     model_config = with_examples(EVEN, LISTED)
 
     field: Annotated[str, StringConstraints(strict=True, min_length=1, max_length=200)]
     """Dotted path to a number of the base, such as `impact.velocity_m_s`."""
     values: Annotated[list[AxisNumber], Field(min_length=1, max_length=MOST_LINES, fail_fast=True)] | MISSING = MISSING
-    """All of them, in any order."""
+    """List of all values, in any order."""
     start: AxisNumber | MISSING = MISSING
-    """The first, unless they are listed."""
+    """First value, unless the values are listed."""
     stop: AxisNumber | MISSING = MISSING
-    """The last, unless they are listed."""
+    """Last value, unless the values are listed."""
     count: Annotated[Count, Field(ge=1, le=MOST_LINES), WHOLE] | MISSING = MISSING
-    """How many from `start` to `stop`, both included."""
+    """Number of values from `start` to `stop`, both included."""
 
     @model_validator(mode="after")
     def _check_form(self) -> Self:
@@ -51,7 +52,7 @@ class Axis(Part):
         return self
 
     def numbers(self) -> list[float]:
-        """Return the values."""
+        """Return the values of the axis."""
         if self.values is not MISSING:
             return self.values
         assert self.start is not MISSING  # noqa: S101 (one of both forms)
@@ -59,6 +60,7 @@ class Axis(Part):
         assert self.count is not MISSING  # noqa: S101
         if self.count == 1:
             return [self.start]
+        # The last value is `stop` itself, which a sum of rounded steps would miss.
         step = (self.stop - self.start) / (self.count - 1)
         return [self.start + step * i for i in range(self.count - 1)] + [self.stop]
 
@@ -67,16 +69,16 @@ class Sweep(Part, Generic[Base]):
     """Cases of one operation that differ in the fields of the axes."""
 
     base: Base
-    """A whole request, in which the axes set their fields anew."""
+    """Complete request in which the axes replace the values of their fields."""
     axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES)]
 
 
 @dataclass(frozen=True, slots=True)
 class CaseModels:
-    """Models of many cases of one operation: a case of a batch, bodies of a batch and a sweep, answer of both."""
+    """Models of batches and sweeps of one operation."""
 
     base: type[Case]
-    """A point of a sweep."""
+    """Model of a point of a sweep."""
     case: type[Case]
     batch: type[Part]
     sweep: type[Part]
@@ -103,15 +105,15 @@ class CaseModels:
         Parameters
         ----------
         name
-            First part of their names.
+            Prefix of the names of the models.
         base, answer
-            One request among many, and its answer.
+            Models of a request in a batch and of its answer.
         one, many, verb
-            What is found, as a singular and a plural, and `compute` or `find`.
+            Words for the result in the singular and the plural, and `compute` or `find`.
         example, custom_id, axes, result
-            A request, the name of a case, the axes of a sweep and an answer for the examples.
+            Request, name of a case, axes of a sweep and answer for the examples.
         items
-            Examples of what became of a case; a result and a problem if none are given.
+            Examples of cases in an answer; by default one with a result and one with a problem.
         """
 
         def model(kind: str, doc: str, *examples: Mapping[str, Any], bases: tuple[Any, ...]) -> Any:
@@ -124,7 +126,7 @@ class CaseModels:
         )
         item = model(
             "Item",
-            f"What became of one {one}: its result, or the problem that kept it from having one.",
+            f"One {one} as a case of a batch: its result, or the problem that prevented one.",
             *(items or (found, {"index": 1, "problem": INVALID})),
             bases=(ResultItem.__class_getitem__(answer),),
         )
@@ -153,21 +155,21 @@ class CaseModels:
 
 
 class Outline(Part):
-    """A sweep before its points are looked at."""
+    """Body of a sweep whose points are not validated yet, as they are validated in parts."""
 
     base: dict[str, Any]
     axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES, fail_fast=True)]
 
 
 class AxisError(Exception):
-    """The axis cannot be laid.
+    """An axis of a sweep is not valid.
 
     Parameters
     ----------
     pointer
-        Place in the sweep.
+        JSON pointer to the axis or its field.
     detail
-        What is wrong there.
+        Description of the error.
     """
 
     def __init__(self, pointer: str, detail: str) -> None:
@@ -177,12 +179,12 @@ class AxisError(Exception):
 
 
 class Grid:
-    """The points of a sweep, in order.
+    """Points of a sweep in order.
 
     Parameters
     ----------
     model
-        Request that every point has to be.
+        Model that every point is validated with.
     outline
         Base and axes.
 
@@ -210,7 +212,7 @@ class Grid:
             raise AxisError("/axes", f"make {self.count:,} points; {MOST_LINES:,} at most are computed")
 
     def points(self) -> Iterator[tuple[float, ...]]:
-        """Values of every point."""
+        """Return an iterator over the values of the axes at all points, the last axis fastest."""
         return itertools.product(*self.values)
 
     def request(self, point: Sequence[float]) -> dict[str, Any]:
@@ -221,7 +223,7 @@ class Grid:
         return request
 
     def pointer(self, number: int, pointer: str) -> str:
-        """Place in the sweep that a place in the request of a point comes from."""
+        """Convert a pointer into the request of a point to a pointer into the sweep."""
         for axis, path in enumerate(self._paths):
             if pointer == "/" + "/".join(path):
                 later = math.prod(map(len, self.values[axis + 1 :]))
@@ -231,13 +233,19 @@ class Grid:
 
 
 def put(part: Mapping[str, Any], path: Sequence[str], value: float) -> dict[str, Any]:
-    """Return a copy with this value there."""
+    """Return a copy of an object with a value at a path."""
     name, *rest = path
     return {**part, name: put(part.get(name) or {}, rest, value) if rest else value}
 
 
 def check_field(model: type[BaseModel], base: dict[str, Any], path: Sequence[str]) -> None:
-    """Raise a LookupError if this path does not lead to a number of the request."""
+    """Check that a path leads to a number of the request.
+
+    Raises
+    ------
+    LookupError
+        If it does not; the message is the end of a sentence that begins with the path.
+    """
     schema, given = schema_of(model), base
     node: dict[str, Any] = schema
     for name in path:
@@ -252,7 +260,7 @@ def check_field(model: type[BaseModel], base: dict[str, Any], path: Sequence[str
 
 
 def _reason(schema: dict[str, Any], field: str) -> str:
-    """Return the end of an error for a field that a request does not have."""
+    """Return the end of the error for a field that a request does not have."""
     names = set(field_names(schema))
     if field in names:
         return " with the shape or model that the base has there"
@@ -264,7 +272,7 @@ def _reason(schema: dict[str, Any], field: str) -> str:
 
 @cache
 def schema_of(model: type[BaseModel]) -> dict[str, Any]:
-    """Schema of a request, made once."""
+    """Return the JSON schema of a request, which is made once."""
     return model.model_json_schema()
 
 
@@ -275,7 +283,7 @@ def _resolved(schema: dict[str, Any], node: dict[str, Any]) -> dict[str, Any]:
 
 
 def _variant(schema: dict[str, Any], node: dict[str, Any], given: Any) -> dict[str, Any]:
-    """Member of a union that the base has there."""
+    """Return the variant of a union that the base has selected."""
     if "discriminator" not in node:
         return node
     name, mapping = node["discriminator"]["propertyName"], node["discriminator"]["mapping"]

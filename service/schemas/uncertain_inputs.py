@@ -1,4 +1,4 @@
-"""Uncertain inputs as the contract has them: distributions, their fields, and requests with values of them."""
+"""Models of uncertain inputs and their distributions, and the requests of samples."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -32,7 +32,7 @@ from solver.uncertainty.sampling import check_values
 from solver.uncertainty.strikes import THEORY, by_theory
 
 MODELS = ("resistance.free_surface.model", "resistance.strength_factor.model", THEORY)
-"""Fields whose alternatives are names."""
+"""Fields whose values are names of models instead of numbers."""
 SPEEDS = {"type": "normal", "mean": 238.0, "coefficient_of_variation": 0.02}
 STRENGTHS = {"type": "lognormal", "median": 39e6, "dispersion": 0.12}
 THEORIES = {"type": "discrete", "values": ["elastic_plastic", "mohr_coulomb"], "weights": [0.8, 0.2]}
@@ -54,13 +54,13 @@ Finite = Annotated[Num, Field(ge=-1e300, le=1e300)]
 
 
 class Spread(Part):
-    """A mean with a standard deviation or a coefficient of variation."""
+    """Mean with a standard deviation or a coefficient of variation."""
 
     mean: Finite
     standard_deviation: Finite | MISSING = MISSING
-    """In the unit of the field."""
+    """Standard deviation, in the unit of the field."""
     coefficient_of_variation: Finite | MISSING = MISSING
-    """Instead of it: over the mean. [1]"""
+    """Standard deviation divided by the mean, instead of `standard_deviation`. [1]"""
 
 
 class NormalDistribution(Spread, SolverPart[Normal]):
@@ -72,7 +72,7 @@ class NormalDistribution(Spread, SolverPart[Normal]):
 
 
 class TruncatedNormalDistribution(Spread, SolverPart[TruncatedNormal]):
-    """Normal distribution cut off at one or two bounds; mean and deviation are those before that."""
+    """Normal distribution truncated at one or two bounds. Mean and deviation are those of the untruncated one."""
 
     model_config = with_examples(
         {"type": "truncated_normal", "mean": 0.02, "standard_deviation": 0.01, "lower": 0.005, "upper": 0.05}
@@ -84,7 +84,7 @@ class TruncatedNormalDistribution(Spread, SolverPart[TruncatedNormal]):
 
 
 class LognormalDistribution(SolverPart[Lognormal]):
-    """A number whose logarithm is normal: by median and dispersion, or by mean and deviation of the number itself."""
+    """Lognormal distribution, given by median and dispersion, or by mean and deviation of the number itself."""
 
     model_config = with_examples(STRENGTHS)
 
@@ -94,13 +94,13 @@ class LognormalDistribution(SolverPart[Lognormal]):
     """Standard deviation of the natural logarithm. [1]"""
     mean: Finite | MISSING = MISSING
     standard_deviation: Finite | MISSING = MISSING
-    """In the unit of the field."""
+    """Standard deviation, in the unit of the field."""
     coefficient_of_variation: Finite | MISSING = MISSING
-    """Instead of it: over the mean. [1]"""
+    """Standard deviation divided by the mean, instead of `standard_deviation`. [1]"""
 
 
 class LogStudentTDistribution(SolverPart[LogStudentT]):
-    """A number whose logarithm has Student's distribution: as a lognormal one, but with heavier tails."""
+    """Distribution of a number whose logarithm has Student's distribution: lognormal with heavier tails."""
 
     model_config = with_examples(
         {"type": "log_student_t", "median": 8.055, "scale": 0.0815, "degrees_of_freedom": 7.0},
@@ -110,16 +110,16 @@ class LogStudentTDistribution(SolverPart[LogStudentT]):
     type: Literal["log_student_t"]
     median: Finite
     scale: Finite
-    """Of the natural logarithm. [1]"""
+    """Scale of the natural logarithm. [1]"""
     degrees_of_freedom: Finite
-    """1 or more; with many, the number is lognormal. [1]"""
+    """Degrees of freedom, 1 or more. With many the distribution is nearly lognormal. [1]"""
     lower: Finite | MISSING = MISSING
     upper: Finite | MISSING = MISSING
-    """Bounds at which it is cut off, which heavy tails need where the field is not accepted at any value."""
+    """Bound at which the distribution is truncated, like `lower`. Heavy tails need both for a field with bounds."""
 
 
 class UniformDistribution(SolverPart[Uniform]):
-    """Every value between two bounds is as likely."""
+    """Uniform distribution between two bounds."""
 
     model_config = with_examples({"type": "uniform", "lower": 2200.0, "upper": 2400.0})
 
@@ -129,7 +129,7 @@ class UniformDistribution(SolverPart[Uniform]):
 
 
 class TriangularDistribution(SolverPart[Triangular]):
-    """A density that rises from the lower bound to the mode and falls to the upper bound."""
+    """Triangular distribution, whose density rises from the lower bound to the mode and falls to the upper bound."""
 
     model_config = with_examples({"type": "triangular", "lower": 12.9, "mode": 13.0, "upper": 13.2})
 
@@ -148,18 +148,18 @@ DiscreteValues = TypeAliasType(
         list[Finite] | list[Name], Field(min_length=1, max_length=100, description="Numbers, or names of models.")
     ],
 )
-"""What a discrete distribution chooses from."""
+"""Type of the values of a discrete distribution."""
 
 
 class DiscreteDistribution(SolverPart[Discrete]):
-    """Some values, each with its weight: numbers, or names of models."""
+    """Discrete distribution of numbers or of names of models, each with a weight."""
 
     model_config = with_examples(THEORIES)
 
     type: Literal["discrete"]
     values: DiscreteValues
     weights: Annotated[list[Finite], Field(min_length=1, max_length=100)] | MISSING = MISSING
-    """Probabilities; they sum to 1. Equal when not given."""
+    """Probabilities of the values, with a sum of 1. By default all are equal."""
 
 
 DistributionOf = TypeAliasType(
@@ -172,13 +172,13 @@ DistributionOf = TypeAliasType(
         | UniformDistribution
         | TriangularDistribution
         | DiscreteDistribution,
-        Field(discriminator="type", description="In the unit of the field."),
+        Field(discriminator="type", description="Distribution in the unit of the field."),
     ],
 )
 
 
 class UncertainInput(Part):
-    """An input that scatters, independent of the others."""
+    """An uncertain input, independent of the others."""
 
     model_config = with_examples(*SCATTER)
 
@@ -197,13 +197,13 @@ class UncertainInput(Part):
 
 
 def inputs_of(uncertain: Sequence[UncertainInput], model: type[BaseModel], base: dict[str, Any]) -> list[Uncertain]:
-    """Return the inputs of the solver, those of a request that differs from a base in their values.
+    """Convert uncertain inputs to those of the solver, and check them against the request `base`.
 
     Raises
     ------
     ParameterError
-        If a field is no number of the request, a distribution is not valid, or a value that it states is outside
-        the accepted range of its field.
+        If a field is no number of the request, a distribution is not valid, or one of its parameters is outside the
+        accepted range of the field.
     """
     found = []
     for index, each in enumerate(uncertain):
@@ -228,12 +228,12 @@ def inputs_of(uncertain: Sequence[UncertainInput], model: type[BaseModel], base:
 def _bases_of(
     model: type[BaseModel], base: dict[str, Any], uncertain: Sequence[Uncertain], index: int
 ) -> list[dict[str, Any]]:
-    """Return the requests in which a number is set: one, or one with each of the models whose number it is.
+    """Return the requests in which an input is set: the base, or one for each uncertain model that contains it.
 
     Raises
     ------
     ParameterError
-        If it is no number of one of them.
+        If the field is no number of one of these requests.
     """
     field = uncertain[index].field
     if field == RESIDUAL:
@@ -253,12 +253,12 @@ def _bases_of(
 
 
 def _check(model: Any, base: Mapping[str, Any], field: str, value: float) -> None:
-    """Refuse a value of a field that the contract does not accept.
+    """Check that the contract accepts a value of a field.
 
     Raises
     ------
     ParameterError
-        If it does not.
+        If the value is not accepted.
     """
     try:
         model.model_validate(with_values(base, [field], [value])).arguments()
@@ -269,7 +269,7 @@ def _check(model: Any, base: Mapping[str, Any], field: str, value: float) -> Non
 def accepts(
     model: type[BaseModel], base: dict[str, Any], uncertain: Sequence[Uncertain], index: int, value: float
 ) -> bool:
-    """Return whether the contract accepts a value of an input, the others as in the request."""
+    """Return True if the contract accepts a value of an input, with the other inputs as in the request."""
     at = _bases_of(model, base, uncertain, index)[0]
     try:
         _check(model, at, uncertain[index].field, value)
@@ -281,7 +281,7 @@ def accepts(
 def _check_models(
     model: type[BaseModel], base: dict[str, Any], place: str, field: str, distribution: Distribution, *, names: bool
 ) -> None:
-    """Refuse alternatives of a model that are no models."""
+    """Check that the values of an uncertain model are names of models."""
     if not isinstance(distribution, Discrete) or not names:
         raise ParameterError(f"{place}.distribution", f"of {field!r} must be discrete, with names of models")
     for number, name in enumerate(distribution.values):
@@ -294,8 +294,10 @@ def _check_models(
 
 
 def with_values(base: Mapping[str, Any], fields: Sequence[str], values: Sequence[Any]) -> dict[str, Any]:
-    """Return a request with these values of the fields; models first, then their numbers, a residual last."""
+    """Return a request with these values of the fields."""
     request, residual = dict(base), None
+    # Models are set before their numbers, since setting a model replaces its numbers. The factor on S comes last,
+    # because it applies to the law as it is then.
     for field, value in sorted(
         zip(fields, values, strict=True), key=lambda each: (each[0] != THEORY, each[0] not in MODELS)
     ):
@@ -315,7 +317,7 @@ def with_values(base: Mapping[str, Any], fields: Sequence[str], values: Sequence
 
 
 def _with_theory(request: Mapping[str, Any], theory: str) -> dict[str, Any]:
-    """Return a request by a theory of the decay; what it does not change stays as it was sent, for the cache."""
+    """Return a request with a theory of the decay. Other fields stay as they were sent, so that keys stay the same."""
     before = Resistance.model_validate(request.get("resistance", {})).to_solver()
     after = by_theory(before, theory)
     if after.strength_factor != before.strength_factor:
@@ -324,7 +326,7 @@ def _with_theory(request: Mapping[str, Any], theory: str) -> dict[str, Any]:
 
 
 def _with_model(given: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Return a part with another model; an option set to other than its default stays if that model has it too."""
+    """Return a part with another model. Options that differ from their default are kept if that model has them."""
     own, other = (STRENGTH_FACTORS.get(each, FreeSurface) for each in (str(given.get("model")), name))
     kept = {
         option: value
@@ -335,7 +337,7 @@ def _with_model(given: Mapping[str, Any], name: str) -> dict[str, Any]:
 
 
 def _with_residual(request: Mapping[str, Any], factor: float) -> dict[str, Any]:
-    """Return a request with a multiple of its strength factor, as a law that the contract has."""
+    """Return a request with its strength factor multiplied by a factor, expressed as a law of the contract."""
     resistance = Resistance.model_validate(request.get("resistance", {}))
     return _with_law(request, scaled(resistance.to_solver().strength_factor, factor))
 
@@ -347,7 +349,9 @@ def _with_law(request: Mapping[str, Any], law: StrengthFactor) -> dict[str, Any]
 
 
 def without_shots(case: Case, request: dict[str, Any]) -> dict[str, Any]:
-    """Return the request of a sample with own tests as the power law they come to: samples need not carry the shots.
+    """Return the request of a sample with own tests replaced by the equivalent power law.
+
+    Samples then need not repeat the shots, whose fit would be computed for each of them.
 
     Raises
     ------

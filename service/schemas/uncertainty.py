@@ -1,4 +1,4 @@
-"""Requests for how sure an angle or an outcome is, and what a study keeps of the answers to its samples."""
+"""Models of the requests of uncertainty studies, and the results that a study needs from its samples."""
 
 import math
 from collections.abc import Mapping
@@ -33,18 +33,18 @@ from solver.warnings import body_warnings
 
 SAMPLING = Sampling()
 MOST_SAMPLES_OF_A_REQUEST = 131_072
-"""In one request: some minutes of two cores."""
+"""Largest number of samples of one study, some minutes on two cores."""
 
 
 class AngleRange(Part):
-    """Angles at even distances, both ends included."""
+    """Evenly spaced angles, both ends included."""
 
     model_config = with_examples({"start": 30.0, "stop": 70.0, "count": 81})
 
     start: Annotated[Num, Field(ge=0.0, lt=90.0)] = 5.0
-    """[°]"""
+    """First angle. [°]"""
     stop: Annotated[Num, Field(ge=0.0, lt=90.0)] = 85.0
-    """[°]"""
+    """Last angle. [°]"""
     count: Annotated[Count, Field(ge=2, le=2001), WHOLE] = 161
 
     @model_validator(mode="after")
@@ -59,69 +59,70 @@ class AngleRange(Part):
 
 
 class SamplingMethod(StrEnum):
-    """How samples are used."""
+    """Method that estimates probabilities from samples."""
 
     AUTO = "auto"
     DIRECT = "direct"
 
 
 class SamplingSettings(SolverPart[Sampling]):
-    """How much is sampled."""
+    """Accuracy, number and method of the samples."""
 
     model_config = with_examples({"half_width": 0.02, "confidence": 0.95, "max_samples": 16384, "seed": 7})
 
     half_width: Annotated[Num, Field(ge=1e-4, le=0.5)] = SAMPLING.half_width
-    """Half width of the interval of every probability, cut off at 0 and 1, at which sampling ends. [1]"""
+    """Half width of the intervals of all probabilities, within 0 and 1, at which sampling ends. [1]"""
     confidence: Annotated[Num, Field(ge=0.5, le=0.9999)] = SAMPLING.confidence
     """Confidence level of every interval. [1]"""
     max_samples: Annotated[Count, Field(ge=FEWEST_SAMPLES, le=MOST_SAMPLES_OF_A_REQUEST), WHOLE] = SAMPLING.max_samples
-    """Searches or runs at most, never exceeded. With `sensitivity` at least 256 and those in which one input is changed
-    alone: two for each continuous input, one for each discrete value."""
+    """Largest number of searches or runs. With `sensitivity` it must allow 256 and those in which a single input is
+    changed: two for each continuous input, one for each discrete value."""
     seed: Annotated[Count, Field(ge=0, le=2**53), WHOLE] = SAMPLING.seed
-    """Sample i of a seed is always the same."""
+    """Seed of the samples. Sample i of a seed is always the same."""
     method: SamplingMethod = SamplingMethod.AUTO
-    """`auto` uses the surrogate where it passes its check and gives the narrower intervals, `direct` never."""
+    """Method of estimation. `auto` uses a surrogate if it passes its check and gives narrower intervals, `direct` does
+    not."""
 
 
 Inputs = Annotated[list[UncertainInput], Field(min_length=1, max_length=24)]
 
 
 class UncertainCase(Case):
-    """What both requests have in common."""
+    """Base of the requests of uncertainty studies."""
 
     uncertain: Inputs
     sampling: Annotated[SamplingSettings, Field(default_factory=SamplingSettings)]
 
     def resolved(self) -> Self:
-        """Return the request: each sample fills in what was left open by itself."""
+        """Return the request unchanged, since the request of each sample fills in its own defaults."""
         return self
 
 
 class CriticalAngleUncertaintyRequest(UncertainCase):
-    """Strikes with inputs that scatter, at every oblique angle."""
+    """Study of the critical angle of strikes with uncertain inputs."""
 
     model_config = with_examples({**PAPER, "uncertain": SCATTER})
 
     impact: Strike
     search: Annotated[Search, Field(default_factory=Search)]
     oblique_angles_deg: Annotated[AngleRange, Field(default_factory=AngleRange)]
-    """At which the probability is given."""
+    """Angles at which the probability of ricochet is given."""
     sensitivity: Flag = True
-    """Whether to give Sobol indices and swings."""
+    """Include Sobol indices and swings."""
 
     @property
     def base(self) -> dict[str, Any]:
-        """The request of a sample before its values are set."""
+        """Request of a sample before its values are set."""
         names = {"projectile", "target", "resistance", "numerics", "impact", "search"}
         return without_shots(self, self.model_dump(mode="json", include=names))
 
     def study(self) -> AngleStudy:
-        """Return the study.
+        """Return the study of the solver.
 
         Raises
         ------
         ParameterError
-            If values do not go together.
+            If values contradict each other.
         """
         lower, upper = self.search.to_solver().bounds
         base, arguments = self.base, self.shared_arguments()
@@ -139,27 +140,27 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
 
 
 class TrajectoryUncertaintyRequest(UncertainCase):
-    """One strike with inputs that scatter."""
+    """Study of the outcome of one strike with uncertain inputs."""
 
     model_config = with_examples({**PAPER_AT_45, "uncertain": SCATTER})
 
     impact: Impact
     flight: FlightInput | MISSING = MISSING
-    """How the face stands: then the distances that the bodies fly have quantiles too."""
+    """Position of the face. If it is given, the answer has quantiles of the distance of flight."""
 
     @property
     def base(self) -> dict[str, Any]:
-        """The request of a sample before its values are set; no history is computed."""
+        """Request of a sample before its values are set, without a history."""
         names = {"projectile", "target", "resistance", "numerics", "impact", "flight"}
         return without_shots(self, self.model_dump(mode="json", include=names) | {"output": {"history": False}})
 
     def study(self) -> TrajectoryStudy:
-        """Return the study.
+        """Return the study of the solver.
 
         Raises
         ------
         ParameterError
-            If values do not go together.
+            If values contradict each other.
         """
         inputs = inputs_of(self.uncertain, TrajectoryFields, self.base)
         warnings = body_warnings(self.projectile.to_solver())
@@ -167,7 +168,7 @@ class TrajectoryUncertaintyRequest(UncertainCase):
 
 
 def crossings_in(answer: Mapping[str, Any]) -> Crossings:
-    """Return what a study keeps of the answer to a critical angle."""
+    """Return the result that a study needs from the answer to a critical angle."""
     others = [math.radians(angle) for angle in answer["other_crossings_deg"]]
     if answer["status"] == "not_converged":
         return Crossings(problem="failed")
@@ -177,7 +178,7 @@ def crossings_in(answer: Mapping[str, Any]) -> Crossings:
 
 
 def ending_in(answer: Mapping[str, Any]) -> Ending:
-    """Return what a study keeps of the answer to a trajectory."""
+    """Return the result that a study needs from the answer to a trajectory."""
     left = dict(answer.get("exit", {}))
     flight = left.pop("flight", {})
     distances = {name: flight[f"{name}_m"] for name in FLIGHT_QUANTITIES if flight}

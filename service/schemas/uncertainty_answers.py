@@ -1,4 +1,4 @@
-"""Answers of how sure an angle or an outcome is."""
+"""Models of the answers of uncertainty studies."""
 
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
@@ -29,11 +29,11 @@ SAMPLED = {
 }
 
 TABLED = ("samples", "samples_failed", "samples_outside", "converged")
-"""Columns of the tables of both answers behind their own."""
+"""Columns that the tables of both answers have after their own."""
 
 
 class EstimateAnswer(Part):
-    """A number with its interval."""
+    """Estimate of a number with its confidence interval."""
 
     answered_last: ClassVar = ("value", "lower", "upper")
 
@@ -45,21 +45,21 @@ class EstimateAnswer(Part):
 
 
 class QuantileAnswer(EstimateAnswer):
-    """A quantile with its interval."""
+    """Estimate of a quantile with its confidence interval."""
 
     model_config = with_examples({"level": 0.5, "value": 48.8, "lower": 48.7, "upper": 48.9})
 
     level: Annotated[Num, Field(ge=0.0, le=1.0)]
-    """Share of the samples below it."""
+    """Level of the quantile: the share of samples below it. [1]"""
 
 
 def in_degrees(estimate: Estimate | None) -> Estimate | None:
-    """Return the estimate of an angle in degrees."""
+    """Convert the estimate of an angle to degrees."""
     return estimate and Estimate(*map(degrees, (estimate.value, estimate.lower, estimate.upper)))
 
 
 def quantile_answers(found: Sequence[tuple[float, Estimate]], *, angle: bool = False) -> list[dict[str, Any]]:
-    """Return quantiles with their levels; those of an angle in degrees."""
+    """Return quantiles with their levels as JSON data; `angle` converts them to degrees."""
     return [
         {"level": level} | walk(EstimateAnswer, in_degrees(estimate) if angle else estimate)
         for level, estimate in found
@@ -67,7 +67,7 @@ def quantile_answers(found: Sequence[tuple[float, Estimate]], *, angle: bool = F
 
 
 class ProbabilityCurve(Part):
-    """Probability of ricochet over the oblique angle, columns of equal length."""
+    """Probability of ricochet over the oblique angle, as columns of equal length."""
 
     model_config = with_examples(
         {"oblique_angle_deg": [48.0], "ricochet_probability": [0.31], "lower": [0.30], "upper": [0.32]}
@@ -80,7 +80,7 @@ class ProbabilityCurve(Part):
 
 
 class CriticalAngleDistribution(Part):
-    """The critical angle of the samples that have one. [°]"""
+    """Distribution of the critical angle over the samples that have one."""
 
     model_config = with_examples({"share_without_angle": {"value": 1.0, "lower": 0.98, "upper": 1.0}, "quantiles": []})
 
@@ -89,9 +89,9 @@ class CriticalAngleDistribution(Part):
         EstimateAnswer | MISSING, Of(lambda found: in_degrees(found.standard_deviation))
     ] = MISSING
     quantiles: Annotated[list[QuantileAnswer], Of(lambda found: quantile_answers(found.quantiles, angle=True))]
-    """[°]"""
+    """Quantiles of the critical angle. [°]"""
     share_without_angle: Annotated[EstimateAnswer, Of("share_without")]
-    """Share of all samples with an outcome."""
+    """Share of samples without a critical angle, among all that could be computed. [1]"""
 
 
 InputValue = TypeAliasType("InputValue", Annotated[Num | str, Field(description="A number, or the name of a model.")])
@@ -99,27 +99,28 @@ InputValue = TypeAliasType("InputValue", Annotated[Num | str, Field(description=
 
 
 class SwingAnswer(Part):
-    """Critical angle with one input changed and the others at their median or likeliest value."""
+    """Critical angle with one input changed and the others at their median or most likely value."""
 
     model_config = with_examples({"value": 234.1, "critical_angle_deg": 48.5})
 
     value: InputValue
-    """Value of the input: its 5 % and 95 % quantiles, or each discrete value."""
+    """Value of the input: its 5 % or 95 % quantile, or a discrete value."""
     critical_angle_deg: Annotated[Num | MISSING, Of("angle")] = MISSING
-    """If there is one. [°]"""
+    """Critical angle; absent if there is none. [°]"""
 
 
 class AfterShotsAnswer(Part):
-    """Critical angle as it is expected after some shots of one's own into the concrete."""
+    """Expected range of the critical angle after own shots into the concrete."""
 
     model_config = with_examples(AFTER_SHOT)
 
     shots: Count
     strength_factor_dispersion: Annotated[Num, Of("dispersion")]
-    """Of ln S of the shot after them, at the stated strength. [ln]"""
+    """Standard deviation of ln S for the shot after these, at the stated strength. [ln]"""
     lower_deg: Num
-    """90 % range, where the shots do not move the median of S. [°]"""
+    """Lower end of the 90 % range, if the shots do not change the median of S. [°]"""
     upper_deg: Num
+    """Upper end of this range. [°]"""
 
 
 class SensitivityAnswer(Part):
@@ -131,26 +132,27 @@ class SensitivityAnswer(Part):
 
     field: str
     first_order: EstimateAnswer | MISSING = MISSING
-    """Share of the input alone. [1]"""
+    """First-order Sobol index: share of the variance by the input alone. [1]"""
     total: EstimateAnswer | MISSING = MISSING
-    """Share with its interactions. [1]"""
+    """Total Sobol index: share of the variance including interactions. [1]"""
     swing: list[SwingAnswer]
     after_shots: Annotated[list[AfterShotsAnswer] | MISSING, Of(lambda found: found.after_shots or None)] = MISSING
-    """Of a `resistance.strength_residual` whose logarithm scatters: the angle after one and three own shots."""
+    """Expected range of the angle after one and after three own shots, for a `resistance.strength_residual` whose
+    logarithm scatters."""
 
 
 class ConvergenceAnswer(Part):
-    """History of the sampling, columns of equal length."""
+    """History of the sampling, as columns of equal length."""
 
     model_config = with_examples({"samples": [266], "half_width": [0.013]})
 
     samples: Annotated[list[Count], Of(lambda found: [each.samples for each in found.convergence])]
     half_width: Annotated[list[Num], Of(lambda found: [each.half_width for each in found.convergence])]
-    """Largest of all intervals of a probability. [1]"""
+    """Largest half width of the intervals of probabilities. [1]"""
 
 
 class UncertaintyAnswer(Part):
-    """What both answers have in common."""
+    """Base of the answers of uncertainty studies."""
 
     answered_last: ClassVar = tuple(SAMPLED)
 
@@ -159,17 +161,17 @@ class UncertaintyAnswer(Part):
         bool,
         Column("converged", "whether every interval is within the half width wanted", "?"),
     ]
-    """Whether every interval is within the half width wanted."""
+    """True if every interval is within the requested half width."""
     samples: Annotated[Count, Column("samples", "searches or runs", "<i8")]
-    """Searches or runs."""
+    """Number of searches or runs."""
     samples_failed: Annotated[
         Count, Of("failed"), Column("samples_failed", "samples that could not be computed", "<i8")
     ]
-    """Those that could not be computed."""
+    """Number of samples that could not be computed."""
     samples_outside: Annotated[
         Count, Of("outside"), Column("samples_outside", "samples outside the accepted range", "<i8")
     ]
-    """Those outside the accepted range: they count as not known, as failed ones do."""
+    """Number of samples outside the accepted range of an input. They count as unknown, like failed ones."""
     seed: Annotated[Count, NOT_TABLED]
     warnings: list[ModelWarning]
     key: Key
@@ -177,31 +179,31 @@ class UncertaintyAnswer(Part):
 
 
 class StudyProgress(Part):
-    """How far a study of uncertainty is."""
+    """Progress of an uncertainty study."""
 
     model_config = with_examples(
         {"samples": 1024, "max_samples": 16384, "half_width": 0.031, "requested_half_width": 0.02}
     )
 
     samples: Count
-    """Searches or runs done."""
+    """Number of searches or runs computed so far."""
     max_samples: Count
-    """At most; it ends earlier if the half width is reached."""
+    """Largest number of searches or runs. The study ends earlier if it reaches the half width."""
     half_width: Num | MISSING = MISSING
-    """Reached: largest of all intervals of a probability. [1]"""
+    """Half width reached, the largest of the intervals of probabilities. [1]"""
     requested_half_width: Num
-    """At which it ends. [1]"""
+    """Half width at which the study ends. [1]"""
 
 
 class UncertaintyMethod(StrEnum):
-    """How probabilities were computed."""
+    """Method by which probabilities were computed."""
 
     SURROGATE = "surrogate"
     DIRECT = "direct"
 
 
 class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
-    """How sure a critical angle is."""
+    """Answer to an uncertainty study of a critical angle."""
 
     model_config = with_examples(
         {
@@ -231,14 +233,14 @@ class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
         Column("standard_deviation_deg", "of the critical angle"),
     ]
     sensitivity: list[SensitivityAnswer] | MISSING = MISSING
-    """If wanted."""
+    """Sensitivity to each input, if requested."""
     method: UncertaintyMethod
-    """How it was computed. By `surrogate`, a polynomial chaos of the angle, or `direct`, from outcomes of randomised
+    """Method of estimation: `surrogate` is a polynomial chaos of the angle, `direct` counts the outcomes of randomised
     Sobol points."""
     polynomial_order: Annotated[Count | MISSING, Of("order"), NOT_TABLED] = MISSING
     """Order of the surrogate."""
     surrogate_error_deg: Annotated[Num | MISSING, NOT_TABLED] = MISSING
-    """Root mean square at held-out points, also where it was too large. [°]"""
+    """Root mean square error of the surrogate at held-out points, given even if it was too large to use. [°]"""
 
 
 class OutcomeProbability(EstimateAnswer):
@@ -250,18 +252,18 @@ class OutcomeProbability(EstimateAnswer):
 
 
 class FlightQuantilesAnswer(Part):
-    """Quantiles of how far projectiles fly that leave the target, each as in the `flight` of an exit."""
+    """Quantiles of the flight of projectiles that leave the target, each quantity as in the `flight` of an exit."""
 
     model_config = with_examples({"range_m": [], "farthest_range_m": []})
 
     range_m: list[QuantileAnswer]
-    """Where each lands if it tumbles as computed. [m]"""
+    """Distance of the landing point in the computed direction of exit. [m]"""
     farthest_range_m: list[QuantileAnswer]
-    """Over all elevations at the speed of each. [m]"""
+    """Greatest distance over all elevations at the speed of exit. [m]"""
 
 
 class ExitQuantilesAnswer(Part):
-    """Quantiles of how projectiles leave the target, each quantity as in the `exit` of a trajectory."""
+    """Quantiles of the state of projectiles at the exit, each quantity as in the `exit` of a trajectory."""
 
     model_config = with_examples({name: [] for name in EXIT})
 
@@ -273,14 +275,14 @@ class ExitQuantilesAnswer(Part):
     kinetic_energy_j: list[QuantileAnswer]
     lateral_m: list[QuantileAnswer]
     flight: FlightQuantilesAnswer | MISSING = MISSING
-    """How far they fly, in the answer to a study with `flight`."""
+    """Quantiles of the flight, in the answer to a study with `flight`."""
 
 
 QuantilesByName = Mapping[str, Sequence[tuple[float, Estimate]]]
 
 
 def exit_answer(found: QuantilesByName, flight: QuantilesByName | None = None) -> dict[str, Any]:
-    """Return the quantiles of exits by their names in the contract; nothing if no projectile left."""
+    """Return the quantiles of exits by their names in the contract; empty if no projectile left the target."""
     flown = _by_contract(FlightQuantilesAnswer, flight or {})
     return _by_contract(ExitQuantilesAnswer, found) | ({"flight": flown} if flown else {})
 
@@ -293,7 +295,7 @@ def _by_contract(model: type[Part], found: QuantilesByName) -> dict[str, Any]:
 
 
 class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
-    """How sure the outcome of one strike is."""
+    """Answer to an uncertainty study of the outcome of one strike."""
 
     model_config = with_examples(
         {"outcomes": [{"outcome": "ricochet"} | ESTIMATE], "maximum_depth_m": []} | SAMPLED | VERSIONED
@@ -307,31 +309,31 @@ class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
         tuple(Column(each.value, f"probability of {each.value}") for each in Outcome),
     ]
     maximum_depth_m: Annotated[list[QuantileAnswer], Of(lambda found: quantile_answers(found.maximum_depth))]
-    """Greatest depth of the deepest point: quantiles over the runs that do not perforate. [m]"""
+    """Quantiles of the greatest depth of the deepest point, over the runs that do not perforate. [m]"""
     ricochet_exit: Annotated[
         ExitQuantilesAnswer | MISSING, Of(lambda found: exit_answer(found.ricochet_exit, found.ricochet_flight))
     ] = MISSING
-    """Exit of those turned away, if any."""
+    """Quantiles of the exit of projectiles that ricochet, if there are any."""
     perforation_exit: Annotated[
         ExitQuantilesAnswer | MISSING, Of(lambda found: exit_answer(found.perforation_exit, found.perforation_flight))
     ] = MISSING
-    """Exit of those that perforated, if any."""
+    """Quantiles of the exit of projectiles that perforate, if there are any."""
     exit_speed_m_s: Annotated[
         list[QuantileAnswer] | MISSING, Of(lambda found: exit_answer(found.ricochet_exit).get("speed_m_s"))
     ] = MISSING
-    """`speed_m_s` of `ricochet_exit`. [m/s]"""
+    """Repeats `speed_m_s` of `ricochet_exit`. [m/s]"""
     exit_angle_deg: Annotated[
         list[QuantileAnswer] | MISSING, Of(lambda found: exit_answer(found.ricochet_exit).get("direction_deg"))
     ] = MISSING
-    """`direction_deg` of `ricochet_exit`. [°]"""
+    """Repeats `direction_deg` of `ricochet_exit`. [°]"""
     residual_speed_m_s: Annotated[
         list[QuantileAnswer] | MISSING, Of(lambda found: exit_answer(found.perforation_exit).get("speed_m_s"))
     ] = MISSING
-    """`speed_m_s` of `perforation_exit`. [m/s]"""
+    """Repeats `speed_m_s` of `perforation_exit`. [m/s]"""
 
 
 class PartialUncertainty(Part):
-    """Answer to a study from the samples so far."""
+    """Partial answer to an uncertainty study, from the samples so far."""
 
     model_config = with_examples(
         {
@@ -343,5 +345,5 @@ class PartialUncertainty(Part):
     probability: ProbabilityCurve | MISSING = MISSING
     """Probability curve of a study of critical angles."""
     outcomes: list[OutcomeProbability] | MISSING = MISSING
-    """Outcomes of a study of one strike."""
+    """Probabilities of outcomes of a study of one strike."""
     convergence: ConvergenceAnswer

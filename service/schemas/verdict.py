@@ -1,4 +1,4 @@
-"""The usual scatter of a strike as the contract has it, and the verdict on a strike."""
+"""Models of the verdict on a strike, and the usual scatter of its inputs."""
 
 import math
 from collections.abc import Mapping
@@ -51,12 +51,12 @@ from solver.uncertainty.verdict import (
 from solver.uncertainty.verdict import verdict_steps as solver_verdict_steps
 
 CENTRES = {"normal": "mean", "lognormal": "median", "log_student_t": "median"}
-"""Parameter of a distribution that is the value of the case."""
+"""Parameter of each distribution that is set to the value of the case."""
 THEORY_MODELS = tuple(law.name for law in THEORY_LAWS)
 
 
 def contract_input(uncertain: Uncertain) -> dict[str, Any]:
-    """Return an input that usually scatters as `/cra/uncertainty` takes it."""
+    """Convert an uncertain input of the solver to one of `/cra/uncertainty`."""
     distribution = uncertain.distribution
     found: dict[str, Any] = {"type": distribution.name}
     field = pointer_of_parameter(uncertain.field)[1:].replace("/", ".")
@@ -70,7 +70,7 @@ def contract_input(uncertain: Uncertain) -> dict[str, Any]:
 
 
 def usual_inputs(request: CriticalAngleBase, *, theories: bool | None = None) -> list[dict[str, Any]]:
-    """Return the usual scatter around the values of a case, as `/cra/uncertainty` takes it.
+    """Return the usual scatter around the values of a case, as inputs of `/cra/uncertainty`.
 
     Parameters
     ----------
@@ -95,9 +95,9 @@ def _without_centre(distribution: Mapping[str, Any]) -> dict[str, Any]:
 
 @cache
 def usual_scatter_of_page() -> dict[str, dict[str, Any]]:
-    """Return the distributions of the inputs that usually scatter where nobody has tested the concrete.
+    """Return the usual distributions of inputs for a concrete without own tests, relative to the value of the case.
 
-    Each is around the value of the case. The page takes them from here.
+    The page uses them as defaults.
     """
     inputs = usual_scatter(
         projectile=PAPER_PROJECTILE,
@@ -134,7 +134,7 @@ VERDICT = {
 
 
 class LikelyAngles(Part):
-    """Angles between which the critical angle lies with a probability of 90 %."""
+    """90 % range of the critical angle."""
 
     model_config = with_examples(VERDICT["range"])
 
@@ -143,7 +143,7 @@ class LikelyAngles(Part):
 
 
 class ProbabilityInterval(Part):
-    """Interval of a probability by its sampling, at 95 %."""
+    """95 % confidence interval of a probability, from the number of samples."""
 
     model_config = with_examples(VERDICT["ricochet_probability_interval"])
 
@@ -152,13 +152,13 @@ class ProbabilityInterval(Part):
 
 
 class TheoryAngle(Part):
-    """Critical angle by one theory of the decay, the other inputs at their medians."""
+    """Critical angle by one theory of the decay, with the other inputs at their medians."""
 
     model_config = with_examples(THEORY_ANGLE)
 
     free_surface: FreeSurfaceModel
     weight: Annotated[Num, Field(ge=0.0, le=1.0)]
-    """With which it counts in the range."""
+    """Weight of the theory in the range. [1]"""
     critical_angle_deg: Num | MISSING = MISSING
 
 
@@ -175,62 +175,62 @@ class VerdictKeys(Part):
 
 
 class VerdictAnswer(Part):
-    """What is said of a strike first, by the page, the report and the command line too."""
+    """Verdict on a strike, which page, report and command line show first."""
 
     model_config = with_examples(VERDICT)
 
     sentence: str
-    """The verdict in words."""
+    """Verdict in words."""
     range_text: str
-    """The 90 % range as it stands in the sentence; empty without one."""
+    """90 % range as in the sentence; empty if there is none."""
     status: SearchStatus
     critical_angle_deg: Num | MISSING = MISSING
-    """With the inputs as given, if there is one. [°]"""
+    """Critical angle with the inputs as given; absent if there is none. [°]"""
     range: LikelyAngles | MISSING = MISSING
-    """With the usual scatter, of the samples that have an angle; `critical_angle_deg` belongs to it. Where a law of
-    one's own is chosen, by that law."""
+    """90 % range of the critical angle with the usual scatter, over the samples that have an angle. It includes
+    `critical_angle_deg`. If the request has a law of its own, the range is by that law."""
     held_angle_deg: Num | MISSING = MISSING
-    """Critical angle with the strength factor held from 55° on, if it is held from 60° on and the angle is beyond 55°;
-    `range` has room for both. [°]"""
+    """Critical angle with the strength factor held from 55° on, if it is held from 60° on and the angle is beyond 55°.
+    `range` includes both angles. [°]"""
     share_without_angle: Annotated[Num, Field(ge=0.0, le=1.0)]
-    """Share of the samples that have none in the range searched."""
+    """Share of samples without a critical angle in the range searched. [1]"""
     theories: list[TheoryAngle]
     own_law: Flag | MISSING = MISSING
-    """Present and true if outcome, probability and range are by a law chosen that is none of the theories."""
+    """Present and true if outcome, probability and range are by a law of the request that is none of the theories."""
     theory_range: LikelyAngles | MISSING = MISSING
-    """Over the theories, beside the range of a law of one's own."""
+    """90 % range over the theories, in addition to the range by a law of the request."""
     oblique_angle_deg: Num | MISSING = MISSING
-    """Angle to judge, if one was given. [°]"""
+    """Oblique angle to judge, if one was given. [°]"""
     outcome: Outcome | MISSING = MISSING
-    """Of the strike at that angle, with the inputs as given."""
+    """Outcome of the strike at the angle to judge, with the inputs as given."""
     protrusion: Protrusion | MISSING = MISSING
-    """If anything of the projectile then comes out of the rear face of a wall, without going through."""
+    """Protrusion from the rear face, if the wall is not perforated and any part comes out."""
     flight: FlightResult | MISSING = MISSING
-    """Where it then lands, if it is turned away."""
+    """Flight of the body after a ricochet at the angle to judge."""
     ricochet_probability: Annotated[Num, Field(ge=0.0, le=1.0)] | MISSING = MISSING
-    """At that angle, with the usual scatter."""
+    """Probability of ricochet at the angle to judge, with the usual scatter. [1]"""
     ricochet_probability_interval: ProbabilityInterval | MISSING = MISSING
     probability_text: str | MISSING = MISSING
-    """The probability as it stands in the sentence."""
+    """Probability as in the sentence."""
     wall: WallDesign | MISSING = MISSING
-    """Whether the wall is thick enough, if the target has a thickness; along the normal without an angle to judge."""
+    """Design of the wall, if the target has a thickness. Without an angle to judge it is for normal impact."""
     strength_factor: Num | MISSING = MISSING
-    """At the critical angle, if there is one. [1]"""
+    """Strength factor at the critical angle, if there is such an angle. [1]"""
     strength_factor_dispersion: Num
-    """Standard deviation of ln S at the stated strength: by own tests, or by the law of the published ones. [ln]"""
+    """Standard deviation of ln S at the stated strength, from own tests or from the law of the published tests. [ln]"""
     own_tests: OwnTestsAnswer | MISSING = MISSING
-    """If S rests on shots into the very concrete and there is a critical angle."""
+    """Effect of own tests on S, if there are any and there is a critical angle."""
     usual_scatter: list[UncertainInput]
-    """Inputs that scatter, as `/cra/uncertainty` takes them."""
+    """Usual scatter of the inputs, in the form of `/cra/uncertainty`."""
     warnings: list[ModelWarning]
-    """Of the strike at the angle to judge, then of the search. Beside a 90 % range each of the latter whose effect is
-    known says how far it moves the angle, and is standing if that is at most a quarter of the range."""
+    """Warnings of the strike at the angle to judge, then of the search. With a 90 % range, each warning of the search
+    with a known effect has its `angle_shift_deg`, and is standing if that is at most a quarter of the range."""
     keys: VerdictKeys
     engine_version: EngineVersion
 
 
 def verdict_steps(request: ReportRequest) -> Steps:
-    """Return the steps of the verdict on a strike, without a range by the routes of the paper, which take seconds."""
+    """Return the steps of the verdict on a strike, without a range if a run by panels takes seconds."""
     case = request.resolved()
     return solver_verdict_steps(
         **case.shared_arguments(),
@@ -241,12 +241,12 @@ def verdict_steps(request: ReportRequest) -> Steps:
 
 
 def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
-    """Return the verdict that answers of the service give.
+    """Return the verdict that follows from answers of the service.
 
     Parameters
     ----------
     answers
-        By the names of the questions, an object with a `problem` where there is none; only `cra` is needed.
+        Answers by the name of the question; an object with a `problem` for a failed one. Only `cra` is required.
     """
     return conclude(
         verdict_steps(request),
@@ -255,7 +255,7 @@ def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
 
 
 def found_in(request: ReportRequest, question: Question, answer: Mapping[str, Any]) -> Found:
-    """Return an answer of the service as a verdict takes it; None if it is a problem or not there."""
+    """Convert an answer of the service to the result of a question; None if it is a problem or missing."""
     if not answer or "problem" in answer:
         return None
     if question.kind == "search":
@@ -273,7 +273,7 @@ def found_in(request: ReportRequest, question: Question, answer: Mapping[str, An
 
 
 def _flight_in(request: ReportRequest, judged: Mapping[str, Any]) -> solver.Flight | None:
-    """Return the flight of a body that is turned away, from an answer of `/trajectory`; None without one."""
+    """Return the flight after a ricochet from an answer of `/trajectory`; None for other outcomes."""
     if judged["outcome"] != Outcome.RICOCHET:
         return None
     conditions = solver.FlightConditions() if request.flight is MISSING else request.flight.to_solver()
@@ -311,7 +311,7 @@ def _spread_in(study: Mapping[str, Any], oblique_angle: float | None) -> Spread:
 
 
 def _warning(found: Mapping[str, Any]) -> solver.ModelWarning:
-    """Return a warning of an answer as the solver has it."""
+    """Convert a warning of an answer to one of the solver."""
     return solver.ModelWarning(
         found["code"],
         found["detail"],
@@ -321,7 +321,7 @@ def _warning(found: Mapping[str, Any]) -> solver.ModelWarning:
 
 
 def next_shot_advice_in(study: Mapping[str, Any]) -> str:
-    """Return what shots of one's own are worth by an answer of `/cra/uncertainty`; empty if it does not say so."""
+    """Return the advice on the value of own shots from an answer of `/cra/uncertainty`; empty if it has none."""
     for each in study.get("sensitivity", ()):
         if found := each.get("after_shots"):
             levels = {each["level"]: math.radians(each["value"]) for each in study["critical_angle"]["quantiles"]}
@@ -400,7 +400,7 @@ def _likely_angles(spread: tuple[float, float]) -> dict[str, float]:
 
 
 def angle_in(found: Mapping[str, Any]) -> float | None:
-    """Return the critical angle in an answer of a search, None without one. [rad]"""
+    """Return the critical angle in the answer of a search; None if there is none. [rad]"""
     return _radians(found.get("critical_angle_deg"))
 
 

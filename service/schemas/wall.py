@@ -1,4 +1,4 @@
-"""The verdict on a wall: request and answer as the contract has them."""
+"""Models of the verdict on a wall: request and answer."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Self
@@ -23,14 +23,14 @@ QUESTIONS = ("perforation", "scabbing")
 
 
 class WallRequest(Case):
-    """A strike on a wall; without `target.thickness_m`, the design values are wanted alone."""
+    """A strike on a wall. Without `target.thickness_m` the answer has the design values only."""
 
     model_config = with_examples(PAPER_AT_45, PAPER_AT_45 | {"target": PAPER["target"] | {"thickness_m": 0.45}})
 
     impact: Impact
 
     def resolved(self) -> Self:
-        """Return the same with what was left open filled in, but for the tolerances of its searches and of its run."""
+        """Return the request with defaults filled in, except for the tolerances of its searches and of its run."""
         return self.adaptive(termination_time_s=self.usual_termination_time(self.impact.velocity_m_s))
 
     def arguments(self) -> dict[str, Any]:
@@ -39,71 +39,72 @@ class WallRequest(Case):
         Raises
         ------
         ParameterError
-            If values do not go together.
+            If values contradict each other.
         """
         case = self.resolved()
         return case.shared_arguments() | {"impact": case.impact.to_solver()}
 
 
 class WallQuestion(Part):
-    """Answer to one question about a wall; empty where no formula is within its range."""
+    """Answer to one question about a wall; empty if no formula is within its range."""
 
     model_config = with_examples(PERFORATION)
 
     enough: Flag | MISSING = MISSING
-    """Whether the wall has the design value."""
+    """True if the wall has at least the design thickness."""
     limit_m: Num | MISSING = MISSING
     """Largest limit thickness of the formulas within their range, without a margin. [m]"""
     design_m: Num | MISSING = MISSING
-    """Thickness to design with: the limit times 1.2 for perforation and times 1.1 for scabbing (DOE-STD-3014-2006); for
-    perforation at least what the model needs with a plug and a crater, and with nothing out of the rear face. [m]"""
+    """Design thickness: the limit times 1.2 for perforation and times 1.1 for scabbing (DOE-STD-3014-2006). For
+    perforation it is at least what the model needs with a plug and a crater and without a protrusion. [m]"""
     formula: str | MISSING = MISSING
-    """The formula that decides; `this_model` where the model needs more than the formulas ask for."""
+    """Formula that decides the design thickness; `this_model` if the model needs more than the formulas."""
 
 
 class NormalImpactDesign(Part):
-    """Design values for the same speed along the normal, by which design practice goes."""
+    """Design values for normal impact at the same speed, which are those of design practice."""
 
     model_config = with_examples(NORMAL)
 
     perforation_design_m: Num | MISSING = MISSING
-    """[m]"""
+    """Design thickness against perforation. [m]"""
     scabbing_design_m: Num | MISSING = MISSING
-    """[m]"""
+    """Design thickness against scabbing. [m]"""
 
 
 class WallDesign(Part):
-    """Whether a wall is thick enough against perforation and against scabbing.
+    """Design of a wall against perforation and scabbing.
 
-    An oblique strike counts with the component of its speed along the normal.
+    Formulas use the component of the velocity along the normal of an oblique strike.
     """
 
     model_config = with_examples(WALL)
 
     enough: Flag | MISSING = MISSING
-    """Whether it is in both respects; absent where neither is missed and no formula is within its range for one."""
+    """True if the wall is thick enough in both respects. Absent if it fails neither, but no formula is within its range
+    for one of them."""
     perforation: WallQuestion
-    """Whether the body comes through."""
+    """Design against perforation, the passage of the body."""
     scabbing: WallQuestion
-    """Whether the rear face throws concrete."""
+    """Design against scabbing, the ejection of concrete from the rear face."""
     normal_impact: NormalImpactDesign
 
 
 class Variants(Part):
-    """The same limit by the model with a plug that shears out of the rear, and with a front crater too."""
+    """Limit by the model without and with a plug that shears out of the rear and a front crater."""
 
     model_config = with_examples(VARIANTS)
 
     plain: Num | MISSING = MISSING
-    """Without either. In the unit of the answer."""
+    """Limit without plug and crater, in the unit of the answer."""
     rear_plug: Num | MISSING = MISSING
-    """With the plug of the request, or the usual one."""
+    """Limit with the plug of the request, or the default plug."""
     rear_plug_and_crater: Num | MISSING = MISSING
-    """With the crater of the request, or the usual one, too."""
+    """Limit with this plug and the crater of the request, or the default crater."""
 
 
 class WallAnswer(WallDesign):
-    """The verdict on a wall, in words and in numbers."""
+    """Verdict on a wall in words and in numbers."""
 
     model_config = with_examples(
         {
@@ -118,13 +119,13 @@ class WallAnswer(WallDesign):
     )
 
     sentence: Annotated[str, NOT_TABLED]
-    """The verdict in words, as page, report and command line show it."""
+    """Verdict in words, as page, report and command line show it."""
     variants: Variants
-    """Least thickness that the model does not perforate, which is not a design value. [m]"""
+    """Least thickness that is not perforated in the model, which is no design value. [m]"""
     outcome: Outcome | MISSING = MISSING
-    """Of the strike on the wall by the model, if it has a thickness."""
+    """Outcome of the strike in the model, if the wall has a thickness."""
     protrusion: Protrusion | MISSING = MISSING
-    """If anything of the projectile then comes out of the rear face, without going through."""
+    """Protrusion from the rear face, if the wall is not perforated and any part comes out."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
@@ -146,19 +147,19 @@ def wall_answer(found: WallVerdict) -> dict[str, Any]:
 
 
 def design_in(answer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the part of an answer that a verdict on a strike has."""
+    """Return the part of an answer that the verdict on a strike contains."""
     return {name: answer[name] for name in WallDesign.model_fields if name in answer}
 
 
 def wall_in(request: Case, answer: Mapping[str, Any], oblique_angle: float) -> WallVerdict:
-    """Return the verdict on a wall that an answer gives.
+    """Convert an answer back to the verdict on a wall of the solver.
 
     Parameters
     ----------
     request
-        Of the strike.
+        Request of the strike.
     oblique_angle
-        That was judged. [rad]
+        Oblique angle that was judged. [rad]
     """
     variants = answer["variants"]
     questions = {
@@ -180,11 +181,11 @@ def wall_in(request: Case, answer: Mapping[str, Any], oblique_angle: float) -> W
 
 
 def protrusion_in(answer: Mapping[str, Any]) -> solver.Protrusion | None:
-    """Return the protrusion in an answer of a run, if it has one."""
+    """Convert the protrusion in the answer of a run back to that of the solver; None without one."""
     found = answer.get("protrusion")
     return None if found is None else solver.Protrusion(final=found.get("final_m"), greatest=found["greatest_m"])
 
 
 def _given(**values: Any) -> dict[str, Any]:
-    """Return the values that are there."""
+    """Return the values that are not None."""
     return {name: value for name, value in values.items() if value is not None}

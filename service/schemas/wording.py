@@ -1,13 +1,13 @@
-"""Errors of pydantic in the words of this project, with the value; its own name what only Python has."""
+"""Messages for errors of pydantic, with the value given and without the names of Python types."""
 
 import re
 from collections.abc import Mapping, Sized
 from typing import Any
 
 UNKNOWN = "extra_forbidden"
-"""Type of the error of a field that a request does not have."""
+"""Type of pydantic's error for an unknown field."""
 LONGEST_SHOWN = 40
-"""Characters of a text that an error quotes."""
+"""Largest number of characters of a text, and of digits of a number, that a message quotes: about half a line."""
 PHRASES = {
     "missing": "is missing",
     UNKNOWN: "unknown field",
@@ -27,12 +27,12 @@ EXPECTED = {
     "bool_parsing": "true or false",
     "tuple_type": "a list",
 }
-"""Expected kind of value by the type of an error of pydantic, where its own message names a Python type."""
+"""Expected kind of value by the type of pydantic's error, where the message of pydantic names a Python type."""
 LENGTH = re.compile(r"\w+ should have (.*?)(?: after validation.*)?")
 
 
 def worded(error: Mapping[str, Any], unit: str = "") -> str:
-    """Return the message of an error of pydantic in the words of this project, with the value.
+    """Return the message for an error of pydantic, with the value given.
 
     Parameters
     ----------
@@ -45,7 +45,8 @@ def worded(error: Mapping[str, Any], unit: str = "") -> str:
     if kind in {"union_tag_not_found", "union_tag_invalid"}:
         return tag_worded(error["ctx"])
     if kind == "float_type" and isinstance(error["input"], int) and not isinstance(error["input"], bool):
-        return f"must be a finite number, got {shown(error['input'])}"  # A whole number beyond those of float64.
+        # Pydantic reports an integer beyond the range of float64 as no number at all.
+        return f"must be a finite number, got {shown(error['input'])}"
     space = unit if unit == "°" else f" {unit}".rstrip()
     if kind in EXPECTED or text.startswith("Input should be "):
         wanted = EXPECTED.get(kind) or text.removeprefix("Input should be ").replace("a valid ", "a ")
@@ -56,7 +57,7 @@ def worded(error: Mapping[str, Any], unit: str = "") -> str:
 
 
 def tag_worded(context: Mapping[str, str]) -> str:
-    """Return the message for a part of several shapes or models that does not say which it is."""
+    """Return the message for a union whose discriminator is missing or unknown."""
     name = context["discriminator"].strip("'")
     if "tag" not in context:
         return f"`{name}` is missing"
@@ -64,7 +65,7 @@ def tag_worded(context: Mapping[str, str]) -> str:
 
 
 def shown(value: Any) -> str:
-    """Return a value as an error quotes it, the begin of a long text."""
+    """Return a value as a message quotes it, shortened if it is long."""
     if isinstance(value, Mapping):
         return "an object"
     if isinstance(value, list | tuple):
@@ -72,7 +73,7 @@ def shown(value: Any) -> str:
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
     if isinstance(value, float):
-        return f"{value:.12g}"  # The bounds beside it have no more digits, and 95.0 is 95 there.
+        return f"{value:.12g}"  # The bounds in the message have no more digits, and 95.0 becomes 95 as in a bound.
     if isinstance(value, int) and abs(value) >= 10**LONGEST_SHOWN:
         return f"a number of {len(str(abs(value)))} digits"
     return repr(value[:LONGEST_SHOWN] + "..." if isinstance(value, str) and len(value) > LONGEST_SHOWN else value)

@@ -1,4 +1,4 @@
-"""Executors: what the service computes with, and the one queue that stands before them."""
+"""Executors, which run the computations of the service, and the queue of work in front of them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ class CallResult:
     Parameters
     ----------
     value
-        What it returned; None if it did not.
+        Return value; None if the call failed.
     error
-        What it raised, or why the executor could not finish it; None if it returned.
+        Exception raised by the call, or by the executor if it could not finish the call; None on success.
     seconds
-        Time it took in the worker.
+        Time that the call took in the worker. [s]
     """
 
     value: Any

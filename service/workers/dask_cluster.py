@@ -1,4 +1,4 @@
-"""A Dask cluster as the executor sees it: its workers, and the plugin with a process pool that runs on each."""
+"""Connection to a Dask cluster: its workers, and the plugin that runs a process pool on each of them."""
 
 import asyncio
 import logging
@@ -23,36 +23,37 @@ from service.workers.worker import answer
 from solver import ENGINE_VERSION
 
 PACKAGES = ("h5py", "llvmlite", "numba", "numpy", "orjson", "pydantic", "scipy")
-"""What decides the last bit of a result, or how it is encoded."""
+"""Packages whose version may change the last bit of a result, or its encoding."""
 STOP_SECONDS = 1.0
-"""Time allowed for the pool of a worker to stop. [s]"""
+"""Time allowed for the pool of a worker to stop, as for the pool of the service. [s]"""
 
 
 class UnfitWorkerError(Exception):
-    """The worker runs other versions than the service, or they are not known yet."""
+    """The worker runs other versions than the service, or has no pool."""
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Return what has to be the same in the service and on every worker."""
+    """Return the versions that service and workers must share."""
+    # Pickles and compiled code depend on the minor version of Python, not on the patch.
     python = ".".join(platform.python_version_tuple()[:2])
     own = {"ricochet": VERSION, "engine": ENGINE_VERSION, "schema": SCHEMA_VERSION, "python": python}
     return own | {name: version(name) for name in PACKAGES}
 
 
 def differences(ours: Mapping[str, str], theirs: Mapping[str, str]) -> str:
-    """Return in words where two sets of versions differ; nothing if they do not."""
+    """Describe the differences between two sets of versions; empty if there are none."""
     names = [name for name in {**ours, **theirs} if ours.get(name) != theirs.get(name)]
     return ", ".join(f"{name} {theirs.get(name, 'none')} instead of {ours.get(name, 'none')}" for name in names)
 
 
 class WorkerPlugin(Plugin):
-    """The pool of a worker, as wide as the worker.
+    """Plugin that runs a process pool on a Dask worker, with one process per thread of the worker.
 
     Parameters
     ----------
     task_seconds
-        Wall time one call may take.
+        Timeout of a call, in wall time. [s]
     """
 
     def __init__(self, task_seconds: float) -> None:
@@ -60,32 +61,32 @@ class WorkerPlugin(Plugin):
         self._running: dict[str, asyncio.Task[list[CallResult]]] = {}
 
     async def setup(self, worker: Worker) -> None:
-        """Bring the pool up."""
+        """Start the pool."""
         self._pool = ProcessPool(workers=worker.state.nthreads, task_seconds=self._task_seconds)
         await self._pool.start()
 
     async def teardown(self, worker: Worker) -> None:
-        """End the pool."""
+        """Stop the pool."""
         await self._pool.stop(STOP_SECONDS)
 
     def transition(self, key: object, start: TaskStateState, finish: TaskStateState, **_: object) -> None:
-        """Stop a chunk that the scheduler no longer wants: Dask itself lets it run to its end."""
+        """Cancel a chunk that the scheduler has released, as Dask itself would let it run to its end."""
         if finish == "released" and isinstance(key, str) and key in self._running:
             self._running[key].cancel()
 
     async def run(self, key: str, messages: Sequence[bytes]) -> list[CallResult]:
-        """Have these calls run, each dumps; the value of each that was brought to an end is its dumps reply."""
+        """Run pickled calls in the pool. The value of a result is the pickled reply to its call."""
         running = self._running[key] = asyncio.create_task(
             self._pool.run([(answer, (message,)) for message in messages])
         )
         try:
-            return await running  # cancelled when the worker closes: Dask gives the chunk to another one then
+            return await running  # A worker that closes cancels this, and Dask gives the chunk to another worker.
         finally:
             del self._running[key]
 
 
 async def introduce(task_seconds: float, expected: Mapping[str, str], dask_worker: Worker) -> dict[str, str]:
-    """Return the versions of this worker, and set up its pool if they are as expected."""
+    """Return the versions of this worker, and start its pool if they are as expected."""
     name = plugin_name(task_seconds)
     if versions() == expected and name not in dask_worker.plugins:
         done = await dask_worker.plugin_add(WorkerPlugin(task_seconds), name=name)
@@ -99,12 +100,12 @@ async def introduce(task_seconds: float, expected: Mapping[str, str], dask_worke
 async def run_chunk(
     key: str, task_seconds: float, expected: Mapping[str, str], messages: Sequence[bytes]
 ) -> list[CallResult]:
-    """Run a chunk on the worker that this is called on.
+    """Run a chunk in the pool of the Dask worker that executes this function.
 
     Raises
     ------
     UnfitWorkerError
-        If it runs other versions, or has no pool.
+        If the worker runs other versions, or has no pool.
     """
     host = get_worker().plugins.get(plugin_name(task_seconds))
     if host is None or versions() != expected:
@@ -113,22 +114,24 @@ async def run_chunk(
 
 
 def plugin_name(task_seconds: float) -> str:
-    """Name of the plugin: services with different time limits may share a cluster."""
+    """Return the name of the plugin. It contains the timeout, as services with different ones may share a cluster."""
     return f"ricochet-{task_seconds:g}"
 
 
 LOOK_SECONDS = 1.0
-"""Interval between checks of the list of workers [s]."""
+"""Interval between checks of the list of workers, a judgement: one request to the scheduler each [s]."""
 CONNECT_SECONDS = 5.0
-"""Timeout for an answer of the scheduler [s]."""
+"""Timeout for an answer of the scheduler [s]. It takes milliseconds, so that the scheduler is gone after 5 s; a
+judgement."""
 INTRODUCTION_SECONDS = 180.0
-"""Timeout for a worker to report its versions and start its pool [s]; the first on a machine compiles the solver."""
+"""Timeout for a worker to report its versions and start its pool [s]. The first on a machine compiles the solver."""
 LOOK_AGAIN_SECONDS = 30.0
-"""Delay before retrying a worker that failed to report its versions or start its pool [s]."""
+"""Delay before retrying a worker that did not report its versions or start its pool, a judgement [s]."""
 SILENT_SECONDS = 10.0
-"""Time without a heartbeat after which a worker is taken for frozen, and its chunks are given to others. [s]
+"""Time without a heartbeat after which a worker counts as frozen and its chunks are given to others. [s]
 
-Workers send one every half second, in clusters of hundreds every five seconds; Dask itself waits for five minutes.
+Workers send a heartbeat every half second, in clusters of hundreds every five seconds. Dask itself waits for five
+minutes.
 """
 LIBRARIES = ("distributed", "tornado", "bokeh")
 """Libraries whose loggers get handlers when Dask is imported."""
@@ -138,42 +141,45 @@ log = logging.getLogger(__name__)
 
 
 class Cluster:
-    """Keeps up a connection to the scheduler, and an eye on the workers.
+    """Connection to a Dask scheduler, which is kept up, and the list of its usable workers.
 
-    A worker takes no chunk before it has said its versions: those of other versions are left out, with a line in the
-    log, and a worker that joins later is checked in the same way.
+    A worker gets no chunk before it has reported its versions. One with other versions is not used, and is named in the
+    log. Workers that join later are checked in the same way.
 
     Parameters
     ----------
     address
         Address of the scheduler.
     task_seconds
-        Wall time one call may take.
+        Timeout of a call, in wall time. [s]
     """
 
     def __init__(self, address: str, task_seconds: float) -> None:
         self.address = address
         self.client: Client | None = None
-        """None while there is no connection."""
+        """Client of the scheduler; None while there is no connection."""
         self.threads: dict[str, int] = {}
-        """Threads of the workers that can be used, by address."""
+        """Numbers of threads of the usable workers, by address."""
         self.changed = asyncio.Event()
-        """Set when workers have come or gone, and another one put in its place."""
+        """Event that is set, and replaced by a new one, when usable workers have come or gone."""
         self.lost = time.monotonic()
         """Time at which the last worker was lost, on the monotonic clock [s]."""
         self._task_seconds = task_seconds
         self._seen: dict[str, asyncio.Task[None]] = {}
         self._heartbeats: dict[str, tuple[float, float]] = {}
-        """Latest heartbeat of each worker by the clock of the scheduler, and when it was seen on the monotonic one."""
+        """Latest heartbeat of each worker by the clock of the scheduler, and its time on the monotonic clock here. [s]
+
+        The clocks of the machines may differ, so that a heartbeat is only compared with the previous one.
+        """
         self._watching: asyncio.Task[None] | None = None
 
     @property
     def capacity(self) -> int:
-        """Chunks that can run at the same time."""
+        """Number of chunks that can run at the same time."""
         return sum(self.threads.values())
 
     async def start(self) -> None:
-        """Connect if the scheduler is there, and wait for the workers that are there to introduce themselves."""
+        """Connect if the scheduler is running, and wait for the versions of the present workers."""
         use_our_log()
         await self._look()
         if self._seen:
@@ -183,14 +189,14 @@ class Cluster:
         self._watching = asyncio.create_task(self._watch())
 
     async def stop(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         if self._watching is not None:
             self._watching.cancel()
             await asyncio.wait([self._watching])
         await self._hang_up()
 
     async def answers(self, seconds: float) -> bool:
-        """Return whether the scheduler answers within this time and has a worker for us."""
+        """Return True if there is a usable worker and the scheduler answers within this time. [s]"""
         client = self.client
         if client is None or not self.capacity:
             return False
@@ -205,7 +211,7 @@ class Cluster:
                 log.exception("the Dask cluster could not be looked at")
 
     async def _look(self) -> None:
-        """Connect anew if need be; take note of workers that have come or gone."""
+        """Reconnect if necessary, and update the list of workers."""
         if self.client is None or self.client.status != "running":
             await self._hang_up()
             await self._connect()
@@ -220,7 +226,7 @@ class Cluster:
             self._seen[address] = asyncio.create_task(self._meet(address, present[address]))
 
     async def _present(self) -> dict[str, int]:
-        """Return the threads of the workers that are there and not frozen, by address."""
+        """Return the numbers of threads of the workers that send heartbeats, by address."""
         assert self.client is not None  # noqa: S101 (asked only then)
         assert self.client.scheduler is not None  # noqa: S101 (it is connected)
         found = (await self.client.scheduler.identity(n_workers=-1))["workers"]
@@ -234,14 +240,14 @@ class Cluster:
         return {address: found[address]["nthreads"] for address in found if not self._silent(address)}
 
     def knows(self, address: str) -> bool:
-        """Return whether the scheduler has this worker, be it frozen."""
+        """Return True if the scheduler lists a worker, frozen ones included."""
         return address in self._heartbeats
 
     def _silent(self, address: str) -> bool:
         return time.monotonic() > self._heartbeats[address][1] + SILENT_SECONDS
 
     def distrust(self, address: str) -> None:
-        """Give a worker no chunk until it has introduced itself again, later."""
+        """Stop using a worker, and check it again after `LOOK_AGAIN_SECONDS`."""
         log.error("worker %s has not returned a chunk in time: it is left out for %g s", address, LOOK_AGAIN_SECONDS)
         self._note(address, 0)
         asyncio.get_running_loop().call_later(LOOK_AGAIN_SECONDS, self._seen.pop, address, None)
@@ -252,7 +258,7 @@ class Cluster:
         )
         try:
             self.client = await connecting
-        except (OSError, ValueError) as error:  # nobody there, or no scheduler
+        except (OSError, ValueError) as error:  # Nothing listens at the address, or something other than a scheduler.
             log.debug("no Dask scheduler at %s: %s", self.address, error)
             await in_time(connecting.close, CONNECT_SECONDS)
         else:
@@ -270,7 +276,7 @@ class Cluster:
             await in_time(client.close, CONNECT_SECONDS)
 
     async def _meet(self, address: str, threads: int) -> None:
-        """Request the versions of a worker, and use it if they are ours."""
+        """Request the versions of a worker, and use the worker if they are those of the service."""
         client = self.client
         if client is None:
             return
@@ -290,7 +296,7 @@ class Cluster:
             asyncio.get_running_loop().call_later(LOOK_AGAIN_SECONDS, self._seen.pop, address, None)
 
     def _note(self, address: str, threads: int) -> None:
-        """Note how many chunks this worker takes at a time."""
+        """Set the number of chunks that a worker takes at a time; 0 stops its use."""
         if threads:
             self.threads[address] = threads
         elif self.threads.pop(address, 0) and not self.threads:
@@ -300,19 +306,19 @@ class Cluster:
 
 
 async def in_time(call: Callable[[], Awaitable[Value]], seconds: float) -> Value | None:
-    """Return what the cluster says to this; None if it cannot be reached, or not in time."""
+    """Return the answer of the cluster to a call, or None if there is none in time. [s]"""
     try:
         async with asyncio.timeout(seconds):
             return await call()
-    except (OSError, TimeoutError, AttributeError):  # the client has no scheduler any more once it is closed
+    except (OSError, TimeoutError, AttributeError):  # A client that has been closed has no attribute `scheduler`.
         return None
 
 
 def use_our_log() -> None:
-    """Have Dask log as everything else does, and say nothing of large chunks: they are meant."""
+    """Pass the log entries of Dask to the log of the service, and silence its warnings of large chunks."""
     for name, logger in logging.root.manager.loggerDict.items():
         if name.startswith(LIBRARIES) and isinstance(logger, logging.Logger):
             logger.handlers.clear()
             logger.propagate = True
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # losses are logged here
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # The executor logs lost chunks itself.
     dask.config.set({"distributed.admin.large-graph-warning-threshold": "1GB"})

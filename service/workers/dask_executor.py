@@ -1,9 +1,9 @@
-"""Chunks on a Dask cluster, single calls on a pool of our own.
+"""Executor that runs chunks on a Dask cluster and single calls in a local process pool.
 
-A client waits for a single call: the pool answers in a millisecond and does not care how the cluster is. Chunks are
-what there are many of. Both come from one queue. Each worker of the cluster is given chunks as it finishes others; one
-that it does not return goes back to the queue, for another worker and, while there is none, for the pool. So a job
-always goes on.
+A client waits for a single call, which the pool answers within a millisecond of overhead and whatever the state of the
+cluster. Chunks make up most of the work. Both come from one queue. Each worker of the cluster gets a new chunk when it
+has finished one. A chunk that is not returned goes back to the queue, for another worker or, if there is none, for the
+pool, so that a job always makes progress.
 """
 
 import asyncio
@@ -25,38 +25,39 @@ from service.workers.work_queue import Kind, Work
 from service.workers.worker import dumps, loads
 
 LOSSES = 5
-"""Number of times that a chunk may be lost to the network, or by a worker that left, before it is left to the pool."""
+"""Number of times that a chunk may be lost, by the network or with its worker, before the pool runs it. A judgement: an
+unstable network should not keep a job from ending."""
 PAUSE_SECONDS = 0.1
-"""Backoff before a worker that lost a chunk is given another; doubled each time. [s]"""
+"""Backoff before a worker that lost a chunk is given another one, doubled each time; a judgement. [s]"""
 PATIENCE_SECONDS = 5.0
-"""Time that chunks wait for a cluster that has been lost, rather than fill the pool: most restarts take less. [s]"""
+"""Time that chunks wait for a lost cluster before the pool takes them. Most restarts of a scheduler take less. [s]"""
 CANCEL_SECONDS = 1.0
-"""Time for the scheduler to hear that a chunk is not wanted any more. [s]"""
+"""Timeout for the scheduler to acknowledge a cancellation, after which the chunk is forgotten; a judgement. [s]"""
 CHUNKS_A_THREAD = 2
-"""Chunks that each thread of a worker has: the next is there when it has finished one."""
+"""Number of chunks assigned to each thread of a worker, so that it finds the next one when it has finished one."""
 DELIVERY_SECONDS = 30.0
-"""Time that a chunk may be underway beyond the time limits of its calls, and of the chunk before it. [s]"""
+"""Time for the transport of a chunk, beyond the timeouts of its calls and of the chunk before it; a judgement. [s]"""
 TEND_SECONDS = 1.0
-"""Longest interval between checks of whether the pool should take chunks. [s]"""
+"""Longest interval between checks of whether the pool should take chunks, well below `PATIENCE_SECONDS`. [s]"""
 
 log = logging.getLogger(__name__)
 
 
 class LostError(Exception):
-    """The cluster has not brought the chunk to its end."""
+    """The cluster has not returned a chunk."""
 
 
 class DaskExecutor(Executor):
-    """Runs chunks on a cluster.
+    """Executor with a Dask cluster for chunks and a local pool for single calls.
 
     Parameters
     ----------
     address
         Address of the scheduler, such as ``tcp://scheduler:8786``.
     workers
-        Processes of the pool.
+        Number of processes of the pool.
     task_seconds
-        Wall time one call may take. [s]
+        Timeout of a call, in wall time. [s]
     """
 
     def __init__(self, *, address: str, workers: int, task_seconds: float) -> None:
@@ -64,23 +65,23 @@ class DaskExecutor(Executor):
         self.cluster = Cluster(address, task_seconds)
         self._pool = ProcessPool(workers=workers, task_seconds=task_seconds, queue=self.queue, accepts=self._for_pool)
         self._servers: dict[str, list[asyncio.Task[None]]] = {}
-        """Tasks that give chunks to each worker of the cluster."""
+        """Tasks that give chunks to the workers of the cluster, by address."""
         self._tending: asyncio.Task[None] | None = None
         self._busy = False
 
     @property
     def worker_pids(self) -> list[int]:
-        """Process ids of the workers of the pool."""
+        """Process ids of the workers in the pool."""
         return self._pool.worker_pids
 
     @property
     def restarts(self) -> int:
-        """Workers of the pool that had to be replaced."""
+        """Number of workers of the pool that were replaced."""
         return self._pool.restarts
 
     @property
     def start_failures(self) -> int:
-        """Attempts to start a worker of the pool that failed."""
+        """Number of failed attempts to start a worker of the pool."""
         return self._pool.start_failures
 
     @property
@@ -90,7 +91,7 @@ class DaskExecutor(Executor):
 
     @property
     def capacity(self) -> int:
-        """Chunks that can run at the same time: on the cluster or, while there is none, here."""
+        """Number of chunks that can run at the same time, on the cluster or, without one, in the pool."""
         return self.cluster.capacity or self._pool.capacity
 
     @property
@@ -100,11 +101,11 @@ class DaskExecutor(Executor):
 
     @property
     def single_capacity(self) -> int:
-        """Calls submitted singly that can run at the same time, in the pool."""
+        """Number of single calls that can run at the same time in the pool."""
         return self._pool.single_capacity
 
     async def start(self) -> None:
-        """Bring the pool up, and those workers of the cluster that are there; without any it starts all the same."""
+        """Start the pool, and connect to the cluster. A cluster that is not there is no error."""
         await self._pool.start()
         try:
             await self.cluster.start()
@@ -115,19 +116,19 @@ class DaskExecutor(Executor):
         self._tending = asyncio.create_task(self._tend())
 
     async def probe(self, seconds: float) -> bool:
-        """Return whether a worker of the pool answers within this time, and the cluster."""
+        """Return True if a worker of the pool and the cluster answer within this time. [s]"""
         pool, cluster = await asyncio.gather(self._pool.probe(seconds), self.cluster.answers(seconds))
         self._busy = cluster and self._pool.busy
         self.last_error = "cluster unreachable: no worker of it can be used" if pool else self._pool.last_error
         return pool and cluster
 
     async def stop(self, grace: float) -> None:
-        """Take no more work, let what there is finish, and have ended all within the grace time. [s]"""
+        """Refuse new work, let accepted work finish, and stop everything within the grace period. [s]"""
         self._pool.stopping = True
         await super().stop(grace)
 
     async def close(self, seconds: float) -> None:
-        """End the pool, and hang up."""
+        """Stop the pool, and close the connection to the cluster."""
         tasks = [task for tasks in self._servers.values() for task in tasks]
         if self._tending is not None:
             tasks.append(self._tending)
@@ -139,7 +140,7 @@ class DaskExecutor(Executor):
         await self._pool.stop(seconds)
 
     def _for_pool(self, work: Work) -> bool:
-        """Return whether the pool takes this work: chunks only if the cluster cannot."""
+        """Return True if the pool takes this work, which it does with chunks only if the cluster cannot."""
         if work.kind is not Kind.CHUNK or work.losses >= LOSSES:
             return True
         return not self.cluster.capacity and time.monotonic() > self.cluster.lost + PATIENCE_SECONDS
@@ -148,16 +149,16 @@ class DaskExecutor(Executor):
         return not self._for_pool(work)
 
     async def _tend(self) -> None:
-        """Follow the workers as they come and go."""
+        """Adapt the tasks to the workers of the cluster as they come and go."""
         while True:
             changed = self.cluster.changed
             with suppress(TimeoutError):
                 await asyncio.wait_for(changed.wait(), TEND_SECONDS)
             self._adapt()
-            self.queue.hand_out()  # It may be the turn of the pool by now.
+            self.queue.hand_out()  # The pool may take chunks by now, which no event of the queue reports.
 
     def _adapt(self) -> None:
-        """Begin or end tasks, so that each worker that can be used has its own."""
+        """Start or cancel tasks, so that each usable worker has its own."""
         for address in self._servers.keys() - self.cluster.threads.keys():
             for server in self._servers.pop(address):
                 server.cancel()
@@ -166,7 +167,7 @@ class DaskExecutor(Executor):
             self._servers[address] = [asyncio.create_task(self._serve(address, count)) for _ in range(count)]
 
     async def _serve(self, address: str, places: int) -> None:
-        """Give chunks to a worker, which has so many places, until this is cancelled, as the worker has gone."""
+        """Give chunks to a worker until this task is cancelled, which happens when the worker has gone."""
         while True:
             work, client = await self.queue.get(self._for_cluster, address, places), self.cluster.client
             work.begin()
@@ -178,6 +179,8 @@ class DaskExecutor(Executor):
                 self._note_loss(work, error)
                 await asyncio.sleep(PAUSE_SECONDS * 2**work.losses)
             except asyncio.CancelledError:
+                # A worker that left while the connection stayed up may have died of the chunk. One that is frozen, or
+                # unreachable like the whole cluster, has not.
                 if self.cluster.client is client and not self.cluster.knows(address):
                     self._blame(work)
                 else:
@@ -191,7 +194,10 @@ class DaskExecutor(Executor):
 
     @staticmethod
     def _blame(work: Work) -> None:
-        """Note that a worker has died over the work: its calls are run one by one, and what kills more is given up."""
+        """Record that a worker died while it ran the work.
+
+        From then on the calls run one at a time, so that the one that kills workers can be told from the others.
+        """
         if work.alone:
             work.crashes += 1
         if work.crashes >= DEATHS:
@@ -204,18 +210,19 @@ class DaskExecutor(Executor):
         log.debug("chunk of %d calls was lost %d times: %s", len(work.calls), work.losses, error)
 
     async def _attempt(self, address: str, work: Work) -> None:
-        """Have a worker run what is left of the work.
+        """Have a worker run the unfinished calls.
 
         Raises
         ------
         KilledWorker
-            If it has died over it.
+            If the worker died.
         LostError
-            If it has not run it for another reason.
+            If the chunk was not returned for another reason.
         """
         client, calls = self.cluster.client, work.left
         if client is None:
             raise LostError("there is no connection")
+        # Calls are pickled one by one here, so that a single one that cannot be pickled does not fail the chunk.
         messages = await asyncio.to_thread(all_dumped, calls)
         key = f"ricochet-{uuid.uuid4().hex}"
         try:
@@ -224,7 +231,7 @@ class DaskExecutor(Executor):
             )
         except Exception as error:
             raise LostError(str(error)) from error
-        result = asyncio.ensure_future(task.result())  # never cancelled: gathering is shared among chunks
+        result = asyncio.ensure_future(task.result())  # Never cancelled, as Dask gathers several chunks in one request.
         try:
             longest = CHUNKS_A_THREAD * len(calls) * self.task_seconds + DELIVERY_SECONDS
             await asyncio.wait([result, work.future], timeout=longest, return_when=asyncio.FIRST_COMPLETED)
@@ -235,13 +242,14 @@ class DaskExecutor(Executor):
                 for reply in await asyncio.to_thread(all_loaded, replies_of(result, len(calls))):
                     work.finish(reply)
         finally:
-            result.add_done_callback(lambda done: done.cancelled() or done.exception())  # seen
+            # Retrieving the exception keeps asyncio from reporting it.
+            result.add_done_callback(lambda done: done.cancelled() or done.exception())
             if not result.done():
                 await give_up(task)
 
 
 def replies_of(result: "asyncio.Future[list[CallResult]]", calls: int) -> list[CallResult]:
-    """Return the replies to a chunk of so many calls, one for each, or raise why there are none."""
+    """Return the replies to a chunk, one for each of its calls, or raise the reason why there are none."""
     if result.cancelled():
         raise LostError("the connection was lost")
     error = result.exception()
@@ -256,8 +264,8 @@ def replies_of(result: "asyncio.Future[list[CallResult]]", calls: int) -> list[C
 
 
 async def give_up(task: "Future[Any]") -> None:
-    """Release this on the scheduler: nothing waits for it any more."""
-    with suppress(Exception):  # there may be no scheduler
+    """Cancel a chunk on the scheduler."""
+    with suppress(Exception):  # The scheduler may be gone, and the chunk with it.
         await in_time(task.cancel, CANCEL_SECONDS)
 
 
@@ -267,5 +275,5 @@ def all_dumped(calls: Sequence[Call]) -> list[bytes]:
 
 
 def all_loaded(replies: Sequence[CallResult]) -> list[CallResult]:
-    """Return what became of calls, each as reported by its process, or by the pool of the worker."""
+    """Unpickle the replies to calls. Errors of the pool of the worker come as they are."""
     return [reply if reply.error is not None else loads(reply.value) for reply in replies]

@@ -1,4 +1,4 @@
-"""The interface of executors, and what all have in common: calls become work of one queue, which servers take."""
+"""Interface of executors, and their common part: calls become items of one queue, from which servers take them."""
 
 import asyncio
 import os
@@ -15,22 +15,22 @@ Arguments = TypeVarTuple("Arguments")
 Result = TypeVar("Result")
 
 KILL_SECONDS = 0.5
-"""Part of the grace time that is left for stopping running calls. [s]"""
+"""Part of the grace period reserved for stopping running calls [s]: a worker has 0.3 s to obey before it is killed."""
 
 
 class Executor(ABC):
-    """Runs calls elsewhere. `tests/service/test_executor_contract.py` holds every executor to this.
+    """Base class of executors. `tests/service/test_executor_contract.py` tests that each one keeps this interface.
 
     Parameters
     ----------
     task_seconds
-        Wall time one call may take. [s]
+        Timeout of a call, in wall time. [s]
     """
 
     on_cluster = False
     """True if chunks currently run on a cluster rather than on this machine."""
     last_error = "no worker answered in time"
-    """Why the last probe failed."""
+    """Reason why the last probe failed."""
 
     def __init__(self, *, task_seconds: float) -> None:
         self.queue = WorkQueue()
@@ -41,12 +41,12 @@ class Executor(ABC):
     @property
     @abstractmethod
     def worker_pids(self) -> list[int]:
-        """Process ids of the workers on this machine that are up."""
+        """Process ids of the running workers on this machine."""
 
     @property
     @abstractmethod
     def restarts(self) -> int:
-        """Workers on this machine that had to be replaced."""
+        """Number of workers on this machine that were replaced."""
 
     @property
     @abstractmethod
@@ -56,31 +56,31 @@ class Executor(ABC):
     @property
     @abstractmethod
     def capacity(self) -> int:
-        """Chunks that can run at the same time, now; it may change as workers come and go."""
+        """Number of chunks that can run at the same time. It may change as workers come and go."""
 
     @property
     @abstractmethod
     def single_capacity(self) -> int:
-        """Calls submitted singly that can run at the same time."""
+        """Number of single calls that can run at the same time."""
 
     @property
     def start_failures(self) -> int:
-        """Attempts to start a worker on this machine that failed."""
+        """Number of failed attempts to start a worker on this machine."""
         return 0
 
     @abstractmethod
     async def start(self) -> None:
-        """Bring the workers up, warm.
+        """Start the workers, and wait until they have loaded the compiled solver.
 
         Raises
         ------
         PoolUnavailableError
-            If there can be none.
+            If no worker can be started.
         """
 
     @abstractmethod
     async def close(self, seconds: float) -> None:
-        """End all workers, also those at work, within this time. [s]"""
+        """Stop all workers, including those that are computing, within this time. [s]"""
 
     async def submit(
         self,
@@ -91,28 +91,28 @@ class Executor(ABC):
         begun: Callable[[], None] = lambda: None,
         longest_wait: float | None = None,
     ) -> Result:
-        """Run a picklable function and return what it returns, or raise what it raises.
+        """Run a picklable function, and return its value or raise its exception.
 
-        Cancelled while it waits for a worker, it never runs; once running, it ends or its worker is ended within 0.5 s,
-        where it has a process for itself.
+        If cancelled in the queue, the function never runs. If cancelled while running in a worker process, it is
+        stopped, or its worker is killed, within 0.5 s.
 
         Parameters
         ----------
         owner
-            In whose turn it runs.
+            Owner in whose turn the call runs.
         cost
-            What it counts as. [ordinary cases]
+            Cost of the call. [ordinary cases]
         begun
-            Called when a worker takes it.
+            Function called when a worker takes the call.
         longest_wait
-            Time for a worker to take it. [s]
+            Timeout for a worker to take the call; None for no timeout. [s]
 
         Raises
         ------
         WorkerCrashedError, TaskTimeoutError, PoolUnavailableError
-            If it could not be brought to an end.
+            If the call could not be finished.
         QueueTimeoutError
-            If no worker has taken it in time.
+            If no worker took the call in time.
         """
         waiting: asyncio.TimerHandle | None = None
 
@@ -143,23 +143,23 @@ class Executor(ABC):
         remaining: float | None = None,
         begun: Callable[[], None] = lambda: None,
     ) -> list[CallResult]:
-        """Run a chunk of calls one after the other; single calls pass it, also between two of its calls.
+        """Run a chunk of calls one after the other. Single calls may pass it, even between two of its calls.
 
-        A call that fails, takes too long or ends one worker after another says so in its place; the others are run
-        all the same. Cancelled while it waits, it never runs; once running, the calls after the one it is on do not
-        run.
+        A call that fails, exceeds the timeout or kills its workers has the error as its result, and the others run
+        nevertheless. If cancelled in the queue, the chunk never runs; if cancelled while running, it ends after the
+        present call.
 
         Parameters
         ----------
         owner, cost, begun
-            As for `submit`; by default each call counts as an ordinary case.
+            As for `submit`. By default each call costs one ordinary case.
         remaining
-            Cost of all that is left of the job, if it is one chunk of many.
+            Cost of the rest of the job, if the chunk is part of one. [ordinary cases]
 
         Raises
         ------
         PoolUnavailableError
-            If no worker can take it, or the executor is stopping.
+            If no worker can take the chunk, or the executor is stopping.
         """
         if not calls:
             return []
@@ -167,7 +167,10 @@ class Executor(ABC):
         return await self._finished(Work(Kind.CHUNK, calls, owner, cost, max(cost, remaining or 0.0), begun))
 
     async def probe(self, seconds: float) -> bool:
-        """Return whether a worker answers within this time; passes all that waits, and chunks between two calls."""
+        """Return True if a worker answers within this time. [s]
+
+        A probe passes all waiting work, and running chunks between two of their calls.
+        """
         with suppress(ExecutorError, TimeoutError):
             work = Work(Kind.PROBE, [(os.getpid, ())])
             (finished,) = await asyncio.wait_for(self._finished(work), seconds)
@@ -175,7 +178,7 @@ class Executor(ABC):
         return False
 
     async def stop(self, grace: float) -> None:
-        """Take no more work, let what there is finish, and give up the rest at the end of the grace time. [s]"""
+        """Refuse new work, let accepted work finish, and cancel the rest at the end of the grace period. [s]"""
         self.stopping = True
         if self._unfinished:
             await asyncio.wait([work.future for work in self._unfinished], timeout=max(0.0, grace - KILL_SECONDS))
@@ -189,6 +192,7 @@ class Executor(ABC):
         """Queue work and wait for its results."""
         if self.stopping:
             raise PoolUnavailableError("the service is stopping")
+        # Without a worker in the pool, work is refused at once rather than after its timeout in the queue.
         if self.queue.unavailable and not (self.on_cluster and work.kind is Kind.CHUNK):
             raise PoolUnavailableError(self.queue.unavailable)
         self._unfinished.add(work)

@@ -1,4 +1,4 @@
-"""The executor that is a thread of the service."""
+"""Executor that runs calls in a thread of the service, for debuggers."""
 
 import asyncio
 import os
@@ -13,16 +13,16 @@ from solver import warm_up
 
 
 class InThreadExecutor(Executor):
-    """Runs functions in one thread, call by call.
+    """Runs calls one after the other in a thread.
 
-    They pass through the same pickling as in a worker process, so that what works here works there. What a thread
-    cannot do: it ends no call. One that takes too long is answered as such, but only once it has ended, and one that
-    ends its process ends this one.
+    Calls and results are pickled as for a worker process, so that code that works here works there. Unlike a process, a
+    thread cannot be stopped: a call that exceeds its timeout fails only once it has ended, and a call that ends its
+    process ends the service.
 
     Parameters
     ----------
     task_seconds
-        Wall time one call may take. [s]
+        Timeout of a call, in wall time. [s]
     """
 
     restarts = 0
@@ -42,16 +42,16 @@ class InThreadExecutor(Executor):
 
     @property
     def busy(self) -> bool:
-        """Whether a probe that failed only came late."""
+        """True unless the executor is stopping: a probe that failed was only waiting for the running call."""
         return not self.stopping
 
     async def start(self) -> None:
-        """Compile the solver, or load what was compiled."""
+        """Load the compiled solver, and begin to take work. The first start of an installation compiles it."""
         await asyncio.get_running_loop().run_in_executor(self._thread, warm_up)
         self._task = asyncio.create_task(self._serve())
 
     async def close(self, seconds: float) -> None:
-        """Begin no other call."""
+        """Stop taking calls; the running one goes on to its end."""
         if self._task is not None:
             self._task.cancel()
         self._thread.shutdown(wait=False, cancel_futures=True)
@@ -63,7 +63,7 @@ class InThreadExecutor(Executor):
             await self._work_off(work)
 
     async def _work_off(self, work: Work) -> None:
-        """Do work call by call, up to where other work passes it or nothing waits for it any more."""
+        """Run the calls of an item until it is finished, cancelled, or passed by other work."""
         loop, self._making_way = asyncio.get_running_loop(), False
         if work.kind is Kind.CHUNK:
             self.queue.begin_chunk(work, self._make_way)

@@ -1,4 +1,4 @@
-"""The pool of worker processes: a task for each takes work from the queue, and replaces the worker when it dies."""
+"""Pool of worker processes. One task per worker takes items from the queue, and replaces the worker when it dies."""
 
 import asyncio
 import logging
@@ -13,30 +13,32 @@ from service.workers.worker_process import WorkerDiedError, WorkerProcess
 from solver.compilation import compilation_progress
 
 DEATHS = 2
-"""Number of workers that a call may kill before it fails."""
+"""Number of workers that a call may kill before it fails. The first may have died for another reason, such as a lack of
+memory on the machine."""
 IDLE_CHECK_SECONDS = 1.0
 """Interval between checks of an idle worker, so that a dead one is replaced before it is needed. [s]"""
 LARGE_BYTES = 1 << 18
-"""Size of a reply from which it is read in a thread: an answer with a history of 4 MB takes 3 ms."""
+"""Size from which a reply is unpickled in a thread [bytes]. A reply with a history of 4 MB takes 3 ms."""
 RETRY_SECONDS, LONGEST_RETRY_SECONDS = 0.2, 5.0
-"""Delay before a failed start of a worker is tried again, doubled each time up to the second. [s]"""
+"""First and longest backoff between attempts to start a worker, doubled each time [s]. A judgement: a lack of processes
+may pass within a second, and longer delays would keep a service without workers needlessly."""
 
 log = logging.getLogger(__name__)
 
 
 class WorkerServer:
-    """Takes work from the queue and has its worker do it.
+    """Takes items from the queue and has its worker process run them.
 
     Parameters
     ----------
     queue
-        What the servers of a pool take their work from.
+        Queue that the servers of a pool share.
     accepts
-        Work that they take.
+        Filter of the items that the pool takes.
     task_seconds
-        Wall time of one call. [s]
+        Timeout of a call, in wall time. [s]
     on_start
-        Called with the text of an error when a worker could not be started, with an empty one when it could.
+        Function called after each attempt to start a worker, with the error message or an empty text.
     """
 
     def __init__(
@@ -44,7 +46,7 @@ class WorkerServer:
     ) -> None:
         self.worker: WorkerProcess | None = None
         self.starts = 0
-        """Workers that have come up."""
+        """Number of workers started."""
         self._queue = queue
         self._accepts = accepts
         self._task_seconds = task_seconds
@@ -56,7 +58,7 @@ class WorkerServer:
         Raises
         ------
         PoolUnavailableError
-            If it does not come up.
+            If the worker cannot be started.
         """
         worker = WorkerProcess()
         await worker.start()
@@ -64,7 +66,7 @@ class WorkerServer:
         self.starts += 1
 
     async def run(self) -> None:
-        """Work off the queue until this is cancelled."""
+        """Serve the queue until this task is cancelled."""
         worker = await self._live_worker()
         while True:
             try:
@@ -81,13 +83,13 @@ class WorkerServer:
                 worker = await self._live_worker()
 
     def close(self) -> None:
-        """End the worker."""
+        """Kill the worker."""
         worker, self.worker = self.worker, None
         if worker is not None:
             worker.close()
 
     async def _live_worker(self) -> WorkerProcess:
-        """Return the worker, a new one if it has died or is stopped; try until there is one."""
+        """Return the worker, and replace it if it has died or is stopped; retry until there is one."""
         delay = RETRY_SECONDS
         while self.worker is None or not self.worker.alive or self.worker.stopped:
             self.close()
@@ -102,7 +104,7 @@ class WorkerServer:
         return self.worker
 
     async def _serve(self, worker: WorkerProcess, work: Work) -> None:
-        """Have the worker do this, as far as it gets."""
+        """Have the worker run an item, and put back what it has not finished."""
         work.begin()
         if work.kind is Kind.CHUNK:
             self._queue.begin_chunk(work, worker.make_way)
@@ -110,8 +112,8 @@ class WorkerServer:
         serving = True
 
         def abandon(_: object) -> None:
-            # The event loop calls this after the future is cancelled. By then the answer may have been read, and the
-            # worker may be on the calls of somebody else.
+            # The event loop calls this some time after the future is cancelled. By then the answer may have been read,
+            # and the worker may be running the calls of somebody else.
             if serving:
                 worker.stop_call()
 
@@ -123,7 +125,7 @@ class WorkerServer:
             work.fail(error)
         except WorkerDiedError:
             self.close()
-            # Idle workers that are killed at one blow are not ended by the call that was about to be sent to them.
+            # A worker that was killed while idle did not die of the call that was about to be sent to it.
             work.crashes += worker.begun
             if work.crashes == DEATHS:
                 work.finish(CallResult(None, WorkerCrashedError(f"the task ended {DEATHS} worker processes"), 0.0))
@@ -137,7 +139,7 @@ class WorkerServer:
             work.future.set_result(work.results)
 
     async def _converse(self, worker: WorkerProcess, work: Work) -> None:
-        """Send what is left of the work; take the results up to the last, or to where the worker leaves it."""
+        """Send the unfinished calls, and receive results until the last one or until the worker stops the chunk."""
         calls, overdue = len(work.left), False
         worker.send(work.left)
         while calls or worker.yielding:
@@ -145,10 +147,11 @@ class WorkerServer:
                 async with asyncio.timeout(None if overdue else self._task_seconds):
                     reply = await worker.receive()
             except TimeoutError:
-                if worker.stopped:  # The call is not to blame.
+                if worker.stopped:  # Somebody has stopped the process (SIGSTOP, a debugger); the call is not at fault.
                     raise PoolUnavailableError(
                         "the worker process was stopped from outside and is being replaced"
                     ) from None
+                # `stop_call` kills the worker if the call does not stop, so that waiting without a timeout is safe.
                 overdue = bool(calls)
                 worker.stop_call()
                 continue
@@ -169,24 +172,24 @@ class WorkerServer:
                 work.finish(await asyncio.to_thread(loads, reply) if large else loads(reply))
 
     def _time_out(self, work: Work) -> None:
-        """Note that the first unfinished call took too long."""
+        """Set the timeout as the result of the first unfinished call."""
         error = TaskTimeoutError(f"not finished after {self._task_seconds:g} s")
         work.finish(CallResult(None, error, self._task_seconds))
 
 
 class ProcessPool(Executor):
-    """Runs functions in worker processes.
+    """Executor with a fixed number of worker processes.
 
     Parameters
     ----------
     workers
         Number of processes.
     task_seconds
-        Wall time one call may take. It is asked to stop then; if it does not, its worker is killed. [s]
+        Timeout of a call, in wall time. The call is then asked to stop, and its worker is killed if it does not. [s]
     queue
-        What the pool takes its work from, if another executor shares it.
+        Queue of another executor to share.
     accepts
-        Work of that queue that it takes.
+        Filter of the items of that queue that the pool takes.
     """
 
     def __init__(
@@ -206,39 +209,40 @@ class ProcessPool(Executor):
 
     @property
     def worker_pids(self) -> list[int]:
-        """Process ids of the workers that are up."""
+        """Process ids of the running workers."""
         return [server.worker.pid for server in self._servers if server.worker is not None]
 
     @property
     def restarts(self) -> int:
-        """Workers that had to be replaced."""
+        """Number of workers that were replaced."""
         return sum(max(0, server.starts - 1) for server in self._servers)
 
     @property
     def start_failures(self) -> int:
-        """Attempts to start a worker that failed."""
+        """Number of failed attempts to start a worker."""
         return self._failures
 
     @property
     def busy(self) -> bool:
-        """Whether a worker is up and moves, so that a probe that failed only came late."""
+        """True if a worker runs and is not stopped: a probe that failed was only waiting for a running call."""
         return not self.stopping and any(
             server.worker is not None and not server.worker.stopped for server in self._servers
         )
 
     @property
     def capacity(self) -> int:
-        """Chunks that can run at the same time."""
+        """Number of chunks that can run at the same time."""
         return len(self._servers)
 
     @property
     def single_capacity(self) -> int:
-        """Calls submitted singly that can run at the same time."""
+        """Number of single calls that can run at the same time."""
         return len(self._servers)
 
     async def start(self) -> None:
-        """Bring every worker up, warm."""
-        # One worker compiles, if that has to be done; the others then load what it has kept.
+        """Start all workers, and wait until they have loaded the compiled solver."""
+        # If the solver is not compiled yet, the first worker alone compiles it and the others load the result:
+        # compiling takes half a minute of a core, and all workers would otherwise do it at the same time.
         first = 1 if compilation_progress().left else len(self._servers)
         try:
             for servers in (self._servers[:first], self._servers[first:]):
@@ -249,7 +253,7 @@ class ProcessPool(Executor):
         self._tasks = [asyncio.create_task(server.run()) for server in self._servers]
 
     async def close(self, seconds: float) -> None:
-        """End all workers, also those at work."""
+        """Kill all workers, including those that are computing."""
         self.stopping = True
         for task in self._tasks:
             task.cancel()
@@ -258,7 +262,7 @@ class ProcessPool(Executor):
             server.close()
 
     def _note_start(self, error: str) -> None:
-        """Log that a worker could not be started; refuse work while there is none at all."""
+        """Log a failed start of a worker, and refuse work while there is no worker at all."""
         if error:
             self._failures += 1
             log.error("%s", error)

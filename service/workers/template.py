@@ -1,8 +1,8 @@
-"""The template process: it loads the compiled solver once, and every worker is a fork of it.
+"""Template process, which loads the compiled solver once and forks every worker.
 
-A worker that is started anew takes 2 s of processor time and 80 MB of its own; as a fork it takes 10 ms and 13 MB. The
-fork server of `multiprocessing` does the same through a socket in the folder for temporary files: once that is emptied,
-no worker can be replaced any more. This one has an unnamed socket.
+A worker started from scratch takes 2 s of processor time and 80 MB of its own; a fork takes 10 ms and 13 MB. The fork
+server of `multiprocessing` does the same through a socket in the folder for temporary files, and can replace no worker
+once that folder has been emptied. This process uses an unnamed socket.
 """
 
 import atexit
@@ -18,10 +18,11 @@ from contextlib import suppress
 # Only the standard library is imported here: a command starts the process before its own imports.
 
 LIMIT_HINT = "too many processes or threads are running (pids.max of the container, ulimit -u)"
+"""Probable cause of a failed fork, for messages."""
 
 
 class Template:
-    """The template process of this process, started when it is first needed, and anew when it has died."""
+    """Handle of the template process, which is started on first use and again when it has died."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -29,21 +30,21 @@ class Template:
         self._channel: socket.socket | None = None
 
     def start(self) -> None:
-        """Start the process unless it runs, and return without waiting for what it loads.
+        """Start the process unless it runs, and return without waiting until it has loaded the solver.
 
-        A command that will need workers calls this before its own imports, so that both load side by side. If there
-        can be no process, `fork` says so.
+        A command that will need workers calls this before its own imports, so that both load at the same time. A
+        failure is reported by `fork`.
         """
         with self._lock, suppress(OSError):
             self._ensure_running()
 
     def fork(self, descriptors: Sequence[int]) -> None:
-        """Have a worker forked that gets these file descriptors, those of `service.workers.worker.serve`.
+        """Have the process fork a worker, and pass it the file descriptors of `service.workers.worker.serve`.
 
         Raises
         ------
         OSError
-            If there can be no process, or it dies at this very moment.
+            If the process cannot be started, or dies before it receives the request.
         """
         with self._lock:
             self._ensure_running()
@@ -51,7 +52,7 @@ class Template:
             socket.send_fds(self._channel, [b"f"], descriptors)
 
     def stop(self) -> None:
-        """End the process with all its children: workers, and what compiles the solver for them."""
+        """Kill the process group: the template process, the workers, and the compilers of the solver."""
         with self._lock:
             if self._process is not None:
                 with suppress(ProcessLookupError):
@@ -65,18 +66,20 @@ class Template:
 
     def _spawn(self) -> None:
         self._channel, theirs = socket.socketpair()
-        # It imports from where this process does: from the working folder only if that is among these.
+        # The search path is that of this process, so that both import the same code. -P keeps Python from adding the
+        # working folder, which could hold any file.
         program = f"import sys; sys.path[:] = {sys.path!r}\nfrom service.workers.worker import fork_workers\n"
         warnings = [f"-W{option}" for option in sys.warnoptions]
         with theirs:
-            # A process group of its own: Ctrl-C in a terminal reaches all processes of the foreground group, and would
-            # end this one with a traceback. Not a session, which Linux may schedule apart, without regard to `nice`.
+            # The process has its own group, because Ctrl-C in a terminal reaches all processes of the foreground group
+            # and would end this one with a traceback. It has no session of its own, since Linux schedules sessions as
+            # groups, and `nice` would then not count between workers and service.
             self._process = subprocess.Popen(  # noqa: S603 (our own)
                 [sys.executable, *warnings, "-P", "-c", f"{program}fork_workers({theirs.fileno()})"],
                 stdin=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],
                 process_group=0,
-                # One thread each: the workers fill the cores already.
+                # One BLAS thread per worker, as the workers fill the cores already.
                 env={"OPENBLAS_NUM_THREADS": "1"} | os.environ,
             )
 

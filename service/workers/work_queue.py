@@ -1,8 +1,9 @@
-"""The queue of work that waits for a worker: owners get equal shares, and of one owner's work the smallest goes first.
+"""Fair priority queue of work for the workers.
 
-Owners share the workers by start-time fair queueing (Goyal, Vin and Cheng, 1996). Each owner has a virtual time: the
-cost of the work that it has been given. The owner with the least is served next. One who had nothing to do begins at
-the time of those who are served now, so that idle time is no credit.
+Owners share the workers equally by start-time fair queueing (Goyal, Vin and Cheng, 1996). Each owner has a virtual
+time, the cost of the work that it has been given, and the owner with the least is served next. An owner who was idle
+starts at the present virtual time, so that idle time is no credit. Within an owner, the work with the least remaining
+cost comes first.
 """
 
 import asyncio
@@ -18,7 +19,7 @@ from service.workers import Call, CallResult
 
 
 class Kind(IntEnum):
-    """What kind of work it is; work that waits overtakes a running chunk, unless it is a chunk itself."""
+    """Kinds of work. Probes and single calls may pass a running chunk, chunks may not."""
 
     PROBE = 0
     SINGLE = 1
@@ -30,18 +31,18 @@ _numbers = count()
 
 @dataclass(eq=False, slots=True)
 class Work:
-    """Calls that one worker runs one after the other.
+    """Item of the queue: calls that one worker runs one after the other.
 
     Parameters
     ----------
     owner
-        Whose share of the workers it counts against.
+        Owner whose share of the workers the work counts against.
     cost
-        What it counts as. [ordinary cases]
+        Cost of all calls. [ordinary cases]
     remaining
-        Cost of all that is left of the request it belongs to: of an owner's work the least goes first.
+        Remaining cost of the request or job that the work belongs to. The least goes first. [ordinary cases]
     begun
-        Called once, when a worker takes it.
+        Function called once, when a worker first takes the work.
     """
 
     kind: Kind
@@ -55,58 +56,58 @@ class Work:
     )
     results: list[CallResult] = field(default_factory=list)
     crashes: int = 0
-    """Workers that the first unfinished call has ended."""
+    """Number of workers that the first unfinished call has killed."""
     alone: bool = False
-    """True if its calls are run one at a time, because one of them, not yet identified, has killed a worker."""
+    """True if the calls are run one at a time, because one of them, not yet identified, has killed a worker."""
     losses: int = 0
-    """Workers of a cluster that were given it and did not bring it to its end."""
+    """Number of workers of a cluster that took the work and did not return it."""
     number: int = field(default_factory=lambda: next(_numbers))
-    """Place among work of equal cost, which keeps its order of arrival."""
+    """Number in the order of arrival, which decides between work of equal cost."""
 
     @property
     def left(self) -> Sequence[Call]:
-        """Calls to give a worker now: all unfinished ones, but a call that has ended a worker goes alone."""
+        """Unfinished calls to send to a worker: all of them, or only the first if a call has killed a worker."""
         first = len(self.results)
         return self.calls[first : first + 1 if self.crashes or self.alone else None]
 
     @property
     def cost_left(self) -> float:
-        """Cost of the unfinished calls."""
+        """Cost of the unfinished calls. [ordinary cases]"""
         return self.cost * (len(self.calls) - len(self.results)) / max(1, len(self.calls))
 
     def begin(self) -> None:
-        """Note that a worker has taken it, the first time."""
+        """Call `begun` if a worker takes the work for the first time."""
         begun, self.begun = self.begun, None
         if begun is not None:
             begun()
 
     def finish(self, result: CallResult) -> None:
-        """Note the outcome of the first unfinished call."""
+        """Set the result of the first unfinished call."""
         self.results.append(result)
         self.crashes = 0
 
     def fail(self, error: Exception) -> None:
-        """End the work with an error, unless it has ended."""
+        """Set an error as the outcome of the work, unless it has one."""
         if not self.future.done():
             self.future.set_exception(error)
 
     @property
     def order(self) -> tuple[float, int, int]:
-        """Key that the work of one owner is sorted by."""
+        """Sort key of the work of one owner."""
         return self.remaining, self.kind, self.number
 
 
 Accepts = Callable[[Work], bool]
-"""True if a worker can run this work."""
+"""Function that returns True if a server takes this work."""
 
 
 class Server(NamedTuple):
-    """A server that waits for work.
+    """A server that is waiting for work.
 
     Parameters
     ----------
     worker
-        Name of the worker that it serves, if others serve it too.
+        Name of its worker, if the worker has several servers.
     places
         Number of servers of that worker.
     """
@@ -117,31 +118,31 @@ class Server(NamedTuple):
 
 
 class WorkQueue:
-    """Work that waits, and the servers that wait for work. Belongs to one event loop."""
+    """Queue of work and of servers that are waiting for work. It belongs to one event loop."""
 
     def __init__(self) -> None:
         self._probes: deque[Work] = deque()
         self._lines: dict[str, list[Work]] = {}
-        """Waiting work by owner, in order."""
+        """Waiting work of each owner, sorted by `Work.order`."""
         self._times: dict[str, float] = {}
-        """Virtual time at which the next work of an owner begins."""
+        """Virtual time of each owner. [ordinary cases]"""
         self._now = 0.0
-        """Virtual time of the work that was taken last."""
+        """Virtual time of the owner whose work was taken last. [ordinary cases]"""
         self._servers: dict[asyncio.Future[Work], Server] = {}
         self._chunks: dict[Work, Callable[[], None]] = {}
-        """Running chunks, and how to ask each to make way."""
+        """Running chunks, each with the function that asks it to let other work pass."""
         self.unavailable = ""
-        """Why there is no worker in the pool; empty if there is one, or one is being started."""
+        """Reason why the pool has no worker; empty if it has one, or one is being started."""
         self.singles = 0
-        """Number of single calls that wait."""
+        """Number of waiting single calls."""
 
     @property
     def waiting(self) -> list[Work]:
-        """All work that waits."""
+        """All waiting work."""
         return [*self._probes, *(work for line in self._lines.values() for work in line)]
 
     def put(self, work: Work) -> None:
-        """Add work; if no server is free, one that runs a chunk is asked to make way for it, unless it is a chunk."""
+        """Add work. If no server is free for a probe or a single call, one running chunk is asked to let it pass."""
         self._add(work)
         work.future.add_done_callback(lambda _: self._remove(work))
         self.hand_out()
@@ -149,16 +150,16 @@ class WorkQueue:
             self._chunks.pop(next(iter(self._chunks)))()
 
     def put_back(self, work: Work) -> None:
-        """Add work that a server has not finished, ahead of what came after it; its owner gets the cost back."""
+        """Return unfinished work to the queue, in its former place, and refund the cost to its owner."""
         self._times[work.owner] = self._times.get(work.owner, self._now) - work.cost_left
         if not work.future.done():
             self._add(work)
             self.hand_out()
 
     async def get(self, accepts: Accepts = lambda _: True, worker: str = "", places: int = 1) -> Work:
-        """Take the next work that is accepted, as soon as there is one.
+        """Wait for the next work that `accepts` admits, and take it.
 
-        Of several workers, that one is served first which has the largest part of its places free.
+        Among several workers, the one with the largest fraction of idle servers is served first.
         """
         turn = asyncio.get_running_loop().create_future()
         self._servers[turn] = Server(accepts, worker, places)
@@ -174,12 +175,12 @@ class WorkQueue:
             return work
 
     def hand_out(self) -> None:
-        """Give waiting work to servers that wait; to be called too when what they accept has changed."""
+        """Give waiting work to waiting servers. Callers also call this when `accepts` of a server may have changed."""
         while (self._probes or self._lines) and self._hand_out_one():
             pass
 
     def _hand_out_one(self) -> bool:
-        """Give one piece of work to the server whose worker has most room; return whether one has taken any."""
+        """Give one item to the server whose worker has most room; return False if no server takes any."""
         free = Counter(server.worker for server in self._servers.values())
         by_room = sorted(self._servers.items(), key=lambda item: -free[item[1].worker] / item[1].places)
         for turn, server in by_room:
@@ -191,17 +192,17 @@ class WorkQueue:
         return False
 
     def begin_chunk(self, work: Work, make_way: Callable[[], None]) -> None:
-        """Note a running chunk; `make_way` is called, at most once, when it should let other work pass."""
+        """Register a running chunk. `make_way` is called at most once, to let other work pass."""
         self._chunks[work] = make_way
 
     def end_chunk(self, work: Work) -> None:
-        """Forget a chunk that no longer runs."""
+        """Remove a chunk that is no longer running."""
         self._chunks.pop(work, None)
 
     def make_room(self, owner: str, error: Exception) -> bool:
-        """Refuse the newest single call of the owner with most of them, if another of `owner` would still be fewer.
+        """Evict the newest single call of the busiest owner, if `owner` has fewer calls even with one more.
 
-        Returns whether there was one, which gets this error.
+        Return True if a call was evicted; it fails with `error`.
         """
         singles = {name: [work for work in line if work.kind is Kind.SINGLE] for name, line in self._lines.items()}
         most = max(singles.values(), key=len, default=[])
@@ -213,7 +214,7 @@ class WorkQueue:
         return True
 
     def fail_all(self, error: Exception, accepts: Accepts = lambda _: True) -> None:
-        """End all work that waits, or what a server that waits in vain would accept."""
+        """Fail all waiting work, or the part that `accepts` admits."""
         for work in filter(accepts, self.waiting):
             work.fail(error)
             self._remove(work)
@@ -224,6 +225,7 @@ class WorkQueue:
             return
         if work.owner not in self._lines:
             self._lines[work.owner] = []
+            # An owner who was idle starts at the present virtual time; one who was ahead of it stays ahead.
             self._times[work.owner] = max(self._now, self._times.get(work.owner, 0.0))
         insort(self._lines[work.owner], work, key=lambda each: each.order)
         self.singles += work.kind is Kind.SINGLE
@@ -232,7 +234,7 @@ class WorkQueue:
         return work in self._probes if work.kind is Kind.PROBE else work in self._lines.get(work.owner, ())
 
     def _remove(self, work: Work) -> None:
-        """Remove work if it waits."""
+        """Remove work from the queue if it is there."""
         if not self._waits(work):
             return
         if work.kind is Kind.PROBE:
@@ -256,8 +258,9 @@ class WorkQueue:
         return None
 
     def _charge(self, work: Work) -> None:
-        """Let the virtual time of the owner go on, and forget owners that would begin anew at the present time."""
+        """Advance the virtual time of the owner by the cost of the work."""
         self._now = max(self._now, self._times[work.owner])
         self._times[work.owner] += work.cost_left
+        # Owners behind the present time would start at it anyway, so they are removed to keep the table small.
         for owner in [name for name, time in self._times.items() if time <= self._now and name not in self._lines]:
             del self._times[owner]

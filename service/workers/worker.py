@@ -1,4 +1,4 @@
-"""A worker process: receives calls, parses, solves and encodes, and sends the answers back."""
+"""Worker process: receives calls, parses requests, solves, encodes the answers and sends them back."""
 
 import fcntl
 import os
@@ -26,20 +26,21 @@ from solver import ENGINE_VERSION, ParameterError, warm_up
 Compute = Callable[[bytes], tuple[dict[str, Any], FloatColumns | None]]
 
 MOST_CHUNKS = 4
-"""Chunks whose records are kept until they end here: smaller chunks may pass one, and others may end elsewhere."""
+"""Largest number of chunks whose records are held until the chunk is closed. Other chunks may pass one, and a chunk may
+be closed in another worker, so that its records here are never collected. Four is a judgement."""
 
 _chunks: dict[str, list[Record]] = {}
-"""Records of the chunks being computed, by their ids."""
+"""Records of the chunks being computed, by the id of the chunk."""
 
 
 def compute_single(compute: Compute, operation: str, key: str, request: bytes) -> tuple[bytes, str]:
-    """Return the answer to one request as it is sent, and its outcome."""
+    """Compute one request, and return the JSON of the answer and its outcome."""
     record = Record(key, operation, request, *compute(request))
     return record.json, record.outcome
 
 
 def compute_case(compute: Compute, operation: str, key: str, request: bytes, chunk: str) -> tuple[bytes, str]:
-    """Return the answer to one case of a chunk and its outcome; keep it for the file of the chunk."""
+    """Compute one case of a chunk, hold its record for the file of the chunk, and return its JSON and outcome."""
     record = Record(key, operation, request, *compute(request))
     _chunks.setdefault(chunk, []).append(record)
     if len(_chunks) > MOST_CHUNKS:
@@ -48,12 +49,12 @@ def compute_case(compute: Compute, operation: str, key: str, request: bytes, chu
 
 
 def close_chunk(chunk: str) -> Sequence[Segment]:
-    """Return the files of the cases of this chunk that this process has computed."""
+    """Encode the cases of a chunk that this process has computed as segments of the cache."""
     return encode_segments(_chunks.pop(chunk, []))
 
 
 def check_requests(model: type[Part], requests: Sequence[bytes]) -> dict[int, list[dict[str, str]]]:
-    """Return what the solver finds wrong with these requests, each valid by itself, by their place."""
+    """Return the errors that the solver finds in valid requests, by position."""
     wrong = {}
     for number, request in enumerate(requests):
         try:
@@ -64,26 +65,29 @@ def check_requests(model: type[Part], requests: Sequence[bytes]) -> dict[int, li
 
 
 VERSIONS = ENGINE_VERSION, SCHEMA_VERSION
-"""What a worker has to have in common with the service: both may be installed anew while the service runs."""
+"""Versions that worker and service must share. The package may be upgraded on the disk while the service runs, and a
+new template process would then load the new code."""
 STOP = b"stop"
-"""Request that a worker leave the calls it has not begun; echoed as acknowledgement."""
+"""Message that asks a worker to skip the calls it has not begun; echoed as acknowledgement."""
 BEGUN = b"begun"
-"""Said before a message is read: a worker that dies before is not ended by a call."""
+"""Message that a worker sends before it reads calls. A worker that dies without having sent it was not killed by a
+call."""
 LENGTH = struct.Struct("!Q")
-"""Length of a message, which goes before it."""
+"""Header of a message with its length."""
 NUMBER = struct.Struct("!Q")
-"""Number of a list of calls, which goes before each answer to one of them: no answer can be taken for another's."""
+"""Header of a reply with the number of the list of calls that it belongs to, so that a late reply to a cancelled list
+is not taken for one to the next."""
 NICENESS = 5
-"""Lower priority than the server, which must stay responsive while the workers fill the cores."""
+"""Niceness of workers, so that the service stays responsive while they fill the cores. The value is a judgement."""
 
 
 class Hello(NamedTuple):
-    """First message of a worker, when it can take calls.
+    """First message of a worker that is ready for calls.
 
     Parameters
     ----------
     error
-        Why there is no worker.
+        Reason why no worker could be started.
     """
 
     pid: int
@@ -92,45 +96,50 @@ class Hello(NamedTuple):
 
 
 class CallStopped(BaseException):
-    """The service no longer wants the call that is running."""
+    """The service has cancelled the running call.
+
+    It derives from BaseException so that no `except Exception` of the solver or a library catches it.
+    """
 
 
 REPEAT_SECONDS = 0.001
-"""Delay before a running call is stopped again where Python has ignored the exception. [s]"""
+"""Delay before a call is stopped again after Python has ignored the exception. [s] It only has to be longer than a
+destructor takes and shorter than the 0.3 s after which the worker is killed."""
 
 
 class StopSignal:
-    """Ends the running call on a signal: in Python code at once, in compiled code when that returns."""
+    """Signal handler that stops the running call: in Python code at once, in compiled code when that returns."""
 
     def __init__(self) -> None:
         self._running = False
 
     def install(self) -> None:
-        """Handle the signals of this process, and what Python ignores of them."""
+        """Install the handler of the signals, and a hook for exceptions that Python ignores."""
         signal.signal(signal.SIGUSR1, self)
         signal.signal(signal.SIGALRM, self)
         sys.unraisablehook = self.repeat
 
     def __call__(self, *_: object) -> None:
-        """Handle the signal. One that comes when a call has just ended is for no other."""
+        """Handle a signal. One that arrives after its call has ended is ignored, as it must not stop the next call."""
         if self._running:
             raise CallStopped
 
     def repeat(self, ignored: "sys.UnraisableHookArgs") -> None:
-        """Send the signal again if the exception was raised where Python ignores all, as in a destructor."""
+        """Repeat the signal if Python has ignored its exception, as it does in a destructor."""
         if isinstance(ignored.exc_value, CallStopped):
             signal.setitimer(signal.ITIMER_REAL, REPEAT_SECONDS)
         else:
             sys.__unraisablehook__(ignored)
 
     def run(self, function: Callable[..., Any], arguments: Sequence[Any]) -> Any:
-        """Return what a call returns.
+        """Run a call, and return its value.
 
         Raises
         ------
         InterruptedError
-            If it was stopped.
+            If the call was stopped.
         """
+        # Two nested blocks, because a signal may arrive in the inner `finally` before `_running` is False.
         try:
             self._running = True
             try:
@@ -145,7 +154,7 @@ stop_signal = StopSignal()
 
 
 def fork_workers(end: int) -> None:
-    """Run the template process: load the solver, then fork a worker for each message, until the socket closes.
+    """Run the template process: load the solver, then fork a worker for each request until the socket closes.
 
     Parameters
     ----------
@@ -165,7 +174,7 @@ def fork_workers(end: int) -> None:
                     child = os.fork() == 0
                 except OSError as error:
                     reason = f"no worker process could be started: {error}; {LIMIT_HINT}"
-                    with suppress(ConnectionError):  # The service may have given it up.
+                    with suppress(ConnectionError):  # The service may have closed the socket of this worker.
                         send(channel, pickle.dumps(Hello(0, error=reason)))
                     child = False
                 if child:
@@ -175,14 +184,14 @@ def fork_workers(end: int) -> None:
 
 
 def serve(channel: socket.socket, lifeline: int) -> NoReturn:
-    """Run a worker process: work off one list of calls after the other until the other end of the socket closes.
+    """Run a worker process: run lists of calls until the service closes its end of the socket.
 
     Parameters
     ----------
     lifeline
-        Reading end of a pipe that the service alone holds open.
+        Reading end of a pipe whose writing end only the service holds.
     """
-    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # The template process ignores it, which would break `subprocess`.
     stop_signal.install()
     end_with_parent(lifeline)
     os.nice(NICENESS)
@@ -198,7 +207,7 @@ def serve(channel: socket.socket, lifeline: int) -> NoReturn:
 
 
 def work_off(number: int, calls: Sequence[bytes], channel: socket.socket) -> None:
-    """Answer these calls one after the other, until there is word from the parent: that can only be to stop."""
+    """Run calls one after the other, until a message arrives from the service, which can only be `STOP`."""
     for call in calls:
         if select.select([channel], [], [], 0.0)[0]:
             return
@@ -206,12 +215,12 @@ def work_off(number: int, calls: Sequence[bytes], channel: socket.socket) -> Non
 
 
 def send(channel: socket.socket, message: bytes, before: bytes = b"") -> None:
-    """Send a message, with something before it."""
+    """Send a message, preceded by its length and by `before`."""
     channel.sendall(LENGTH.pack(len(before) + len(message)) + before + message)
 
 
 def receive(channel: socket.socket, said_before: bytes = b"") -> bytes:
-    """Return the next message, an empty one if there will be none; say this once it begins to arrive."""
+    """Return the next message, or an empty one if the socket was closed. `said_before` is sent when it begins."""
     head = _receive_exactly(channel, LENGTH.size)
     if not head:
         return b""
@@ -221,7 +230,7 @@ def receive(channel: socket.socket, said_before: bytes = b"") -> bytes:
 
 
 def _receive_exactly(channel: socket.socket, length: int) -> bytes:
-    """Return so many bytes, none if the other end closes before."""
+    """Return `length` bytes, or none if the other end closes before."""
     message = bytearray()
     while len(message) < length:
         part = channel.recv(length - len(message))
@@ -232,37 +241,38 @@ def _receive_exactly(channel: socket.socket, length: int) -> bytes:
 
 
 def end_with_parent(lifeline: int) -> None:
-    """Have the kernel end this process as soon as its parent has gone.
+    """Have the kernel kill this process as soon as its parent has ended.
 
-    A thread watching the parent would never run while compiled code holds the interpreter lock. SIGIO needs no
-    interpreter: the kernel raises it when the pipe that only the parent holds open closes, and it is not caught.
+    A thread that watches the parent would not run while compiled code holds the interpreter lock. SIGIO needs no
+    interpreter: the kernel sends it when the parent's end of the pipe closes, and its default action ends the process.
     """
     signal.signal(signal.SIGIO, signal.SIG_DFL)
     fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
     fcntl.fcntl(lifeline, fcntl.F_SETFL, fcntl.fcntl(lifeline, fcntl.F_GETFL) | os.O_ASYNC)
-    if select.select([lifeline], [], [], 0.0)[0]:  # The parent ended before the kernel was set up.
+    if select.select([lifeline], [], [], 0.0)[0]:  # The parent has ended before the signal was armed.
         sys.exit()
 
 
 def answer(call: bytes) -> bytes:
-    """Run a pickled call; return the pickled (value, error, seconds) of what became of it."""
+    """Run a pickled call, and return its pickled value, error and duration."""
     started = time.perf_counter()
     try:
         function, arguments = pickle.loads(call)  # noqa: S301 (from the parent only)
         result = stop_signal.run(function, arguments)
         return pickle.dumps((result, None, time.perf_counter() - started), pickle.HIGHEST_PROTOCOL)
-    except Exception as error:  # noqa: BLE001 (whatever it is, the parent has to know)
+    except Exception as error:  # noqa: BLE001 (the service has to know any error)
         seconds = time.perf_counter() - started
+        # Pickling drops the traceback, so that it travels as a note.
         error.add_note("".join(traceback.format_exception(error)))
         try:
             return pickle.dumps((None, error, seconds), pickle.HIGHEST_PROTOCOL)
-        except Exception:  # noqa: BLE001 (an exception may hold anything)
+        except Exception:  # noqa: BLE001 (an exception may hold objects that cannot be pickled)
             described = RuntimeError("\n".join(error.__notes__))
             return pickle.dumps((None, described, seconds), pickle.HIGHEST_PROTOCOL)
 
 
 def dumps(call: Call) -> bytes:
-    """Pickle a call; one that cannot be pickled becomes a call that says so."""
+    """Pickle a call. One that cannot be pickled is replaced by a call that raises the error."""
     try:
         return pickle.dumps(call, pickle.HIGHEST_PROTOCOL)
     except Exception as error:  # noqa: BLE001 (arguments may hold anything)
@@ -270,12 +280,12 @@ def dumps(call: Call) -> bytes:
 
 
 def refuse(why: str) -> None:
-    """Stand in for a call that could not be pickled."""
+    """Raise the error of a call that could not be pickled, in its place."""
     raise pickle.PicklingError(why)
 
 
 def loads(reply: bytes | memoryview) -> CallResult:
-    """Unpickle what became of a call."""
+    """Unpickle the reply to a call."""
     try:
         return CallResult(*pickle.loads(reply))  # noqa: S301 (from our own worker)
     except Exception as error:  # noqa: BLE001 (some exceptions can be pickled, but not back)

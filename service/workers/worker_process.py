@@ -1,4 +1,4 @@
-"""The parent's side of a worker process: its start, its end, and the messages to and from it."""
+"""Handle of a worker process in the service: start, end, and messages in both directions."""
 
 import asyncio
 import os
@@ -16,12 +16,15 @@ from service.workers.template import LIMIT_HINT, template
 from service.workers.worker import BEGUN, LENGTH, NUMBER, STOP, VERSIONS, Hello, dumps
 
 START_SECONDS = 600.0
-"""Time for a worker to come up: seconds, but the first ever on a machine compiles the solver. [s]"""
+"""Timeout for the start of a worker [s]. It takes seconds, but the first one of an installation compiles the solver,
+half a minute on two quiet cores and longer on a busy machine."""
 CANCEL_SECONDS = 0.3
-"""Time allowed for a call to stop when asked; then its worker is killed. [s]"""
+"""Time allowed for a call to stop when asked; then its worker is killed [s]. The compiled code of most calls returns
+to Python within milliseconds; with the kill, a cancelled call ends within the 0.5 s that `Executor.submit` promises."""
 
 SCRATCH_BYTES = 1 << 16
-"""Largest message, with its length, that shares a buffer with others; a longer one is read to where it stays."""
+"""Largest message, including its header, that is read into the shared buffer [bytes]. A longer one gets a buffer of its
+own, so that megabytes of a history are not copied. Messages without a history are some kilobytes."""
 
 
 class WorkerDiedError(Exception):
@@ -29,25 +32,28 @@ class WorkerDiedError(Exception):
 
 
 class Messages(asyncio.BufferedProtocol):
-    """Messages that arrive at a socket, each read to where it stays: answers with a history take megabytes."""
+    """Protocol that splits the bytes of a socket into messages.
+
+    Large messages are read into buffers of their own: answers with a history take megabytes, which are not copied.
+    """
 
     def __init__(self) -> None:
         self.closed = False
         self._arrived: deque[bytes | bytearray] = deque()
         self._scratch, self._held = bytearray(SCRATCH_BYTES), 0
-        """Where small messages are read to, as many as have arrived, and how much of it is in use."""
+        """Buffer of small messages, and the number of bytes in it."""
         self._body: bytearray | None = None
-        """Message that the rest of is being read, if it is longer than that."""
+        """Buffer of a large message that is being read; None between large messages."""
         self._filled = 0
         self._waiting: asyncio.Future[None] | None = None
 
     async def next(self) -> bytes | bytearray:
-        """Return the next message.
+        """Wait for the next message.
 
         Raises
         ------
         WorkerDiedError
-            If the other end has closed.
+            If the other end is closed.
         """
         while not self._arrived:
             if self.closed:
@@ -57,13 +63,13 @@ class Messages(asyncio.BufferedProtocol):
         return self._arrived.popleft()
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """Return where to read the next bytes to."""
+        """Return the buffer for the next bytes."""
         if self._body is not None:
             return memoryview(self._body)[self._filled :]
         return memoryview(self._scratch)[self._held :]
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Take the messages that are whole."""
+        """Take the complete messages out of the buffers."""
         if self._body is not None:
             self._filled += nbytes
             if self._filled == len(self._body):
@@ -93,7 +99,7 @@ class Messages(asyncio.BufferedProtocol):
         self._held -= begin
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Note that the other end has closed."""
+        """Record that the other end is closed."""
         self.closed = True
         self._wake()
 
@@ -103,34 +109,34 @@ class Messages(asyncio.BufferedProtocol):
 
 
 class WorkerProcess:
-    """A process that runs `service.workers.worker.serve`, and the socket to it.
+    """A worker process, which runs `service.workers.worker.serve`, and the socket to it.
 
-    Not an executor of `concurrent.futures`: that never returns, and keeps its interpreter from ending, if a worker dies
-    while it sends a result that a pipe cannot hold. Here the death of the worker closes the only other end of the
-    socket, whenever it comes.
+    An executor of `concurrent.futures` is no substitute: it hangs, and keeps the interpreter from ending, if a worker
+    dies while it sends a result that does not fit into a pipe. Here the death of a worker at any time closes the only
+    other end of the socket.
     """
 
     def __init__(self) -> None:
         self.yielding = False
-        """True while a request to abandon its calls has not been acknowledged."""
+        """True while a `STOP` has not been acknowledged."""
         self.begun = False
         """True once the worker has begun to read the latest calls."""
         self._number = 0
-        """Number of the list of calls that it was sent last."""
+        """Number of the list of calls that was sent last."""
         self.pid = 0
-        """Process id; 0 before it is up and after its end."""
+        """Process id; 0 before the start and after the end of the process."""
         self._lifeline = -1
         self._killing: asyncio.TimerHandle | None = None
         self._messages = Messages()
         self._transport: asyncio.Transport | None = None
 
     async def start(self) -> None:
-        """Start the process and wait until it is warm.
+        """Start the process, and wait until it is ready for calls.
 
         Raises
         ------
         PoolUnavailableError
-            If it does not come up.
+            If the process cannot be started.
         """
         ours = self._fork()
         try:
@@ -156,24 +162,24 @@ class WorkerProcess:
 
     @property
     def stopped(self) -> bool:
-        """Whether a signal or a debugger has stopped the process; unknown, so False, where there is no /proc."""
+        """True if a signal or a debugger has stopped the process. Without /proc this is unknown, and so False."""
         with suppress(OSError):
             return Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0] in {"T", "t"}
         return False
 
     def send(self, calls: Sequence[Call]) -> None:
-        """Have the worker run these calls."""
+        """Send a list of calls to the worker."""
         self.begun = False
         self._number += 1
         self._write(pickle.dumps((self._number, [dumps(call) for call in calls])))
 
     async def receive(self) -> memoryview | None:
-        """Return the reply to the next call, for `loads`; None if the worker has left the others.
+        """Wait for the reply to the next call, to be unpickled by `loads`; None if the worker has skipped the rest.
 
         Raises
         ------
         WorkerDiedError
-            If there will be none.
+            If the worker has died.
         """
         while (message := await self._messages.next()) != STOP:
             if message == BEGUN:
@@ -187,24 +193,24 @@ class WorkerProcess:
         return None
 
     def make_way(self) -> None:
-        """Ask the worker to leave the calls that it has not begun."""
+        """Ask the worker to skip the calls that it has not begun."""
         if not self.yielding:
             self.yielding = True
             self._write(STOP)
 
     def stop_call(self) -> None:
-        """Ask the worker to stop the running call too, and kill it if it does not do so soon."""
+        """Ask the worker to stop the running call as well, and kill it after `CANCEL_SECONDS` if it does not."""
         self.make_way()
         if self._killing is None:
             self._signal(signal.SIGUSR1)
             self._killing = asyncio.get_running_loop().call_later(CANCEL_SECONDS, self.kill)
 
     def kill(self) -> None:
-        """End the process now, whatever it is doing."""
+        """Kill the process."""
         self._signal(signal.SIGKILL)
 
     def close(self) -> None:
-        """End the process, and free what it took."""
+        """Kill the process, and close its socket and pipe."""
         self.kill()
         self.pid, self._messages.closed = 0, True
         if self._killing is not None:
@@ -216,7 +222,7 @@ class WorkerProcess:
         self._lifeline = -1
 
     def _fork(self) -> socket.socket:
-        """Have the process forked; return our end of the socket."""
+        """Have the template process fork the worker, and return this end of the socket."""
         ours, theirs = socket.socketpair()
         watched, self._lifeline = os.pipe()
         try:
@@ -227,12 +233,12 @@ class WorkerProcess:
             hint = f"; {LIMIT_HINT}" if isinstance(error, BlockingIOError) else ""
             raise PoolUnavailableError(f"no worker process could be started: {error}{hint}") from error
         finally:
-            theirs.close()  # The worker's copies are then the only ones: its death is the end of the stream.
+            theirs.close()  # With the only remaining copies in the worker, its death closes the stream.
             os.close(watched)
         return ours
 
     def _signal(self, number: signal.Signals) -> None:
-        # A worker that has gone has been reaped, and its id may belong to another process by now.
+        # A dead worker has been reaped, and its process id may belong to another process by now.
         if self.pid and not self._messages.closed:
             with suppress(ProcessLookupError):
                 os.kill(self.pid, number)

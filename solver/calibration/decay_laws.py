@@ -1,4 +1,4 @@
-"""Decay laws compared by how well each follows the motion of oblique strikes."""
+"""Comparison of the decay laws by their fits to the motion of oblique strikes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,20 +13,21 @@ from solver.strike import Numerics
 from solver.target import Target
 from solver.warnings import ModelWarning
 
+# Fits whose misfits differ by less than a fifth follow a motion about equally well; the value is a judgement.
 BETTER = 0.8
-"""Normalised rms of the best law over that of the requested one, below which a warning says so. [1]"""
+"""Normalised rms of the best law over that of the requested one, below which a warning is given. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecayLawFits:
-    """The same motions fitted with every decay law."""
+    """Fits of the same motions with every decay law."""
 
     requested: MotionsFit
-    """With the law of the given resistance."""
+    """Fit with the law of the given resistance."""
     laws: Mapping[str, MotionsFit | None]
-    """By the name of the law; None for one with which the motions leave the strength factor open."""
+    """Fits by the name of the law; None for a law with which the motions do not determine the strength factor."""
     warnings: tuple[ModelWarning, ...]
-    """Warnings of the requested law, and whether another fits better."""
+    """Warnings of the requested law, with one more if another law fits better."""
 
     @property
     def best(self) -> str:
@@ -50,7 +51,7 @@ def fit_decay_laws(
     projectile, target, runs, numerics, confidence_level
         As for `fit_motions`.
     resistance
-        Inertia factor, and the requested decay law; the others include inertia if it does. Its strength factor is not
+        Inertia factor, and the requested decay law; the others include inertia if it does. The strength factor is not
         used.
 
     Returns
@@ -98,7 +99,7 @@ def _best(laws: Mapping[str, MotionsFit | None]) -> str:
 
 
 def _better(requested: MotionsFit, laws: Mapping[str, MotionsFit | None]) -> list[ModelWarning]:
-    """A warning if another law fits much better than the requested one."""
+    """Return a warning if another law fits much better than the requested one."""
     name = _best(laws)
     best = laws[name]
     if best is None or best.normalized_root_mean_square >= BETTER * requested.normalized_root_mean_square:

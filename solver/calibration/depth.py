@@ -38,20 +38,22 @@ from solver.target import Target
 from solver.uncertainty.distributions import LogStudentT
 from solver.warnings import ModelWarning
 
+# Depth falls with S, so the sum of squares has one minimum, or nearly, and a coarse grid finds it.
 FIRST_LOOK = 9
-"""Strength factors tried before the fit: depth falls with S, so there is one minimum, or nearly."""
+"""Number of strength factors tried before the fit."""
+# A subset is enough for a start, which need not be accurate.
 FIRST_TESTS = 20
-"""Tests, of many, that are computed for that."""
+"""Number of tests, approximately, that are computed at each of them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthTest:
-    """One normal-impact test.
+    """Test in normal impact.
 
     Parameters
     ----------
     velocity
-        At first contact. [m/s]
+        Speed at first contact. [m/s]
     depth
         Greatest depth of the nose tip. [m]
     mass
@@ -71,22 +73,25 @@ class DepthTest:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DepthFit(ComparedByFields):
-    """Strength factor that fits the depths of tests best."""
+    """Strength factor fitted to the depths of tests by least squares."""
 
     estimate: Estimate
+    """Fitted strength factor with its interval."""
     predicted: FloatArray
     """(n,) greatest depth of the nose tip at the fitted S. [m]"""
     residuals: FloatArray
-    """(n,) measured minus predicted. [m]"""
+    """(n,) measured minus predicted depth. [m]"""
     root_mean_square: float
     """Root mean square of the residuals, weighted. [m]"""
     groups: Mapping[str, "DepthFit"]
-    """One fit for each group of two tests or more; empty if the tests have no groups."""
+    """Fits of the groups of two tests or more, by name; empty if the tests have no groups."""
     posterior: LogStudentT
-    """S of the next shot in the same concrete; the published tests are the prior, and weights do not count."""
+    """Posterior of S of the next shot into the same concrete. The published tests are the prior; weights have no
+    effect."""
     resistance: Resistance
-    """That of the fit, with the fitted S."""
+    """Resistance of the fit, with the fitted S."""
     warnings: tuple[ModelWarning, ...]
+    """Warnings of the tests and of the fit."""
 
     def to_dataframe(self) -> DataFrame:
         """Return measured and predicted depths and their differences as a ``pandas.DataFrame``, a row for each test."""
@@ -95,14 +100,14 @@ class DepthFit(ComparedByFields):
         return dataframe(columns, DepthTest, DepthFit)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
-        """Return measured over predicted depths as a ``matplotlib.figure.Figure``, of pyplot unless axes are given."""
+        """Plot measured over predicted depths, in a new figure of pyplot unless axes are given; return the figure."""
         error = "" if math.isnan(self.estimate.standard_error) else f" ± {self.estimate.standard_error:.2g}"
         title = f"S = {self.estimate.strength_factor:.3g}{error}"
         return plot_depths(self.predicted, self.predicted + self.residuals, title, ax)
 
 
 class _Shots:
-    """Normal impacts of one projectile on one target, prepared once for each mass."""
+    """Normal impacts of one projectile on one target, with one prepared case for each mass."""
 
     def __init__(
         self, projectile: Projectile, target: Target, resistance: Resistance | None, numerics: Numerics | None
@@ -113,7 +118,7 @@ class _Shots:
         self.shots: dict[float, PreparedCase] = {}
 
     def run(self, velocity: float, mass: float | None, strength_factor: float) -> Run:
-        """Normal impact of one of them."""
+        """Run one normal impact."""
         key = self.projectile.mass if mass is None else mass
         if key not in self.shots:
             self.shots[key] = prepare(
@@ -128,11 +133,11 @@ class _Shots:
         return run
 
     def runs(self, tests: Sequence[DepthTest], strength_factor: float) -> list[Run]:
-        """All of some tests."""
+        """Run the impacts of several tests."""
         return [self.run(test.velocity, test.mass, strength_factor) for test in tests]
 
     def depths(self, tests: Sequence[DepthTest], strength_factor: float) -> FloatArray:
-        """Greatest depth of each of some tests. [m]"""
+        """Return the greatest depth in each of several tests. [m]"""
         return np.array([run.maximum_depth for run in self.runs(tests, strength_factor)])
 
 
@@ -146,18 +151,18 @@ def penetration_depths(
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
 ) -> FloatArray:
-    """Greatest depth of the nose tip in normal impact, over velocity.
+    """Compute the greatest depth of the nose tip in normal impact for several velocities.
 
     Parameters
     ----------
     projectile, target
-        What strikes and what is struck.
+        Projectile and concrete.
     velocities
-        (n,) at first contact. [m/s]
+        (n,) speeds at first contact. [m/s]
     strength_factor
-        S, the same for all. [1]
+        Strength factor S, the same for all. [1]
     masses
-        (n,) of the projectiles, if not all have that of `projectile`. [kg]
+        (n,) masses of the projectiles, if they differ from that of `projectile`. [kg]
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
@@ -166,12 +171,12 @@ def penetration_depths(
     Returns
     -------
     (n,) array
-        [m]
+        Greatest depths. [m]
 
     Raises
     ------
     ParameterError
-        If an input is outside what the model accepts.
+        If an input is outside its range.
     """
     for index, velocity in enumerate(velocities):
         require_positive(f"velocities.{index}", velocity)
@@ -199,15 +204,15 @@ def fit_depth(
     numerics: Numerics | None = None,
     confidence_level: float = 0.95,
 ) -> DepthFit:
-    """Strength factor that fits the depths of normal-impact tests best, by weighted least squares.
+    """Fit the strength factor to the depths of normal-impact tests by weighted least squares.
 
     Parameters
     ----------
     projectile, target
-        Shared by the tests.
+        Projectile and concrete, shared by the tests.
     tests
-        One or more, or a DataFrame with the fields of `DepthTest` as columns. If one names a group, all must; then each
-        group of two or more gets its own fit besides the common one.
+        One or more tests, or a DataFrame with the fields of `DepthTest` as columns. If one test names a group, all
+        must; then each group of two or more gets its own fit besides the common one.
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
@@ -222,14 +227,23 @@ def fit_depth(
     Raises
     ------
     ParameterError
-        If a test is not a test, or together they do not determine the strength factor.
+        If a test is outside its range, or the tests do not determine the strength factor.
 
     Notes
     -----
-    Section 3.1. The standard error follows from the slope of the depths over S and the scatter of the residuals, the
-    interval from Student's distribution: it covers the scatter of the tests, not an error that all of them share. So
-    that two tests which happen to agree do not seem exact, the scatter within the series of the published tests counts
-    as `PublishedTests.degrees_of_freedom` tests more.
+    The method is that of section 3.1 of the source paper. The standard error follows from the slope of the depths over
+    S and the scatter of the residuals, the interval from Student's distribution. The interval covers the scatter of the
+    tests, not an error that all of them share. So that two tests which happen to agree do not seem exact, the scatter
+    within the series of the published tests counts as `PublishedTests.degrees_of_freedom` tests more.
+
+    Examples
+    --------
+    >>> fit = fit_depth(
+    ...     projectile=projectile,
+    ...     target=target,
+    ...     tests=[DepthTest(velocity=238.1, depth=0.30), DepthTest(velocity=314.0, depth=0.45)],
+    ... )
+    >>> fit.estimate.strength_factor, fit.estimate.confidence_interval
     """
     require_confidence_level(confidence_level)
     tests = rows_of("tests", tests, DepthTest)
@@ -261,7 +275,7 @@ def _check(tests: Sequence[DepthTest], target: Target) -> None:
 
 
 def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> DepthFit:
-    """One fit of some tests."""
+    """Fit the strength factor to some tests."""
     measured = np.array([test.depth for test in tests])
     weights = np.array([test.weight for test in tests])
     roots = np.sqrt(weights / weights.mean())
@@ -293,7 +307,10 @@ def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> 
 
 
 def _estimate(best: float, misses: FloatArray, slope: FloatArray, confidence_level: float) -> Estimate:
-    """Fitted S with its standard error, from the weighted residuals and their derivatives by ln S. [1, m, m]"""
+    """Return the estimate of S from the weighted residuals [m] and their derivatives by ln S [m].
+
+    The scatter within the series of published tests enters as a prior of the residual variance.
+    """
     count, prior = len(misses), PublishedTests.degrees_of_freedom
     if count == 1:
         return Estimate(
@@ -316,7 +333,7 @@ def _estimate(best: float, misses: FloatArray, slope: FloatArray, confidence_lev
 
 
 def _posterior(tests: Sequence[DepthTest], shots: _Shots) -> StrengthPosterior:
-    """Posterior of S from the depths of some tests."""
+    """Return the posterior of S from the depths of some tests."""
     own = [Shot(velocity=test.velocity, depth=test.depth, mass=test.mass) for test in tests]
     try:
         return OwnTests(shots=tuple(own)).posterior(
@@ -330,7 +347,7 @@ def _posterior(tests: Sequence[DepthTest], shots: _Shots) -> StrengthPosterior:
 
 
 def _first_look(residuals: Residuals) -> float:
-    """Where to start."""
+    """Return the strength factor of least squares on a coarse grid, as the start of a fit. [1]"""
     strengths = coarse_strengths(FIRST_LOOK)
     costs = np.array([float(np.sum(residuals(float(value)) ** 2)) for value in strengths])
     _, start, _ = valleys(strengths, costs)[0]

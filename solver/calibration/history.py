@@ -1,7 +1,4 @@
-"""Motion histories to fit: displacement and rotation over time, the weights of the three, and the runs they are of.
-
-A strike, prepared, predicts the same at any strength factor.
-"""
+"""Motion histories to fit: displacements and rotation over time, their weights, and the strikes that predict them."""
 
 import math
 from dataclasses import dataclass, field, fields, replace
@@ -18,24 +15,27 @@ from solver.strike import Impact, Numerics, ResolvedNumerics
 from solver.target import Target
 
 QUANTITIES: Final = ("depth_displacement", "lateral_displacement", "rotation")
+"""Names of the quantities of a history."""
+# Measured histories may be off by some per cent and start slightly before or after contact; a wrong unit is off by far
+# more. Both values are judgements.
 REACH, SLACK = 1.1, 0.1
-"""Tolerance on how far a body can get and turn by its energy: a factor, and shares of its length and of a radian."""
+"""Tolerance of the check against the energy: a factor on distance and turn, and a part of the body length or radian."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionHistory(ComparedByFields):
-    """Motion of the centre of gravity since first contact. Any of the three quantities may be missing, not all.
+    """Motion of the centre of gravity since first contact. At least one of the three quantities must be given.
 
     Parameters
     ----------
     time
-        (n,) rising, from 0 or later. [s]
+        (n,) times since first contact, rising. [s]
     depth_displacement
-        (n,) along the inward normal of the face. [m]
+        (n,) displacements along the inward normal of the face. [m]
     lateral_displacement
-        (n,) along the face, the way the projectile travels. [m]
+        (n,) displacements along the face, in the direction in which the projectile travels. [m]
     rotation
-        (n,) of the axis, positive as the nose turns toward the face. [rad]
+        (n,) rotations of the axis, positive as the nose turns toward the face. [rad]
 
     Raises
     ------
@@ -68,25 +68,31 @@ class MotionHistory(ComparedByFields):
 
     @property
     def columns(self) -> dict[str, FloatArray]:
-        """The quantities that are there, by name."""
+        """Quantities that were given, by name."""
         given = {name: getattr(self, name) for name in QUANTITIES}
         return {name: values for name, values in given.items() if values is not None}
 
     @property
     def time_of_greatest_depth(self) -> float:
-        """When the centre of gravity is deepest. [s]"""
+        """Time at which the centre of gravity is deepest. [s]"""
         if self.depth_displacement is None:
             raise ParameterError("history.depth_displacement", "must be given to find the time of greatest depth")
         return float(self.time[int(np.argmax(self.depth_displacement))])
 
     def until(self, time: float) -> "MotionHistory":
-        """The rows up to and including a time. [s]"""
+        """Return the rows up to and including a time. [s]"""
         kept = int(np.searchsorted(self.time, time, side="right"))
         return MotionHistory(time=self.time[:kept], **{name: values[:kept] for name, values in self.columns.items()})
 
 
 def _column(name: str, values: FloatArray) -> FloatArray:
-    """One column as an array, checked."""
+    """Return a column as a checked array.
+
+    Raises
+    ------
+    ParameterError
+        If it is no column of finite numbers.
+    """
     column: FloatArray = np.asarray(values, dtype=np.float64)
     require(column.ndim == 1, f"history.{name}", "must be a column of numbers")
     finite = np.isfinite(column)
@@ -116,22 +122,22 @@ class Weights:
             require(math.isfinite(value) and value >= 0.0, f"weights.{each.name}", f"must be at least 0, got {value:g}")
 
     def of(self, quantity: str) -> float:
-        """Weight of one of the three quantities of a history."""
+        """Return the weight of one of the three quantities of a history."""
         return float(getattr(self, quantity.removesuffix("_displacement")))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionRun:
-    """One strike and the motion that followed.
+    """Strike and the motion that followed.
 
     Parameters
     ----------
     impact
-        How the projectile struck.
+        Motion of the projectile at first contact.
     history
-        The motion to fit.
+        Motion to fit.
     weights
-        Weights of the quantities; all alike unless given.
+        Weights of the quantities; equal unless given.
     """
 
     impact: Impact
@@ -140,7 +146,15 @@ class MotionRun:
 
 
 def check_reach(projectile: Projectile, impact: Impact, history: MotionHistory) -> None:
-    """Refuse what the energy of the strike cannot have done: wrong units, mostly."""
+    """Check that a motion is possible with the energy of the strike, to detect wrong units.
+
+    Raises
+    ------
+    ParameterError
+        If a displacement or rotation is too large.
+    """
+    # No displacement can exceed the distance covered with all energy in translation, nor a rotation the angle with all
+    # energy in rotation.
     properties = mass_properties(projectile)
     ratio = properties.moment_of_inertia / properties.mass
     fastest = math.sqrt(impact.velocity**2 + ratio * impact.angular_velocity**2)
@@ -167,7 +181,7 @@ def check_reach(projectile: Projectile, impact: Impact, history: MotionHistory) 
 
 
 class FittedStrike:
-    """One strike, prepared, at any strength factor."""
+    """Prepared strike that predicts its motion for any strength factor."""
 
     def __init__(
         self,
@@ -187,7 +201,7 @@ class FittedStrike:
         )
 
     def columns(self, strength_factor: float) -> dict[str, FloatArray]:
-        """The three quantities at these times."""
+        """Return the three quantities at the times of the strike for a strength factor."""
         law = replace(self.prepared.resistance, strength_factor=ConstantStrengthFactor(value=strength_factor))
         prepared = replace(self.prepared, resistance=law)
         run, steps = integrate(
@@ -207,20 +221,20 @@ def predict_motion(
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
 ) -> MotionHistory:
-    """Motion of the centre of gravity at given times.
+    """Compute the motion of the centre of gravity at given times.
 
     Parameters
     ----------
     projectile, target, impact
-        What strikes, what is struck, and how.
+        Projectile, concrete, and motion at first contact.
     strength_factor
-        S. [1]
+        Strength factor S. [1]
     times
-        (n,) rising, from 0 or later, two or more. [s]
+        (n,) two or more rising times since first contact. [s]
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
-        Route and resolution; adaptive unless given. The run goes on to the last of the times.
+        Route and resolution; adaptive unless given. The termination time is the last of the times.
 
     Returns
     -------
@@ -230,7 +244,7 @@ def predict_motion(
     Raises
     ------
     ParameterError
-        If an input is outside what the model accepts.
+        If an input is outside its range.
     """
     require_positive("strength_factor", strength_factor)
     sampled = MotionHistory(time=times, rotation=np.zeros(len(times))).time

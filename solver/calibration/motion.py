@@ -29,58 +29,70 @@ from solver.strike import Impact, Numerics
 from solver.target import Target
 from solver.warnings import ModelWarning
 
+# Motions are then accurate to micrometres and thousandths of a degree, so that difference quotients over S are smooth.
 FIT_TOLERANCE = 1e-6
-"""Relative tolerance of the runs of a fit, unless said otherwise: right to micrometres and thousandths of a degree."""
+"""Default relative tolerance of the runs of a fit. [1]"""
+# Motions are accurate to a tenth of a millimetre, which is enough to find the valleys, in a fraction of the time.
 ROUGH = Numerics(relative_tolerance=1e-3, stations=5, points=3)
-"""Settings of the first look: to a tenth of a millimetre, in a fraction of the time."""
+"""Numerical settings of the runs before the fit."""
+# The outcome may change with S, and each outcome has its own minimum of the sum of squares. With 41 the factors are 12
+# % apart.
 FIRST_LOOK = 41
-"""Strength factors tried before the fit, 12 % apart: the outcome can flip with S, and each has its own minimum."""
+"""Number of strength factors tried before the fit."""
+# Residuals are divided by the span of their quantity, and one that hardly changes must not get an unlimited weight.
 SMALLEST_SPAN = 1e-3
-"""Least span of a quantity, over body length or a radian: one that hardly changes must not weigh without bound."""
+"""Least span of a quantity, over the body length or a radian. [1]"""
+# However strong the autocorrelation of the residuals, the variance needs more than one sample.
 FEWEST_SAMPLES = 2.0
-"""Independent samples that a quantity counts at least, however alike neighbours err."""
+"""Least number of independent samples of a quantity."""
+# Two minima whose sums of squares differ by less than half are both possible; the value is a judgement.
 RIVAL = 1.5
-"""Sum of squares of another minimum, over the least, up to which it is reported. [1]"""
+"""Sum of squares of another minimum, over the least one, up to which it is reported. [1]"""
+# A good fit of a smooth motion explains more than 99 %. The value is a judgement.
 POOR = 0.9
-"""Share of the variance explained below which a fit is called poor. [1]"""
+"""Fraction of the variance explained, below which a fit is called poor. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionFit:
-    """Strength factor that fits a motion best."""
+    """Strength factor fitted to a motion by least squares."""
 
     estimate: Estimate
+    """Fitted strength factor with its interval."""
     predicted: MotionHistory
-    """At the fitted S and the given times."""
+    """Motion at the fitted S and the given times."""
     residuals: MotionHistory
-    """Given minus predicted, of the quantities that were given."""
+    """Given minus predicted motion, for the quantities that were given."""
     root_mean_square: Mapping[str, float]
     """Root mean square of the residuals, by quantity. [m, m, rad]"""
     normalized_root_mean_square: float
     """Root mean square of all residuals that are fitted, over the spans of their quantities, weighted. [1]"""
     r_squared: Mapping[str, float]
-    """Share of its variance that the prediction explains, by quantity; absent for one that never changes. [1]"""
+    """Fraction of the variance that the prediction explains, by quantity; absent for one that never changes. [1]"""
     warnings: tuple[ModelWarning, ...]
+    """Warnings of the inputs and of the fit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionsFit:
-    """Strength factor that fits the motions of several runs best, with one decay law."""
+    """Strength factor fitted to the motions of several runs by least squares, with one decay law."""
 
     free_surface: FreeSurface
+    """Decay law of the fit."""
     estimate: Estimate
     """Estimate of the common strength factor."""
     normalized_root_mean_square: float
-    """At the common S: root of the mean of the squares of the runs. [1]"""
+    """Root mean square, over the runs, of their normalised root mean squares at the common S. [1]"""
     runs: tuple[MotionFit, ...]
     """Each run at the common S, in the given order."""
     alone: tuple[MotionFit | None, ...]
-    """Each run at the S that fits it best; None for a run that leaves S open."""
+    """Each run at the S that fits it best; None for a run that does not determine S."""
     warnings: tuple[ModelWarning, ...]
+    """Warnings of the inputs and of the common fit."""
 
 
 class _Run:
-    """A run prepared for any strength factor, with the scales of the quantities that are fitted."""
+    """Run prepared for any strength factor, with the scales of the quantities that are fitted."""
 
     def __init__(
         self,
@@ -98,17 +110,17 @@ class _Run:
         self.scales = _scales(run, projectile.length)
 
     def residuals(self, strength_factor: float, *, rough: bool = False) -> FloatArray:
-        """Scaled residuals, one quantity after another; the sum of their squares is the normalised mean square."""
+        """Return the scaled residuals of all quantities; the sum of their squares is the normalised mean square."""
         columns = (self.rough if rough else self.strike).columns(strength_factor)
         return np.concatenate([scale * (self.given.columns[q] - columns[q]) for q, scale in self.scales.items()])
 
     def slopes(self, strength_factor: float) -> dict[str, FloatArray]:
-        """Derivatives of the predicted quantities by ln S."""
+        """Return the derivatives of the predicted quantities by ln S."""
         slope = log_slope(lambda factor: np.concatenate(list(self.strike.columns(factor).values())), strength_factor)
         return dict(zip(QUANTITIES, np.split(slope, len(QUANTITIES)), strict=True))
 
     def at(self, estimate: Estimate, rivals: Sequence[float] = ()) -> MotionFit:
-        """The run at a fitted strength factor."""
+        """Return the fit of this run at an estimate of the strength factor."""
         predicted = self.strike.columns(estimate.strength_factor)
         residuals = {q: values - predicted[q] for q, values in self.given.columns.items()}
         explained = _explained(self.given, residuals)
@@ -124,7 +136,7 @@ class _Run:
         )
 
     def input_warnings(self) -> tuple[ModelWarning, ...]:
-        """What the model warns of before anything is computed."""
+        """Return the warnings of the inputs, which need no computation."""
         return tuple(
             model_warnings.input_warnings(
                 projectile=self.strike.prepared.projectile,
@@ -136,7 +148,10 @@ class _Run:
 
 
 def _scales(run: MotionRun, length: float) -> dict[str, float]:
-    """Factor of the residuals of each fitted quantity: root of its share of the weight over its rows, over its span."""
+    """Return the factor of the residuals of each fitted quantity.
+
+    It is the root of the quantity's share of the weights over the number of rows, divided by the span of the quantity.
+    """
     weights = {q: run.weights.of(q) for q in run.history.columns if run.weights.of(q) > 0.0}
     require(bool(weights), "weights", "must be greater than 0 for a quantity of the history")
     units = {"depth_displacement": length, "lateral_displacement": length, "rotation": 1.0}
@@ -158,16 +173,16 @@ def fit_motion(
     numerics: Numerics | None = None,
     confidence_level: float = 0.95,
 ) -> MotionFit:
-    """Strength factor that fits a motion best, by least squares over the quantities that are there.
+    """Fit the strength factor to a motion by least squares over the quantities that were given.
 
     Parameters
     ----------
     projectile, target, impact
-        What struck, what was struck, and how.
+        Projectile, concrete, and motion at first contact.
     history
-        The motion to fit.
+        Motion to fit.
     weights
-        Weights of the quantities; all alike unless given.
+        Weights of the quantities; equal unless given.
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
@@ -182,17 +197,17 @@ def fit_motion(
     Raises
     ------
     ParameterError
-        If an input is outside what the model accepts, or the history does not determine the strength factor.
+        If an input is outside its range, or the history does not determine the strength factor.
 
     Notes
     -----
-    Section 3.2, which says no more than "least square". Here each quantity is scaled by its span, so that metres and
-    radians can be added and each counts for as much: weighed by the scatter of their residuals, the quantity that the
-    model happens to follow best would take over. What lies between a model and a motion is no white noise: neighbours
-    err alike. The standard error therefore counts, for each quantity, n (1-r)/(1+r)
-    samples, r being the autocorrelation of its residuals at lag one, at least 0 (Bayley and Hammersley 1946; von Storch
-    and Zwiers 1999, 6.6). Rows should be about evenly apart for that. An error of the model that all rows share moves
-    S itself, and no interval includes it.
+    Section 3.2 of the source paper says no more than "least square". Here each quantity is divided by its span, so that
+    metres and radians can be added and each has the same influence. Weights by the scatter of the residuals would let
+    the quantity dominate that the model happens to follow best. The difference between a model and a motion is no white
+    noise: neighbouring residuals are correlated. The standard error therefore counts, for each quantity,
+    n (1-r)/(1+r) samples, where r is the autocorrelation of its residuals at lag one, at least 0 (Bayley and Hammersley
+    1946; von Storch and Zwiers 1999, 6.6). This requires rows at about even intervals. An error of the model that all
+    rows share moves S itself, and the interval does not include it.
     """
     require_confidence_level(confidence_level)
     run = _Run(
@@ -214,15 +229,15 @@ def fit_motions(
     numerics: Numerics | None = None,
     confidence_level: float = 0.95,
 ) -> MotionsFit:
-    """One strength factor that fits the motions of several runs best, and the one that fits each of them.
+    """Fit a common strength factor to the motions of several runs, and one to each run alone.
 
     Parameters
     ----------
     projectile, target
-        Shared by the runs.
+        Projectile and concrete, shared by the runs.
     runs
-        One or more strikes at any angles and speeds, each with its motion. Every run counts alike, however many rows
-        it has.
+        One or more strikes at any angles and speeds, each with its motion. All runs have the same weight, however many
+        rows they have.
     resistance, numerics, confidence_level
         As for `fit_motion`.
 
@@ -233,14 +248,14 @@ def fit_motions(
     Raises
     ------
     ParameterError
-        If an input is outside what the model accepts, or the runs together do not determine the strength factor. Of
-        several runs it names fields by the place of the run, such as ``runs.0.history.time``.
+        If an input is outside its range, or the runs together do not determine the strength factor. With several runs
+        it names fields by the number of the run, such as ``runs.0.history.time``.
 
     Notes
     -----
-    As `fit_motion`, over all quantities of all runs. What the runs differ by counts as scatter of their residuals,
-    with few independent samples: where S truly changes from run to run, the interval is wide and S belongs to none of
-    them. Compare with the strength factors of the runs alone.
+    The method is that of `fit_motion`, over all quantities of all runs. Differences between the runs count
+    as scatter of their residuals, with few independent samples: if S changes from run to run, the interval is wide and
+    the common S fits none of them well. Compare it with the strength factors of the runs alone.
     """
     require_confidence_level(confidence_level)
     require(bool(runs), "runs", "must be at least 1")
@@ -268,7 +283,7 @@ def fit_motions(
 
 @contextmanager
 def _field_prefix(prefix: str) -> Iterator[None]:
-    """Name what is wrong with one of several runs by its place."""
+    """Add a prefix to the field of errors that are raised in the block about a run."""
     try:
         yield
     except ParameterError as error:
@@ -278,14 +293,14 @@ def _field_prefix(prefix: str) -> Iterator[None]:
 
 
 def _costs(run: _Run) -> FloatArray:
-    """Normalised mean squares of a first look over the strength factors."""
+    """Return the normalised mean squares of a run over the coarse grid of strength factors."""
     return np.array([np.sum(run.residuals(float(s), rough=True) ** 2) for s in coarse_strengths(FIRST_LOOK)])
 
 
 def _fit(
     runs: Sequence[_Run], costs: Sequence[FloatArray], name: str, confidence_level: float
 ) -> tuple[Estimate, tuple[float, ...]]:
-    """Best strength factor of some runs together, and others that fit nearly as well."""
+    """Return the best strength factor of some runs together, and others that fit nearly as well."""
 
     def residuals(strength_factor: float) -> FloatArray:
         return np.concatenate([run.residuals(strength_factor) for run in runs])
@@ -301,6 +316,7 @@ def _fit(
 
 
 def _fit_alone(run: _Run, costs: FloatArray, confidence_level: float) -> MotionFit | None:
+    """Return the fit of one run; None if it does not determine the strength factor."""
     try:
         return run.at(*_fit([run], [costs], "history", confidence_level))
     except UndeterminedError:
@@ -308,7 +324,7 @@ def _fit_alone(run: _Run, costs: FloatArray, confidence_level: float) -> MotionF
 
 
 def _independent(residuals: FloatArray) -> float:
-    """Samples that count as independent among residuals of which neighbours err alike."""
+    """Return the effective number of independent samples among residuals with autocorrelation."""
     square = float(residuals @ residuals)
     if square == 0.0:
         return float(residuals.size)
@@ -317,9 +333,10 @@ def _independent(residuals: FloatArray) -> float:
 
 
 def _estimate(runs: Sequence[_Run], best: float, confidence_level: float) -> Estimate:
-    """Standard error by the sandwich, with the scatter and the independent samples of each quantity of each run.
+    """Return the estimate with its standard error by the sandwich estimator.
 
-    The degrees of freedom are those of Welch and Satterthwaite for a sum of such parts.
+    Each quantity of each run enters with its own scatter and its own number of independent samples. The degrees of
+    freedom are those of Welch and Satterthwaite for a sum of such variances.
     """
     parts: list[tuple[float, float, FloatArray]] = []
     for run in runs:
@@ -331,7 +348,8 @@ def _estimate(runs: Sequence[_Run], best: float, confidence_level: float) -> Est
     for square, slope, error in parts:
         bread = square * slope
         freedom = _independent(error) - bread / total
-        # Mean square over the share of independent samples that the fit has not used up, times n / count.
+        # The variance of a residual is its mean square times n over the independent samples that the fit leaves, so
+        # that n cancels.
         part = square * bread * float(error @ error) / freedom
         variance += part
         spread += part**2 / freedom
@@ -344,7 +362,7 @@ def _estimate(runs: Sequence[_Run], best: float, confidence_level: float) -> Est
 
 
 def _explained(history: MotionHistory, residuals: dict[str, FloatArray]) -> dict[str, float]:
-    """Share of the variance of each quantity that the fit explains."""
+    """Return the fraction of the variance of each quantity that the fit explains. [1]"""
     found = {}
     for q, values in history.columns.items():
         square = float(np.sum((values - values.mean()) ** 2))
@@ -356,7 +374,7 @@ def _explained(history: MotionHistory, residuals: dict[str, FloatArray]) -> dict
 def _common_warnings(
     runs: Sequence[_Run], fits: Sequence[MotionFit], alone: Sequence[MotionFit | None], rivals: Sequence[float]
 ) -> tuple[ModelWarning, ...]:
-    """Warnings of a common fit, each said once."""
+    """Return the warnings of a common fit without repetitions."""
     found = [warning for run in runs for warning in run.input_warnings()]
     for run, fit, own in zip(runs, fits, alone, strict=True):
         where = f" of the run at {math.degrees(run.impact.oblique_angle):g}° and {run.impact.velocity:g} m/s"

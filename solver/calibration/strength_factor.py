@@ -1,4 +1,4 @@
-"""Fitted strength factors: the search that the fits share, the interval, and the polynomial over obliquity (eq. 9)."""
+"""Fits of strength factors: the minimisation and the interval that they share, and the polynomial of eq. 9."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -13,42 +13,52 @@ from solver.display import DataFrame
 from solver.resistance import ObliquityPolynomial
 from solver.warnings import ModelWarning
 
+# Published values lie between 5 and 22. A fit beyond this range has a wrong input.
 LOWEST, HIGHEST = 0.5, 50.0
-"""Strength factors among which a fit looks. Published ones lie between 5 and 22."""
+"""Range of strength factors in a fit. [1]"""
+# A minimum that the optimiser cannot tell from the bound means that the sum of squares falls beyond it.
 BOUND_MARGIN = 1e-3
-"""Distance in ln S to either end at which an answer counts as lying there."""
+"""Distance from an end of the range within which a result counts as lying there. [ln]"""
+# The change of a motion over this increment is far above the error of a run, about 1e-6.
 LOG_STEP = 1e-3
-"""Step of the difference quotients in ln S, far above the errors of a run."""
+"""Increment of ln S in difference quotients. [ln]"""
+# This is far below any standard error of a fit.
 FIT_TOLERANCE = 1e-6
-"""Change of ln S below which a fit ends."""
+"""Change of ln S at which a fit ends. [ln]"""
+# From the bottom of a valley a few evaluations are enough. The limit is reached only if the sum of squares is not
+# smooth.
 MOST_STEPS = 50
+"""Largest number of evaluations of a fit."""
+# The valleys have to be compared, not located: the fit itself starts from the deepest.
 ROUGHLY = 1e-3
-"""Width in ln S to which a valley is searched before the fit itself."""
+"""Tolerance of ln S in the comparison of valleys. [ln]"""
+# The square of a smaller slope underflows, and the normal equation would divide by zero.
 SMALLEST_SLOPE = 1e-30
-"""Slope of the residuals over ln S, below which its square is lost."""
+"""Least slope of the residuals over ln S that determines a fit."""
+# On the coarse grid a deeper valley may look shallower than its neighbour. Three is a judgement.
 REFINED = 3
-"""Valleys of a first look that are refined before the deepest is taken."""
+"""Largest number of valleys that are compared before the fit."""
 
 Residuals: TypeAlias = Callable[[float], FloatArray]
-"""Weighted residuals at a strength factor."""
+"""Function from a strength factor to weighted residuals."""
 
 
 class UndeterminedError(ParameterError):
-    """Tests or histories that leave the strength factor open."""
+    """Raised if tests or histories do not determine the strength factor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """A fitted strength factor."""
+    """Fitted strength factor with its confidence interval."""
 
     strength_factor: float
-    """S. [1]"""
+    """Strength factor S. [1]"""
     standard_error: float
-    """NaN from a single test, which shows no scatter. [1]"""
+    """Standard error of S; NaN from a single test, which shows no scatter. [1]"""
     confidence_interval: tuple[float, float]
-    """By Student's distribution, and not below 0; NaN from a single test. [1]"""
+    """Confidence interval by Student's distribution, at least 0; NaN from a single test. [1]"""
     confidence_level: float
-    """Share of such intervals that hold the true value. [1]"""
+    """Fraction of such intervals that contain the true value. [1]"""
     degrees_of_freedom: float
     """Degrees of freedom of that distribution. [1]"""
 
@@ -56,7 +66,7 @@ class Estimate:
 def build_estimate(
     *, strength_factor: float, standard_error: float, degrees_of_freedom: float, confidence_level: float
 ) -> Estimate:
-    """Dress a fitted value with its interval."""
+    """Build an estimate with the confidence interval of a fitted value."""
     from scipy.special import stdtrit  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
 
     reach = float(stdtrit(degrees_of_freedom, 0.5 + 0.5 * confidence_level)) * standard_error
@@ -70,17 +80,17 @@ def build_estimate(
 
 
 def require_confidence_level(value: float) -> None:
-    """Refuse a level that is not between 0 and 1."""
+    """Raise `ParameterError` unless a confidence level is between 0 and 1."""
     require(math.isfinite(value) and 0.0 < value < 1.0, "confidence_level", f"must be between 0 and 1, got {value:g}")
 
 
 def coarse_strengths(count: int) -> FloatArray:
-    """Strength factors to look at first, evenly apart in ln S."""
+    """Return a grid of strength factors over the range of a fit, evenly spaced in ln S."""
     return np.geomspace(LOWEST, HIGHEST, count)
 
 
 def valleys(strengths: FloatArray, costs: FloatArray) -> list[tuple[float, float, float]]:
-    """The deepest minima of a first look, each with its neighbours on both sides, deepest first."""
+    """Return the deepest minima on a grid, each with its neighbours on both sides, deepest first."""
     padded = np.concatenate(([np.inf], costs, [np.inf]))
     found = np.flatnonzero((costs <= padded[:-2]) & (costs <= padded[2:]))
     last = len(strengths) - 1
@@ -91,7 +101,8 @@ def valleys(strengths: FloatArray, costs: FloatArray) -> list[tuple[float, float
 
 
 def refine(residuals: Residuals, lower: float, upper: float) -> tuple[float, float]:
-    """Least sum of squares between two strength factors, roughly: where, and how much."""
+    """Return the strength factor of the least sum of squares between two others, roughly, and that sum."""
+    # Brent's bounded minimisation needs no derivative, each of which takes two more runs.
     from scipy.optimize import minimize_scalar  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
 
     found = minimize_scalar(
@@ -104,7 +115,7 @@ def refine(residuals: Residuals, lower: float, upper: float) -> tuple[float, flo
 
 
 def minimise(residuals: Residuals, start: float, field: str) -> float:
-    """Strength factor of least squares, from a start, sought in ln S.
+    """Return the strength factor of least squares, from a start.
 
     Raises
     ------
@@ -113,6 +124,7 @@ def minimise(residuals: Residuals, start: float, field: str) -> float:
     """
     from scipy.optimize import least_squares  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
 
+    # The search is in ln S, as S is positive and its errors are relative.
     low, high = math.log(LOWEST), math.log(HIGHEST)
 
     def misses(point: FloatArray) -> FloatArray:
@@ -140,7 +152,8 @@ def minimise(residuals: Residuals, start: float, field: str) -> float:
 
 
 def log_slope(values: Residuals, strength_factor: float) -> FloatArray:
-    """Derivatives by ln S, by central differences."""
+    """Return the derivatives of some values by ln S."""
+    # Central differences have an error of the order of the squared increment; forward ones would bias the slope.
     upper = values(strength_factor * math.exp(LOG_STEP))
     lower = values(strength_factor * math.exp(-LOG_STEP))
     slope: FloatArray = (upper - lower) / (2.0 * LOG_STEP)
@@ -155,22 +168,25 @@ def _undetermined(field: str) -> UndeterminedError:
     )
 
 
+# A polynomial of a higher order would oscillate between any realistic number of points.
 HIGHEST_ORDER = 9
-RIGHT_ANGLE = 90.0  # [°]
+"""Highest order of a polynomial over the angle."""
+RIGHT_ANGLE = 90.0
+"""Scale of the angle in a fit. [°]"""
 UNLIKELY = 0.01
-"""Chance of a larger scatter below which the standard errors of the points are called too small. [1]"""
+"""Probability of a larger scatter, below which the standard errors of the points are called too small. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObliquityPoint:
-    """A strength factor fitted at one oblique angle.
+    """Strength factor fitted at one oblique angle.
 
     Parameters
     ----------
     oblique_angle
-        From the inward normal. [rad]
+        Oblique angle from the inward normal. [rad]
     strength_factor
-        S. [1]
+        Strength factor S. [1]
     standard_error
         Standard error of S, if known. [1]
     """
@@ -182,33 +198,34 @@ class ObliquityPoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ObliquityFit(ComparedByFields):
-    """Polynomial through strength factors, in the oblique angle in degrees."""
+    """Polynomial fitted to strength factors, in the oblique angle in degrees."""
 
     coefficients: tuple[float, ...]
-    """From the constant term upwards. [1, 1/°, 1/°², ...]"""
+    """Coefficients from the constant term upwards. [1, 1/°, 1/°², ...]"""
     covariance: tuple[tuple[float, ...], ...] | None
     """Covariance of the coefficients; None if there are as many as points, and the points have no standard errors."""
     residuals: FloatArray
-    """(n,) given minus fitted. [1]"""
+    """(n,) given minus fitted strength factor. [1]"""
     degrees_of_freedom: int
-    """Points less coefficients."""
+    """Number of points less the number of coefficients."""
     warnings: tuple[ModelWarning, ...]
+    """Warnings of the fit."""
 
     @property
     def model(self) -> ObliquityPolynomial:
-        """The same as a model of the strength factor."""
+        """Law of the strength factor with these coefficients."""
         return ObliquityPolynomial(coefficients=self.coefficients, covariance=self.covariance)
 
 
 def fit_obliquity(*, points: "Sequence[ObliquityPoint] | DataFrame", order: int = 2) -> ObliquityFit:
-    """Least-squares polynomial through strength factors at several oblique angles.
+    """Fit a polynomial to strength factors at several oblique angles by least squares.
 
     Parameters
     ----------
     points
-        Or a DataFrame with their fields as columns. All with a standard error, or none. With them a point weighs as the
-        inverse of its square and the covariance is absolute; without, all weigh the same and the covariance follows
-        from the scatter of the residuals.
+        Points, or a DataFrame with their fields as columns. Either all points have a standard error or none has. With
+        standard errors a point has the inverse of its square as weight, and the covariance is absolute. Without them
+        all weights are equal, and the covariance follows from the scatter of the residuals.
     order
         Highest power of the angle, 0 to 9.
 
@@ -219,16 +236,17 @@ def fit_obliquity(*, points: "Sequence[ObliquityPoint] | DataFrame", order: int 
     Raises
     ------
     ParameterError
-        If a point is not a point, or they are at fewer different angles than there are coefficients.
+        If a point is outside its range, or the points are at fewer different angles than there are coefficients.
 
     Notes
     -----
-    Eq. 9. The sign of the angle does not matter, as in `ObliquityPolynomial`.
+    Eq. 9 of the source paper is such a polynomial. The sign of the angle has no effect, as in `ObliquityPolynomial`.
     """
     points = rows_of("points", points, ObliquityPoint)
     degrees, values, errors = _columns(points, order)
     scales = RIGHT_ANGLE ** -np.arange(order + 1.0)
-    # The matrix is built in the angle over a right one, or high powers would be lost to rounding.
+    # The angle is divided by 90°, so that powers up to the ninth have similar sizes. The singular value decomposition
+    # shows a rank deficit and avoids the normal equations, whose condition number is the square.
     matrix = np.vander(degrees / RIGHT_ANGLE, order + 1, increasing=True) / errors[:, None]
     left, singular, right = np.linalg.svd(matrix, full_matrices=False)
     least = max(matrix.shape) * np.finfo(np.float64).eps * singular[0]
@@ -253,7 +271,7 @@ def fit_obliquity(*, points: "Sequence[ObliquityPoint] | DataFrame", order: int 
 
 
 def _columns(points: Sequence[ObliquityPoint], order: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Angles without their sign in degrees, strength factors and standard errors, checked."""
+    """Return the absolute angles in degrees, strength factors and standard errors, after checking them."""
     require_between("order", order, 0, HIGHEST_ORDER)
     known = [point.standard_error is not None for point in points]
     for index, point in enumerate(points):

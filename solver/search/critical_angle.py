@@ -42,11 +42,13 @@ from solver.target import Target
 from solver.warnings import ModelWarning
 
 PAPER_TERMINATION_TIME = 5e-3
-"""When the paper reads the final position. [s]"""
+"""Time at which the searches of the paper read the final position. [s]"""
+# The paper has no retention energy: its projectile moves until it is at rest.
 PAPER_THRESHOLDS = Thresholds(REST_FRACTION, REST_FRACTION)
-"""The paper knows no retention energy: its projectile moves until it is at rest."""
+"""Energies that end a run in the searches of the paper."""
+# A body that comes to rest in the target may turn as it likes.
 UNSTOPPED = (Outcome.RICOCHET, Outcome.PERFORATED, Outcome.IN_MOTION)
-"""Outcomes of strikes whose tumbling is warned of."""
+"""Outcomes with which a turn of the body leads to a warning."""
 
 
 def critical_angle(
@@ -61,16 +63,16 @@ def critical_angle(
     search: Search | None = None,
     strength_scatter: ScatterSource = "law",
 ) -> CriticalAngle:
-    """Smallest oblique angle, from the normal, at which the projectile is turned away.
+    """Find the smallest oblique angle, from the normal, at which the projectile is turned away.
 
     Parameters
     ----------
     projectile, target
-        What strikes and what is struck.
+        Projectile, and the concrete that it strikes.
     velocity
-        At first contact. [m/s]
+        Speed at first contact. [m/s]
     angle_of_attack, angular_velocity
-        At first contact, the same for every trial. [rad, rad/s]
+        Angle of attack and rate of the axis angle at first contact, the same for every trial. [rad, rad/s]
     resistance
         Resistance of the target; eq. 9 and elastic-plastic decay unless given.
     numerics
@@ -83,13 +85,12 @@ def critical_angle(
     Returns
     -------
     CriticalAngle
-        Also when there is no such angle in the range; its status says so.
+        Its angle is None if there is no such angle in the range, and its status gives the reason.
 
     Raises
     ------
     ParameterError
-        If an input is outside what the model accepts, among them a strength factor not above zero at the lower end of
-        the range.
+        If an input is outside its range, or the strength factor is not above zero at the lower end of the search.
     IntegrationError
         If a trial could not be integrated.
 
@@ -153,12 +154,12 @@ def critical_angle(
 
 
 def _seek(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...], Search]:
-    """The search by its method, over the part of its range in which the strength factor is above zero.
+    """Run a search over the part of its range in which the strength factor is above zero.
 
     Returns
     -------
     tuple
-        The change of outcome, all trials, and the search with that range.
+        The change of outcome, all trials, and the search with the range used.
     """
     by_method = _search_outcome if search.method == "outcome" else _search_paper
     try:
@@ -176,11 +177,13 @@ def _seek(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Chang
 def _standard_error(
     prepared: PreparedCase, impact: Impact, search: Search, change: Change
 ) -> tuple[float | None, tuple[ModelWarning, ...]]:
-    """Standard error of the critical angle from the covariance of the strength factor, if it has one. [rad]
+    """Return the standard error of the critical angle from the covariance of the strength factor, if it has one. [rad]
 
-    Two more searches, with the strength factor one of its standard errors at the critical angle lower and higher. The
-    whole polynomial is shifted: near the angle that is what counts.
+    It takes two more searches, with the strength factor one standard error lower and higher.
     """
+    # The derivative of the angle by S comes from a central difference one standard error wide, so that the result also
+    # holds where the angle is not linear in S. The whole polynomial is shifted by its standard error at the critical
+    # angle: trials near the angle decide.
     model = prepared.resistance.strength_factor
     if not isinstance(model, ObliquityPolynomial) or model.covariance is None:
         return None, ()
@@ -196,20 +199,20 @@ def _standard_error(
 
 
 def _shifted_angle(prepared: PreparedCase, impact: Impact, search: Search, shift: float) -> float | None:
-    """Critical angle with the strength factor shifted, within what it leaves of the range; None if there is none."""
+    """Return the critical angle with the strength factor shifted by a constant; None if there is none. [rad]"""
     constant, *rest = prepared.resistance.strength_polynomial(target=prepared.target, projectile=prepared.projectile)
     held = prepared.resistance.held_from
     shifted = ObliquityPolynomial(coefficients=(constant + shift, *rest), held_from=held)
     present = replace(prepared, resistance=replace(prepared.resistance, strength_factor=shifted))
     try:
         change, _, _ = _seek(present, impact, search)
-    except RicochetError:  # must not cost the angle itself
+    except RicochetError:  # the angle itself is still known without its error
         return None
     return change.angle if change.status is SearchStatus.CONVERGED else None
 
 
 def _search_paper(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
-    """Bisection or secant on the position at the termination time."""
+    """Run a search of the paper, by bisection or secants on the position at the termination time."""
     trials: list[Trial] = []
 
     def attempt(oblique_angle: float) -> Trial:
@@ -229,16 +232,17 @@ def _search_paper(prepared: PreparedCase, impact: Impact, search: Search) -> tup
 
 @lru_cache  # the cases of a study share one search
 def _scan(search: Search) -> FloatArray:
-    """Angles at which a search by outcome looks first."""
+    """Return the angles of the scan of a search by outcome, evenly spaced over its range. [rad]"""
     lower, upper = search.bounds
+    # The factor keeps rounding from adding an angle to a range that is a whole number of intervals.
     count = math.ceil((upper - lower) / search.scan_interval * (1.0 - 1e-12)) + 1
     begin, width = math.degrees(lower), math.degrees(upper - lower) / max(count - 1, 1)
-    between = (math.radians(round(begin + i * width, 9)) for i in range(1, count - 1))  # round numbers to read
+    between = (math.radians(round(begin + i * width, 9)) for i in range(1, count - 1))  # readable in degrees
     return np.array([lower, *between, upper])
 
 
 def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
-    """Scan the range, then narrow every change of outcome; for a wall once more, for those to and from perforation."""
+    """Search for changes to and from ricochet and, in a wall, for those to and from perforation."""
     brackets, trials, nearby = _find_changes(prepared, impact, search, Termination.EXIT)
     change = _first_onset(brackets, trials)
     if change.angle is not None:
@@ -256,14 +260,15 @@ def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> t
 def _near_perforation(
     prepared: PreparedCase, impact: Impact, bracket: tuple[Trial, Trial]
 ) -> tuple[float, float, float]:
-    """Angle of a change to or from perforation, and the shares of the energy left half a degree to either side of it.
+    """Return the angle of a change to or from perforation, and the energy left half a degree to either side of it.
 
-    Less than half a degree from the normal, what is left along the normal counts.
+    For a change less than half a degree from the normal, the energy left in normal impact is taken on that side.
 
     Returns
     -------
     tuple
-        The angle, and what is left on the side that is not perforated and on the side that is. [rad, 1, 1]
+        The angle, and the fractions of the energy left on the side that is not perforated and on the side that is.
+        [rad, 1, 1]
     """
     left, right = bracket
     outside = 1.0 if left.outcome is Outcome.PERFORATED else -1.0
@@ -275,7 +280,7 @@ def _near_perforation(
 
 
 def _energy_behind(prepared: PreparedCase, impact: Impact, oblique_angle: float) -> float:
-    """Share of the energy left behind the wall; 0 where it is not perforated, or nothing can be computed."""
+    """Return the fraction of the energy left behind the wall; 0 without perforation or if the run fails. [1]"""
     if oblique_angle >= math.pi / 2.0:
         return 0.0
     strike, model = replace(impact, oblique_angle=oblique_angle), prepared.model
@@ -283,7 +288,7 @@ def _energy_behind(prepared: PreparedCase, impact: Impact, oblique_angle: float)
     try:
         present = model._replace(law=prepared.law_at(strike))
         run, _ = integrate(prepared, present, strike, keep_steps=False, thresholds=Thresholds(floor, floor))
-    except RicochetError:  # must not cost the angle itself
+    except RicochetError:  # this run serves a warning only
         return 0.0
     left = exit_of(OUTCOMES[run.end], run.state.tolist(), model.body)
     if left is None or run.end != Termination.PERFORATED:
@@ -296,17 +301,23 @@ def _energy_behind(prepared: PreparedCase, impact: Impact, oblique_angle: float)
 
 
 Brackets: TypeAlias = list[tuple[Trial, Trial]]
-"""Trials on the two sides of each change, in order."""
+"""Pairs of trials on the two sides of each change, in the order of their angles."""
 
 
 def _intervals(
     search: Search, turned_away: bool, changes: Brackets, perforated: bool, perforating: Brackets
 ) -> tuple[OutcomeInterval, ...]:
-    """Intervals of one outcome each from the changes to and from ricochet, and those to and from perforation.
+    """Combine the changes to and from ricochet and those to and from perforation into intervals of one outcome each.
 
-    The flags say how the range begins. The two kinds of change are pinned down separately, to the tolerance: an
-    interval of another outcome that is no wider lies between the two placings of one change, and is left out.
+    Parameters
+    ----------
+    turned_away, perforated
+        Outcome at the lower end of the range.
+    changes, perforating
+        Changes to and from ricochet, and to and from perforation.
     """
+    # A change from perforation to ricochet is found twice, each time to the tolerance. An interval between the two that
+    # is no wider than the tolerance is no interval of its own.
     lower, upper = search.bounds
     ricochets = [(right.oblique_angle, Outcome.RICOCHET) for _, right in changes]
     crossings = sorted(ricochets + [(right.oblique_angle, Outcome.PERFORATED) for _, right in perforating])
@@ -330,12 +341,12 @@ def _intervals(
 def _find_changes(
     prepared: PreparedCase, impact: Impact, search: Search, sought: Termination
 ) -> tuple[Brackets, tuple[Trial, ...], tuple[float, float, float]]:
-    """Changes to and from the end that is sought.
+    """Run the compiled search for changes to and from the termination `sought`.
 
     Returns
     -------
     tuple
-        The brackets of the changes, all trials, and the shares of the energy left near the first onset.
+        The brackets of the changes, all trials, and the fractions of the energy left near the first onset.
     """
     numerics, target = prepared.numerics, prepared.target
     polynomial = prepared.resistance.strength_polynomial(target=target, projectile=prepared.projectile)
@@ -359,7 +370,7 @@ def _find_changes(
     )
     found = search_outcome(_scan(search), inputs, prepared.model, levels)
     rows, body = found.trials.tolist(), prepared.model.body
-    if rows[-1][END] == Termination.NO_STRENGTH:  # raises, with what the model gives
+    if rows[-1][END] == Termination.NO_STRENGTH:  # raises the error that names the value of S
         prepared.strength_factor_at(rows[-1][ANGLE])
     check_end(rows[-1][END], numerics.termination_time)
     trials = tuple(
@@ -382,12 +393,12 @@ def _turned_away(trial: Trial) -> bool:
 
 
 def _first_onset(brackets: list[tuple[Trial, Trial]], trials: tuple[Trial, ...]) -> Change:
-    """The answer from the brackets of all changes of outcome, in order."""
+    """Build the answer from the brackets of all changes of outcome, in the order of their angles."""
     starts = _turned_away(brackets[0][0] if brackets else trials[-1])
     deciding = tuple(trial for bracket in brackets for trial in bracket)
     onsets = [index for index, (_, right) in enumerate(brackets) if _turned_away(right)]
-    # Where the range begins with ricochet, the smallest angle lies below it, and the end of an embedded band above is
-    # only one of the other changes.
+    # Where the range begins with ricochet, the critical angle lies below the range. The end of an embedded band above
+    # is one of the other changes only.
     if starts or not onsets:
         others = tuple(right.oblique_angle for _, right in brackets)
         status = SearchStatus.ALWAYS_RICOCHET if starts else SearchStatus.NO_RICOCHET
@@ -445,13 +456,13 @@ def _warnings(
 
 
 def _most_turned(trials: tuple[Trial, ...]) -> tuple[float, float]:
-    """How far the axis turned at most while the projectile did not come to rest, and at which oblique angle. [rad]"""
+    """Return the largest turn of the axis among fine trials that did not come to rest, and its oblique angle. [rad]"""
     turns = ((trial.turned, trial.oblique_angle) for trial in trials if trial.fine and trial.outcome in UNSTOPPED)
     return max(turns, default=(0.0, 0.0))
 
 
 def _retention_warnings(prepared: PreparedCase, change: Change) -> list[ModelWarning]:
-    """Warnings of the angle, and of changes to and from perforation, that move with the retention energy."""
+    """Return the warnings if the angle, or a change to or from perforation, depends on the retention energy."""
     retention = prepared.numerics.retention_energy_fraction
     warnings = []
     if change.nearby is not None and _moves(change.nearby[0], change.nearby[1], retention):
@@ -468,16 +479,22 @@ def _retention_warnings(prepared: PreparedCase, change: Change) -> list[ModelWar
 
 
 def _moves(without: float, having: float, retention: float) -> bool:
-    """Whether a change moves by more than half a degree with the retention energy.
+    """Return whether a change moves by more than half a degree over the usual range of the retention energy.
 
-    From the shares of the energy left half a degree to either side of it, first that on which the projectile stays.
+    Parameters
+    ----------
+    without, having
+        Fraction of the energy left half a degree from the change, on the side on which the projectile stays and on the
+        other one. [1]
     """
     least, most = model_warnings.RETENTION_RANGE
     return without != 0.0 or having - retention < (most - least) * retention
 
 
 def _inertia_shift(prepared: PreparedCase, change: Change) -> float | None:
-    """Change of the angle for a moment of inertia 10 % larger, to first order; None where that is not known. [rad]"""
+    """Return the change of the angle with a moment of inertia 10 % larger, to first order; None if unknown. [rad]"""
+    # The energy left falls by the inertia and rises with the angle. The quotient of the two slopes moves the angle at
+    # which it equals the retention energy, without another search.
     if change.nearby is None:
         return None
     _, above, with_more = change.nearby

@@ -1,9 +1,10 @@
-"""Search for the angle at which the outcome changes, as one compiled call.
+"""Search for the angles at which the outcome changes, as one compiled call.
 
-A scan looks at the whole range with wide steps and few points. Every change of outcome between two of its angles is
-then narrowed by itself, level by level, and together they must lead from one end of the range to the other. The margin
-of a trial varies smoothly with the angle near a change, so secants lead to it. Each finer level finds the change again
-from where the one before has placed it; where they do not agree, the last one decides.
+A scan tries angles over the whole range on the rough level. Every change of outcome between two of them is then
+narrowed by itself, level by level. The margin of a trial varies smoothly with the angle near a change, so regula falsi
+converges. Each finer level brackets the change anew, beginning at the root of the level before. Where two levels
+disagree, the last one decides. Taken together, the changes must connect the outcomes at the two ends of the range;
+otherwise the scan is repeated on the requested level.
 """
 
 import math
@@ -43,44 +44,59 @@ from solver.search.trials import (
 )
 from solver.surface import Body
 
+# A usual search takes about twenty trials. The limit bounds the table and ends searches whose outcome changes with
+# every angle; it is a judgement.
 MOST_TRIALS = 2000
-"""After which nothing is narrowed any further."""
+"""Number of trials after which no bracket is narrowed any further."""
+# A trial just inside half the tolerance from an end leaves a bracket within the tolerance if the root lies there, so
+# that it can be the last one.
 KEEP_OFF = 0.45
-"""How far a trial keeps off the ends of a bracket, over the tolerance, so that it can be the last."""
+"""Least distance of a trial from the ends of the bracket, over the tolerance. [1]"""
+# Where the margin is not smooth, regula falsi may shrink a bracket slowly. Bisection then bounds the number of trials.
+# Three is a judgement.
 PATIENCE = 3
-"""Trials after which a bracket that they did not halve is bisected."""
+"""Number of trials after which a bracket that was not halved is bisected."""
+# The slope of the margin may be wrong by much, but a stride without limit would leave the range of the change.
 GROWTH = 4.0
-"""Largest ratio of two strides towards a change."""
+"""Largest ratio of two consecutive strides towards a change. [1]"""
+# The error of a root is estimated by SHIFTED × (shift between two levels) + MARGIN_ERROR / (growth of the margin). With
+# these coefficients the estimate is above `DOUBT` for every strike that needs the last level.
 SHIFTED = 0.12
-"""Error of the place of a change, over its distance from where the level before has it. [1]"""
+"""Error of a root over its shift between the last two levels. [1]"""
+# Levels that err alike agree on a wrong root. An error of the margin moves a root by that error over the growth.
 MARGIN_ERROR = 9e-4
-"""Error of the margin that both levels may have alike. It moves a change by this over the growth of the margin. [1]"""
+"""Error of the margin that two levels may have in common. [1]"""
+# Where the margin wavers about zero, the roots of two levels are far apart and one trial proves nothing.
 NEAR = math.radians(0.1)
-"""Distance of the places of two levels up to which one trial of the last may end it. [rad]"""
+"""Largest shift between two levels with which a single trial of the last level may end it. [rad]"""
+# A growth that is not known is 0, and would be a denominator. This value always calls for the last level.
 LEAST_GROWTH = 1e-3
-"""Growth of the margin that is taken for none. [1/rad]"""
+"""Smallest growth of the margin used in the error estimate. [1/rad]"""
+# Of 1,800 usual strikes without the last level, all that were off by more than 0.018° had an estimate above 0.0083°, as
+# had 45 % of all strikes.
 DOUBT = math.radians(0.008)
-"""Estimate of the error of a place above which the last level decides. Of 1,800 usual strikes without that level, all
-that were off by more than 0.018° had an estimate above 0.0083°, and so had 45 % of them all. [rad]"""
+"""Estimated error of a root above which the last level decides. [rad]"""
 
 
 @once
 def _bracket(left: int, right: int, tried: int, level: Level, search: SearchState) -> tuple[int, int]:
-    """Find the change between two trials of a rougher level again, in strides that follow the margin.
+    """Bracket a change that a rougher level has found, in strides by the slope of the margin.
 
     Parameters
     ----------
+    left, right
+        Trials of the rougher level on the two sides of the change.
     tried
-        Trial of the level where the rougher one puts the change; -1 if there is not one yet.
+        Trial of this level at the root of the rougher one; -1 if it has not been computed.
 
     Returns
     -------
     tuple of two integers
-        The trials on its two sides; the same one if it is not in the range.
+        Trials on the two sides of the change; twice the same one if no change was found in the range.
     """
     trials, count = search.table.rows, search.table.filled[0]
-    # The margin is nearly linear near a change. The first trial is where the rougher level puts the change, the second
-    # a stride beyond: most often these two are the bracket.
+    # The margin is nearly linear near a change. The first trial is at the root of the rougher level, the second a
+    # stride beyond: most often these two are the bracket.
     rising, longest = turned_away(trials[right]), level.stride
     lowest, highest = math.inf, -math.inf
     for k in range(count):
@@ -95,7 +111,8 @@ def _bracket(left: int, right: int, tried: int, level: Level, search: SearchStat
         last, new = new, attempt(angle, level, search)
         if (turned_away(trials[new]) == rising) != beyond:
             return (new, last) if beyond else (last, new)
-        # Two trials on one side correct the slope; one of the wrong sign has met noise, and lengthens the next stride.
+        # Two trials on one side correct the slope. A slope of the wrong sign is noise of the margin: a quarter of the
+        # slope before makes the next stride longer.
         secant = (trials[new, MARGIN] - trials[last, MARGIN]) / (trials[new, ANGLE] - trials[last, ANGLE])
         slope = secant if secant * slope > 0.0 else 0.25 * slope
         longest = GROWTH * stride
@@ -104,13 +121,13 @@ def _bracket(left: int, right: int, tried: int, level: Level, search: SearchStat
 
 @once
 def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[int, int]:
-    """Narrow the change between two trials to the tolerance of the level; return as above.
+    """Narrow the change between two trials to the tolerance of the level; return the trials on its two sides.
 
-    Notes
-    -----
-    Regula falsi on the margin. The margin of an end that stays is halved (the Illinois rule), each trial keeps off the
-    ends, and where `PATIENCE` trials together did not halve the bracket, the next does.
+    The method is regula falsi on the margin with the Illinois rule (Dowell and Jarratt 1971): the margin of an end that
+    is kept is halved. Each trial keeps off the ends, and a bracket that `PATIENCE` trials have not halved is bisected.
     """
+    # Newton's method and the secant method keep no bracket, which is the result here. Brent's method keeps one too, but
+    # does not place the last trial so that the bracket is within the tolerance.
     trials, tolerance = search.table.rows, level.tolerance
     rising = turned_away(trials[right])
     margin_left, margin_right = trials[left, MARGIN], trials[right, MARGIN]
@@ -139,25 +156,25 @@ def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[i
 
 @once
 def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int, int]:
-    """Narrow a change that the first of these levels has found, level by level; return as above.
+    """Narrow a change found on level `first`, level by level; return the trials on its two sides.
 
-    The last level is for a change whose place may be off by more than `DOUBT`, by the distance of the two before and by
-    the growth of the margin, and for one beside a trial that was in motion at the termination time. Its first trial, at
-    that place, ends it where the margin there moves the change by no more than `DOUBT`.
+    The last level is used if the estimated error of the root is above `DOUBT`, or if a trial beside the change was
+    still in motion at the termination time. Its first trial is at the root of the requested level, and is the only one
+    if its margin moves the root by at most `DOUBT`.
     """
     trials, levels, place, shift, tried = search.table.rows, search.levels, math.nan, math.nan, -1
     begun = count = search.table.filled[0]
     for k in range(first, LAST + 1):
         if k == LAST:
-            # Levels that err alike agree on a wrong place. An error of the margin moves a change the further, the less
-            # the margin grows with the angle, so a slow growth is a doubt even where they agree. Both cost no trial.
+            # The shift alone is not enough, as both levels may have the same error. Neither term of the estimate costs
+            # a trial, and it spares half of the strikes the last level.
             decided_by_time = undecided(trials[left]) or undecided(trials[right])
             growth = max(margin_growth(left, right, trials[:count]), LEAST_GROWTH)
-            sure = SHIFTED * shift + MARGIN_ERROR / growth <= DOUBT  # false if one level has no place
+            sure = SHIFTED * shift + MARGIN_ERROR / growth <= DOUBT  # false if a level has no root (NaN)
             if (sure and not decided_by_time) or not is_finer(levels[LAST], levels[REQUESTED]):
                 break
-            # The margin of one finer trial at the place says how far off it is. Not so where the margin wavers about
-            # zero: there the levels before are far apart.
+            # The margin of one finer trial at the root gives the error of the root, unless the margin wavers about
+            # zero, where the roots of two levels are far apart. Without that guard one odd strike was 0.75° off.
             tried = attempt(place, levels[LAST], search)
             # Between the ends of the bracket the margin may grow more slowly than further off.
             local = (trials[right, MARGIN] - trials[left, MARGIN]) / (trials[right, ANGLE] - trials[left, ANGLE])
@@ -166,9 +183,9 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
                 trials[tried, FINE] = 0.0
                 break
             for i in range(begun, count):
-                trials[i, FINE] = 0.0  # these only showed where to look
+                trials[i, FINE] = 0.0  # the last level replaces these trials
         begun = count
-        # The bracket of a rougher level need not hold the change of a finer one, which is bracketed anew.
+        # The bracket of a rougher level need not contain the change of a finer one, which is bracketed anew.
         if k > first:
             left, right = _bracket(left, right, tried, levels[k], search)
         if left == right:
@@ -184,44 +201,49 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
 
 @lean
 def is_same_change(bracket: IntArray, right: int, trials: FloatArray, level: Level) -> bool:
-    """Whether a change is the one found before: rough trials may waver about it, and so lead there twice."""
+    """Return whether a change is the one before it: rough outcomes that waver near a change lead to it twice."""
     shift = trials[right, ANGLE] - trials[bracket[1], ANGLE]
     return bool(abs(shift) <= 2.0 * level.tolerance and turned_away(trials[right]) == turned_away(trials[bracket[1]]))
 
 
+# Near a change the margin goes through zero. A scan that tries the angles in between only where a margin is small takes
+# 11 trials for the paper's strike instead of 17, and sees the same.
 CLEAR = 0.15
-"""Margin above which, on both sides, a scan does not look in between."""
+"""Absolute margin above which, at two neighbours with one outcome, a scan leaves out the angles in between. [1]"""
+# Rough trials within this margin may have the wrong outcome, which would send the search to the wrong gap.
 UNSURE = 0.95
-"""Margin of a rough trial, over the retention energy, below which it is run again as finely as set."""
+"""Absolute margin over the retention energy below which a rough trial is repeated on the requested level. [1]"""
 HALF_DEGREE = math.radians(0.5)
+# The effect should be linear and still larger than the error of a trial. Two per cent are a judgement.
 MORE_INERTIA = 1.02
-"""Ratio of moments of inertia of which the effect is computed."""
+"""Ratio by which the moment of inertia is raised to find its effect. [1]"""
+# A law of S that bends strongly between two trials may hide a band of another outcome between them.
 SMOOTH = 0.1
-"""Bend of the strength factor between two trials, over its mean, up to which a scan does not look in between."""
+"""Largest deviation of S half way between two trials from their mean, over it, to leave out the angles between. [1]"""
+# Where S falls far, a projectile may be retained at small angles since they are small, and at large ones since nothing
+# resists it there. A critical angle between two such trials came out 19° too high.
 KEEPS = 0.5
-"""Ratio of the strength factors at two trials that retain the projectile, down to which a scan does not look in
-between."""
+"""Least ratio of the smaller to the larger S at two trials that retain the body, to skip the angles between. [1]"""
 
 
 class Found(NamedTuple):
-    """Result of a search."""
+    """Result of a compiled search."""
 
     trials: FloatArray
-    """(n, 11) in order, columns as in `solver.search.trials`."""
+    """(n, 11) trials in the order of computation, with the columns of `solver.search.trials`."""
     brackets: IntArray
-    """(m, 2) for each change of outcome, in order: the numbers of the trials on its two sides."""
+    """(m, 2) rows of the trials on the two sides of each change of outcome, in the order of the angles."""
     nearby: FloatArray
-    """(3,) share of the energy left half a degree below the critical angle, half a degree above it, and there with
-    `MORE_INERTIA`; 0 where less than a tenth of the retention energy is left, NaN where it was not computed."""
+    """(3,) fraction of the energy left half a degree below the critical angle, half a degree above it, and above it
+    with `MORE_INERTIA`; 0 where less than a tenth of the retention energy is left, NaN where it was not computed."""
 
 
 @lean
 def _is_smooth(left: FloatArray, right: FloatArray, strength: Strength) -> bool:
-    """Whether there is no need to look between two trials.
+    """Return whether a scan may leave out the angles between two trials.
 
-    Both are clear and end alike, and nothing that depends on the angle beside its sine and cosine varies much: the
-    strength factor half way is close to the mean of theirs. Where it falls far, a projectile may be retained at small
-    angles since they are small, and at large ones since nothing resists it there.
+    Both trials end alike with a clear margin, and S, the only law of the angle besides its sine and cosine, varies
+    little between them.
     """
     if turned_away(left) != turned_away(right) or min(abs(left[MARGIN]), abs(right[MARGIN])) <= CLEAR:
         return False
@@ -234,19 +256,20 @@ def _is_smooth(left: FloatArray, right: FloatArray, strength: Strength) -> bool:
 
 @once
 def _scan(angles: FloatArray, level: Level, search: SearchState) -> int:
-    """Try every sixteenth angle, then every eighth and so on, but not where there is no need to look.
+    """Try every sixteenth angle, then every eighth and so on, except between trials that leave no doubt.
 
-    The first of the numbers of the table become those of the trials in the order of their angles.
+    The rows of the trials are written to ``table.numbers`` in the order of their angles.
 
     Returns
     -------
     int
-        How many there are; 0 if one could not be integrated.
+        Number of these trials; 0 if one could not be integrated.
     """
     trials, numbers, last = search.table.rows, search.table.numbers, angles.size - 1
     for i in range(angles.size):
         numbers[i] = -1
-    # From wide to narrow: a few angles far apart settle most strikes, and only gaps that leave a doubt are filled.
+    # A few angles far apart settle most strikes, and only gaps that leave a doubt are filled. A gap with a change of
+    # outcome is narrowed anyway, so that it gets no angles closer than four intervals.
     for stride in (16, 8, 4, 2, 1):
         for i in range(angles.size):
             if numbers[i] >= 0 or (i % stride != 0 and i != last):
@@ -261,7 +284,7 @@ def _scan(angles: FloatArray, level: Level, search: SearchState) -> int:
                 if _is_smooth(left, right, search.inputs.strength):
                     continue
             numbers[i] = attempt(angles[i], level, search)
-            # A rough trial that ends near the retention energy may err in its outcome, which says where to look next.
+            # A rough trial that ends near the retention energy may have the wrong outcome, and hide a change.
             if not level.fine and abs(trials[numbers[i], MARGIN]) < UNSURE * search.inputs.retention:
                 numbers[i] = attempt(angles[i], search.levels[REQUESTED], search)
             if has_failed(search):
@@ -276,7 +299,7 @@ def _scan(angles: FloatArray, level: Level, search: SearchState) -> int:
 
 @lean
 def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets: IntArray) -> bool:
-    """Whether these changes lead from one end of the range to the other, so that none is missing between them."""
+    """Return whether the changes connect the outcomes at the two ends of the range, so that none is missing."""
     last = lowest
     for i in range(brackets.shape[0]):
         left, right = trials[brackets[i, 0]], trials[brackets[i, 1]]
@@ -288,20 +311,18 @@ def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets:
 
 @once
 def _energy_left(angle: float, level: Level, search: SearchState) -> float:
-    """Share of the energy left at an angle; 0 where less than a tenth of the retention energy is left."""
+    """Return the fraction of the energy left at an angle; 0 where it is less than a tenth of the retention energy."""
     trial = search.table.rows[attempt(angle, level, search)]
-    search.table.filled[0] -= 1  # not a trial of the search
+    search.table.filled[0] -= 1  # this trial is not one of the search
     left = trial[MARGIN] + search.inputs.retention
     return 0.0 if failed(trial) or undecided(trial) or left < 0.0 else left
 
 
 @once
 def _look_nearby(angle: float, level: Level, search: SearchState, nearby: FloatArray) -> None:
-    """Write the shares of the energy left near a critical angle; see `Found`.
-
-    The energy left grows ever more slowly with the angle. So where it is twice the retention energy half a degree
-    above, nothing is left half a degree below, and no trial is needed.
-    """
+    """Write the fractions of the energy left near a critical angle, see `Found.nearby`."""
+    # The energy left grows ever more slowly with the angle. If it is twice the retention energy half a degree above the
+    # change, nothing is left half a degree below, and no trial is needed there.
     inputs, model, below, above = search.inputs, search.model, angle - HALF_DEGREE, angle + HALF_DEGREE
     nearby[0], nearby[1] = 0.0, _energy_left(above, level, search)
     if nearby[1] < 2.0 * inputs.retention and below >= 0.0:
@@ -315,16 +336,18 @@ def _look_nearby(angle: float, level: Level, search: SearchState, nearby: FloatA
 
 @once
 def _walk_up(change: int, changes: int, level: Level, search: SearchState, brackets: IntArray) -> int:
-    """Look every half degree above an onset while less than twice the retention energy is left.
+    """Try every half degree above an onset of ricochet while less than twice the retention energy is left.
 
-    There a small loss turns the outcome: the projectile may stay in again within a degree, or several degrees above.
-    Where more is left, at the next change or at the end of the range, the walk ends. Changes on the way are narrowed.
+    It ends where more energy is left, at the next change, or at the end of the range. Changes on the way are narrowed
+    and inserted into `brackets`.
 
     Returns
     -------
     int
-        How many brackets there are, with those that were found, in order.
+        Number of brackets with those inserted.
     """
+    # With so little energy left a small loss changes the outcome: the projectile may stay in again within a degree, or
+    # several degrees above. The scan alone missed such bands in 5 of 300 odd strikes, with these trials in 2.
     trials, filled = search.table.rows, search.table.filled
     last, at, end = brackets[change, 1], change + 1, 0
     if change + 1 < changes:
@@ -353,14 +376,15 @@ def _walk_up(change: int, changes: int, level: Level, search: SearchState, brack
 
 
 def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Levels) -> Found:
-    """Scan `angles`, which rise, then narrow every change of outcome level by level.
+    """Scan `angles` in rising order, then narrow every change of outcome level by level.
 
     If a trial could not be integrated, or the strength factor is not above zero at one of the angles, that trial is the
-    last of the table, and there are no brackets.
+    last of the table and there are no brackets.
     """
 
     def search(control: IntArray) -> Found:
-        table = make_trial_table(MOST_TRIALS + 8 * angles.size, control)  # with what a scan and its changes may add
+        # The limit is checked before a bracket is narrowed, so scans and first strides may exceed it.
+        table = make_trial_table(MOST_TRIALS + 8 * angles.size, control)
         brackets, nearby = np.empty((angles.size, 2), np.int64), np.full(3, np.nan)
         changes = _search(angles, inputs, model, levels, table, brackets, nearby)
         return Found(table.rows[: table.filled[0]], brackets[:changes], nearby)
@@ -378,7 +402,7 @@ def _search(
     brackets: IntArray,
     nearby: FloatArray,
 ) -> int:
-    """Do the work of `search_outcome`: fill the arrays, and return how many brackets there are."""
+    """Run the compiled part of `search_outcome`, which fills the arrays; return the number of brackets."""
     search = SearchState(inputs, model, levels, table)
     changes = _find_changes(angles, search, brackets)
     panels = model.panels.area.size > 0
@@ -393,17 +417,18 @@ def _search(
 
 @once
 def _find_changes(angles: FloatArray, search: SearchState, brackets: IntArray) -> int:
-    """Write the brackets of the changes of outcome, see `Found`; return how many there are, 0 if a trial has failed."""
+    """Write the brackets of the changes of outcome and return their number; 0 if a trial has failed."""
     inputs, levels, trials, numbers = search.inputs, search.levels, search.table.rows, search.table.numbers
     for i in range(angles.size):
         if not has_strength(angles[i], inputs.strength):
             attempt(angles[i], levels[ROUGH], search)
             return 0
-    panels = search.model.panels.area.size > 0  # as many at every level
+    panels = search.model.panels.area.size > 0  # panels have one resolution, so the levels differ in nothing
     first, changes, earlier = REQUESTED if panels else ROUGH, 0, 0
-    # Every change is narrowed by itself. If together they do not lead from one end of the range to the other, a rough
-    # trial has hidden one.
-    for scan in range(2):  # without a change, or if one is missing, the scan is repeated, more finely
+    # If the changes do not connect the two ends of the range, a rough trial with a wrong outcome has hidden one. The
+    # scan is then repeated on the requested level, as it is if there is no change at all. This costs 3 % and moved one
+    # of 2,400 random angles, from 47.6° to 18.1°.
+    for scan in range(2):
         count = _scan(angles, levels[first], search)
         for i in range(count - 1):
             if turned_away(trials[numbers[i]]) == turned_away(trials[numbers[i + 1]]):

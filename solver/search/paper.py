@@ -1,4 +1,4 @@
-"""The searches of the source paper, on the depth of the nose tip at the termination time (eqs. 7 and 8)."""
+"""Searches of the source paper, on the depth of the nose tip at the termination time (eqs. 7 and 8)."""
 
 import math
 from collections.abc import Callable
@@ -6,14 +6,16 @@ from typing import TypeAlias
 
 from solver.search.types import Change, Search, SearchStatus, Trial
 
+# At the finest tolerance, 1e-8, bisection of the paper's range takes 26 trials. Secants may wander without end.
 MOST_TRIALS = 100
-"""At the finest tolerance, 1e-8, bisection of the paper's range takes 26 trials; secants that wander are given up."""
+"""Largest number of trials after those at the two ends of the range."""
 
 Try: TypeAlias = Callable[[float], Trial]
+"""Function that runs the trial at an oblique angle [rad]."""
 
 
 def _ends_of_paper_search(attempt: Try, search: Search) -> tuple[Trial, Trial, Change | None]:
-    """Both ends of the range, and the answer if the lower one is turned away, or neither is."""
+    """Try both ends of the range; the third value is the answer if the lower end is turned away or neither end is."""
     first, second = (attempt(angle) for angle in search.bounds)
     if first.final_position > 0.0 and second.final_position > 0.0:
         return first, second, Change(SearchStatus.NO_RICOCHET)
@@ -23,7 +25,9 @@ def _ends_of_paper_search(attempt: Try, search: Search) -> tuple[Trial, Trial, C
 
 
 def search_bisection(attempt: Try, search: Search) -> Change:
-    """Halve the bracket on the sign of the final position (eq. 7 with the bracket kept)."""
+    """Find the critical angle by bisection on the sign of the final position (eq. 7)."""
+    # As printed, eq. 7 averages the last two angles whatever their outcome. Keeping the bracket with the change of sign
+    # is what makes it a bisection.
     left, right, answer = _ends_of_paper_search(attempt, search)
     if answer is not None:
         return answer
@@ -46,12 +50,13 @@ def search_bisection(attempt: Try, search: Search) -> Change:
 
 
 def search_secant(attempt: Try, search: Search) -> Change:
-    """Secant steps on the final position (eq. 8)."""
+    """Find the critical angle by secant steps on the final position (eq. 8)."""
     old, new, answer = _ends_of_paper_search(attempt, search)
     if answer is not None:
         return answer
     for _ in range(MOST_TRIALS):
         rise = new.final_position - old.final_position
+        # Two equal positions give no secant. The NaN fails the test of the range below, and the search ends.
         angle = (
             math.nan
             if rise == 0.0

@@ -17,7 +17,7 @@ SearchMethod: TypeAlias = Literal["outcome", "bisection", "secant"]
 
 
 class SearchStatus(StrEnum):
-    """How a search ended."""
+    """Result of a search: an angle, or the reason why there is none."""
 
     CONVERGED = "converged"
     NO_RICOCHET = "no_ricochet"
@@ -27,27 +27,39 @@ class SearchStatus(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """How the critical angle is sought.
+    """Method, range and tolerances of a search for the critical angle.
 
     Parameters
     ----------
     method
-        ``outcome`` brackets the change of outcome. ``bisection`` and ``secant`` are the paper's, on the depth of the
-        nose tip at the termination time (eqs. 7 and 8).
+        ``outcome`` brackets the change of outcome. ``bisection`` and ``secant`` are those of the paper, on the depth of
+        the nose tip at the termination time (eqs. 7 and 8).
     lower
-        Lower end of the range; left open, 5°, or 40° for the searches of the paper. [rad]
+        Lower end of the range; 5° unless given, or 40° for the searches of the paper. [rad]
     upper
-        Upper end of the range; left open, 85°, or 60° for the searches of the paper. [rad]
+        Upper end of the range; 85° unless given, or 60° for the searches of the paper. [rad]
     tolerance
         Width of the final bracket of ``outcome``. [rad]
     relative_tolerance
-        The searches of the paper end when two angles in a row differ by less than this fraction. [1]
+        Relative difference of two consecutive angles at which the searches of the paper end. [1]
     scan_interval
-        Distance of the angles at which ``"outcome"`` looks. It begins with every sixteenth, and leaves out those
-        between two that are clearly turned away, or clearly not, and those within four intervals of a change. A change
-        and change back between two angles looked at go unseen: bands narrower than 1.25° by default, near a change
-        narrower than 5°, and up to 20° where more than 15 % of the energy is left, or the nose is deep inside. Above
-        the first critical angle, while less than twice the retention energy is left, it looks every half degree. [rad]
+        Interval of the angles that ``"outcome"`` tries first. It begins with every sixteenth angle, and leaves out
+        those between two that are clearly turned away, or clearly not, and those within four intervals of a change. A
+        band of another outcome between two neighbouring angles is missed: one narrower than 1.25° by default, near a
+        change narrower than 5°, and up to 20° where more than 15 % of the energy is left or the nose is deep inside.
+        Above the first critical angle, while less than twice the retention energy is left, every half degree is tried.
+        [rad]
+
+    Raises
+    ------
+    ParameterError
+        If the method is unknown, or a value is outside its range.
+
+    Examples
+    --------
+    >>> import math
+    >>> from solver import Search
+    >>> fine = Search(lower=math.radians(30.0), upper=math.radians(70.0), tolerance=math.radians(0.001))
     """
 
     method: SearchMethod = "outcome"
@@ -83,52 +95,53 @@ class Search:
 
 
 USUAL_SEARCH = Search()
-"""For the change of outcome, from 5° to 85°."""
+"""Default search: for the change of outcome, from 5° to 85°."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One angle tried."""
+    """One run of a search, at one oblique angle."""
 
     oblique_angle: float
     """Angle tried, from the inward normal of the face to the velocity. [rad]"""
     final_position: float
     """Depth of the nose tip at the end of the trial, or at the termination time in the searches of the paper. [m]"""
     outcome: Outcome
-    """How the trial ended."""
+    """Outcome of the trial."""
     fine: bool = True
-    """Whether it was computed at the final resolution, or only to see where to look. The latter are rougher, and may be
-    wrong within a degree of the critical angle."""
+    """True at the final resolution. Other trials only narrow the range to search: they are rougher, and may have the
+    wrong outcome within a degree of the critical angle."""
     exit: Exit | None = None
-    """How the projectile left, if it did."""
+    """State of the projectile as it leaves the target; None if it stays."""
     turned: float = 0.0
-    """How far the axis had turned by the end of the trial; 0 for a sphere, which looks alike from all sides. [rad]"""
+    """Turn of the axis by the end of the trial; 0 for a sphere, which looks alike from all sides. [rad]"""
 
 
 @dataclass(frozen=True, slots=True)
 class OutcomeInterval:
-    """Oblique angles at which a strike has one outcome."""
+    """Interval of oblique angles at which a strike has one outcome."""
 
     outcome: Outcome
+    """Outcome of a strike in the interval."""
     lower: float
     """Lower end, known to the tolerance of the search or an end of its range. [rad]"""
     upper: float
-    """Upper end, as the lower one. [rad]"""
+    """Upper end, known as well as the lower one. [rad]"""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class CriticalAngle:
-    """Answer of a search."""
+    """Critical angle of a strike, or the reason why there is none, with all trials of the search."""
 
     status: SearchStatus
-    """How the search ended."""
+    """Result of the search: an angle, or the reason why there is none."""
     angle: float | None
     """Smallest oblique angle, from the normal, at which the projectile is turned away, if there is one. In a search by
     outcome it is the upper end of the final bracket, which was seen to ricochet. [rad]"""
     bracket: tuple[float, float] | None
-    """Angles between which the change was last pinned down. [rad]"""
+    """Angles on the two sides of the change, at the end of the search. [rad]"""
     iterations: tuple[Trial, ...]
-    """Every trial, in order."""
+    """All trials, in the order of computation."""
     other_crossings: tuple[float, ...]
     """Other angles in the range at which the outcome changes, either way. [rad]"""
     warnings: tuple[ModelWarning, ...]
@@ -136,25 +149,25 @@ class CriticalAngle:
     """Standard error of the critical angle, from the covariance of the strength factor, if that was given. [rad]"""
     energy_fraction_below: float | None = None
     """Share of the initial kinetic energy left half a degree below the critical angle, 0 if it is less than a tenth of
-    the retention energy. Not known without an angle, and in the searches of the paper. [1]"""
+    the retention energy. None without an angle, and in the searches of the paper. [1]"""
     energy_fraction_above: float | None = None
     """Share of the initial kinetic energy left half a degree above the critical angle: the less it is, the more the
     threshold decides. [1]"""
     strength_factor: float | None = None
     """Strength factor in use at the critical angle, if there is one. [1]"""
     strength_factor_dispersion: float | None = None
-    """Of S of a next shot in the same concrete: by own shots, or by the law of the published tests; None without an
-    angle. [ln]"""
+    """Standard deviation of ln S of the next shot into the same concrete, by own shots or by the law of the published
+    tests; None without an angle. [ln]"""
     own_tests: StrengthPosterior | None = None
-    """What shots into the very concrete say of S; None without any, or without an angle."""
+    """Posterior of S from shots into the same concrete; None without any, or without an angle."""
     exit: Exit | None = None
-    """How the projectile leaves at the critical angle: as in the trial there; None without one."""
+    """State of the projectile as it leaves the target at the critical angle; None without an angle."""
     outcomes: tuple[OutcomeInterval, ...] = ()
     """Intervals of the outcome over the whole range, in order, for a target with a thickness in a search by outcome;
     empty otherwise."""
 
     def row(self) -> Row:
-        """Return what was found, by the names of the columns of `solver.columns`."""
+        """Return status, angle and bracket by the names of the columns of `solver.columns`."""
         low, high = self.bracket or (None, None)
         return {
             "status": self.status.value,
@@ -166,7 +179,7 @@ class CriticalAngle:
         }
 
     def columns(self) -> Columns:
-        """Return the trials as arrays by name, in order: angles in radians, positions in metres."""
+        """Return the trials as arrays by name, in the order of computation: angles in radians, positions in metres."""
         trials = self.iterations
         return {
             "oblique_angle": np.array([trial.oblique_angle for trial in trials], float),
@@ -176,11 +189,11 @@ class CriticalAngle:
         }
 
     def to_dataframe(self) -> DataFrame:
-        """Return the trials as a ``pandas.DataFrame``, which has to be installed."""
+        """Return the trials as a ``pandas.DataFrame``; pandas has to be installed."""
         return dataframe(self.columns(), Trial)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
-        """Return the trials and the angle as a ``matplotlib.figure.Figure``, of pyplot unless axes are given."""
+        """Plot the trials and the angle, in a new figure of pyplot unless axes are given; return the figure."""
         return plot_search(self.columns(), self._summary(), self.angle, ax)
 
     def _summary(self) -> str:
@@ -220,18 +233,22 @@ def _degrees(angle: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Result of a search."""
+    """Changes of outcome that a search has found, before warnings are added to them."""
 
     status: SearchStatus
     angle: float | None = None
+    """Smallest angle of a change to ricochet. [rad]"""
     bracket: tuple[float, float] | None = None
+    """Angles on the two sides of that change. [rad]"""
     other_crossings: tuple[float, ...] = ()
+    """Angles of the other changes. [rad]"""
     starts_turned_away: bool = False
+    """True if the lower end of the range is a ricochet."""
     deciding: tuple[Trial, ...] = ()
     """Trials on either side of the changes of outcome; empty if all trials decide."""
     nearby: tuple[float, float, float] | None = None
-    """Shares of the energy left half a degree below and above the angle, and above it with more inertia."""
+    """Fractions of the energy left half a degree below and above the angle, and above it with more inertia. [1]"""
     outcomes: tuple[OutcomeInterval, ...] = ()
     perforations: tuple[tuple[float, float, float], ...] = ()
-    """Angle of each change to or from perforation, and shares of the energy left half a degree outside and inside the
-    perforated angles."""
+    """Angle of each change to or from perforation, and fractions of the energy left half a degree outside and inside
+    the perforated range. [rad, 1, 1]"""

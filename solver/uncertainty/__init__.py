@@ -1,4 +1,4 @@
-"""How sure an angle is: uncertain inputs, the probability of ricochet, and what the critical angle is sensitive to."""
+"""Uncertainty of critical angles and trajectories: probabilities, ranges, and sensitivities to uncertain inputs."""
 
 from solver.checks import name_keywords
 from solver.uncertainty.critical_angles import AngleStudy

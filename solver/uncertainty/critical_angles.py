@@ -1,4 +1,4 @@
-"""Probability of ricochet over the oblique angle, and sensitivities of the critical angle."""
+"""Study of the critical angle: probability of ricochet over the oblique angle, and sensitivities to the inputs."""
 
 import math
 from collections.abc import Generator, Sequence
@@ -42,52 +42,59 @@ from solver.uncertainty.sampling import (
 from solver.uncertainty.surrogate import Expansion, Moments, direct_indices, expansion_moments, fit_expansion
 from solver.warnings import ModelWarning
 
+# This is far below the usual scatter of the angle, some degrees, and the correction by the samples covers the rest.
 SURROGATE_ERROR = math.radians(0.1)
-"""Root mean square error at held-out points up to which the surrogate is used. [rad]"""
+"""Largest root mean square error at held-out points with which the surrogate is used. [rad]"""
+# An evaluation takes microseconds. So many points make the sampling error of the surrogate negligible.
 SURROGATE_POINTS = 4096
-"""Points of each scrambling at which the surrogate is evaluated."""
+"""Number of points of each scrambling at which the surrogate is evaluated."""
+# With fewer the intervals of the indices are so wide that they tell nothing; the value is a judgement.
 FEWEST_BASE_SAMPLES = 64
-"""For Sobol indices by the direct method."""
+"""Least number of base samples for Sobol indices by the direct method."""
+# A base sample takes one search for every input and one more. With 512 of them, 95 % intervals contain the true
+# first-order indices of Ishigami's function in 89 or 90 of 100 seeds (`tests/uncertainty/test_coverage.py`).
 SENSITIVITY_SAMPLES = 4096
-"""Base samples for them at most, each one search for every input and one more. With 512, intervals of 95 % hold the
-true first-order indices of Ishigami's function in 89 or 90 of 100 seeds (`tests/uncertainty/test_coverage.py`)."""
+"""Largest number of base samples for Sobol indices by the direct method."""
 MOST_ANGLES = 2001
+"""Largest number of angles of the probability curve."""
 
 
 Steps = Generator[Batch[AngleUncertainty], Sequence[Crossings], AngleUncertainty]
+"""Generator that yields batches, is sent their results, and returns the answer."""
 
 
 class AngleStudy:
-    """Samples critical angles until the probability of ricochet is known well enough.
+    """Study that samples critical angles until the probability of ricochet is known to the half width requested.
 
     Parameters
     ----------
     uncertain
-        Independent inputs.
+        Independent inputs with their distributions.
     oblique_angles
-        At which the probability is wanted, rising. [rad]
+        Rising angles at which the probability is computed. [rad]
     sampling
-        Accuracy, budget, seed.
+        Accuracy, budget and seed.
     sensitivity
-        Whether to compute Sobol indices.
+        Compute Sobol indices and swings too.
     shots
-        Place of the factor on S among the inputs, and what shots of one's own would leave of the scatter.
+        Index of the factor on S among the inputs, and the expected scatter after own shots, as `next_shots` returns
+        them.
     bounds
-        Bounds of the search: in the indices, a sample without an angle counts as one end of it. [rad]
+        Bounds of the search: in the Sobol indices, a sample without an angle counts as one of them. [rad]
     accepts
-        Whether a value of an input, given by its place, is one that the model accepts; every value unless given. The
-        surrogate has an answer for other values too, which counts as not known.
+        Function from the index and the value of an input to True if the model accepts it; all values are accepted
+        unless given. The surrogate also has an answer for other values, which counts as unknown.
     warnings
-        Those of the strike, which every answer carries.
+        Warnings of the strike, which every answer has.
 
     Raises
     ------
     ParameterError
-        If values do not go together, such as a budget below the fewest samples of these inputs.
+        If values do not fit each other, such as a budget below the fewest samples of these inputs.
 
     Notes
     -----
-    `steps` computes nothing of a strike itself: it yields points and is sent their results, in the order of the points.
+    `steps` computes no strike itself: it yields points and is sent their results, in the order of the points.
 
     Examples
     --------
@@ -125,16 +132,16 @@ class AngleStudy:
 
     @cached_property
     def _unit(self) -> FloatArray:
-        """Points between 0 and 1 at which the surrogate is evaluated."""
+        """Points in (0, 1) at which the surrogate is evaluated."""
         return scrambled(self.sampling.seed, len(self.design.uncertain), SURROGATE_POINTS, stream=1)
 
     @cached_property
     def _beyond(self) -> npt.NDArray[np.bool_]:
-        """Which of them have an input that the model does not accept."""
+        """Mask of these points with an input that the model does not accept."""
         return self.design.beyond(self._unit, self.accepts)
 
     def steps(self) -> Steps:
-        """Yield batches, take their results, return the answer."""
+        """Yield batches, receive their results, and return the answer."""
         sampling, design = self.sampling, self.design
         tables = Tables(design, self.angles)
         history: list[Round] = []
@@ -164,9 +171,10 @@ class AngleStudy:
         return answer
 
     def _reserve(self) -> int:
-        """Samples kept for indices by the direct method, beyond the usual first round."""
+        """Return the number of samples of the budget that are reserved for indices by the direct method."""
         if not self.sensitivity:
             return 0
+        # Four times the fewest base samples give indices of some use. Half of the budget stays for the probabilities.
         wanted = 4 * FEWEST_BASE_SAMPLES * (len(self.design.uncertain) + 1)
         return min(wanted, self.sampling.max_samples // 2)
 
@@ -176,7 +184,8 @@ class AngleStudy:
         error = None if expansion is None else math.sqrt(float(self.design.weights @ expansion.errors**2))
         if expansion is not None and error is not None and error <= SURROGATE_ERROR:
             by_surrogate = self._by_surrogate(tables, expansion)
-            # Its error stays however many samples there are: at some number of them the others know more.
+            # The error of the surrogate does not fall with the number of samples. From some number on, counted outcomes
+            # have the narrower intervals.
             answer = min(by_surrogate, answer, key=_half_width)
         half = _half_width(answer)
         return replace(
@@ -188,7 +197,7 @@ class AngleStudy:
         )
 
     def _expansion(self, tables: Tables) -> Expansion | None:
-        """Return the fit of the critical angle, if every sample has one and no other change of outcome."""
+        """Return the fit of the critical angle; None unless every sample has exactly one change of outcome."""
         design = self.design
         if not tables.simple or (design.discrete and not design.enumerated) or not design.continuous:
             return None
@@ -199,12 +208,10 @@ class AngleStudy:
         )
 
     def _by_surrogate(self, tables: Tables, expansion: Expansion) -> AngleUncertainty:
-        """Return the answer of the surrogate.
-
-        Its shares are those of the many points at which it is evaluated, plus what the samples say of its error: the
-        share of the samples less that of the predictions of them by fits without each, and the interval is that of
-        this difference and of what no sample shows: a kind of outcome that none of them has may have that share.
-        """
+        """Return the answer of the surrogate."""
+        # The probability is that of the surrogate at many points, plus a correction from the samples: the fraction of
+        # the samples that are turned away minus that of their predictions by fits without them. The interval is that of
+        # the correction, widened by the probability of outcomes that no sample shows.
         design, sampling = self.design, self.sampling
         predicted = np.stack([expansion.at(design.standard(each)) for each in self._unit])
         known = ~self._beyond[..., None]
@@ -212,6 +219,7 @@ class AngleStudy:
         unseen_by_fit = tables.critical - expansion.held_out.reshape(tables.critical.shape)
         shares = self._shares(np.where(known, predicted, np.inf))
         correction = self._turned(tables.critical) - self._turned(unseen_by_fit)
+        # With one change of outcome per sample the probability rises with the angle; the correction may fall.
         middle = np.clip(np.maximum.accumulate(shares.mean(axis=0) + correction.mean(axis=0)), 0.0, 1.0)
         # Points of a sequence scatter less than independent ones, so the interval of the correction is not too narrow.
         error = sampling.normal_quantile * correction.std(axis=0, ddof=1) / math.sqrt(len(correction))
@@ -234,13 +242,19 @@ class AngleStudy:
         )
 
     def _shares(self, values: FloatArray) -> FloatArray:
-        """Return (scramblings, angles) shares of (scramblings, n, alternatives) critical angles up to each angle."""
+        """Return the (scramblings, angles) fraction of critical angles up to each angle of the curve.
+
+        Parameters
+        ----------
+        values
+            (scramblings, n, alternatives) critical angles. [rad]
+        """
         places = [[np.searchsorted(np.sort(column), self.angles, side="right") for column in part.T] for part in values]
         shares: FloatArray = np.einsum("k,rka->ra", self.design.weights, np.array(places) / values.shape[1])
         return shares
 
     def _turned(self, values: FloatArray) -> FloatArray:
-        """Return (points, angles) shares of the alternatives whose critical angle is up to each angle."""
+        """Return for each point the weight of the alternatives with a critical angle up to each angle of the curve."""
         found = values.reshape(-1, self.design.alternatives)
         return np.stack([(found <= angle) @ self.design.weights for angle in self.angles], axis=-1)
 
@@ -312,12 +326,12 @@ class AngleStudy:
         )
 
     def _after_shots(self, unit: FloatArray, angles: FloatArray, weights: FloatArray) -> tuple[AfterShots, ...]:
-        """Return what shots would make of the range.
+        """Return the expected ranges of the critical angle after own shots.
 
         Parameters
         ----------
         unit
-            (scramblings, n, inputs) points between 0 and 1.
+            (scramblings, n, inputs) points in (0, 1).
         angles, weights
             (scramblings, n, alternatives) critical angles there and their weights, 0 without an angle. [rad, 1]
         """
@@ -358,7 +372,10 @@ class AngleStudy:
         return [found[i] for i in range(len(order))]
 
     def _indices(self, tables: Tables, answer: AngleUncertainty) -> Steps:
-        """Indices by Saltelli's design: beside the samples of before, a second set and their crossings."""
+        """Compute Sobol indices by Saltelli's design, with a second set of samples and mixtures of both sets.
+
+        The samples so far are the first set.
+        """
         design, sampling = self.design, self.sampling
         inputs, count = len(design.uncertain), tables.count
         left = max(sampling.max_samples - tables.samples, 0)
@@ -397,7 +414,7 @@ class AngleStudy:
         return replace(counted, sensitivity=sensitivity, warnings=warnings)
 
     def _in_range(self, found: Crossings) -> float:
-        """Return the critical angle; without one, the end of the range that it is beyond. NaN without an outcome."""
+        """Return the critical angle, or the end of the search beyond which it lies; NaN without an outcome. [rad]"""
         if found.problem:
             return math.nan
         if not math.isnan(found.angle):
@@ -406,14 +423,14 @@ class AngleStudy:
 
 
 def _half_width(answer: AngleUncertainty) -> float:
-    """Half the width of the widest interval of a probability."""
+    """Return half of the width of the widest interval of a probability."""
     return float((0.5 * (answer.upper - answer.lower)).max())
 
 
 def _warnings(
     tables: Tables, answer: AngleUncertainty, beyond: npt.NDArray[np.bool_] | None = None
 ) -> tuple[ModelWarning, ...]:
-    """Warnings of samples without an outcome or an angle, and of points of the surrogate that are not accepted."""
+    """Return the warnings about samples without an outcome or an angle, and about refused points of the surrogate."""
     found = []
     if beyond is not None and beyond.any():
         detail = (

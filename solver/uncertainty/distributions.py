@@ -1,4 +1,4 @@
-"""Distributions of uncertain inputs, from the parameters that engineers have."""
+"""Distributions of uncertain inputs, by the parameters that engineers use."""
 
 import math
 import sys
@@ -16,38 +16,47 @@ from solver.checks import plain, require, require_finite, require_positive
 from solver.resistance import student_dispersion
 
 FIELD = "distribution"
+# A Gauss rule of 48 nodes is exact up to degree 95, which includes the squares of every polynomial in use.
 NODES = 48
-"""Nodes of a quadrature: exact for the squares of every polynomial in use with a smooth density."""
+"""Number of nodes of a quadrature over a smooth density."""
+# The density is 3e-18 of its maximum there, below the rounding error of a sum.
 FAR = 9.0
-"""Standard deviations beyond which a normal density counts for nothing. [1]"""
+"""Standard deviations beyond which a normal density is neglected. [1]"""
+# The angle as a function of an input bends over factors of this size. A smaller range takes no high orders.
 WIDE = 0.2
-"""Dispersion from which a polynomial of higher order is tried in this input alone. [ln]"""
+"""Dispersion from which polynomials of higher order are tried in an input alone. [ln]"""
+# One standard deviation is then a factor of 22,000 either way, more than any input has.
 LARGEST_DISPERSION = 10.0
-"""A factor of 22,000 either way at one standard deviation. [1]"""
+"""Largest dispersion accepted. [1]"""
+# Below 1 the 90 % interval hardly describes the tails. Above a million the distribution is normal to rounding.
 FREEDOM = (1.0, 1e6)
-"""Degrees of freedom from which the 90 % interval tells something of the tails, and up to which these are not yet those
-of a normal distribution to the last digit. [1]"""
+"""Range of the degrees of freedom accepted. [1]"""
+# This is half a cell of the sample points, which have 30 bits.
 TINY = 2.0**-31
-"""Least probability of a sample: the middle of a cell of 30 bits. [1]"""
+"""Least probability of a sample. [1]"""
+# Weights that are written with nine or more digits must pass.
 WEIGHTS_SUM = 1e-9
-"""Difference from 1 that weights may sum up to."""
+"""Largest difference of the sum of weights from 1. [1]"""
 
 
 class Continuous(Protocol):
-    """A distribution of a number, as a function of a standard variable in which polynomials are made."""
+    """Interface of the distributions of a number.
+
+    Polynomials of an input are made in its standard variable, a smooth function of the input.
+    """
 
     def standard(self, u: FloatArray) -> FloatArray:
-        """Return the standard variable at these probabilities, between 0 and 1."""
+        """Return the standard variable at probabilities between 0 and 1."""
 
     def value(self, z: FloatArray) -> FloatArray:
-        """Return the input at these values of the standard variable."""
+        """Return the input at values of the standard variable."""
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
-        """Return nodes and weights, which sum to 1, of the mean over the standard variable."""
+        """Return nodes and weights for a mean over the standard variable; the weights sum to 1."""
 
 
 def _spread(mean: float, deviation: float | None, variation: float | None) -> float:
-    """Return the standard deviation, given by itself or as a coefficient of variation."""
+    """Return the standard deviation, which is given itself or as a coefficient of variation."""
     given = (deviation is None) + (variation is None) == 1
     require(given, f"{FIELD}.standard_deviation", "must be given, or else coefficient_of_variation, but not both")
     if deviation is not None:
@@ -65,7 +74,7 @@ def _spread_name(deviation: float | None) -> str:
 
 
 def _require_finite_spread(name: str, middle: float, deviation: float) -> None:
-    """Refuse a normal distribution that reaches beyond the numbers there are."""
+    """Raise `ParameterError` if samples of a normal distribution could overflow."""
     reach = abs(middle) + FAR * deviation
     require(math.isfinite(reach), f"{FIELD}.{name}", f"is too large: {FAR:g} of them from the mean is no finite number")
 
@@ -77,9 +86,9 @@ class Normal:
     Parameters
     ----------
     mean
-        In the unit of the field.
+        Mean in the unit of the field.
     standard_deviation, coefficient_of_variation
-        One of them: in the unit of the field, or as a fraction of the mean.
+        Standard deviation in the unit of the field, or as a fraction of the mean; one of both.
     """
 
     name: ClassVar[str] = "normal"
@@ -99,7 +108,7 @@ class Normal:
         return np.asarray(ndtri(u), float)
 
     def value(self, z: FloatArray) -> FloatArray:
-        """Return the input so many standard deviations from the mean."""
+        """Return the input at `z` standard deviations from the mean."""
         return self.mean + _spread(self.mean, self.standard_deviation, self.coefficient_of_variation) * z
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
@@ -109,12 +118,12 @@ class Normal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruncatedNormal:
-    """Normal distribution cut off at one or two bounds.
+    """Normal distribution truncated at one or two bounds.
 
     Parameters
     ----------
     mean, standard_deviation, coefficient_of_variation
-        Parameters of the normal distribution before it is cut off.
+        Parameters of the normal distribution before truncation.
     lower, upper
         Bounds, at least one of them, with the mean between them.
     """
@@ -153,18 +162,21 @@ class TruncatedNormal:
         """Return standard deviations from the mean at these probabilities."""
         from scipy.special import ndtr, ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
 
+        # The upper tail is computed by itself, as one minus the distribution function would cancel. The quantile of an
+        # extreme probability may miss a bound by rounding, or be infinite, and is clipped.
         lower, upper = self._bounds
         below, above = float(ndtr(lower)), float(ndtr(-upper))
         z = ndtri(below + u * (1.0 - below - above))
         return np.asarray(np.clip(z, lower, upper), float)
 
     def value(self, z: FloatArray) -> FloatArray:
-        """Return the input so many standard deviations from the mean."""
+        """Return the input at `z` standard deviations from the mean."""
         return self.mean + self._deviation * z
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
         """Return nodes and weights of a mean."""
         lower, upper = self._bounds
+        # No standard rule has a truncated normal density as its weight. Twice the nodes make up for that.
         x, w = leggauss(2 * NODES)
         lower, upper = max(lower, -FAR), min(upper, FAR)
         z = 0.5 * (lower + upper) + 0.5 * (upper - lower) * x
@@ -174,14 +186,14 @@ class TruncatedNormal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lognormal:
-    """Distribution of a number whose logarithm is normal.
+    """Lognormal distribution: the logarithm of the number is normal.
 
     Parameters
     ----------
     median, dispersion
-        Dispersion is the standard deviation of the natural logarithm. [1]
+        Median of the number, and standard deviation of its natural logarithm. [1]
     mean, standard_deviation, coefficient_of_variation
-        Instead of both: mean of the number itself, with one of the others.
+        Mean of the number and one of the two others, instead of median and dispersion.
     """
 
     name: ClassVar[str] = "lognormal"
@@ -230,21 +242,20 @@ class Lognormal:
 
     @property
     def wide(self) -> bool:
-        """Whether it spans a factor so large that a smooth function of the number needs high orders."""
+        """True if the number spans a factor so large that smooth functions of it need high orders."""
         return self._logarithm[1] >= WIDE
 
     def standard(self, u: FloatArray) -> FloatArray:
-        """Return x/√(1 + x²) with the logarithm x over the median at these probabilities.
-
-        Critical angles level off where a factor on the resistance is very large or very small: polynomials in a bounded
-        variable do so too, where those in the logarithm leave them far behind.
-        """
+        """Return x/√(1 + x²) at given probabilities, where x is the logarithm of the number over its median."""
         from scipy.special import ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
 
+        # Critical angles level off where a factor on the resistance is very large or very small. So do polynomials in a
+        # bounded variable; those in the logarithm grow without bound there.
         return self._bounded(ndtri(u))
 
     def value(self, z: FloatArray) -> FloatArray:
-        """Return the input at these values of the standard variable."""
+        """Return the input at values of the standard variable."""
+        # In factors, 1 - z² keeps its relative accuracy near z = ±1, which stands for very large and small numbers.
         middle, _ = self._logarithm
         return np.asarray(np.exp(middle + z / np.sqrt((1.0 - z) * (1.0 + z))), float)
 
@@ -260,19 +271,19 @@ class Lognormal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogStudentT:
-    """Distribution of a number whose logarithm has Student's distribution: as a lognormal one, but with heavier tails.
+    """Log-Student distribution: the logarithm of the number has Student's distribution, with heavier tails than normal.
 
     Parameters
     ----------
     median
-        In the unit of the field.
+        Median in the unit of the field.
     scale
-        Of the natural logarithm. [1]
+        Scale of the natural logarithm. [1]
     degrees_of_freedom
-        1 or more; with many, the number is lognormal. [1]
+        Degrees of freedom, 1 or more; with many, the number is lognormal. [1]
     lower, upper
-        Bounds at which the distribution is cut off, if any, with the median between them. Heavy tails need them where a
-        field is not accepted at any value.
+        Bounds at which the distribution is truncated, if any, with the median between them. Heavy tails need them if
+        the field has bounds.
     """
 
     name: ClassVar[str] = "log_student_t"
@@ -304,16 +315,16 @@ class LogStudentT:
 
     @property
     def dispersion(self) -> float:
-        """Standard deviation of the logarithm before it is cut off, or what stands for it: `student_dispersion`. [1]"""
+        """Standard deviation of the logarithm before truncation, or its substitute by `student_dispersion`. [1]"""
         return student_dispersion(self.scale, self.degrees_of_freedom)
 
     @property
     def wide(self) -> bool:
-        """Whether it spans a factor so large that a smooth function of the number needs high orders."""
+        """True if the number spans a factor so large that smooth functions of it need high orders."""
         return self.dispersion >= WIDE
 
     def scales(self, u: FloatArray) -> FloatArray:
-        """Return the logarithm over the median in scales at these probabilities."""
+        """Return the logarithm of the number over its median, divided by the scale, at given probabilities. [1]"""
         from scipy.special import stdtr  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
 
         lower = -math.inf if self.lower is None else math.log(self.lower / self.median) / self.scale
@@ -322,7 +333,7 @@ class LogStudentT:
         return np.asarray(np.clip(self._quantile(below + u * (1.0 - below - above)), lower, upper), float)
 
     def standard(self, u: FloatArray) -> FloatArray:
-        """Return x/√(1 + x²) with the logarithm x over the median at these probabilities, as `Lognormal` does."""
+        """Return x/√(1 + x²) at given probabilities, where x is the logarithm of the number over its median."""
         x = self.scale * self.scales(u)
         return np.asarray(x / np.sqrt(1.0 + x * x), float)
 
@@ -331,7 +342,8 @@ class LogStudentT:
         return np.asarray(self.median * np.exp(z / np.sqrt((1.0 - z) * (1.0 + z))), float)
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
-        """Return nodes and weights of a mean: over probabilities, as no number of scales holds the tails."""
+        """Return nodes and weights for a mean."""
+        # The rule is over probabilities: no number of scales, as in a normal distribution, contains the heavy tails.
         x, w = leggauss(4 * NODES)
         return self.standard(0.5 * (1.0 + x)), 0.5 * w
 
@@ -343,7 +355,7 @@ class LogStudentT:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uniform:
-    """Every value between two bounds is as likely."""
+    """Uniform distribution between two bounds."""
 
     name: ClassVar[str] = "uniform"
     lower: float
@@ -355,11 +367,11 @@ class Uniform:
         require(self.upper > self.lower, f"{FIELD}.upper", f"must be above the lower bound, {self.lower:g}")
 
     def standard(self, u: FloatArray) -> FloatArray:
-        """Return the place between the bounds, from -1 to 1."""
+        """Return the position between the bounds, from -1 to 1, at given probabilities."""
         return 2.0 * u - 1.0
 
     def value(self, z: FloatArray) -> FloatArray:
-        """Return the input at these places."""
+        """Return the input at positions between the bounds."""
         return 0.5 * (self.lower + self.upper) + 0.5 * (self.upper - self.lower) * z
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
@@ -370,7 +382,7 @@ class Uniform:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Triangular:
-    """A density that rises from the lower bound to the mode and falls to the upper bound."""
+    """Triangular distribution: the density rises from the lower bound to the mode and falls to the upper bound."""
 
     name: ClassVar[str] = "triangular"
     lower: float
@@ -389,17 +401,18 @@ class Triangular:
         return (self.mode - self.lower) / (self.upper - self.lower)
 
     def standard(self, u: FloatArray) -> FloatArray:
-        """Return the place between the bounds, from 0 to 1."""
+        """Return the position between the bounds, from 0 to 1, at given probabilities."""
         peak = self._peak
         rising, falling = np.sqrt(u * peak), 1.0 - np.sqrt((1.0 - u) * (1.0 - peak))
         return np.where(u < peak, rising, falling)
 
     def value(self, z: FloatArray) -> FloatArray:
-        """Return the input at these places."""
+        """Return the input at positions between the bounds."""
         return self.lower + (self.upper - self.lower) * z
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
         """Return nodes and weights of a mean."""
+        # One rule on each side of the mode, where the density has a corner.
         peak, (x, w) = self._peak, leggauss(NODES)
         x, w = 0.5 * (1.0 + x), 0.5 * w
         nodes = np.concatenate((peak * x, 1.0 - (1.0 - peak) * x))
@@ -408,14 +421,14 @@ class Triangular:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Discrete:
-    """Some values, each with its weight: numbers, or models.
+    """Discrete distribution over numbers or models.
 
     Parameters
     ----------
     values
-        Each once.
+        Different values.
     weights
-        Their probabilities, which sum to 1; all the same when not given.
+        Probabilities of the values, which sum to 1; equal unless given.
     """
 
     name: ClassVar[str] = "discrete"
@@ -440,16 +453,16 @@ class Discrete:
 
     @property
     def probabilities(self) -> tuple[float, ...]:
-        """Weights of the values."""
+        """Probabilities of the values. [1]"""
         return tuple(self.weights or (1.0 / len(self.values),) * len(self.values))
 
     @property
     def likeliest(self) -> int:
-        """Place of the value with the largest weight, of the first of several."""
+        """Index of the value with the largest weight; of the first one if there are several."""
         return int(np.argmax(self.probabilities))
 
     def places(self, u: FloatArray) -> np.ndarray[Any, np.dtype[np.int64]]:
-        """Return places of values at these probabilities."""
+        """Return the indices of the values at given probabilities."""
         steps = np.cumsum(self.probabilities)[:-1]
         return np.searchsorted(steps, u, side="right").astype(np.int64)
 
@@ -458,7 +471,10 @@ Distribution: TypeAlias = Normal | TruncatedNormal | Lognormal | LogStudentT | U
 
 
 def stated_values(distribution: Distribution) -> list[tuple[str, Any]]:
-    """Return the parameters that are values of the field, with their names: discrete values, bounds, mean or median."""
+    """Return the parameters of a distribution that are values of the field, with their names.
+
+    They are discrete values, bounds, mean and median.
+    """
     if isinstance(distribution, Discrete):
         return [(f"values.{number}", value) for number, value in enumerate(distribution.values)]
     names = ("lower", "median", "mean", "upper")
@@ -467,12 +483,14 @@ def stated_values(distribution: Distribution) -> list[tuple[str, Any]]:
 
 @lru_cache(maxsize=1)
 def _normal_panel() -> tuple[FloatArray, FloatArray]:
-    """Nodes and weights of a normal variable for functions that are smooth, but no polynomials, of it."""
+    """Return nodes and weights for a mean over a normal variable, for smooth functions that are no polynomials."""
+    # A Gauss-Hermite rule is exact for polynomials, but its nodes are too wide apart for a function that levels off.
     x, w = leggauss(4 * NODES)
     weights = w * np.exp(-0.5 * (FAR * x) ** 2)
     return FAR * x, weights / weights.sum()
 
 
 def _hermite() -> tuple[FloatArray, FloatArray]:
+    """Return the Gauss-Hermite rule for a mean over a normal variable."""
     x, w = hermegauss(NODES)
     return x, w / w.sum()

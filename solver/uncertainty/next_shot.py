@@ -1,4 +1,4 @@
-"""What shots of one's own into the concrete would make of a study: by how much less its inputs scatter after them."""
+"""Expected effect of further own shots on a study: the scatter of its inputs after them."""
 
 import math
 from collections.abc import Sequence
@@ -16,30 +16,31 @@ from solver.uncertainty.distributions import Continuous, Discrete, Distribution,
 from solver.uncertainty.sampling import Uncertain
 
 RESIDUAL = "resistance.strength_residual"
-"""Field of a factor on S, whatever the law of S: the part of its scatter that no input of the law explains."""
+"""Field of a factor on S of any law, for the part of its scatter that the inputs of the law do not explain."""
 STRENGTH = "target.compressive_strength"
-"""Field of the strength; in the contract its unit follows."""
+"""Field of the strength, without the suffix for its unit that the contract adds."""
 COUNTS = (1, 3)
-"""Shots after which the range is given."""
+"""Numbers of shots for which the range is computed."""
+# The strength gets at most half of the variance of S f'c, as in `StrengthScatter`.
 HALF = math.sqrt(0.5)
-"""Part of the dispersion of S f'c that the strength explains at most: half of the variance."""
+"""Largest dispersion of the strength over that of S f'c. [1]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Narrowed:
-    """An input that scatters less after some shots."""
+    """Input that scatters less after some shots."""
 
     place: int
-    """Among the inputs of the study."""
+    """Index among the inputs of the study."""
     part: float
-    """What is left of its dispersion or scale. [1]"""
+    """Dispersion or scale after the shots, over that before. [1]"""
     distribution: Distribution
-    """Before the shots."""
+    """Distribution before the shots."""
     shots: int
-    """By which Student's distribution gains degrees of freedom."""
+    """Number of shots, which adds to the degrees of freedom of Student's distribution."""
 
     def weights(self, unit: FloatArray) -> FloatArray:
-        """Return the density after the shots over that before at these probabilities, up to a constant factor."""
+        """Return the density after the shots over that before, at given probabilities, up to a constant factor."""
         from scipy.special import ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
 
         if isinstance(self.distribution, LogStudentT):
@@ -53,29 +54,34 @@ class Narrowed:
 
 @dataclass(frozen=True, slots=True)
 class NextShot:
-    """What some shots leave of the scatter of a study.
+    """Expected scatter of the inputs of a study after some shots.
 
     Notes
     -----
-    A depth gives the product S f'c. Its squared scale in the study is that of the factor on S with that of the
-    strength; what exceeds the scatter within a series, t² = d² - w², is what shots reduce: after n of them that lie as
-    usual it is 1/(1/t² + n/w²). A factor with Student's distribution has n degrees of freedom more. The strength keeps
-    its scatter unless it would then have more than half of what is left, as in `StrengthScatter`.
+    A depth gives the product S f'c. Its squared scale d² in the study is the sum of those of the factor on
+    S and of the strength. Shots reduce the part that exceeds the scatter within a series, t² = d² - w²: after n shots
+    with the usual scatter it is 1/(1/t² + n/w²). A factor with Student's distribution has n degrees of freedom more.
+    The strength keeps its scatter unless it would then have more than half of the remaining variance, as in
+    `StrengthScatter`.
     """
 
     shots: int
+    """Number of shots."""
     dispersion: float
-    """Standard deviation of ln S of the shot after them, at the stated strength. [ln]"""
+    """Standard deviation of ln S of the next shot after them, at the stated strength. [ln]"""
     parts: tuple[Narrowed, ...]
+    """Inputs that scatter less."""
 
     def weights(self, unit: FloatArray) -> FloatArray:
-        """Return weights with which samples of the study, at (..., inputs) points between 0 and 1, are such of it.
+        """Return weights that turn samples of the study into samples after the shots.
 
-        Notes
-        -----
-        Importance sampling from the wider distribution: the ratio of the densities is bounded, so that the samples of a
-        study, or of its surrogate, are enough.
+        Parameters
+        ----------
+        unit
+            (..., inputs) points of the study between 0 and 1.
         """
+        # Importance sampling from a wider distribution: the ratio of the densities is bounded, so that the samples of
+        # the study, or of its surrogate, are enough.
         found = np.ones(unit.shape[:-1])
         for each in self.parts:
             found *= each.weights(unit[..., each.place])
@@ -85,14 +91,16 @@ class NextShot:
 def next_shots(
     uncertain: Sequence[Uncertain], *, projectile: Projectile, target: Target, resistance: Resistance
 ) -> tuple[int, tuple[NextShot, ...]] | None:
-    """Return the place of the factor on S among the inputs, and what shots leave; None unless its logarithm scatters.
+    """Return the index of the factor on S among the inputs, and the expected scatter after some shots.
+
+    The result is None unless the factor is an input with a lognormal or log-Student distribution.
 
     Parameters
     ----------
     uncertain
         Inputs of the study.
     projectile, target, resistance
-        As for `critical_angle`; the median of S after the shots is the one that the law gives now.
+        As for `critical_angle`. The shots are assumed to leave the median of S as it is.
     """
     fields = {each.field.removesuffix("_pa"): place for place, each in enumerate(uncertain)}
     place = fields.get(RESIDUAL)
@@ -102,9 +110,10 @@ def next_shots(
     if not isinstance(factor, Lognormal | LogStudentT):
         return None
     strength_place = fields.get(STRENGTH)
-    # 90 % ranges add as squares, in units of that of a normal distribution.
+    # The squares of 90 % ranges nearly add up; those of scales with different tails do not. The ranges are in units of
+    # that of a normal distribution.
     own = _scale(factor) * _ratio(factor, 0)
-    if own == 0.0:  # The dispersion is lost in rounding.
+    if own == 0.0:  # the dispersion is below the rounding error
         return None
     share = 0.0
     if strength_place is not None and not isinstance(uncertain[strength_place].distribution, Discrete):
@@ -130,7 +139,7 @@ def next_shots(
 
 
 def _scale(distribution: Distribution) -> float:
-    """Return the scale of the logarithm: half the distance of its quantiles at one standard deviation to each side."""
+    """Return the scale of the logarithm: half the distance between its quantiles at ±1 standard deviation. [ln]"""
     from scipy.special import ndtr  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
 
     if isinstance(distribution, LogStudentT):
@@ -141,7 +150,7 @@ def _scale(distribution: Distribution) -> float:
 
 
 def _ratio(factor: Lognormal | LogStudentT, shots: int) -> float:
-    """Return the 90 % range of the factor on S after some shots over that of a normal one of the same scale. [1]"""
+    """Return the 90 % range of the factor on S after some shots, over that of a normal one of the same scale. [1]"""
     return 1.0 if isinstance(factor, Lognormal) else tail_ratio(factor.degrees_of_freedom + shots)
 
 

@@ -1,4 +1,4 @@
-"""Answers of a study of uncertainty, and the tables of results that they come from."""
+"""Answers of studies of uncertainty, and the tables of results from which they are computed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -21,32 +21,36 @@ LEVELS = (0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975)
 """Probabilities of the quantiles in an answer."""
 
 RANGE = (0.05, 0.95)
-"""Of them, those that the 90 % range lies between."""
+"""Probabilities of the quantiles at the ends of the 90 % range."""
 
 Quantiles: TypeAlias = tuple[tuple[float, Estimate], ...]
-"""Probabilities, each with the value that is not exceeded with it."""
+"""Probabilities, each with its quantile."""
 ExitQuantiles: TypeAlias = Mapping[str, Quantiles]
+"""Quantiles of the quantities of an `Exit`, by name."""
 EXIT_QUANTITIES = tuple(each.name for each in fields(Exit))
+"""Names of the quantities of an `Exit`."""
 FlightQuantiles: TypeAlias = Mapping[str, Quantiles]
+"""Quantiles of distances of flight, by name."""
 FLIGHT_QUANTITIES = ("range", "farthest_range")
 """Distances of `solver.Flight` that a study keeps: as computed, and over all elevations."""
 
 Problem = Literal["", "failed", "outside"]
-"""Why a sample has no outcome: it could not be computed, or is outside what the model accepts."""
+"""Reason why a sample has no outcome: it could not be computed, or is outside the ranges of the model."""
 
 
 class Crossings(NamedTuple):
-    """What a study keeps of one search."""
+    """Result of a search for the critical angle, as a study stores it."""
 
     angles: tuple[float, ...] = ()
-    """At which the outcome changes, in order. [rad]"""
+    """Angles at which the outcome changes, in rising order. [rad]"""
     starts_turned_away: bool = False
-    """Whether the projectile is turned away below the first of them."""
+    """True if the projectile is turned away below the first of them."""
     problem: Problem = ""
+    """Reason for a missing result; empty otherwise."""
 
     @classmethod
     def of(cls, found: CriticalAngle | RicochetError) -> "Crossings":
-        """Return what to keep of an answer of `critical_angle`."""
+        """Extract the result of `critical_angle`, or its error."""
         if isinstance(found, RicochetError):
             return cls(problem="outside" if isinstance(found, ParameterError) else "failed")
         if found.status is SearchStatus.NOT_CONVERGED:
@@ -62,55 +66,59 @@ class Crossings(NamedTuple):
 
     @property
     def simple(self) -> bool:
-        """Whether there is one change of outcome and no more, from retained to turned away."""
+        """True if there is exactly one change of outcome, from retained to turned away."""
         return not self.problem and len(self.angles) == 1 and not self.starts_turned_away
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Critical angle with one input changed and the others at their median, or likeliest value."""
+    """Critical angle with one input changed and the others at their median or likeliest value."""
 
     value: Any
     """Value of the input."""
     angle: float | None
-    """None without one. [rad]"""
+    """Critical angle; None if there is none in the range. [rad]"""
 
 
 @dataclass(frozen=True, slots=True)
 class AfterShots:
-    """Critical angle as it is expected after some shots of one's own into the concrete."""
+    """Expected range of the critical angle after some own shots into the concrete."""
 
     shots: int
+    """Number of shots."""
     dispersion: float
-    """Of S of the shot after them, at the stated strength. [ln]"""
+    """Standard deviation of ln S of the next shot after them, at the stated strength. [ln]"""
     lower: float
+    """Lower end of the 90 % range, if the shots leave the median of S as it is. [rad]"""
     upper: float
-    """90 % range, where the shots do not move the median of S. [rad]"""
+    """Upper end of that range. [rad]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Sensitivity:
-    """Share of one input in the variance of the critical angle, and what the input alone changes."""
+    """Sensitivity of the critical angle to one input."""
 
     field: str
+    """Dotted name of the input."""
     first_order: Estimate | None
+    """First-order Sobol index; None where the budget left no samples for it. [1]"""
     total: Estimate | None
-    """Indices of Sobol; None where the budget left no samples for them."""
+    """Total Sobol index; None where the budget left no samples for it. [1]"""
     swing: tuple[Change, ...]
-    """At the 5 % and 95 % quantiles of the input, or at each of its discrete values."""
+    """Critical angles at the 5 % and 95 % quantiles of the input, or at each of its discrete values."""
     after_shots: tuple[AfterShots, ...] = ()
-    """Of a lognormal factor on S, ``resistance.strength_residual``: what shots of one's own would make of the angle."""
+    """Expected ranges after own shots; only for a factor on S, ``resistance.strength_residual``."""
 
 
 class Tables:
-    """Results of a study, as arrays that grow by rounds.
+    """Results of a study, as arrays that grow with each round.
 
     Parameters
     ----------
     design
-        Its points.
+        Sample points of the study.
     angles
-        Oblique angles. [rad]
+        Oblique angles of the probability curve. [rad]
     """
 
     def __init__(self, design: Design, angles: FloatArray) -> None:
@@ -122,7 +130,17 @@ class Tables:
         self.swing: list[tuple[int, Change]] = []
 
     def add(self, results: Sequence[Crossings], count: int, others: Sequence[Crossings] = ()) -> None:
-        """Add a round of so many points of each scrambling; of `others`, only the number counts."""
+        """Add the results of a round.
+
+        Parameters
+        ----------
+        results
+            Results at the points of the round.
+        count
+            Number of points of each scrambling in the round.
+        others
+            Results that only add to the number of samples and problems.
+        """
         if len(results) != SCRAMBLINGS * count * self._design.alternatives:
             raise ParameterError("results", "must be one for each point")
         self.count_problems([*results, *others])
@@ -135,19 +153,19 @@ class Tables:
         self._count_outcomes()
 
     def count_problems(self, results: Sequence[Crossings]) -> None:
-        """Count samples, and those without an outcome."""
+        """Add to the numbers of samples and of those without an outcome."""
         self.samples += len(results)
         self.failed += sum(each.problem == "failed" for each in results)
         self.outside += sum(each.problem == "outside" for each in results)
 
     @property
     def count(self) -> int:
-        """Points of each scrambling."""
+        """Number of points of each scrambling."""
         return int(self.found.shape[1])
 
     @property
     def base_samples(self) -> int:
-        """Points of all scramblings."""
+        """Number of points of all scramblings."""
         return SCRAMBLINGS * self.count
 
     @property
@@ -156,7 +174,7 @@ class Tables:
         return np.broadcast_to(self._design.weights / self.count, self.found.shape)
 
     def _count_outcomes(self) -> None:
-        """Set `turned_away`, (scramblings, angles) shares, and `unknown`, (scramblings,) shares without an outcome."""
+        """Set `turned_away`, (scramblings, angles) probabilities, and `unknown`, (scramblings,) weights of problems."""
         self.turned_away = np.zeros((SCRAMBLINGS, self._angles.size))
         self.unknown = np.zeros(SCRAMBLINGS)
         for (number, _, alternative), each in np.ndenumerate(self.found):
@@ -166,6 +184,7 @@ class Tables:
                 continue
             if each.starts_turned_away:
                 self.turned_away[number] += weight
+            # Outcomes alternate, so changes to ricochet add the weight from their angle on and changes back remove it.
             for place, angle in enumerate(each.angles):
                 sign = 1.0 if (place % 2 == 0) != each.starts_turned_away else -1.0
                 self.turned_away[number, np.searchsorted(self._angles, angle) :] += sign * weight
@@ -173,50 +192,59 @@ class Tables:
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """One entry of the history of a study."""
+    """Entry of the convergence history of a study."""
 
     samples: int
+    """Number of samples so far."""
     half_width: float
-    """Largest of all intervals of a probability. [1]"""
+    """Half width of the widest interval of a probability. [1]"""
 
 
 @dataclass(frozen=True, slots=True, repr=False, eq=False)
 class AngleUncertainty(ComparedByFields):
-    """Probability of ricochet over the oblique angle, and the critical angle as a distribution."""
+    """Probability of ricochet over the oblique angle, and the distribution of the critical angle."""
 
     oblique_angles: FloatArray
-    """[rad]"""
+    """Oblique angles of the probability curve. [rad]"""
     probability: FloatArray
     """Probability of being turned away, at each of them."""
     lower: FloatArray
+    """Lower end of the interval of each probability."""
     upper: FloatArray
-    """Its interval."""
+    """Upper end of the interval of each probability."""
     mean: Estimate | None
+    """Mean of the critical angle among the samples that have one; None if none has. [rad]"""
     standard_deviation: Estimate | None
-    """Mean and standard deviation of the critical angle among the samples that have one; None if none has. [rad]"""
+    """Standard deviation of the critical angle among these samples; None if none has one. [rad]"""
     quantiles: tuple[tuple[float, Estimate], ...]
     """Quantiles of the critical angle of these samples, as probability and angle. [1, rad]"""
     share_without: Estimate
     """Share of samples without a critical angle in the range. [1]"""
     sensitivity: tuple[Sensitivity, ...]
+    """Sensitivity to each input; empty unless requested."""
     convergence: tuple[Round, ...]
+    """Number of samples and half width after each round."""
     converged: bool
-    """Whether every interval is within the half width wanted."""
+    """True if every interval is within the half width requested."""
     method: Literal["surrogate", "direct"]
+    """Source of the probabilities: polynomial chaos, or counted outcomes."""
     order: int | None
     """Highest order of the polynomials of the surrogate."""
     surrogate_error: float | None
-    """Root mean square of its error at held-out points, also where it was too large for use. [rad]"""
+    """Root mean square error of the surrogate at held-out points, also where it was too large for use. [rad]"""
     samples: int
-    """Searches in all."""
+    """Number of searches in all."""
     failed: int
+    """Number of samples that could not be computed."""
     outside: int
-    """Samples that could not be computed, and those outside what the model accepts."""
+    """Number of samples outside the ranges of the model."""
     seed: int
+    """Seed of the sample points."""
     warnings: tuple[ModelWarning, ...] = field(default=())
+    """Warnings of the strike and of the study."""
 
     def columns(self) -> Columns:
-        """Return the curve as arrays by name, angles in radians."""
+        """Return the probability curve as arrays by name, with angles in radians."""
         return {
             "oblique_angle": self.oblique_angles,
             "probability": self.probability,
@@ -225,11 +253,11 @@ class AngleUncertainty(ComparedByFields):
         }
 
     def to_dataframe(self) -> DataFrame:
-        """Return the curve as a ``pandas.DataFrame``, which has to be installed."""
+        """Return the probability curve as a ``pandas.DataFrame``; pandas has to be installed."""
         return dataframe(self.columns(), Impact)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
-        """Return the curve as a ``matplotlib.figure.Figure``, of pyplot unless axes are given."""
+        """Plot the probability curve, in a new figure of pyplot unless axes are given; return the figure."""
         return plot_probability(self.columns(), self._summary(), ax)
 
     def _summary(self) -> str:
@@ -268,32 +296,41 @@ def _share(estimate: Estimate | None) -> str:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class TrajectoryUncertainty:
-    """Probability of each outcome of one strike, and how deep and how fast it ends."""
+    """Probability of each outcome of one strike, with quantiles of depth, exit and flight."""
 
     outcomes: tuple[tuple[str, Estimate], ...]
-    """Probability of ``ricochet``, ``embedded``, ``in_motion``;
-    ``perforated`` where a wall was."""
+    """Probability of each outcome: ``ricochet``, ``embedded``, ``in_motion`` and, for a wall, ``perforated``."""
     maximum_depth: tuple[tuple[float, Estimate], ...]
-    """Quantiles over the runs that do not perforate. [1, m]"""
+    """Quantiles of the greatest depth over the runs that do not perforate. [1, m]"""
     ricochet_exit: ExitQuantiles
+    """Quantiles of the exit of projectiles that are turned away, by the names of `solver.Exit`; empty if none is.
+    [1, unit of the quantity]"""
     perforation_exit: ExitQuantiles
-    """Quantiles of the exit of those turned away, and of those that perforated: by the names of `solver.Exit`, empty
-    where there is none. [1, unit of the quantity]"""
+    """Quantiles of the exit of projectiles that perforate, by the names of `solver.Exit`; empty if none does.
+    [1, unit of the quantity]"""
     ricochet_flight: FlightQuantiles
+    """Quantiles of the distance of flight after a ricochet, by the names ``range`` and ``farthest_range`` of
+    `solver.Flight`; empty unless a flight was requested. [1, m]"""
     perforation_flight: FlightQuantiles
-    """Quantiles of the distance of flight of these samples, by the names ``range`` and ``farthest_range`` of
-    `solver.Flight`; empty unless a flight was wanted. [1, m]"""
+    """Quantiles of the distance of flight behind a wall, by the same names. [1, m]"""
     convergence: tuple[Round, ...]
+    """Number of samples and half width after each round."""
     converged: bool
+    """True if every interval is within the half width requested."""
     samples: int
+    """Number of runs in all."""
     failed: int
+    """Number of samples that could not be computed."""
     outside: int
+    """Number of samples outside the ranges of the model."""
     seed: int
+    """Seed of the sample points."""
     warnings: tuple[ModelWarning, ...] = field(default=())
+    """Warnings of the strike and of the study."""
 
     @property
     def exit_speed(self) -> Quantiles:
-        """Quantiles of the speed of those turned away. [1, m/s]"""
+        """Quantiles of the speed of projectiles that are turned away. [1, m/s]"""
         return self.ricochet_exit.get("speed", ())
 
     @property
@@ -303,13 +340,13 @@ class TrajectoryUncertainty:
 
     @property
     def residual_speed(self) -> Quantiles:
-        """Quantiles of the speed of those that perforated. [1, m/s]"""
+        """Quantiles of the speed of projectiles that perforate. [1, m/s]"""
         return self.perforation_exit.get("speed", ())
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
-        """Return the probability of each outcome, depths and exit speeds as a ``matplotlib.figure.Figure``.
+        """Plot the probability of each outcome, depths and exit speeds; return the ``matplotlib.figure.Figure``.
 
-        It is one of pyplot unless axes are given; they take the probability of each outcome alone.
+        The figure is a new one of pyplot. Axes that are given show the probabilities only.
         """
 
         def rows(quantiles: Quantiles) -> list[tuple[float, float, float, float]]:
@@ -341,6 +378,6 @@ class Batch(Generic[Study]):
     """Points of a study to compute, in any order and in parts of any size."""
 
     points: list[Point]
-    """Values of the inputs, in their order."""
+    """Values of the inputs at each point, in the order of the inputs."""
     so_far: Study | None
-    """The answer from what was computed before; None in the first batch."""
+    """Answer from the batches before; None in the first batch."""

@@ -1,7 +1,4 @@
-"""Uncertain inputs, their samples, and intervals of what is computed from these.
-
-Samples depend on the seed alone.
-"""
+"""Uncertain inputs, their sample points, and intervals of results. Sample points depend on the seed only."""
 
 import itertools
 import math
@@ -19,42 +16,59 @@ from solver.checks import ParameterError, require, require_between
 from solver.uncertainty.distributions import Continuous, Discrete, Distribution, stated_values
 from solver.uncertainty.sobol import MOST_DIMENSIONS, scrambled_sobol
 
+# Sensitivity indices take two independent sets of points, each with a dimension for every input.
 MOST_INPUTS = MOST_DIMENSIONS // 2
-"""Sensitivity indices take two independent sets of points."""
+"""Largest number of uncertain inputs."""
+# The scatter of independent scramblings of one Sobol sequence gives the error of their mean. With 16 that error is
+# known to about a fifth, and the points of each scrambling are still well spread.
 SCRAMBLINGS = 16
-"""Independent randomisations of one Sobol sequence: their scatter is the error of their mean."""
+"""Number of scramblings of the Sobol sequence."""
+# Sixteen points in 16 scramblings are the smallest budget, 256 samples. Every round doubles the points.
 FIRST_POINTS, FEWEST_POINTS = 16, 4
-"""Points of each scrambling in the first round, and those of it where wide intervals will do; every round doubles
-them."""
+"""Points of each scrambling in the first round, by default and where wide intervals suffice."""
+# The lower bound is the first round. The upper one is a judgement, well below the 2**30 points of the sequence.
 FEWEST_SAMPLES, MOST_SAMPLES = 256, 1_048_576
+"""Bounds of the budget of samples."""
+# Sobol points have 30 bits and may be 0, where most distributions have no value. Half a cell is added to each.
 HALF_BIN = 2.0**-31
-"""Sobol points have 30 bits: the middle of the cell keeps 0 away."""
+"""Half of the distance between neighbouring coordinates of Sobol points. [1]"""
+# An event that none of n samples shows may have a probability of up to 3/n at 95 % confidence, the rule of three. This
+# is that bound in standard errors, 3/2.
 UNSEEN = 1.5
-"""Share that no sample of n shows, in units of 1/n at one standard error: about 3/n at 95 %, the rule of three."""
+"""Standard error of the probability of an event that no sample shows, times the number of samples. [1]"""
+# Every combination at every point is the more accurate way, at a cost in proportion to their number.
 MOST_ALTERNATIVES = 8
-"""Combinations of discrete values of which each is computed at every point; of more, they are sampled."""
+"""Largest number of combinations of discrete values that are all computed at every point; beyond, they are sampled."""
 SWING_LEVELS = (0.05, 0.95)
-"""Quantiles of an input between which its swing is computed."""
+"""Probabilities of the quantiles of an input at which its swing is computed."""
+# Sixty halvings reach the precision of a float for any interval of ordinary numbers.
 BISECTIONS = 60
+"""Number of bisections to find the end of an accepted range."""
 
 Point = tuple[Any, ...]
-"""A value of each input, in their order."""
+"""Value of each input, in their order."""
 Accepts: TypeAlias = Callable[[int, float], bool]
-"""Whether a value of an input is one that the model accepts."""
+"""Function from the index and the value of an input to True if the model accepts it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Uncertain:
-    """An input and its distribution, independent of the others.
+    """Input with its distribution, independent of the other inputs.
 
     Parameters
     ----------
     field
         Dotted name, as in ``impact.velocity``, ``target.compressive_strength``, ``projectile.mass``,
-        ``numerics.retention_energy_fraction``, or its last part where that is clear; a model with discrete values, as
-        in ``resistance.free_surface``; or ``resistance.strength_residual``, a factor on the strength factor.
+        ``numerics.retention_energy_fraction``, or its last part where that is unambiguous; a model with discrete
+        values, as in ``resistance.free_surface``; or ``resistance.strength_residual``, a factor on the strength factor.
     distribution
-        In the unit of the field.
+        Distribution in the unit of the field.
+
+    Examples
+    --------
+    >>> from solver.uncertainty import Normal, Uncertain
+    >>> Uncertain("impact.velocity", Normal(mean=238.0, coefficient_of_variation=0.01)).field
+    'impact.velocity'
     """
 
     field: str
@@ -73,7 +87,7 @@ class Uncertain:
 
 
 def require_inputs(uncertain: object) -> None:
-    """Refuse anything but a sequence of inputs, naming what is accepted."""
+    """Raise `ParameterError` unless the argument is a sequence of `Uncertain`."""
     given = uncertain if isinstance(uncertain, Iterable) and not isinstance(uncertain, str | Mapping) else [uncertain]
     for each in given:
         if not isinstance(each, Uncertain):
@@ -86,7 +100,7 @@ def require_inputs(uncertain: object) -> None:
 
 
 def check_inputs(uncertain: Sequence[Uncertain]) -> None:
-    """Refuse no input, too many of them, and the same field twice."""
+    """Raise `ParameterError` if there are no inputs or too many, or two of them have the same field."""
     require(1 <= len(uncertain) <= MOST_INPUTS, "uncertain", f"must hold 1 to {MOST_INPUTS} inputs")
     for index, (field, count) in enumerate(Counter(each.field for each in uncertain).items()):
         if count > 1:
@@ -95,14 +109,19 @@ def check_inputs(uncertain: Sequence[Uncertain]) -> None:
 
 
 def check_values(index: int, uncertain: Uncertain, check: Callable[[Any], object]) -> None:
-    """Refuse a distribution whose discrete values, bounds, mean or median are not accepted as values of its field.
+    """Check that the discrete values, bounds, mean and median of a distribution are valid values of its field.
 
     Parameters
     ----------
     index
-        Place of the input.
+        Index of the input.
     check
-        Takes a value; raises ParameterError if it is not accepted.
+        Function that raises `ParameterError` if a value is not accepted.
+
+    Raises
+    ------
+    ParameterError
+        If one of them is not accepted; it names the parameter of the distribution.
     """
     for name, value in stated_values(uncertain.distribution):
         try:
@@ -114,7 +133,7 @@ def check_values(index: int, uncertain: Uncertain, check: Callable[[Any], object
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sampling:
-    """How much is sampled.
+    """Accuracy, budget and seed of a study.
 
     Parameters
     ----------
@@ -123,12 +142,17 @@ class Sampling:
     confidence
         Confidence level of every interval. [1]
     max_samples
-        Searches or runs at most, never exceeded: 256 or more, and with sensitivities two for each continuous input and
-        one for each discrete value besides.
+        Largest number of searches or runs, which is never exceeded. It is at least 256, plus two for each continuous
+        input and one for each discrete value if sensitivities are computed.
     seed
-        Sample i of a seed is always the same.
+        Seed of the sample points; sample i of a seed is always the same.
     method
-        ``"auto"`` uses the surrogate where it passes its check, ``"direct"`` never.
+        ``"auto"`` uses the surrogate where it passes its check, ``"direct"`` never uses it.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its range.
     """
 
     half_width: float = 0.02
@@ -146,27 +170,24 @@ class Sampling:
 
     @property
     def normal_quantile(self) -> float:
-        """Standard errors of the half width of an interval."""
+        """Half width of an interval over its standard error, by the normal distribution. [1]"""
         from scipy.special import ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
 
         return float(ndtri(0.5 + 0.5 * self.confidence))
 
     @property
     def first_points(self) -> int:
-        """Points of each scrambling in the first round of a study of angles.
-
-        No fewer than it takes for what no sample shows to be within the half width: 16 for the usual one.
-        """
+        """Number of points of each scrambling in the first round of a study of angles."""
+        # With fewer points the probability of unseen events alone would exceed the half width, and the round would be
+        # wasted. The default half width takes 16.
         least = self.student_quantile * UNSEEN / (SCRAMBLINGS * self.half_width)
         return next(count for count in (FEWEST_POINTS, 8, FIRST_POINTS) if count >= min(least, FIRST_POINTS))
 
     @property
     def student_quantile(self) -> float:
-        """Standard errors of the half width where the standard error comes from the scramblings.
-
-        Their means are not quite normal: with half the risk, true values are found within their intervals as often as
-        the confidence says (`tests/uncertainty/test_coverage.py`).
-        """
+        """Half width of an interval over its standard error, if that comes from the scramblings. [1]"""
+        # The means of the scramblings are not quite normal. With half the risk, intervals contain the true value as
+        # often as the confidence level states (`tests/uncertainty/test_coverage.py`).
         from scipy.special import stdtrit  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
 
         return float(stdtrit(SCRAMBLINGS - 1, 0.75 + 0.25 * self.confidence))
@@ -174,11 +195,14 @@ class Sampling:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A number with its interval at the confidence of the study."""
+    """Estimated number with its interval at the confidence level of the study."""
 
     value: float
+    """Estimate."""
     lower: float
+    """Lower end of the interval."""
     upper: float
+    """Upper end of the interval."""
 
     def __repr__(self) -> str:
         return f"{self.value:.6g} ({self.lower:.6g} to {self.upper:.6g})"
@@ -186,9 +210,9 @@ class Estimate:
 
 @lru_cache(maxsize=64)
 def scrambled(seed: int, dimensions: int, count: int, stream: int = 0) -> FloatArray:
-    """Return (scramblings, count, dimensions) points between 0 and 1; `count` is a power of two.
+    """Return (scramblings, count, dimensions) points in (0, 1); `count` is a power of two.
 
-    The first points of a scrambling are the same whatever their count.
+    The first points of a scrambling do not depend on `count`.
     """
     points = np.empty((SCRAMBLINGS, count, dimensions))
     for number in range(SCRAMBLINGS):
@@ -200,13 +224,21 @@ def scrambled(seed: int, dimensions: int, count: int, stream: int = 0) -> FloatA
 
 
 def share_half_width(by_scrambling: FloatArray, sampling: Sampling, samples: int) -> FloatArray:
-    """Half width of the interval of shares from their values in each scrambling, along the first axis."""
+    """Return the half width of the interval of probabilities, from their values in each scrambling.
+
+    Parameters
+    ----------
+    by_scrambling
+        (scramblings, ...) probabilities.
+    samples
+        Number of samples, which bounds the probability of unseen events.
+    """
     variance = by_scrambling.var(axis=0, ddof=1) / SCRAMBLINGS
     return np.asarray(sampling.student_quantile * np.sqrt(variance + (UNSEEN / samples) ** 2), float)
 
 
 def jackknifed(value: float, without: FloatArray, sampling: Sampling) -> Estimate:
-    """Return an estimate with its interval from the values that leave out one scrambling each."""
+    """Return an estimate with its jackknife interval, from the values that leave out one scrambling each."""
     count = without.size
     error = math.sqrt((count - 1) / count * float(((without - without.mean()) ** 2).sum()))
     half = sampling.student_quantile * error
@@ -214,7 +246,7 @@ def jackknifed(value: float, without: FloatArray, sampling: Sampling) -> Estimat
 
 
 def share_estimate(by_scrambling: FloatArray, sampling: Sampling, samples: int) -> Estimate:
-    """Return a share with its interval, from its values in each scrambling."""
+    """Return a probability with its interval, from its values in each scrambling."""
     value, half = float(by_scrambling.mean()), float(share_half_width(by_scrambling, sampling, samples))
     return Estimate(value, max(0.0, value - half), min(1.0, value + half))
 
@@ -222,7 +254,8 @@ def share_estimate(by_scrambling: FloatArray, sampling: Sampling, samples: int) 
 def moment_estimates(
     values: FloatArray, weights: FloatArray, sampling: Sampling
 ) -> tuple[Estimate | None, Estimate | None]:
-    """Mean and standard deviation of (scramblings, n) values."""
+    """Return mean and standard deviation of (scramblings, n) values; None if only one scrambling has any."""
+    # Values are taken relative to their mean before they are squared, which avoids cancellation in the variance.
     totals = weights.sum(axis=1)
     centre = float((weights * values).sum() / totals.sum())
     first = (weights * (values - centre)).sum(axis=1)
@@ -247,16 +280,16 @@ def quantile_estimates(
     sampling: Sampling,
     shift: FloatArray | float = 0.0,
 ) -> tuple[tuple[float, Estimate], ...]:
-    """Return levels with the quantiles there and their intervals.
+    """Return probabilities with their quantiles and the intervals of these.
 
-    The interval is Woodruff's (1952): between the quantiles at the ends of the interval of the share.
+    The intervals are Woodruff's (1952): they lie between the quantiles at the ends of the interval of the probability.
 
     Parameters
     ----------
     values, weights
-        (scramblings, n) of samples; those without a value have no weight.
+        (scramblings, n) values of samples and their weights; samples without a value have zero weight.
     levels
-        Shares. [1]
+        Probabilities. [1]
     shift
         Error of the values themselves, by which the interval grows.
     """
@@ -264,7 +297,9 @@ def quantile_estimates(
     totals = weights.sum(axis=1)
     totals = np.where(totals > 0.0, totals, 1.0)
 
-    def quantiles(of: FloatArray, at: FloatArray) -> list[float]:  # of all levels at once, as each call sorts
+    # NumPy has weights for the inverse of the empirical distribution function only, which needs no interpolation
+    # between samples. All levels are computed at once, as each call sorts.
+    def quantiles(of: FloatArray, at: FloatArray) -> list[float]:
         return [float(each) for each in np.quantile(of, at, weights=shared, method="inverted_cdf")]
 
     found = quantiles(flat, np.array(levels))
@@ -280,21 +315,21 @@ def quantile_estimates(
 
 
 class Design:
-    """Sample points of some inputs.
+    """Sample points of uncertain inputs.
 
     Parameters
     ----------
     uncertain
-        Inputs.
+        Inputs with their distributions.
     sampling
         Seed and budget.
     swings
-        Whether each input is also changed alone.
+        Add points at which one input alone is changed.
 
     Raises
     ------
     ParameterError
-        If the budget does not hold the first round.
+        If the budget is too small for the first round.
     """
 
     def __init__(self, uncertain: Sequence[Uncertain], sampling: Sampling, *, swings: bool = False) -> None:
@@ -304,7 +339,7 @@ class Design:
         self.continuous = [i for i in range(len(uncertain)) if i not in self.discrete]
         choices = [self._discrete(i) for i in self.discrete]
         self.swings = self._swing_points() if swings else []
-        """Input and point of every one-at-a-time change, the others at their median or likeliest value."""
+        """Index and point of every change of one input, with the others at their median or likeliest value."""
         first_round, budget = SCRAMBLINGS * FIRST_POINTS, sampling.max_samples
         least = first_round + len(self.swings)
         require(
@@ -316,7 +351,7 @@ class Design:
         count = math.prod(len(each.values) for each in choices)
         fits = count * first_round <= max(budget // 2, first_round) and count * first_round + len(self.swings) <= budget
         self.enumerated = count <= MOST_ALTERNATIVES and fits
-        """Whether every combination of discrete values is computed at every point."""
+        """True if every combination of discrete values is computed at every point."""
         self.choice_weights = [each.probabilities for each in choices] if self.enumerated else []
         ranges = [range(len(each)) for each in self.choice_weights]
         self.combinations = list(itertools.product(*ranges)) if self.enumerated else [()]
@@ -324,24 +359,24 @@ class Design:
 
     @property
     def alternatives(self) -> int:
-        """Cases at every point."""
+        """Number of cases at every point."""
         return len(self.combinations)
 
     def unit(self, count: int) -> FloatArray:
-        """Return (scramblings, count, 2 inputs) points between 0 and 1: two independent sets side by side."""
+        """Return (scramblings, count, 2 inputs) points in (0, 1): two independent sets side by side."""
         return scrambled(self.sampling.seed, 2 * len(self.uncertain), count)
 
     def standard(self, unit: FloatArray) -> FloatArray:
-        """Return standard variables of the continuous inputs."""
+        """Return the standard variables of the continuous inputs at points in (0, 1)."""
         inputs = self.continuous_inputs()
         return np.stack([each.standard(unit[..., i]) for i, each in zip(self.continuous, inputs, strict=True)], -1)
 
     def continuous_inputs(self) -> list[Continuous]:
-        """Return distributions of the continuous inputs."""
+        """Return the distributions of the continuous inputs."""
         return [cast(Continuous, self.uncertain[i].distribution) for i in self.continuous]
 
     def points(self, unit: FloatArray) -> list[Point]:
-        """Return values at (n, inputs) points between 0 and 1, with every combination where they are enumerated."""
+        """Return the inputs at (n, inputs) points in (0, 1), with all combinations of discrete values if enumerated."""
         columns = self._columns(unit)
         if not self.enumerated or not self.discrete:
             return list(zip(*columns, strict=True))
@@ -355,11 +390,11 @@ class Design:
         return found
 
     def sampled(self, unit: FloatArray) -> list[Point]:
-        """Return values at (n, inputs) points between 0 and 1, discrete ones sampled too."""
+        """Return the inputs at (n, inputs) points in (0, 1), with discrete values sampled."""
         return list(zip(*self._columns(unit), strict=True))
 
     def alternative_at(self, unit: FloatArray) -> npt.NDArray[np.int64]:
-        """Return places among the alternatives of the discrete values at these points."""
+        """Return the index of the alternative that the discrete values at each point select."""
         place = np.zeros(unit.shape[:-1], np.int64)
         if self.enumerated:
             for i in self.discrete:
@@ -367,11 +402,9 @@ class Design:
         return place
 
     def beyond(self, unit: FloatArray, accepts: Accepts) -> npt.NDArray[np.bool_]:
-        """Return which points have a continuous input outside the range that is accepted of it.
-
-        Each input is judged alone, the others as in the strike: what is accepted of it is an interval around its
-        median, whose ends are found by bisection.
-        """
+        """Return a mask of the points that have a continuous input outside the range that the model accepts."""
+        # Each input is checked alone, with the others as in the strike. Its accepted range is an interval around its
+        # median, so that a bisection for each end replaces a check of every point.
         found = np.zeros(unit.shape[:-1], bool)
         for i in self.continuous:
             distribution = cast(Continuous, self.uncertain[i].distribution)
@@ -413,7 +446,7 @@ class Design:
 
 
 def _last_accepted(accepts: Callable[[float], bool], inside: float, outside: float) -> float:
-    """Return the number between these that is accepted and next to one that is not."""
+    """Return the end of the accepted range between an accepted and a refused number, by bisection."""
     for _ in range(BISECTIONS):
         middle = 0.5 * (inside + outside)
         inside, outside = (middle, outside) if accepts(middle) else (inside, middle)

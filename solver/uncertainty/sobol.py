@@ -1,6 +1,6 @@
-"""Scrambled Sobol points, the same as SciPy's.
+"""Scrambled Sobol points, equal to those of SciPy bit for bit.
 
-`scipy.stats.qmc.Sobol` has them too, but with it comes all of `scipy.stats`, whose import takes longer than a study.
+`scipy.stats.qmc.Sobol` has the same points, but importing `scipy.stats` takes longer than a whole study.
 """
 
 from functools import lru_cache
@@ -11,7 +11,7 @@ import numpy.typing as npt
 from solver.arrays import FloatArray
 
 BITS = 30
-"""Digits of each coordinate after the binary point."""
+"""Binary digits of each coordinate."""
 JOE_KUO = """
 3 1, 7 1 3, 11 1 3 1, 13 1 1 1, 19 1 1 3 3, 25 1 3 5 13, 37 1 1 5 5 17, 41 1 1 5 5 5, 47 1 1 7 11 19, 55 1 1 5 1 1,
 59 1 1 1 3 11, 61 1 3 5 5 31, 67 1 3 3 9 7 49, 91 1 1 1 15 21 21, 97 1 3 1 13 27 49, 103 1 1 1 15 7 5,
@@ -26,11 +26,13 @@ JOE_KUO = """
 """Primitive polynomial and first direction numbers of each dimension after the first, by Joe and Kuo (2008,
 doi:10.1137/070709359), file new-joe-kuo-6: the bits of the polynomial are its coefficients, highest power first."""
 MOST_DIMENSIONS = 2 + JOE_KUO.count(",")
+"""Largest number of dimensions: the table has all but the first."""
 
 
 @lru_cache(1)
 def direction_numbers() -> npt.NDArray[np.uint32]:
-    """Return (dimensions, bits) direction numbers, all with their first digit in the highest of the bits."""
+    """Return the (dimensions, bits) direction numbers, with the first digit of each in the highest bit."""
+    # This is the recurrence of Bratley and Fox (1988) for a primitive polynomial modulo 2.
     numbers = [[1] * BITS]
     for row in JOE_KUO.split(","):
         polynomial, *found = map(int, row.split())
@@ -46,7 +48,7 @@ def direction_numbers() -> npt.NDArray[np.uint32]:
 
 
 def scrambled_sobol(generator: np.random.Generator, dimensions: int, count: int) -> FloatArray:
-    """Return (count, dimensions) points from 0 up to, not including, 1.
+    """Return (count, dimensions) points in [0, 1).
 
     The sequence is scrambled by random lower triangular matrices and a digital shift (Matousek 1998,
     doi:10.1006/jcom.1998.0489), which keep its balance.
@@ -58,7 +60,7 @@ def scrambled_sobol(generator: np.random.Generator, dimensions: int, count: int)
     count
         A power of two, below 2**30. The first points are the same whatever the count.
     """
-    (generator,) = generator.spawn(1)  # SciPy's sequence does so too: the points stay the same.
+    (generator,) = generator.spawn(1)  # as SciPy does, so that the points are the same
     digits = np.arange(BITS, dtype=np.uint32)
     shift = generator.integers(2, size=(dimensions, BITS), dtype=np.uint32) @ (np.uint32(1) << digits)
     matrices = np.tril(generator.integers(2, size=(dimensions, BITS, BITS), dtype=np.uint32), -1)
@@ -66,12 +68,13 @@ def scrambled_sobol(generator: np.random.Generator, dimensions: int, count: int)
     from_first = digits[::-1]
     columns = np.bitwise_or.reduce(matrices << from_first[:, None], axis=1)
     own = direction_numbers()[:dimensions, :, None] >> from_first & 1
-    # A matrix times the digits of a number, modulo 2: the columns at its digits that are 1, added without carry.
+    # The product of a matrix and the digits of a number modulo 2 is the exclusive or of the columns at digits 1.
     numbers = np.bitwise_xor.reduce(np.where(own, columns[:, None], 0), axis=-1)
     points = np.empty((count, dimensions), np.uint32)
     points[0] = shift
     for bit in range(count.bit_length() - 1):
-        # In Gray code the next half is the half before in reverse order, with one more digit.
+        # In Gray code the second half is the first half in reverse order with one more digit, so that whole halves are
+        # computed at a time.
         half = 1 << bit
         points[half : 2 * half] = points[half - 1 :: -1] ^ numbers[:, bit]
     return points.astype(float) * 2.0**-BITS

@@ -1,4 +1,4 @@
-"""A strike with uncertain inputs, by the names of the solver, and its uncertainty, computed here on some threads."""
+"""Strikes with uncertain inputs, and the computation of their uncertainty on threads of this process."""
 
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
@@ -42,20 +42,28 @@ Result = TypeVar("Result")
 Answer = TypeVar("Answer", AngleUncertainty, TrajectoryUncertainty)
 
 USUAL_ANGLES = np.radians(np.linspace(5.0, 85.0, 161))
+"""Default angles of the probability of ricochet: every 0.5° over the default range of a search. [rad]"""
 
 
 THEORY = "resistance.theory"
-"""Field of a theory of the decay by the name of its law: the law, and the S(θ) that goes with it."""
+"""Field of the theory of the decay: a decay law by its name, together with its S(θ)."""
+# S belongs to its decay law: eq. 9 gives the paper's angle with elastic-plastic decay, and for Mohr-Coulomb decay S was
+# fitted to finite element motions.
 PAIRED: Mapping[str, Callable[[StrengthFactor], StrengthFactor]] = {
     ElasticPlastic.name: lambda model: model,
     MohrCoulomb.name: shaped_as_finite_elements,
 }
-"""S(θ) of each theory. S belongs to its decay law: eq. 9 gives the paper's angle with elastic-plastic decay, and with
-Mohr-Coulomb decay S was fitted to the motions of finite elements."""
+"""Functions from a law of S to that law with the S(θ) of a theory, by the name of the theory."""
 
 
 def by_theory(resistance: Resistance, theory: str) -> Resistance:
-    """Return a resistance by a theory of the decay, with the inertia of the expanding solid if it had that."""
+    """Return a resistance with the laws of a theory of the decay; the inertia of the decay is kept.
+
+    Raises
+    ------
+    ParameterError
+        If the theory is unknown.
+    """
     require(theory in PAIRED, THEORY, f"must be one of {', '.join(map(repr, PAIRED))}, got {theory!r}")
     inertia = getattr(resistance.free_surface, "inertia", False)
     laws = {law.name: law for law in decay_laws(inertia=inertia)}
@@ -63,7 +71,13 @@ def by_theory(resistance: Resistance, theory: str) -> Resistance:
 
 
 def scaled(model: StrengthFactor, factor: float) -> StrengthFactor:
-    """Return a strength factor model with all its values multiplied."""
+    """Return a law of the strength factor with all its values multiplied by a factor.
+
+    Raises
+    ------
+    ParameterError
+        If the factor is not above zero.
+    """
     require_positive(RESIDUAL, factor)
     if isinstance(model, ConstantStrengthFactor):
         return replace(model, value=factor * model.value)
@@ -78,26 +92,26 @@ def scaled(model: StrengthFactor, factor: float) -> StrengthFactor:
 
 
 class SampledStrike:
-    """One strike, of which samples differ in the uncertain inputs.
+    """Strike whose samples differ in the uncertain inputs.
 
     Parameters
     ----------
     parts
-        ``projectile``, ``target``, ``impact``, ``resistance``, ``numerics``.
+        Parts of the strike by name: ``projectile``, ``target``, ``impact``, ``resistance``, ``numerics``.
     uncertain
-        Inputs.
+        Uncertain inputs with their distributions.
 
     Raises
     ------
     ParameterError
-        If a field is no number of the strike, or a distribution is not of values that the model accepts.
+        If a field is no number of the strike, or a distribution has values that the model does not accept.
     """
 
     def __init__(self, parts: Mapping[str, Any], uncertain: Sequence[Uncertain]) -> None:
         check_inputs(uncertain)
         self._parts = dict(parts)
         resistance = parts["resistance"]
-        if isinstance(resistance.strength_factor, OwnTests):  # else each sample would read S from all the shots again
+        if isinstance(resistance.strength_factor, OwnTests):  # so that S is read from the shots once only
             law = resistance.strength_factor.power_law(
                 target=parts["target"],
                 projectile=parts["projectile"],
@@ -112,18 +126,18 @@ class SampledStrike:
             check_values(index, each, partial(self.check, index))
 
     def check(self, index: int, value: Any) -> None:
-        """Refuse a value of one input that the model does not accept, the others as in the strike.
+        """Check a value of one input, with the others as in the strike.
 
         Raises
         ------
         ParameterError
-            If it is not accepted.
+            If the model does not accept it.
         """
         parts = self._with([(self._paths[index], value)])
         check_case(parts["projectile"], parts["target"])
 
     def accepts(self, index: int, value: Any) -> bool:
-        """Return whether the model accepts a value of one input, the others as in the strike."""
+        """Return whether the model accepts a value of one input, with the others as in the strike."""
         try:
             self.check(index, value)
         except ParameterError:
@@ -131,17 +145,19 @@ class SampledStrike:
         return True
 
     def sample(self, values: Sequence[Any]) -> dict[str, Any]:
-        """Return the parts with these values of the inputs.
+        """Return the parts of the strike with values of the uncertain inputs.
 
         Raises
         ------
         ParameterError
-            If a value is outside what the model accepts.
+            If a value is outside its range.
         """
         return self._with(zip(self._paths, values, strict=True))
 
     def _with(self, values: Iterable[tuple[Sequence[str], Any]]) -> dict[str, Any]:
         parts, residual = dict(self._parts), None
+        # The theory comes first, since it replaces laws of which other inputs may change a field; shorter names before
+        # longer ones for the same reason. The factor on S is applied to the final law.
         for (name, *path), value in sorted(values, key=lambda each: (".".join(each[0]) != THEORY, len(each[0]))):
             field = ".".join((name, *path))
             if field == RESIDUAL:
@@ -193,7 +209,7 @@ def critical_angle_uncertainty(
     sensitivity: bool = True,
     threads: int = 1,
 ) -> AngleUncertainty:
-    """Probability of ricochet over the oblique angle, and what the critical angle is sensitive to.
+    """Compute the probability of ricochet over the oblique angle, and sensitivities of the critical angle.
 
     Parameters
     ----------
@@ -202,13 +218,13 @@ def critical_angle_uncertainty(
     uncertain
         Inputs that scatter, each with its distribution, independent of each other.
     oblique_angles
-        At which the probability is wanted, rising; every 0.5° from 5° to 85° unless given. [rad]
+        Rising angles at which the probability is computed; every 0.5° from 5° to 85° unless given. [rad]
     sampling
         Accuracy, budget and seed.
     sensitivity
-        Whether to compute Sobol indices and the swing of each input.
+        Compute Sobol indices and the swing of each input too.
     threads
-        How many searches run at a time.
+        Number of searches computed at a time.
 
     Returns
     -------
@@ -221,11 +237,11 @@ def critical_angle_uncertainty(
 
     Notes
     -----
-    A polynomial chaos stands in for the search where every sample has one change of outcome and the error at held-out
-    points is at most 0.1°, as long as it gives the narrower intervals; otherwise, outcomes of randomised Sobol points
-    are counted. A sample outside what the model accepts, or one that fails, counts as not known and widens the
-    intervals. So does what no search has shown yet: of
-    n searches that all have one change of outcome, about 3/n may have another at 95 %.
+    A polynomial chaos replaces the search if every sample has one change of outcome and the error at
+    held-out points is at most 0.1°, as long as it gives the narrower intervals; otherwise, outcomes of randomised Sobol
+    points are counted. A sample outside the ranges of the model, or one that fails, counts as unknown and widens the
+    intervals. Outcomes that no search has shown yet widen them too: of n searches that all have one change of outcome,
+    about 3/n may have another one, at 95 % confidence.
 
     Examples
     --------
@@ -285,14 +301,15 @@ def trajectory_uncertainty(
     sampling: Sampling | None = None,
     threads: int = 1,
 ) -> TrajectoryUncertainty:
-    """Probability of each outcome of one strike, with quantiles of depth, exit speed and exit angle.
+    """Compute the probability of each outcome of one strike, with quantiles of depth, exit speed and exit angle.
 
     Parameters
     ----------
     projectile, target, impact, resistance, numerics
         As for `simulate`. [SI, rad]
     flight
-        How the face stands: then the distances that the bodies fly have quantiles too. Each flight takes some 25 ms.
+        Tilt and height of the face; with it, the answer has quantiles of the distance of flight. Each flight takes
+        about 25 ms.
     uncertain, sampling, threads
         As for `critical_angle_uncertainty`; ``impact.oblique_angle`` may scatter too.
 
@@ -325,7 +342,7 @@ def trajectory_uncertainty(
 
 
 def _named_in_full(uncertain: Sequence[Uncertain], parts: Mapping[str, Any]) -> list[Uncertain]:
-    """Return the inputs with dotted names, of which the last part may be given."""
+    """Return the inputs with full dotted names in place of names that are given by their last part."""
     require_inputs(uncertain)
     return [
         each
@@ -341,18 +358,18 @@ def compute_study(
     threads: int = 1,
     report: Callable[[int, float | None], None] = lambda *_: None,
 ) -> Answer:
-    """Evaluate every point of the batches of a study here; return its answer.
+    """Run a study on threads of this process; return its answer.
 
     Parameters
     ----------
     steps
-        Of the study.
+        Generator of the batches of the study, such as `AngleStudy.steps`.
     evaluate
-        Returns what the study keeps of a sample.
+        Function from a point to the result that the study needs.
     threads
-        How many samples are computed at a time.
+        Number of samples computed at a time.
     report
-        Called with the number of samples done and the half width reached, None before there is one.
+        Function called with the number of samples done and the half width reached; None before the first answer.
     """
     with ComputingThreads(threads) as pool:
         batch, done = next(steps), 0

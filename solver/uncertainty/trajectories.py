@@ -1,4 +1,4 @@
-"""Probability of each outcome of one strike at a given angle, and quantiles of how it ends."""
+"""Study of the outcomes of one strike at a given angle: their probabilities, and quantiles of depth and exit."""
 
 import math
 from collections.abc import Callable, Generator, Sequence
@@ -38,21 +38,24 @@ from solver.warnings import ModelWarning
 
 
 class Ending(NamedTuple):
-    """What a study keeps of one run."""
+    """Result of one run, as a study stores it."""
 
     outcome: str = ""
+    """Outcome of the run; empty if it has none."""
     maximum_depth: float = math.nan
-    """NaN if it perforates. [m]"""
+    """Greatest depth; NaN if the projectile perforates. [m]"""
     exit: Exit | None = None
-    """None if it stays."""
+    """State of the projectile as it leaves the target; None if it stays."""
     problem: Problem = ""
+    """Reason for a missing result; empty otherwise."""
     range: float = math.nan
+    """Distance of flight; NaN if the projectile stays, or no flight is requested. [m]"""
     farthest_range: float = math.nan
-    """Distances of its flight; NaN if it stays, or no flight is wanted. [m]"""
+    """Farthest distance of flight over all elevations; NaN as above. [m]"""
 
     @classmethod
     def of(cls, found: Trajectory | RicochetError, flight: Flight | None = None) -> "Ending":
-        """Return what to keep of an answer of `simulate`, and of the flight from there."""
+        """Extract the result of `simulate`, or its error, and of the flight after it."""
         if isinstance(found, RicochetError):
             return cls(problem="outside" if isinstance(found, ParameterError) else "failed")
         depth = math.nan if found.maximum_depth is None else found.maximum_depth
@@ -61,23 +64,24 @@ class Ending(NamedTuple):
 
 
 TrajectorySteps = Generator[Batch[TrajectoryUncertainty], Sequence[Ending], TrajectoryUncertainty]
+"""Generator that yields batches, is sent their results, and returns the answer."""
 
 
 class TrajectoryStudy:
-    """Samples runs until the probability of each outcome is known well enough.
+    """Study that samples runs until the probability of each outcome is known to the half width requested.
 
     Parameters
     ----------
     uncertain
-        Independent inputs.
+        Independent inputs with their distributions.
     sampling
-        Accuracy, budget, seed.
+        Accuracy, budget and seed.
     warnings
-        Those of the strike, which every answer carries.
+        Warnings of the strike, which every answer has.
 
     Notes
     -----
-    As `AngleStudy`. Outcomes jump with the inputs, so there is no surrogate.
+    It is used like `AngleStudy`. Outcomes jump with the inputs, so there is no surrogate.
     """
 
     def __init__(
@@ -89,7 +93,7 @@ class TrajectoryStudy:
         self.sampling = sampling
 
     def steps(self) -> TrajectorySteps:
-        """Yield batches, take their results, return the answer."""
+        """Yield batches, receive their results, and return the answer."""
         design, inputs = self.design, len(self.design.uncertain)
         found: list[list[Ending]] = [[] for _ in range(SCRAMBLINGS)]
         history: list[Round] = []
@@ -167,7 +171,7 @@ class TrajectoryStudy:
         names: Sequence[str],
         quantity: Callable[[Ending, str], float],
     ) -> dict[str, Quantiles]:
-        """Return the quantiles of quantities of endings, NaN where an ending has none."""
+        """Return the quantiles of some quantities by name, without those that no ending has."""
         rows = {name: [[quantity(each, name) for each in row] for row in found] for name in names}
         known = {name: self._quantiles(row, weights) for name, row in rows.items()}
         return {name: quantiles for name, quantiles in known.items() if quantiles}

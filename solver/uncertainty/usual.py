@@ -1,4 +1,4 @@
-"""The usual scatter of a strike: that of its inputs, of the strength factor, and of the theory of the decay."""
+"""Usual scatter of a strike: that of its inputs, of the strength factor, and of the theory of the decay."""
 
 import math
 from dataclasses import replace
@@ -23,28 +23,33 @@ from solver.uncertainty.next_shot import RESIDUAL
 from solver.uncertainty.sampling import Uncertain
 from solver.uncertainty.strikes import THEORY
 
+# The values are judgements.
 VELOCITY, DENSITY, MASS = 0.02, 0.02, 0.005
-"""Coefficients of variation. [1]"""
+"""Coefficients of variation of velocity, density and mass. [1]"""
+# More digits of a dispersion are not known, and would show in requests.
 DIGITS = 4
-"""Of dispersions and scales: no more are known."""
+"""Number of decimals of dispersions and scales."""
+# Where S itself is beyond the usual range, its scatter must not be cut off next to its median.
 WITHIN = 0.5, 2.0
-"""Factors on S that are never cut off, though S itself is beyond those of concretes. [1]"""
+"""Range of the factor on S that is never truncated. [1]"""
+# The value is a judgement.
 ATTACK = math.radians(1.0)
 """Standard deviation of the angle of attack. [rad]"""
 THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, MohrCoulomb)
+"""Decay laws that count as theories."""
+# The weights are a judgement. The first law with eq. 9 gives the paper's angle; the second follows finite element
+# motions more closely and has the S(θ) fitted to these. No decay at all is no theory.
 THEORIES = (0.8, 0.2)
-"""Weights of these decay laws, a judgement: the first with eq. 9 gives the paper's angle, the second follows the
-motions of finite elements more closely and has the S(θ) fitted to these. No decay at all is not a theory and is not
-among them."""
+"""Weights of these laws. [1]"""
 
 
 def has_own_law(resistance: Resistance | None) -> bool:
-    """Return whether a law is chosen that is not among those of the theories, so that the verdict is on that law.
+    """Return whether the resistance has a law other than those of the theories.
 
     Notes
     -----
-    It is so with another decay than the elastic-plastic one, and with a value or coefficients of S of one's own.
-    Published tests, shots of one's own, eq. 9 and the published power law leave the theory of the decay open.
+    That is so for any decay law but the elastic-plastic one, and for a value or coefficients of S given by the user.
+    Published tests, own shots, eq. 9 and the published power law leave the theory of the decay open.
     """
     if resistance is None:
         return False
@@ -68,14 +73,14 @@ def usual_scatter(
     theories: bool | None = None,
     strength_scatter: ScatterSource = "law",
 ) -> tuple[Uncertain, ...]:
-    """Return what usually scatters of a strike, as `critical_angle_uncertainty` takes it.
+    """Return the inputs that usually scatter in a strike, for `critical_angle_uncertainty`.
 
     Parameters
     ----------
     projectile, target, velocity, angle_of_attack, resistance
         As for `critical_angle`. [SI, rad]
     theories
-        Whether the theory of the decay scatters too; unless given, it does where no law of one's own is chosen.
+        Include the theory of the decay. Unless given, it is included if the resistance has no other law.
     strength_scatter
         Tests from which the scatter of S comes, see `known_strength`.
 
@@ -87,13 +92,13 @@ def usual_scatter(
     Raises
     ------
     ParameterError
-        If no strength factor gives the depth of one's own shot.
+        If no strength factor gives the depth of an own shot.
 
     Notes
     -----
-    The factor on S has the scatter of the law, or of the shots into the very concrete, less what the strength explains
-    of it: see `StrengthScatter`. Its tails are heavy, so it is cut off where S would be beyond `PLAUSIBLE_FACTORS`:
-    without, a sample in a thousand would have an S of no concrete.
+    The factor on S has the scatter of the law, or of the shots into the same concrete, without the part that the
+    strength explains: see `StrengthScatter`. Its tails are heavy, so it is truncated where S would be outside
+    `PLAUSIBLE_FACTORS`: otherwise one sample in a thousand would have an S that no concrete has.
     """
     resistance = usual_unless_given(resistance)
     factor = resistance.strength_polynomial(target=target, projectile=projectile)[0]
@@ -118,7 +123,7 @@ def usual_scatter(
 
 
 def _residual(scatter: StrengthScatter, factor: float) -> LogStudentT:
-    """Return the distribution of the factor on S, where S is so much in normal impact. [1]"""
+    """Return the distribution of the factor on S; `factor` is S by the law in normal impact. [1]"""
     lower, upper = (each / factor if factor > 0.0 else 1.0 for each in PLAUSIBLE_FACTORS)
     return LogStudentT(
         median=1.0,

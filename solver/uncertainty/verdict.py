@@ -1,4 +1,4 @@
-"""The verdict on a strike in one sentence: outcome, probability, and critical angle with its range."""
+"""Verdict on a strike in one sentence: outcome, probability of ricochet, and critical angle with its range."""
 
 import math
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
@@ -33,45 +33,55 @@ from solver.uncertainty.weighed_warnings import (
 )
 from solver.warnings import ModelWarning
 
+# For most strikes half of the samples that may be needed to give each theory a surrogate are enough.
 SAMPLES, HALF_WIDTH = 1024, 0.05
-"""Samples at most, and half width of the interval of each probability at which they end: half of those that may be
-needed to give each theory a surrogate are enough for most strikes. [1, 1]"""
+"""Budget of samples, and half width of the interval of each probability at which sampling ends. [1, 1]"""
 STEP_DEG = 0.5
-"""Distance of the angles at which the probability is computed. [°]"""
+"""Interval of the angles at which the probability is computed. [°]"""
+# The angle to judge is converted between degrees and radians, which costs some rounding errors.
 SAME_ANGLE = 1e-9
-"""[rad]"""
+"""Largest difference of angles that count as equal. [rad]"""
+# The last digit written should be about a tenth of the width.
 WHOLE_DEGREES, TENTHS = math.radians(3.0), math.radians(0.3)
-"""Width of a range from which it is written in whole degrees, and in tenths. [rad]"""
+"""Least widths of a range that is written in whole degrees, and in tenths. [rad]"""
 ENDINGS: Mapping[str, str] = {
     Outcome.RICOCHET: "ricochet",
     Outcome.EMBEDDED: "embedded",
     Outcome.IN_MOTION: "still in motion",
     Outcome.PERFORATED: "perforated",
 }
+"""Outcomes in words."""
 COUNTED: Mapping[int, str] = {1: "one", 3: "three"}
+"""Numbers of shots in words."""
+# A range that shrinks by less than a tenth does not repay a test; the value is a judgement.
 HARDLY = 0.9
-"""Width of an expected range over that of the present one, from which shots are not worth their advice. [1]"""
+"""Width of the expected range over that of the present one, above which more shots are called useless. [1]"""
+# The sentence should agree with the probability beside it: "is turned away" is wrong in one of ten cases at most.
 LIKELY, UNLIKELY = 0.9, 0.1
-"""Probabilities of ricochet above which a body is turned away, and below which it is not. [1]"""
+"""Probabilities of ricochet above which a body is said to be turned away, and below which it is not. [1]"""
+# A smaller probability would be written as 0 %.
 ROUNDED_AWAY = 0.005
-"""Probability that would be written as 0 %. [1]"""
+"""Distance of a probability from 0 or 1 below which a bound is written instead. [1]"""
 RANGE_FAILED = "the 90 % range could not be computed"
+"""Clause of a verdict whose study failed or took too long."""
 NO_RANGE_BY_PANELS = "no 90 % range by panels"
+"""Clause of a verdict by panels, whose study would take minutes."""
 THEORY_NAMES = ("elastic-plastic", "Mohr-Coulomb")
+"""Names of the theories of the decay in sentences."""
 
 
 class Question(NamedTuple):
-    """A computation that a verdict rests on."""
+    """Computation that a verdict needs."""
 
     kind: Literal["search", "study", "run", "wall"]
-    """A search for the critical angle, a study of it with the usual scatter, a run or a judgement of the wall at the
-    angle to judge."""
+    """Kind of computation: a search for the critical angle, a study of it with the usual scatter, or a run or a
+    judgement of the wall at the angle to judge."""
     theories: bool = False
-    """Whether the theories of the decay scatter in a study, even if a law of one's own was chosen."""
+    """Let the theories of the decay scatter in a study, even if the resistance has another law."""
     probe: tuple[str, float] | None = None
     """Code of a warning and the changed value of the search that weighs it, as in `with_probe`."""
     optional: bool = False
-    """Whether a failure must not cost the verdict."""
+    """True if the verdict can do without the answer."""
 
 
 class Spread(NamedTuple):
@@ -95,7 +105,17 @@ class Spread(NamedTuple):
         curve: Iterable[tuple[float, float, float, float]],
         oblique_angle: float | None,
     ) -> "Spread":
-        """Return it from the quantiles of the critical angle and the rows of the probability over the angle. [rad]"""
+        """Extract the result from quantiles and the probability curve of a study.
+
+        Parameters
+        ----------
+        quantiles
+            Quantiles of the critical angle, by probability. [rad]
+        curve
+            Rows of angle [rad], probability, and the ends of its interval.
+        oblique_angle
+            Angle to judge, if any. [rad]
+        """
         near = [
             Estimate(*estimate)
             for angle, *estimate in curve
@@ -112,24 +132,25 @@ class Ended(NamedTuple):
     protrusion: Protrusion | None = None
     warnings: tuple[ModelWarning, ...] = ()
     flight: Flight | None = None
-    """From where the body leaves, if it is turned away."""
+    """Flight of the body after it has left, if it is turned away."""
 
 
 Found: TypeAlias = CriticalAngle | Spread | Ended | WallVerdict | None
-"""Answer to a question by its kind; None if there is none."""
+"""Answer to a question, of the type for its kind; None if it failed."""
 Steps: TypeAlias = Generator[Mapping[str, Question], Mapping[str, Found], "Verdict"]
+"""Generator that yields questions by name, is sent their answers, and returns the verdict."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """What is said of a strike first, wherever it is said."""
+    """Assessment of a strike: outcome, probability of ricochet, and critical angle with its range."""
 
     status: SearchStatus
-    """Of the search with the inputs as given."""
+    """Status of the search with the inputs as given."""
     angle: float | None
     """Critical angle with the inputs as given; None without one. [rad]"""
     searched: tuple[float, float]
-    """Ends of the search. [rad]"""
+    """Lower and upper end of the search. [rad]"""
     spread: tuple[float, float] | None
     """90 % range of the critical angle with the usual scatter, and with the inputs as given; None if no sample has an
     angle, or none was computed. [rad]"""
@@ -140,43 +161,44 @@ class Verdict:
     theories: tuple[float | None, ...]
     """Critical angle by elastic-plastic and by Mohr-Coulomb decay, other inputs at their medians. [rad]"""
     own_law: bool = False
-    """Whether the verdict is on a law of one's own, and that over the theories is beside it."""
+    """True if the resistance has a law other than those of the theories; the range over the theories is then given
+    separately."""
     theory_spread: tuple[float, float] | None = None
-    """90 % range over the theories where the verdict is on a law of one's own. [rad]"""
+    """90 % range over the theories, if the resistance has another law. [rad]"""
     theory_range_failed: bool = False
     """Whether that range was asked for and could not be computed."""
     held_angle: float | None = None
     """Critical angle with S held from 55° on, where it is held from 60° on and the angle is above 55°. [rad]"""
     standard_error: float | None = None
-    """Of the critical angle, from the covariance of the strength factor; None without one. [rad]"""
+    """Standard error of the critical angle, from the covariance of the strength factor; None without one. [rad]"""
     other_crossings: tuple[float, ...] = ()
     """Other angles at which the outcome changes. [rad]"""
     oblique_angle: float | None = None
     """Angle to judge, if any. [rad]"""
     outcome: Outcome | None = None
-    """Of the strike at that angle, with the inputs as given; None without an angle or an outcome."""
+    """Outcome of the strike at that angle, with the inputs as given; None without an angle or an outcome."""
     protrusion: Protrusion | None = None
-    """How far the body then comes out of the rear face of a wall, without going through; None if it does not."""
+    """Protrusion of the body out of the rear face of a wall in that strike; None if there is none, or it perforates."""
     flight: Flight | None = None
-    """From where the body leaves, if it is turned away."""
+    """Flight of the body after that strike, if it is turned away."""
     probability: Estimate | None = None
-    """Of ricochet at that angle, with the usual scatter and the interval of its sampling; None without one. [1]"""
+    """Probability of ricochet at that angle, with the usual scatter and its sampling interval; None without one. [1]"""
     wall: WallVerdict | None = None
-    """The verdict on the wall, if the target has a thickness; by normal impact without an angle to judge."""
+    """Verdict on the wall, if the target has a thickness; for normal impact without an angle to judge."""
     wall_failed: bool = False
-    """Whether the target has a thickness and its wall could not be judged."""
+    """True if the target has a thickness and the strikes on its wall could not be computed."""
     warnings: tuple[ModelWarning, ...] = ()
-    """Of the strike at the angle to judge and of the search; with a range, standing where they move the angle by less
-    than a quarter of it."""
+    """Warnings of the strike at the angle to judge and of the search. With a range, those that move the angle by less
+    than a quarter of it are standing notes."""
 
     @property
     def range_text(self) -> str:
-        """The range in words, with the decimals that its width deserves; empty without one."""
+        """Range in words, with decimals according to its width; empty without a range."""
         return "" if self.spread is None else _range_text(self.spread)
 
     @property
     def sentence(self) -> str:
-        """The verdict in words."""
+        """Verdict in words."""
         angle = "; ".join([self._angle(), *self._more()]) + "."
         flight = "" if self.flight is None else str(self.flight)
         return " ".join(filter(None, (self._judged(), flight, angle, self._over_theories(), self._wall())))
@@ -242,7 +264,7 @@ class Verdict:
         )
 
     def _over_theories(self) -> str:
-        """Return the range over the theories beside that of a law of one's own."""
+        """Return a sentence on the range over the theories, if the resistance has another law."""
         if self.theory_spread is None:
             return "The range over the theories could not be computed." if self.theory_range_failed else ""
         return (
@@ -262,7 +284,8 @@ class Verdict:
 
 
 def probability_text(probability: Estimate) -> str:
-    """Return a probability in percent; near 0 and 1 the bound that its sampling interval has, as none is certain."""
+    """Format a probability in percent."""
+    # Near 0 and 1 the bound of the sampling interval is written instead, as no outcome is certain.
     if probability.value > 1.0 - ROUNDED_AWAY:
         return f"above {min(math.floor(100.0 * probability.lower + 1e-9), 99)} %"
     if probability.value < ROUNDED_AWAY:
@@ -271,14 +294,14 @@ def probability_text(probability: Estimate) -> str:
 
 
 def next_shot_advice(now: tuple[float, float], after: Sequence[AfterShots]) -> str:
-    """Return what shots of one's own are worth, in one sentence.
+    """Return a sentence on the effect of further own shots on the range of the critical angle.
 
     Parameters
     ----------
     now
         90 % range of the critical angle. [rad]
     after
-        As in the sensitivity to the factor on S.
+        Expected ranges, as in the sensitivity to the factor on S.
     """
     spread = _range_text(now)
     if after[-1].upper - after[-1].lower > HARDLY * (now[1] - now[0]):
@@ -293,7 +316,7 @@ def next_shot_advice(now: tuple[float, float], after: Sequence[AfterShots]) -> s
 
 
 def _decimals_of(spread: tuple[float, float]) -> int:
-    """Return the decimals that the width of a range deserves."""
+    """Return the number of decimals, in degrees, for a range of this width."""
     width = spread[1] - spread[0]
     return 0 if width >= WHOLE_DEGREES else 1 if width >= TENTHS else 2
 
@@ -307,17 +330,18 @@ def _degrees(angle: float, decimals: int) -> str:
 
 
 def probability_angles(oblique_angle: float | None, lower: float, upper: float) -> tuple[float, float, int]:
-    """Return first, last and number of the angles at which the probability is computed, one of them that to judge.
+    """Return first, last and number of the angles of the probability curve, which includes the angle to judge.
 
     Parameters
     ----------
     oblique_angle
-        To judge, if any. [°]
+        Angle to judge, if any. [°]
     lower, upper
-        Range of the search: beyond it nothing is known. [°]
+        Range of the search, beyond which probabilities are unknown. [°]
     """
     inside = oblique_angle is not None and lower <= oblique_angle <= upper
     shift = math.fmod(oblique_angle - lower, STEP_DEG) if inside and oblique_angle is not None else 0.0
+    # The margin keeps rounding from dropping the last angle of a range that is a whole number of steps.
     steps = math.floor((upper - lower - shift) / STEP_DEG + 1e-9)
     if steps < 1:
         return lower, upper, 2
@@ -348,20 +372,20 @@ def verdict(
     oblique_angle
         Angle to judge, if any. [rad]
     flight
-        How the face stands, for where a body lands that is turned away at that angle; level with the ground unless
-        given.
+        Tilt and height of the face, for the flight of a body that is turned away at that angle; a face level with the
+        ground unless given.
     threads
-        How many searches run at a time.
+        Number of searches computed at a time.
 
     Returns
     -------
     Verdict
-        ``str`` of it is the sentence that the report, the service and the command line print.
+        Its ``str`` is the sentence that the report, the service and the command line print.
 
     Raises
     ------
     ParameterError
-        If an input is outside what the model accepts.
+        If an input is outside its range.
     IntegrationError
         If the strike could not be integrated.
 
@@ -451,17 +475,17 @@ def verdict_steps(
     oblique_angle: float | None,
     ranged: bool = True,
 ) -> Steps:
-    """Yield the questions of a verdict by name, take the answers, and return the verdict.
+    """Yield the questions of a verdict by name, receive the answers, and return the verdict.
 
-    It computes nothing of a strike itself: the caller answers the questions here, in worker processes or on a cluster,
-    all that are yielded together at the same time.
+    The generator computes no strike itself. The caller answers the questions in this process, in worker processes or on
+    a cluster; questions that are yielded together may be answered in parallel.
 
     Parameters
     ----------
     projectile, target, resistance, numerics, search, oblique_angle
-        As for `verdict`, what was left open filled in.
+        As for `verdict`, with defaults filled in.
     ranged
-        Whether there is a range, for which hundreds of searches are computed.
+        Ask for the range too, which takes hundreds of searches.
     """
     own_law = has_own_law(resistance)
     asked = {"cra": Question("search")}
@@ -528,7 +552,7 @@ def verdict_steps(
 
 
 def conclude(steps: Steps, answer: Callable[[Mapping[str, Question]], Mapping[str, Found]]) -> "Verdict":
-    """Return the verdict of `verdict_steps`, whose questions a function answers."""
+    """Run `verdict_steps` with a function that answers its questions; return the verdict."""
     asked = next(steps)
     try:
         while True:
@@ -539,22 +563,20 @@ def conclude(steps: Steps, answer: Callable[[Mapping[str, Question]], Mapping[st
 
 
 def range_with(spread: tuple[float, float] | None, angle: float | None) -> tuple[float, float] | None:
-    """Return a range that the angle with the inputs as given belongs to.
-
-    The inputs as given are as likely as any sample. Where the angle is at its least or most with them, as it can be
-    over the angle of attack, all samples lie to one side of it.
-    """
+    """Return a range extended to include the angle with the inputs as given."""
+    # Where the angle is at an extreme with the inputs as given, as it can be over the angle of attack, all samples lie
+    # to one side of it. The inputs as given are as likely as any sample, so a range without that angle would be wrong.
     if spread is None or angle is None:
         return spread
     return min(spread[0], angle), max(spread[1], angle)
 
 
 def with_those_of_strike(strike: Sequence[ModelWarning], search: Sequence[ModelWarning]) -> tuple[ModelWarning, ...]:
-    """Return the warnings of a strike, then those of the search.
+    """Return the warnings of a strike followed by those of the search.
 
-    A warning of the search does not take the place of one of the strike that has its code: the strike is at the angle
-    to judge, the search speaks of others. What the search says in the same words and more is not repeated, and what it
-    found to move the angle by little stands in both.
+    Both are kept if they have the same code, since the strike is at the angle to judge and the search at others. A
+    warning of the strike is left out if one of the search begins with the same text. It becomes a standing note where
+    the search has found its effect to be small.
     """
     by_code = {each.code: each for each in search}
     kept = [

@@ -1,7 +1,7 @@
-"""The verdict on a wall, and the words for a least thickness and a limit speed beside the formulas of the field.
+"""Verdict on a wall, and sentences on a least thickness and a limit speed beside the empirical formulas.
 
-A wall has two questions: whether the body comes through (perforation), and whether the rear face throws concrete
-(scabbing). The formulas answer both, with the margins of DOE-STD-3014-2006; the model bounds the answer from below.
+A wall must prevent perforation by the body, and scabbing, concrete that breaks off the rear face. The formulas answer
+both questions, with the margins of DOE-STD-3014-2006; the model bounds the answer from below.
 """
 
 import math
@@ -32,74 +32,80 @@ Question: TypeAlias = Literal["perforation", "scabbing"]
 MARGINS: dict[Question, float] = {"perforation": PERFORATION_MARGIN, "scabbing": SCABBING_MARGIN}
 """Factors on the limits in a design, DOE-STD-3014-2006. [1]"""
 THIS_MODEL = "this_model"
-"""Stands for the name of a formula where the model with a plug and a crater needs more than the formulas ask for."""
+"""Name in place of a formula where the model, with a plug and a crater, needs more than the formulas require."""
 PROBABILITY = 0.9
-"""Of the range of a least thickness or a limit speed over the scatter of S. [1]"""
+"""Probability of the range of a least thickness or a limit speed over the scatter of S. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignValue:
-    """Answer to one question about a wall; None where no formula is within its range."""
+    """Required thickness of a wall against perforation or scabbing; None where no formula is within its range."""
 
     limit: float | None = None
     """Largest limit thickness of the formulas within their range. [m]"""
     design: float | None = None
-    """Thickness to design with: the limit with its margin, or what the model needs if that is more. [m]"""
+    """Design thickness: the limit with its margin, or the thickness that the model needs if that is more. [m]"""
     formula: str | None = None
-    """The formula that decides; `this_model` where the model does."""
+    """Formula that decides; `this_model` where the model does."""
     by_formula: str | None = None
-    """The formula behind the limit, also where the model decides."""
+    """Formula behind the limit, also where the model decides."""
     enough: bool | None = None
-    """Whether the wall of the case has the design value; None without a wall or a design value."""
+    """True if the wall of the case has at least the design thickness; None without a wall or a design value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RearFaceVariants:
-    """The same limit by the model with different rear and front faces; None where there is none. [m or m/s]"""
+    """Limit by the model for different rear and front faces; None where there is no limit. [m or m/s]"""
 
     plain: float | None
+    """Limit without a plug and a crater. [m or m/s]"""
     rear_plug: float | None
+    """Limit with a plug. [m or m/s]"""
     rear_plug_and_crater: float | None
+    """Limit with a plug and a crater. [m or m/s]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PerforationSpread:
-    """How far a least thickness or a limit speed moves with S and with the faces of the wall."""
+    """Variation of a least thickness or a limit speed with S and with the faces of the wall."""
 
     range: tuple[float, float] | None
     """90 % range over the scatter of S; None if there is no limit at one of its ends. [m or m/s]"""
     variants: RearFaceVariants
+    """Limits with other faces of the wall."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WallVerdict:
-    """What is said of a wall: whether it is thick enough against perforation and against scabbing."""
+    """Verdict on a wall: its required thicknesses against perforation and scabbing, and the answer of the model."""
 
     thickness: float | None
-    """Of the wall of the case; None where only design values are wanted. [m]"""
+    """Thickness of the wall of the case; None where only design values are wanted. [m]"""
     oblique_angle: float
-    """From the inward normal. [rad]"""
+    """Oblique angle from the inward normal. [rad]"""
     perforation: DesignValue
+    """Design value against perforation."""
     scabbing: DesignValue
+    """Design value against scabbing."""
     normal_impact: tuple[float | None, float | None]
     """Design values against perforation and scabbing for the same speed along the normal. [m]"""
     variants: RearFaceVariants
     """Least thickness that the model does not perforate. [m]"""
     outcome: Outcome | None = None
-    """Of the strike on the wall of the case by the model, as given."""
+    """Outcome of the strike on the wall of the case by the model, with the resistance as given."""
     protrusion: Protrusion | None = None
-    """How far the body comes out of the rear face by the model, without going through; None if it does not."""
+    """Protrusion of the body out of the rear face by the model; None if there is none, or the body perforates."""
     characteristic_strength: float | None = None
-    """Compressive strength that the formulas take, if it is not the mean. [Pa]"""
+    """Compressive strength in the formulas, if it is not the mean. [Pa]"""
     warnings: tuple[ModelWarning, ...] = ()
-    """Of the model's searches and run."""
+    """Warnings of the searches and the run of the model."""
 
     sentence: str = ""
-    """The verdict in words."""
+    """Verdict in words."""
 
     @property
     def enough(self) -> bool | None:
-        """Whether the wall is thick enough in both respects; None where neither is missed and one has no answer."""
+        """True if the wall is thick enough in both respects, False if it is not in one; None if that is unknown."""
         answers = [self.perforation.enough, self.scabbing.enough]
         return False if False in answers else None if None in answers else True
 
@@ -113,7 +119,7 @@ def wall_sentence(wall: WallVerdict) -> str:
 
 
 def _questions(wall: WallVerdict) -> list[tuple[Question, DesignValue]]:
-    """Return the questions that have a design value, the one that asks for more first."""
+    """Return the questions that have a design value; the one that requires more comes first."""
     both: list[tuple[Question, DesignValue]] = [("scabbing", wall.scabbing), ("perforation", wall.perforation)]
     known = [each for each in both if each[1].design is not None]
     return sorted(known, key=lambda each: -(each[1].design or 0.0))
@@ -144,7 +150,7 @@ def _required(wall: WallVerdict) -> str:
 
 
 def _normal(wall: WallVerdict) -> str:
-    """Return the design values of normal impact, by which design practice goes."""
+    """Return a sentence with the design values of normal impact, which design practice uses."""
     by_name: dict[Question, float | None] = dict(zip(MARGINS, wall.normal_impact, strict=True))
     known = [(name, value) for name, value in by_name.items() if value is not None]
     if not known or wall.oblique_angle == 0.0:
@@ -158,7 +164,7 @@ def _normal(wall: WallVerdict) -> str:
 
 
 def _by_model(wall: WallVerdict) -> str:
-    """Return what the model says, which is not to be designed by."""
+    """Return a sentence with the answers of the model, which are not for design."""
     found = []
     if wall.outcome is Outcome.PERFORATED:
         found.append("perforated")
@@ -181,7 +187,7 @@ def _by_model(wall: WallVerdict) -> str:
 
 
 def embedded_words(protrusion: Protrusion | None) -> str:
-    """Return how a body at rest is embedded, with how far it stands out of the rear face of a wall if it does."""
+    """Return the words for an embedded body, with its protrusion out of the rear face of a wall if there is one."""
     if protrusion is None or not protrusion.final:
         return "embedded"
     return f"embedded, its nose {_length(protrusion.final)} out of the rear face"
@@ -200,31 +206,32 @@ def judge_wall(
     Parameters
     ----------
     projectile, impact
-        What strikes, and how. [SI, rad]
+        Projectile, and its motion at first contact. [SI, rad]
     target
-        The wall. Without a thickness, the answer has its design values alone. The formulas take its characteristic
-        strength where it is given, the model the mean one.
+        The wall. Without a thickness, the verdict has design values only. The formulas use its characteristic strength
+        where it is given, the model the mean one.
     resistance, numerics
         As for `simulate`.
 
     Returns
     -------
     WallVerdict
-        ``str`` of it is the sentence that page, report, service and command line show.
+        Its ``str`` is the sentence that page, report, service and command line show.
 
     Raises
     ------
     ParameterError
-        If an input is outside what the model accepts, or the strike has no velocity along the normal.
+        If an input is outside its range, or the strike has no velocity along the normal.
     IntegrationError
         If a run could not be integrated.
 
     Notes
     -----
-    The limits are the largest of the formulas within their range, the design values 1.2 times that of perforation and
-    1.1 times that of scabbing (DOE-STD-3014-2006), and against perforation at least the thickness that the model needs
-    with a plug, a crater, and nothing that stands out of the rear face. The formulas take the component of the speed
-    along the normal; design practice takes all of the speed, as `normal_impact` does.
+    The limits are the largest results of the formulas within their range. The design values are 1.2 times the limit of
+    perforation and 1.1 times that of scabbing (DOE-STD-3014-2006). Against perforation the design value is at least the
+    thickness that the model needs with a plug and a crater so that no part of the body comes out of the rear face. The
+    formulas use the component of the speed along the normal; design practice uses the full speed, as `normal_impact`
+    does.
 
     Examples
     --------
@@ -232,7 +239,7 @@ def judge_wall(
     """
     own, infinite = usual_unless_given(resistance), replace(target, thickness=None)
     if numerics is not None and numerics.method == "panels":
-        numerics = None  # The paper's route takes seconds a run, and the searches below take a hundred runs.
+        numerics = None  # a run by panels takes seconds, and the searches below take a hundred runs
     characteristic = target.characteristic_strength
     if characteristic is not None:
         require(
@@ -294,7 +301,7 @@ def judge_wall(
 def _design_values(
     projectile: Projectile, target: Target, impact: Impact, *, needed: float
 ) -> dict[Question, DesignValue]:
-    """Return the design values of a strike; `needed` is the thickness that the model needs. [m]"""
+    """Return the design values of a strike; `needed` is the least thickness by the model. [m]"""
     rows = formulas(projectile=projectile, target=target, impact=impact)
     found: dict[Question, DesignValue] = {}
     for name, margin in MARGINS.items():
@@ -318,18 +325,18 @@ def _design_values(
 
 
 def _needed(projectile: Projectile) -> Callable[[PerforationLimit], float]:
-    """Return a function of a search that gives the thickness from which nothing comes out of the rear face. [m]"""
+    """Return a function from a search to the thickness above which nothing comes out of the rear face. [m]"""
 
     def of(found: PerforationLimit) -> float:
         if found.status is PerforationStatus.ALWAYS_PERFORATED:
-            return MOST_DIAMETERS * projectile.diameter  # not even the thickest wall that is tried holds
+            return MOST_DIAMETERS * projectile.diameter  # not even the thickest wall tried holds
         return max(found.value or 0.0, found.without_protrusion or 0.0)
 
     return of
 
 
 def rear_face_variants(resistance: Resistance) -> tuple[Resistance, Resistance, Resistance]:
-    """Return a resistance without a plug and a crater, with a plug, and with both: its own ones where it has them."""
+    """Return a resistance without plug and crater, with a plug, and with both; its own plug and crater are kept."""
     plain = replace(resistance, rear_plug=None, crater=None)
     plugged = replace(plain, rear_plug=resistance.rear_plug or ShearPlug())
     return plain, plugged, replace(plugged, crater=resistance.crater or Crater())
@@ -344,14 +351,9 @@ def thickness_spread(
     numerics: Numerics | None = None,
     strength_scatter: ScatterSource = "law",
 ) -> PerforationSpread:
-    """Return how far a least thickness moves with S and with a plug and a crater; arguments as of `least_thickness`.
+    """Compute the variation of a least thickness with S and with a plug and a crater.
 
-    Raises
-    ------
-    ParameterError
-        As `least_thickness`.
-    IntegrationError
-        As `least_thickness`.
+    Arguments and errors are those of `least_thickness`.
     """
 
     def find(law: Resistance) -> float | None:
@@ -373,14 +375,9 @@ def limit_speed_spread(
     numerics: Numerics | None = None,
     strength_scatter: ScatterSource = "law",
 ) -> PerforationSpread:
-    """Return how far a limit speed moves with S and with a plug and a crater; arguments as of `limit_velocity`.
+    """Compute the variation of a limit speed with S and with a plug and a crater.
 
-    Raises
-    ------
-    ParameterError
-        As `limit_velocity`.
-    IntegrationError
-        As `limit_velocity`.
+    Arguments and errors are those of `limit_velocity`.
     """
 
     def find(law: Resistance) -> float | None:
@@ -413,7 +410,7 @@ def _spread(
     known = [each for each in ends if each is not None]
     variants = [find(law) for law in rear_face_variants(resistance)]
     return PerforationSpread(
-        # What is found with S as given belongs to the range, also where it does not rise or fall with S throughout.
+        # The limit with S as given is included, since limits need not be monotonic in S.
         range=(min(known), max(known)) if len(known) == len(ends) else None,
         variants=RearFaceVariants(plain=variants[0], rear_plug=variants[1], rear_plug_and_crater=variants[2]),
     )
@@ -422,14 +419,14 @@ def _spread(
 def thickness_sentence(
     found: PerforationLimit, spread: PerforationSpread, rows: Sequence[FormulaResult], resistance: Resistance
 ) -> str:
-    """Return what the formulas and the model say of the least thickness that is not perforated.
+    """Return a sentence on the least thickness that is not perforated, by the formulas and by the model.
 
     Parameters
     ----------
     rows
-        Answers of `formulas` for the same strike.
+        Results of `formulas` for the same strike.
     resistance
-        In use, which says what the model's wall has.
+        Resistance in use, whose plug and crater are named.
     """
     limits = [
         (each.perforation_thickness, each.formula) for each in rows if each.in_range and each.perforation_thickness
@@ -446,12 +443,12 @@ def thickness_sentence(
 def limit_speed_sentence(
     found: PerforationLimit, spread: PerforationSpread, rows: Sequence[FormulaResult], resistance: Resistance
 ) -> str:
-    """Return what the formulas and the model say of the least speed that perforates a wall; see `thickness_sentence`.
+    """Return a sentence on the least speed that perforates a wall, as `thickness_sentence` does on the thickness.
 
     Parameters
     ----------
     rows
-        Answers of `limit_speeds` for the same wall.
+        Results of `limit_speeds` for the same wall.
     """
     limits = [(each.limit_speed, each.formula) for each in rows if each.in_range and each.limit_speed]
     if limits:
@@ -472,7 +469,7 @@ def _model_sentence(
     written: Callable[[float], str],
     where: str,
 ) -> str:
-    """Return the answer of the model with its range and its variants, as unconservative."""
+    """Return a sentence with the limit by the model, its range and its variants, called unconservative."""
     own = "".join(
         words
         for words, has in ((" with a plug", resistance.rear_plug), (" with a crater", resistance.crater))
@@ -501,7 +498,7 @@ def _model_sentence(
 
 
 def _reason(name: Question, value: DesignValue) -> str:
-    """Return the formula that decides with its margin; where the model does, both."""
+    """Return the deciding formula with its margin, and the model where that decides."""
     by_formula = f"{NAMES[value.by_formula or '']} × {MARGINS[name]:g}"
     if value.formula != THIS_MODEL:
         return by_formula
@@ -509,15 +506,18 @@ def _reason(name: Question, value: DesignValue) -> str:
 
 
 def _thickness(value: float) -> str:
-    """Return a thickness that must not be rounded down. [m]"""
+    """Format a thickness [m] in whole millimetres, rounded up, which is the safe side."""
+    # An excess of less than a nanometre is rounding error and adds no millimetre.
     return f"{math.ceil(1e3 * value - 1e-6):d} mm"
 
 
 def _length(value: float) -> str:
-    """Return a length as it is given, to a tenth of a millimetre. [m]"""
+    """Format a length [m] to a tenth of a millimetre."""
     return f"{round(1e3 * value, 1):g} mm" if value < 10.0 else f"{value:.6g} m"
 
 
 def _speed(value: float) -> str:
-    """Return a speed that must not be rounded up. [m/s]"""
+    """Format a speed [m/s] rounded down, which is the safe side."""
+    # A deficit of a nanometre per second is rounding error. Slow speeds get two digits, as whole numbers are too
+    # coarse.
     return f"{math.floor(value + 1e-9):d} m/s" if value >= 10.0 else f"{value:.2g} m/s"

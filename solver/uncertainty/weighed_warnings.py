@@ -1,4 +1,4 @@
-"""The warnings of a critical angle beside its 90 % range: what moves it by little joins the standing notes."""
+"""Warnings of a critical angle weighed by their effect on it: those of little effect become standing notes."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -13,12 +13,16 @@ from solver.target import Target
 from solver.warnings import RETENTION_DECIDES, RETENTION_RANGE, ModelWarning, in_degrees
 
 EXTRAPOLATED = "strength_fit_extrapolated"
+"""Code of the warning about a fit of S that is extrapolated."""
 HELD = "strength_held"
-"""Key of the search with S held from `HELD_EARLIER` on: no warning has this code."""
+"""Key of the search with S held from `HELD_EARLIER` on; no warning has this code."""
+# No finite element run is at a larger angle, so S may be held from here as well as from 60°. The range of a verdict
+# includes both.
 HELD_EARLIER = math.radians(55.0)
-"""Angle from which S by eq. 9 may be held as well as from 60°: no run is beyond. A verdict has room for both. [rad]"""
+"""Smaller angle from which S by eq. 9 may be held. [rad]"""
+# An effect that is small beside the scatter should not distract from other warnings. A quarter is a judgement.
 LITTLE = 0.25
-"""Move of the angle, over the width of its 90 % range, up to which a warning is a standing note. [1]"""
+"""Largest shift of the angle, over the width of its 90 % range, with which a warning is a standing note. [1]"""
 MOVES = {
     RETENTION_DECIDES: "with those thresholds it moves by",
     EXTRAPOLATED: f"with S from {math.degrees(ObliquityPolynomial.fitted_to):g}° on as it is there, the angle moves by",
@@ -34,11 +38,11 @@ def probes(
     resistance: Resistance,
     numerics: Numerics,
 ) -> dict[str, tuple[float, ...]]:
-    """Return the values to search again with, by the code of the warning whose effect they show, or `HELD`.
+    """Return the values for further searches that show the effect of a warning, by its code or `HELD`. [1]
 
-    They are retention energies, and the strength factor at the last angle that its fit covers and at `HELD_EARLIER`:
-    where the critical angle, as given, lies beyond, a search with that constant finds the angle of a fit that is held
-    from there on. [1]
+    They are retention energies, and the strength factors at the last angle that its fit covers and at `HELD_EARLIER`.
+    If the critical angle lies beyond such an angle, a search with that constant factor finds the critical angle of a
+    fit that is held from there on.
     """
 
     def held_at(oblique_angle: float) -> tuple[float, ...]:
@@ -66,9 +70,10 @@ def probes(
 def range_held_earlier(
     spread: tuple[float, float] | None, angle: float | None, held: float | None
 ) -> tuple[float, float] | None:
-    """Return a range of the critical angle that also holds the angles with S held from `HELD_EARLIER` on.
+    """Return a range of the critical angle that also contains the angles with S held from `HELD_EARLIER` on.
 
-    Angles beyond fall by about as much as that with the inputs as given, down to `HELD_EARLIER`; others do not move.
+    Angles beyond `HELD_EARLIER` fall by about as much as the angle with the inputs as given, but not below that; others
+    do not move.
 
     Parameters
     ----------
@@ -86,7 +91,7 @@ def range_held_earlier(
 
 
 def with_probe(code: str, value: float, *, resistance: Resistance, numerics: Numerics) -> dict[str, Any]:
-    """Return the arguments of a search with such a value."""
+    """Return the arguments of a search with a value from `probes`."""
     if code == RETENTION_DECIDES:
         return {"resistance": resistance, "numerics": replace(numerics, retention_energy_fraction=value)}
     held = ConstantStrengthFactor(value=value)
@@ -100,16 +105,16 @@ def weighed(
     spread: tuple[float, float] | None,
     moved: Mapping[str, Sequence[float | None]],
 ) -> tuple[ModelWarning, ...]:
-    """Return the warnings with how far each moves the angle, standing where that is little beside the range.
+    """Return the warnings with their effect on the angle, as standing notes where that is small beside the range.
 
-    Without an angle, a range or an angle by every probe, and where the effect is not known, they stay as they are.
+    A warning is unchanged if there is no angle or no range, or if its effect is unknown.
 
     Parameters
     ----------
     angle, spread
         Critical angle and its 90 % range. [rad]
     moved
-        Critical angles by the probes, by code; None where a search finds none. [rad]
+        Critical angles of the further searches, by code; None where a search finds none. [rad]
     """
     if angle is None or spread is None:
         return tuple(warnings)

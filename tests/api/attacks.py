@@ -1,7 +1,7 @@
-"""Attacks on a service that requires keys, and whether another owner is answered meanwhile.
+"""Attacks on a service that requires keys, while another owner sends queries.
 
-An attacker sends a few hundred requests a second, or holds as many connections as it can: enough to disturb, not enough
-to use up the cores that it shares with the service.
+An attacker sends a few hundred requests a second, or holds as many connections as it can. That is not enough
+to use up the processor, which it shares with the service.
 """
 
 import json
@@ -20,22 +20,22 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 
 BODY = json.dumps(PAPER).encode()
 PAUSE = 0.005
-"""Between two requests of an attacker, or of the other owner. [s]"""
+"""Pause between two requests of an attacker, or of the other owner. [s]"""
 DRIP_SECONDS = 0.5
 HELD = 200
 """Connections that an attacker opens."""
 QUERIES, REQUESTS = 20, 50
-"""Fewest of the other owner and of an attacker, in one attack."""
+"""Least number of queries of the other owner and of requests of an attacker, in one attack."""
 CASES = 5_000
-"""Of the job whose events an attacker follows."""
+"""Number of cases of the job whose events an attacker follows."""
 REFUSED = frozenset({0, 400, 401, 403, 404, 405, 408, 413, 415, 421, 429, 431, 501, 503})
-"""Statuses of requests that did not get in; 0 if the connection was closed."""
+"""Statuses of refused requests; 0 if the connection was closed."""
 UNKNOWN_TOKEN = "ricochet_00000000_" + "a" * 43
 JSON = b"Content-Type: application/json"
 CHUNKED_BODY = b"%x\r\n%b\r\n0\r\n\r\n" % (len(BODY), BODY)
 
 fresh = count(1)
-"""Makes cases differ."""
+"""Numbers that make cases differ."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class Target:
         return socket.create_connection(("127.0.0.1", self.port), timeout=seconds)
 
     def send(self, line: bytes, *headers: bytes, body: bytes = b"") -> tuple[int, bytes]:
-        """Send a request exactly as given; return the status, 0 if there is none, and the raw answer."""
+        """Send a request exactly as given; return its status (0 without an answer) and the raw answer."""
         head = [line, *([] if any(h.startswith(b"Host") for h in headers) else [b"Host: localhost"]), *headers]
         coded = any(header.startswith(b"Transfer-Encoding") for header in headers)
         head += [b"Connection: close", *([b"Content-Length: %d" % len(body)] if body and not coded else [])]
@@ -97,7 +97,7 @@ class Attacker:
             self.statuses.append(self.target.send(line, *headers, body=body)[0])
 
     def hold(self, start: bytes) -> None:
-        """Open a connection, send this and keep it open."""
+        """Open a connection, send some bytes and keep it open."""
         if len(self.held) < HELD:
             with suppress(OSError):
                 connection = self.target.connect()
@@ -140,7 +140,7 @@ def path_tricks(attacker: Attacker) -> None:
 
 
 def long_heads(attacker: Attacker) -> None:
-    """Send many headers and no key; a head of any length is read, as the proxy has the limit for it."""
+    """Send many headers and no key."""
     attacker.send(b"GET /jobs HTTP/1.1", *(b"X-%d: %b" % (number, b"x" * 100) for number in range(500)))
 
 
@@ -197,7 +197,7 @@ def submit_job(attacker: Attacker) -> str:
 
 
 Attack = Callable[[Attacker], None]
-"""Called again and again."""
+"""Function that is called repeatedly during an attack."""
 ATTACKS: tuple[Attack, ...] = (
     no_key,
     wrong_key,
@@ -217,14 +217,14 @@ ATTACKS: tuple[Attack, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """What another owner noticed of an attack.
+    """Effect of an attack on another owner.
 
     Parameters
     ----------
     answered
-        Queries that were answered while the attack went on; each has to be.
+        Queries of the other owner that were answered during the attack, which must be all of them.
     let_in
-        Statuses that show that the attack got in.
+        Statuses of requests of the attacker that were not refused.
     requests
         Requests sent and connections held by the attacker.
     """
@@ -237,7 +237,7 @@ class Effect:
 def effect_of(attack: Attack, target: Target, token: str, attacker_token: str) -> Effect:
     """Query as another owner during an attack."""
     attacker, stop = Attacker(target, attacker_token), threading.Event()
-    if attack is event_streams:  # its job takes its share of the workers whether its events are followed or not
+    if attack is event_streams:  # the job of the attacker takes its share of the workers in any case
         attacker.job = submit_job(attacker)
 
     def go_on() -> None:
@@ -260,7 +260,7 @@ def effect_of(attack: Attack, target: Target, token: str, attacker_token: str) -
 
 
 def query(target: Target, token: str, more: Callable[[], bool]) -> int:
-    """Request critical angles, known and new ones in turn, for as long as this holds; return how many."""
+    """Request cached and new critical angles in turn while `more()` is true; return their number."""
     connection = HTTPConnection("127.0.0.1", target.port, timeout=60.0)
     headers = {"Content-Type": "application/json", "Authorization": f"Bearer {token}"}
     answered = 0

@@ -1,4 +1,4 @@
-"""Requests of calibrations, and motions made for them by the service itself."""
+"""Requests of calibrations, with motions that the service has computed."""
 
 import copy
 from typing import Any
@@ -24,7 +24,7 @@ def answered(client: httpx.Client, path: str, body: Any) -> dict[str, Any]:
 def history_at(
     client: httpx.Client, oblique_angle_deg: float, strength_factor: float, **resistance: Any
 ) -> dict[str, Any]:
-    """Motion that the model itself gives."""
+    """Return the motion that the model computes, as a history to calibrate on."""
     body = BODY | {
         "impact": {"velocity_m_s": 238.0, "oblique_angle_deg": oblique_angle_deg},
         "resistance": {"strength_factor": {"model": "constant", "value": strength_factor}} | resistance,

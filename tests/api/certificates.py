@@ -11,23 +11,23 @@ import pytest
 
 @dataclass(frozen=True)
 class Certificate:
-    """Files of a certificate of 127.0.0.1 that signs itself."""
+    """Files of a self-signed certificate for 127.0.0.1."""
 
     certificate: Path
     key: Path
 
     @property
     def settings(self) -> dict[str, str]:
-        """What makes a service use it."""
+        """Settings of a service that uses this certificate."""
         return {"tls_certificate": str(self.certificate), "tls_key": str(self.key)}
 
     def trusted(self) -> ssl.SSLContext:
-        """What a client trusts it by."""
+        """Return a TLS context that trusts this certificate."""
         return ssl.create_default_context(cafile=str(self.certificate))
 
 
 def make_certificate(folder: Path) -> Certificate:
-    """Make one, or skip the test where there is no openssl."""
+    """Make a certificate; skip the test if openssl is not installed."""
     if shutil.which("openssl") is None:
         pytest.skip("openssl makes the certificate")
     made = Certificate(folder / "certificate.pem", folder / "key.pem")

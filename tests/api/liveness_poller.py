@@ -1,6 +1,6 @@
-"""Ask /livez every 10 ms until standard input closes; write how many answered, and the slowest in milliseconds.
+"""Request /livez every 10 ms until standard input closes; print the number of answers and the longest time [ms].
 
-A process of its own, so that what is measured is the service and not the test that keeps it busy.
+It runs in a separate process, so that the load of the test does not affect its measurements.
 """
 
 import http.client

@@ -1,4 +1,4 @@
-"""Many cases, no two alike, and how their results are read."""
+"""Batches of different cases, and helpers that read their results."""
 
 import csv
 import io
@@ -14,16 +14,16 @@ from service.operations import OPERATIONS
 from service.schemas.strike import PAPER, PAPER_AT_45
 
 SPEED = {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4}}
-"""How the speed of the paper may scatter."""
+"""Distribution of the speed of the paper's strike."""
 JSONL = "application/jsonl"
 LINES = {"Content-Type": JSONL}
 ASYNC = {"Prefer": "respond-async"}
 TOO_SHORT = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
-"""A search that only the solver can refuse."""
+"""A case that passes validation and is refused by the solver."""
 ROUGH = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
 DEADLINE_S = 60.0
 
-fresh = itertools.count(1)  # 240 m/s itself is requested elsewhere
+fresh = itertools.count(1)  # 0 would be 240 m/s, which other tests request
 
 
 def searches(count: int) -> list[dict[str, Any]]:
@@ -43,7 +43,7 @@ def strikes(count: int) -> list[dict[str, Any]]:
 
 
 def slow_strikes(count: int) -> list[dict[str, Any]]:
-    """Trajectories that take some 0.2 s each."""
+    """Trajectories that take about 0.2 s each."""
     return [strike | {"numerics": {"method": "panels", "panels": 20_000}} for strike in strikes(count)]
 
 
@@ -53,7 +53,7 @@ def lines(cases: list[dict[str, Any]]) -> bytes:
 
 
 def items_of(response: httpx.Response) -> list[dict[str, Any]]:
-    """Items of an answer in either form."""
+    """Items of a JSON or JSON lines answer."""
     assert response.status_code == 200, response.text
     if response.headers["Content-Type"] == JSONL:
         return [json.loads(line) for line in response.text.splitlines()]
@@ -62,7 +62,7 @@ def items_of(response: httpx.Response) -> list[dict[str, Any]]:
 
 
 def finished(client: httpx.Client, job: dict[str, Any]) -> dict[str, Any]:
-    """The job at its end."""
+    """The job after it has ended."""
     deadline = time.monotonic() + DEADLINE_S
     while job["status"] in {"accepted", "running"}:
         assert time.monotonic() < deadline, job
@@ -86,7 +86,7 @@ def file_at(client: httpx.Client, address: str) -> h5py.File:
 
 
 def check_results(operation: str, items: list[dict[str, Any]]) -> None:
-    """Check that these are results of many cases of an operation, as the contract has them."""
+    """Check that an answer is one to many cases of an operation, as the contract describes it."""
     many = OPERATIONS[operation].many
     assert many is not None
     many.models.results.model_validate({"results": items})

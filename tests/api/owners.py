@@ -12,7 +12,7 @@ from tests.conftest import NO_TLS, until
 
 
 def key_in(folder: Path, owner: str, *scopes: str, **more: Any) -> str:
-    """Token of a new key of this data folder."""
+    """Add a key to a data folder; return its token."""
     key, token = make_key(owner, frozenset(scopes or ("read", "run")), **more)  # type: ignore[arg-type]
     add_key(folder, key)
     return token
@@ -24,14 +24,14 @@ def bearer(token: str) -> dict[str, str]:
 
 
 def holder(url: str, token: str = "") -> httpx.Client:
-    """A client that sends this key, if any, and never takes a proxy."""
+    """A client that sends this key, if any, and uses no proxy."""
     return httpx.Client(
         base_url=url, headers=bearer(token) if token else {}, timeout=60.0, trust_env=False, verify=NO_TLS
     )
 
 
 class Guarded:
-    """A service that requires keys, and three who have one."""
+    """A service that requires keys, with three clients that have one."""
 
     def __init__(self, url: str, folder: Path, clients: ExitStack) -> None:
         self.url = url
@@ -41,12 +41,12 @@ class Guarded:
             for owner, scopes in {"anna": (), "bert": (), "chief": ("admin",)}.items()
         )
         with holder(url) as nobody:
-            until(lambda: not is_known(nobody))  # before, the service takes requests without a key
+            until(lambda: not is_known(nobody))  # until then the service accepts requests without a key
         for client in (self.anna, self.bert, self.chief):
             until(lambda: is_known(client))  # noqa: B023 (called at once)
 
     def with_key(self, owner: str, *scopes: str, **more: Any) -> httpx.Client:
-        """A client with a separate key, known to the service from now on."""
+        """A client with a new key, after the service has noticed that key."""
         token = key_in(self.folder, owner, *scopes, **more)
         with holder(self.url, token) as client:
             until(lambda: is_known(client))
@@ -54,7 +54,7 @@ class Guarded:
 
 
 def is_known(client: httpx.Client) -> bool:
-    """Whether the service takes the key of this client; it looks for new ones from time to time."""
+    """Whether the service accepts the key of this client; it reads new keys periodically."""
     return client.get("/jobs").status_code != httpx.codes.UNAUTHORIZED
 
 

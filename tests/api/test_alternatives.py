@@ -1,4 +1,4 @@
-"""`"alternatives": true`: the same case under other laws, each of them a case like any other."""
+"""`"alternatives": true`: the same case under other laws, each computed and cached like any other case."""
 
 import asyncio
 from typing import Any
@@ -23,7 +23,7 @@ LAWS = [
 ]
 
 NEVER_YIELDS = PAPER["target"] | {"youngs_modulus_pa": 1e7}
-"""Around an expanding cavity, whose pressure both laws of decay need."""
+"""Concrete so soft that it never yields around an expanding cavity, which both decay laws require."""
 
 
 def strike(velocity: float, **more: Any) -> dict[str, Any]:
@@ -32,7 +32,7 @@ def strike(velocity: float, **more: Any) -> dict[str, Any]:
 
 
 def under(body: dict[str, Any], alternative: dict[str, Any]) -> dict[str, Any]:
-    """The same case with these laws as its own."""
+    """The same case with the laws of an alternative."""
     resistance: dict[str, Any] = {name: {"model": alternative[name]} for name in ("free_surface", "strength_factor")}
     if alternative.get("obliquity_shape") == "finite_elements":
         resistance["strength_factor"] |= {"coefficient": 8.469, "exponent": 0, "obliquity_shape": "finite_elements"}
@@ -82,7 +82,7 @@ def test_key_and_answer_are_those_of_the_case_without(client: httpx.Client) -> N
         assert kept == answers[0]
 
 
-def test_what_is_known_already_is_not_computed_again(client: httpx.Client) -> None:
+def test_cached_alternatives_are_not_computed_again(client: httpx.Client) -> None:
     def misses() -> float:
         lines = client.get("/metrics").text.splitlines()
         return sum(
@@ -96,7 +96,7 @@ def test_what_is_known_already_is_not_computed_again(client: httpx.Client) -> No
     before = misses()
     first = client.post("/cra", json=body | {"alternatives": True})
     assert first.headers["Cache-Status"] == "ricochet; fwd=miss"
-    assert misses() - before == len(LAWS) - 1  # the case itself, eq. 9 and elastic-plastic, is one of them
+    assert misses() - before == len(LAWS) - 1  # the case itself (eq. 9, elastic-plastic) is one of the laws
     again = client.post("/cra", json=body | {"alternatives": True})
     assert again.headers["Cache-Status"] == "ricochet; hit"
     assert again.content == first.content

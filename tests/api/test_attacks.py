@@ -1,4 +1,4 @@
-"""The attack list: none gets in, none brings the service down, and others hardly notice."""
+"""Attacks get no access, do not stop the service, and do not keep other owners from being answered."""
 
 import gzip
 import json
@@ -25,7 +25,7 @@ def guarded(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) ->
     with service_on(folder) as service, guarded_service(service.url, folder / "data") as keyed:
         yield keyed
     log = (folder / "log").read_text()
-    assert "ricochet_" not in log.replace("ricochet_build", "")  # no key, not even a wrong one
+    assert "ricochet_" not in log.replace("ricochet_build", "")  # the log contains no key, not even a wrong one
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def mallory(guarded: Guarded) -> str:
 
 
 def stranger() -> str:
-    """A token as a key of another service has it."""
+    """A token of another service."""
     return make_key("mallory", frozenset({"admin"}))[1]
 
 
@@ -56,7 +56,7 @@ def stranger() -> str:
     ],
 )
 @pytest.mark.parametrize(("method", "path"), [("GET", "/jobs"), ("POST", "/cra"), ("GET", "/metrics")])
-def test_no_key_opens_nothing(guarded: Guarded, method: str, path: str, authorization: bytes) -> None:
+def test_request_without_a_valid_key_is_refused(guarded: Guarded, method: str, path: str, authorization: bytes) -> None:
     with holder(guarded.url) as nobody:
         headers = [(b"Content-Type", b"application/json")] + [(b"Authorization", authorization)] * bool(authorization)
         told = nobody.request(method, path, content=BODY if method == "POST" else None, headers=headers)
@@ -116,8 +116,8 @@ PATHS = [
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_path_trick_gets_past_nothing(guarded: Guarded, path: str) -> None:
-    """Sent as it is: clients would tidy it up."""
+def test_path_trick_does_not_bypass_the_key(guarded: Guarded, path: str) -> None:
+    """Sent over a socket, because clients would normalise the path."""
     job = guarded.anna.post("/cra/batch", content=lines(searches(1)), headers=LINES | ASYNC).json()
     status, content = Target.of(guarded.url).send(b"GET " + path.encode() + b" HTTP/1.1")
     assert status in {400, 401, 404, 405}, content
@@ -126,7 +126,7 @@ def test_path_trick_gets_past_nothing(guarded: Guarded, path: str) -> None:
 
 
 @pytest.mark.parametrize("line", [b"GET /jobs HTTP/9.9", b"GET jobs HTTP/1.1", b"GET /jobs", b"\x16\x03\x01\x02\x00"])
-def test_what_is_no_request_is_refused(guarded: Guarded, line: bytes) -> None:
+def test_invalid_request_line_is_refused(guarded: Guarded, line: bytes) -> None:
     status, _ = Target.of(guarded.url).send(line)
     assert status in {0, 400, 401}
 
@@ -142,7 +142,7 @@ def test_what_is_no_request_is_refused(guarded: Guarded, line: bytes) -> None:
         b"Host: 127.0.0.1",
     ],
 )
-def test_header_that_other_servers_trust_opens_nothing(guarded: Guarded, header: bytes) -> None:
+def test_header_that_other_servers_trust_does_not_replace_a_key(guarded: Guarded, header: bytes) -> None:
     status, _ = Target.of(guarded.url).send(b"GET /jobs HTTP/1.1", header)
     assert status in {400, 401}
 
@@ -190,7 +190,7 @@ def test_others_are_answered_meanwhile(guarded: Guarded, mallory: str, attack: A
     assert guarded.anna.get("/readyz").status_code == 200
 
 
-def test_after_all_of_it_the_answers_are_right(guarded: Guarded) -> None:
+def test_answers_are_right_after_all_attacks(guarded: Guarded) -> None:
     assert guarded.anna.post("/cra", json=PAPER).json()["critical_angle_deg"] == pytest.approx(48.63, abs=0.05)
     assert guarded.chief.get("/jobs").status_code == 200
     with httpx.Client(base_url=guarded.url, trust_env=False) as nobody:

@@ -122,7 +122,7 @@ def test_idempotency_key_is_the_owners(guarded: Guarded) -> None:
     assert first == again != others
 
 
-def test_scope_bounds_what_a_key_is_good_for(guarded: Guarded) -> None:
+def test_scope_limits_what_a_key_permits(guarded: Guarded) -> None:
     with guarded.with_key("reader", "read") as reader, guarded.with_key("runner", "run") as runner:
         assert reader.get("/jobs").status_code == 200
         assert "`run`" in problem_of(reader.post("/cra", json=PAPER), 403).detail
@@ -132,7 +132,7 @@ def test_scope_bounds_what_a_key_is_good_for(guarded: Guarded) -> None:
         assert reader.get("/results/" + answer.json()["key"]).status_code == 200
 
 
-def test_revoked_key_is_good_for_nothing_at_once(guarded: Guarded) -> None:
+def test_revoked_key_is_refused_at_once(guarded: Guarded) -> None:
     with guarded.with_key("dora") as dora:
         assert dora.get("/jobs").status_code == 200
         (mine,) = [key for key in read_keys(guarded.folder).values() if key.owner == "dora"]
@@ -153,13 +153,13 @@ def test_event_stream_ends_when_its_key_is_revoked(guarded: Guarded) -> None:
             assert next(events)
             revoke_key(guarded.folder, mine.id)
             for _ in events:
-                pass  # ends, though the job has not
+                pass  # the stream ends, although the job has not ended
         assert guarded.chief.get(job["links"]["self"]).json()["status"] == "running"
         guarded.chief.delete(job["links"]["self"])
 
 
-def test_expired_key_is_good_for_nothing(guarded: Guarded) -> None:
-    with guarded.with_key("fred", days=1e-5) as fred:  # some 0.9 s
+def test_expired_key_is_refused(guarded: Guarded) -> None:
+    with guarded.with_key("fred", days=1e-5) as fred:  # about 0.9 s
         until(lambda: not is_known(fred))
         problem_of(fred.get("/jobs"), 401)
 
@@ -173,13 +173,13 @@ def test_cases_of_a_key_are_limited(guarded: Guarded) -> None:
         problem_of(gina.post("/cra/batch", content=lines(searches(5)), headers=LINES | ASYNC), 429)
         known = {"content": json.dumps(PAPER | {"search": ROUGH}), "headers": {"Content-Type": "application/json"}}
         statuses = [gina.post("/cra", **known).status_code for _ in range(6)]  # type: ignore[arg-type]
-        assert statuses == [200] * 4 + [429] * 2  # what was refused has not counted, what was known has
+        assert statuses == [200] * 4 + [429] * 2  # refused requests do not count, cached answers do
         assert gina.get("/jobs").json() == {"jobs": []}
         assert guarded.anna.post("/cra", json=PAPER).status_code == 200
 
 
 def test_panel_steps_count_as_ordinary_cases(guarded: Guarded) -> None:
-    """Alone, among many or by another protocol: 1,000 panels for 50,000 steps are 50 of them."""
+    """1,000 panels for 50,000 steps count as 50 cases, in a single request, a batch or another protocol."""
     numerics = {"method": "panels", "panels": 1000, "time_step_s": 1e-6, "termination_time_s": 0.05}
     strike = PAPER_AT_45 | {"numerics": numerics, "output": {"history": False}}
     scattered = PAPER_AT_45 | {"numerics": numerics, "uncertain": [SPEED]}
@@ -208,7 +208,7 @@ class SetClock:
 
 
 @pytest.mark.parametrize("jump", [-7200.0, 7200.0])
-def test_quota_goes_by_no_clock_that_can_be_set(jump: float, tmp_path: Path) -> None:
+def test_quota_uses_a_clock_that_cannot_be_set(jump: float, tmp_path: Path) -> None:
     key_in(tmp_path, "anna")
     machine = SetClock()
     quota = QuotaStore(tmp_path, machine.clock).quota("5f0c21d9", 10)
@@ -251,7 +251,7 @@ def test_date_and_duration_that_diverge_are_named_in_the_log_once(
 
 
 def test_query_that_is_refused_does_not_count(guarded: Guarded) -> None:
-    short = PAPER["projectile"] | {"length_m": 0.1}  # too short for its nose, which a worker finds out
+    short = PAPER["projectile"] | {"length_m": 0.1}  # shorter than its nose, which only a worker detects
     call = {"name": "cra", "input": [[238.0, 39.0]], "config": {"projectile": short}}
     with guarded.with_key("gwen", cases_per_hour=2) as gwen:
         for _ in range(3):
@@ -297,10 +297,10 @@ def test_study_counts_as_the_samples_it_takes_once_its_job_ends(guarded: Guarded
         problem_of(submit(iris, max_samples=1900, half_width=0.2), 429)
         job = finished(iris, first.json())
         assert job["progress"]["samples"] == 256
-        again = submit(iris, max_samples=1744, half_width=0.02)  # 2,000 - 256
+        again = submit(iris, max_samples=1744, half_width=0.02)  # 2,000 less the 256 samples counted so far
         problem_of(iris.post("/cra", json=PAPER), 429)
         assert finished(iris, again.json())["progress"]["samples"] == 256
-        same = submit(iris, max_samples=1400, half_width=0.02)  # 512 counted so far
+        same = submit(iris, max_samples=1400, half_width=0.02)  # 512 samples have been counted so far
         assert finished(iris, same.json())["status"] == "successful"
         endless = submit(iris, max_samples=1200, half_width=1e-4, method="direct", seed=5)
         assert endless.status_code == 202
@@ -309,7 +309,7 @@ def test_study_counts_as_the_samples_it_takes_once_its_job_ends(guarded: Guarded
         assert submit(iris, max_samples=2000 - 3 * 256 - taken, half_width=0.02).status_code == 202
 
 
-def test_job_taken_on_after_a_restart_gives_back_too(tmp_path: Path) -> None:
+def test_job_cancelled_after_a_restart_frees_its_quota(tmp_path: Path) -> None:
     token = key_in(tmp_path, "anna", cases_per_hour=5000)
     settings = Settings(data_dir=tmp_path, executor="in-process")
     body = study(max_samples=5000, half_width=1e-4, method="direct")
@@ -330,12 +330,12 @@ def test_request_sent_again_counts_once(guarded: Guarded) -> None:
 
 
 def audited(log: Path, request_id: str) -> str:
-    """The log once it tells of a request: its line is written when the answer has gone out."""
+    """Return the audit log once it has the line of a request, which is written after the answer."""
     until(lambda: log.exists() and request_id in log.read_text())
     return log.read_text()
 
 
-def test_audit_log_records_who_had_what_done(guarded: Guarded) -> None:
+def test_audit_log_records_owner_request_and_result(guarded: Guarded) -> None:
     log = guarded.folder.parent / "audit.log"
     job = job_of(guarded.anna, 4, **{"X-Request-ID": "audited-job"})
     guarded.bert.post(f"{job['links']['self']}/cancel", headers={"X-Request-ID": "audited-cancel"})
@@ -416,12 +416,12 @@ def test_event_streams_of_an_owner_are_limited(guarded: Guarded) -> None:
     finally:
         for stream in open_ones:
             stream.close()
-    until(lambda: opens(guarded.anna, path))  # the server learns of it as it writes
+    until(lambda: opens(guarded.anna, path))  # the server notices a closed stream when it writes to it
     guarded.anna.delete(job["links"]["self"])
 
 
 def opens(client: httpx.Client, path: str) -> bool:
-    """Whether there is room for another stream."""
+    """Whether another stream is accepted."""
     with client.stream("GET", path) as stream:
         return stream.status_code == 200
 
@@ -443,8 +443,8 @@ def opens(client: httpx.Client, path: str) -> bool:
         ("PURGE", "/anything", "run"),
     ],
 )
-def test_what_is_not_open_takes_a_key(guarded: Guarded, method: str, path: str, scope: str | None) -> None:
-    """Sent as it is: clients would tidy the path up."""
+def test_path_that_is_not_open_requires_a_key(guarded: Guarded, method: str, path: str, scope: str | None) -> None:
+    """Sent over a socket, because clients would normalise the path."""
     target, line = Target.of(guarded.url), f"{method} {path} HTTP/1.1".encode()
     assert target.send(line)[0] == (200 if scope is None else 401)
     if scope is not None:
@@ -469,7 +469,7 @@ def test_without_a_key_it_starts_for_this_machine_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
-    monkeypatch.setattr("service.telemetry.configure_log", lambda _: None)  # that of this process stays
+    monkeypatch.setattr("service.telemetry.configure_log", lambda _: None)  # leave the log of this process unchanged
     assert cli.main(["serve", "--host", "0.0.0.0"]) == 3  # noqa: S104
     told = capsys.readouterr().err
     assert "ricochet keys add" in told
@@ -490,7 +490,7 @@ def test_without_a_key_it_starts_for_this_machine_alone(
         ("127.0.0.1", "keys", True, True),
     ],
 )
-def test_start_takes_a_key_unless_it_is_set_otherwise(
+def test_start_requires_a_key_unless_access_is_open(
     tmp_path: Path, host: str, access: Any, key: bool, starts: bool
 ) -> None:
     if key:
@@ -528,12 +528,12 @@ def test_keys_that_are_damaged_let_nobody_in(tmp_path: Path, monkeypatch: pytest
 def test_start_after_the_keys_are_lost_is_refused_with_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """An open start would list the jobs of owners to anybody on this machine."""
+    """If it started without keys, anybody on this machine could list the jobs of owners."""
     key_in(tmp_path, "anna")
     jobs_of("anna")(tmp_path)
     (tmp_path / "auth.sqlite").unlink()
     monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
-    monkeypatch.setattr("service.telemetry.configure_log", lambda _: None)  # that of this process stays
+    monkeypatch.setattr("service.telemetry.configure_log", lambda _: None)  # leave the log of this process unchanged
     assert cli.main(["serve"]) == 3
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("ricochet serve: ")]
     assert "auth.sqlite is missing" in line
@@ -559,7 +559,7 @@ def test_keys_are_added_by_several_processes_at_once(tmp_path: Path) -> None:
 
 
 def jobs_of(owner: str) -> Callable[[Path], None]:
-    """Leave the job of an owner and nothing else."""
+    """Return a function that leaves a job of this owner in a data folder."""
 
     def leave(folder: Path) -> None:
         with closing(JobStore(folder, job_days=7.0)) as jobs:
@@ -604,7 +604,7 @@ def test_revoking_a_key_that_never_was_leaves_no_trace(tmp_path: Path) -> None:
 
 
 def ricochet_keys(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """What the command prints."""
+    """Run `ricochet keys` and return its output."""
     assert cli.main(["keys", *arguments]) == 0
     return capsys.readouterr().out.strip()
 

@@ -1,4 +1,4 @@
-"""The example of a sweep, run as its reader would."""
+"""The example script for a sweep runs."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Batches over a real socket: both bodies, both answers, and what is refused."""
+"""Batches over a real socket: JSON and JSON lines as bodies and answers, and refusals."""
 
 import json
 from typing import Any

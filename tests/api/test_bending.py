@@ -1,4 +1,4 @@
-"""Bending stress in answers: beside the run, as columns, absent with a note."""
+"""Bending stress in answers: its fields, its columns, and the note where it is absent."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""Answers compressed for clients that accept it, unless the service is set not to."""
+"""Answers are compressed for clients that accept it, unless the setting forbids it."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ GZIP, PLAIN = {"Accept-Encoding": "gzip"}, {"Accept-Encoding": "identity"}
 
 
 def received(client: httpx.Client, path: str, **headers: str) -> tuple[httpx.Response, bytes]:
-    """An answer, and its body as it came over the network."""
+    """Return an answer, and its body as received over the network."""
     with client.stream("GET", path, headers=headers) as response:
         raw = b"".join(response.iter_raw())
     return response, raw

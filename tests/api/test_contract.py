@@ -1,4 +1,4 @@
-"""What a client may rely on, over a real socket."""
+"""Guarantees of the contract, over a real socket."""
 
 import hashlib
 import math
@@ -198,14 +198,14 @@ def test_form_that_is_not_given_is_not_acceptable(client: httpx.Client, search: 
 def test_answer_is_given_in_the_forms_of_a_result(
     client: httpx.Client, path: str, body: dict[str, Any], form: dict[str, str]
 ) -> None:
-    answer = client.post(path, json=body, headers=form)  # computed, then known
+    answer = client.post(path, json=body, headers=form)  # computed, then cached
     for accepted in (form, {"Accept": f"{form['Accept']}, */*;q=0.1"}):
         answer = client.post(path, json=body, headers=accepted).raise_for_status()
         assert answer.headers["Content-Type"].partition(";")[0] == form["Accept"]
         assert "accept" in answer.headers["Vary"].lower()
     key = client.post(path, json=body).json()["key"]
     result = client.get(f"/results/{key}", headers=form)
-    assert answer.content == result.content or form is HDF5  # which has the time of writing
+    assert answer.content == result.content or form is HDF5  # their headers have the time of writing
 
 
 @pytest.mark.parametrize("form", [{"Accept": "application/json"}, CSV, HDF5], ids=lambda form: form["Accept"])

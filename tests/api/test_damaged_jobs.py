@@ -1,4 +1,4 @@
-"""Each column of what is stored of a job, damaged in turn: the service starts, and everything else is answered."""
+"""With any stored column of a job damaged, the service starts, and all other jobs are answered."""
 
 import csv
 import io
@@ -45,7 +45,7 @@ def service_in(folder: Path) -> Iterator[TestClient]:
 
 
 def ended(client: TestClient, name: str) -> dict[str, Any]:
-    """The job with this id at its end."""
+    """The job with this id, after it has ended."""
     while True:
         job: dict[str, Any] = client.get(f"/jobs/{name}").raise_for_status().json()
         if job["status"] not in {"accepted", "running"}:
@@ -55,7 +55,7 @@ def ended(client: TestClient, name: str) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
-    """A folder with a finished batch, a finished sweep and a finished study, and their ids."""
+    """Return a folder with a finished batch, sweep and study, and the ids of these jobs."""
     folder = tmp_path_factory.mktemp("whole") / "data"
     with service_in(folder) as client:
         cases = [strike(200.0 + number) | {"custom_id": f"№ {number}"} for number in range(COUNTS[BATCH])]
@@ -89,13 +89,13 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str
 
 @contextmanager
 def opened(folder: Path) -> Iterator[sqlite3.Connection]:
-    """The file of the jobs, changed at the end of the block."""
+    """A connection to the database of jobs, committed at the end of the block."""
     with closing(sqlite3.connect(folder / "jobs.sqlite")) as database, database:
         yield database
 
 
 def columns() -> list[tuple[str, str, str]]:
-    """Table, column and job of each damage: all columns but the numbers by which rows are found."""
+    """Yield table, column and job of each damage: all columns but the row numbers."""
     with closing(sqlite3.connect(":memory:")) as database:
         database.executescript(TABLES)
         found = []
@@ -112,11 +112,11 @@ def columns() -> list[tuple[str, str, str]]:
 
 
 HARMLESS = {"bytes", "partial", "owner"}
-"""Columns of `jobs` without which it can be read; whose it is, is not known without an owner."""
+"""Columns of `jobs` that are not needed to read a job."""
 
 
 def lines_of(client: TestClient, job: str) -> list[dict[str, Any]]:
-    """All results of a job; the stream has to end well."""
+    """Return all results of a job; the stream must end without an error."""
     answer = client.get(f"/jobs/{job}/results", headers={"Accept": "application/jsonl"})
     assert answer.status_code == 200, answer.text
     assert answer.text.endswith("\n")
@@ -124,7 +124,7 @@ def lines_of(client: TestClient, job: str) -> list[dict[str, Any]]:
 
 
 def check_others(client: TestClient, ids: dict[str, str], damaged: str) -> None:
-    """Check that the list is there, and all of the other jobs."""
+    """Check that the list of jobs and all other jobs can be read."""
     listed = Jobs.model_validate_json(client.get("/jobs").raise_for_status().content)
     assert len(listed.jobs) == 3
     for kind in set(ids) - {damaged}:
@@ -149,7 +149,7 @@ def test_damaged_column_costs_its_job_and_nothing_else(
         changed = database.execute(f"UPDATE {table} SET {column} = ? WHERE {place}", (junk, ids[kind])).rowcount  # noqa: S608
     assert changed == 1
     with service_in(folder) as client:
-        if (column, junk) == ("expires", -1):  # a date like any other
+        if (column, junk) == ("expires", -1):  # a valid date
             assert len(client.get("/jobs").json()["jobs"]) == 2
             return
         check_others(client, ids, kind)
@@ -177,7 +177,7 @@ def test_damaged_column_costs_its_job_and_nothing_else(
 
 
 def test_key_of_another_case_is_a_damaged_case(whole: tuple[Path, dict[str, str]], tmp_path: Path) -> None:
-    """Two keys change places; of two others a bit flips, which leads to no result."""
+    """Two keys are exchanged; in two others a bit is flipped, so that they match no result."""
     folder, ids = tmp_path / "data", whole[1]
     shutil.copytree(whole[0], folder)
     place = "WHERE slice = 0 AND job = (SELECT number FROM jobs WHERE id = ?)"

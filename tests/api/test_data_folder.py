@@ -1,4 +1,4 @@
-"""The data folder: who may read it, what is refused, and what is counted."""
+"""The data folder: its permissions, which folders are refused, and the space of downloads."""
 
 import os
 import shutil
@@ -46,7 +46,7 @@ def service_in(folder: Path, clock: Clock | None = None, **settings: Any) -> Ite
 
 
 def job_in(client: TestClient, body: dict[str, Any] = CASES, **headers: str) -> dict[str, Any]:
-    """A job at its end."""
+    """A job after it has ended."""
     job: dict[str, Any] = client.post("/trajectory/batch", json=body, headers=ASYNC | headers).raise_for_status().json()
     while job["status"] in {"accepted", "running"}:
         time.sleep(0.05)
@@ -155,7 +155,7 @@ def test_jobs_that_are_gone_while_there_are_results_are_named(
 @pytest.mark.anyio
 @pytest.mark.parametrize("keep", [True, False], ids=["of ended jobs", "of running jobs"])
 async def test_downloads_that_slow_clients_hold_count_though_their_files_are_gone(keep: bool, tmp_path: Path) -> None:
-    """Ten clients take files of 61 kB and read none of them to its end; the bound is 100 kB."""
+    """Ten clients download files of 61 kB and read none of them to its end; the limit is 100 kB."""
     downloads = Downloads(tmp_path / "downloads", 100_000, lambda: None)
 
     async def write(path: Path) -> None:

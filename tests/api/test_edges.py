@@ -1,4 +1,4 @@
-"""Each number of a request at the edges of what the contract accepts is answered, or refused by a name."""
+"""Each number of a request at and beyond its bounds is answered, or refused by name."""
 
 import json
 import math
@@ -19,7 +19,7 @@ from .refused import changed, refused_at
 CONTRACT = json.loads((Path(__file__).parents[2] / "openapi" / "openapi.json").read_text(encoding="utf-8"))
 SCHEMAS = CONTRACT["components"]["schemas"]
 TINY = math.ulp(0.0)
-"""Smallest number above 0."""
+"""Smallest float above 0."""
 
 NOSES: dict[str, dict[str, Any]] = {
     str(nose["shape"]): strike.PROJECTILE | {"nose": nose, "boat_tail": strike.BOAT_TAIL}
@@ -51,7 +51,7 @@ BY_PANELS = {"search": {"method": "secant", "relative_tolerance": 0.01}, "numeri
 
 
 def requests() -> Iterator[tuple[str, str, dict[str, Any], str]]:
-    """Name, path and body of each request, and the part of it whose numbers are taken to their edges."""
+    """Yield name, path and body of each request, and the part whose numbers are set to their bounds."""
     for name, body in BODIES.items():
         case = {"projectile": body | MASS_PROPERTIES, "target": TARGET}
         yield f"{name} in a trajectory", "/trajectory", case | STRUCK, "/projectile"
@@ -96,7 +96,7 @@ def numbers(schema: Mapping[str, Any], value: Any, pointer: str = "") -> Iterato
 
 
 def edges(schema: Mapping[str, Any]) -> list[float]:
-    """Numbers at the ends of the range of a schema and next to them, and those next to 0."""
+    """Return the bounds of a schema, the floats next to them, and the floats next to 0."""
     least = schema.get("minimum", math.nextafter(schema.get("exclusiveMinimum", -math.inf), math.inf))
     most = schema.get("maximum", math.nextafter(schema.get("exclusiveMaximum", math.inf), -math.inf))
     if schema["type"] == "integer":

@@ -1,4 +1,4 @@
-"""Every example of the contract is sent to the service, or compared with what the service answers."""
+"""Every example of a request is sent to the service, and every example of an answer compared with one."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -27,7 +27,7 @@ REQUESTS = {
 
 
 def places(name: str, steps: tuple[str, ...] = ()) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Every component that a component is made of, itself first, and the way to it."""
+    """Yield every component in a component, itself first, with the path to it."""
     schema = SCHEMAS[name]
     yield name, steps
     for variant in schema.get("oneOf", ()):
@@ -38,11 +38,11 @@ def places(name: str, steps: tuple[str, ...] = ()) -> Iterator[tuple[str, tuple[
 
 
 def put(body: Any, steps: tuple[str, ...], value: Any) -> Any:
-    """Copy of the body with this value there."""
+    """Copy of the body with this value at this path."""
     if not steps:
         return value
     changed = {**body, steps[0]: put(body.get(steps[0], {}), steps[1:], value)}
-    if value == {"shape": "sphere"} and steps == ("nose",):  # The whole body: its length is its diameter.
+    if value == {"shape": "sphere"} and steps == ("nose",):  # For a sphere the length equals the diameter.
         changed["length_m"] = changed["diameter_m"]
     return changed
 
@@ -64,7 +64,7 @@ MANY: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "Approach": ("/limit-speed", lambda example: SCHEMAS["LimitSpeedRequest"]["examples"][0] | {"impact": example}),
     "Axis": ("/cra/sweep", lambda example: {"base": PAPER, "axes": [example]}),
 }
-"""Where the parts of requests for many cases are sent, and in what."""
+"""Path and body with which to send each part of a request for many cases."""
 TESTS = SCHEMAS["DepthCalibrationRequest"]["examples"][0]
 MOTION = SCHEMAS["MotionCalibrationRequest"]["examples"][0]
 POINTS = SCHEMAS["ObliquityCalibrationRequest"]["examples"][0]
@@ -75,13 +75,13 @@ CALIBRATIONS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "MotionWeights": ("/calibration/motion", lambda example: MOTION | {"weights": example}),
     "ObliquityPoint": ("/calibration/obliquity", lambda example: {"points": [example], "order": 0}),
 }
-"""Likewise of calibrations, but for what they share with the others."""
+"""Path and body with which to send each part of a calibration that other requests do not have."""
 WHOLE: dict[str, tuple[str, Callable[[Any], Any]]] = {
     operation["post"]["requestBody"]["content"]["application/json"]["schema"]["$ref"].rpartition("/")[2]: (path, dict)
     for path, operation in CONTRACT["paths"].items()
     if path.endswith(("/batch", "/sweep", "/thickness", "/limit-speed")) or path.startswith("/calibration")
 }
-"""Requests as they are."""
+"""Path of each example that is a whole request."""
 OTHERS = WHOLE | MANY | CALIBRATIONS
 SENT += [
     pytest.param(path, body(example), id=f"{name}-{number}-{path}")
@@ -121,7 +121,7 @@ def test_example_of_a_trajectory_is_that_of_the_paper(client: httpx.Client) -> N
     moment = final.pop("moment_n_m") - expected.pop("moment_n_m")
     assert final == pytest.approx(expected, rel=0.05)
     largest = max(map(abs, answer["history"]["moment_n_m"]))
-    assert abs(moment) < 0.005 * largest  # what is left of it at rest is rounding
+    assert abs(moment) < 0.005 * largest  # at rest the moment is rounding error
     assert answers.WARNING["code"] in {warning["code"] for warning in answer["warnings"]}
 
 
@@ -145,7 +145,7 @@ def test_example_of_a_calibration_is_answered_as_its_example_says(client: httpx.
 
 
 def leaves(value: Any, steps: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
-    """Every value that holds no others, and the way to it."""
+    """Yield every number, text or literal with the path to it."""
     if isinstance(value, dict | list):
         for step, item in value.items() if isinstance(value, dict) else enumerate(value):
             yield from leaves(item, (*steps, step))
@@ -157,7 +157,7 @@ def leaves(value: Any, steps: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any,
     "operation", [each for each in OPERATIONS.values() if each.study is None], ids=lambda each: each.name
 )
 def test_example_of_an_answer_is_that_to_the_example_of_the_request(client: httpx.Client, operation: Operation) -> None:
-    """As `make openapi` computes it; the contract shows it for one case and for many."""
+    """`make openapi` computes the examples; the contract shows them for one case and for many."""
     answer = client.post(operation.path, json=first_request(operation)).json()
     example = SCHEMAS[operation.answer.__name__]["examples"][0]
     assert differences(as_text(example), as_text(shortened(answer))) == []

@@ -1,4 +1,4 @@
-"""What one client leaves behind, or asks too much of, costs the others nothing."""
+"""Requests that a client has abandoned, or too many of them, do not delay other clients."""
 
 import json
 import select
@@ -23,7 +23,7 @@ PATIENCE_S = 60.0
 MINUTE = {"method": "panels", "panels": 96_000, "time_step_s": 1e-6, "termination_time_s": 0.05}
 """Numerics of a search that takes longer than any query may."""
 TENTH = {"method": "panels", "panels": 12_000, "time_step_s": 1e-5, "termination_time_s": 0.05}
-"""Numerics of a run that takes some 0.1 s."""
+"""Numerics of a run that takes about 0.1 s."""
 
 
 def search(number: int, **numerics: Any) -> dict[str, Any]:
@@ -37,7 +37,7 @@ def run(number: int, **numerics: Any) -> dict[str, Any]:
 
 @contextmanager
 def sent(url: str, path: str, bodies: Sequence[dict[str, Any]], address: str) -> Iterator[list[socket.socket]]:
-    """Connections from an address of this machine on which requests have been sent and nothing is read."""
+    """Open connections from an address, on which requests have been sent and nothing is read."""
     with ExitStack() as open_:
         ends = []
         for content in bodies:
@@ -67,8 +67,8 @@ def one_worker(service_on: RunService, tmp_path_factory: pytest.TempPathFactory)
 
 
 @pytest.mark.parametrize("path", ["/cra", "/cra/batch"])
-def test_what_nobody_waits_for_any_more_is_dropped(one_worker: str, path: str) -> None:
-    """Waiting and running alike: 20 of these would take 20 minutes."""
+def test_abandoned_work_is_dropped(one_worker: str, path: str) -> None:
+    """Queued and running work alike: 20 of these requests would take 20 minutes."""
     bodies = [search(number, **MINUTE) for number in range(20)]
     if path == "/cra/batch":
         bodies = [{"cases": [body]} for body in bodies]
@@ -80,8 +80,8 @@ def test_what_nobody_waits_for_any_more_is_dropped(one_worker: str, path: str) -
         assert gauge(other, "ricochet_queued_queries") == gauge(other, "ricochet_queued_cases") == 0.0
 
 
-def test_addresses_take_turns(one_worker: str) -> None:
-    """Whoever has sent 24 queries before, another client's is among the next."""
+def test_addresses_get_equal_shares(one_worker: str) -> None:
+    """A query of another client is computed before most of the 24 queries sent earlier."""
     with (
         client_at(one_worker, "127.0.0.2") as crowd,
         client_at(one_worker, "127.0.0.3") as other,
@@ -103,8 +103,8 @@ def test_service_whose_workers_are_all_at_work_is_ready_and_says_so(one_worker: 
         until(lambda: bool(other.get("/readyz").json()["status"] == "ok"))
 
 
-def test_stop_refuses_what_cannot_be_finished_in_time(service_on: RunService, tmp_path: Path) -> None:
-    """Running or waiting, alone or in a batch; the fixture sees that nothing is logged as a failure."""
+def test_stop_refuses_work_that_cannot_be_finished_in_time(service_on: RunService, tmp_path: Path) -> None:
+    """Running or queued, single or in a batch. The fixture checks that no failure is logged."""
     with service_on(tmp_path, workers="1", grace_seconds="3") as service, client_at(service.url, "127.0.0.1") as client:
         bodies = [search(number, **MINUTE) for number in range(5)]
         with (
@@ -132,9 +132,9 @@ REPORTS = 30
 
 @pytest.mark.timeout(400)
 def test_reports_of_one_owner_do_not_hold_up_the_query_of_another(service_on: RunService, tmp_path: Path) -> None:
-    """What is drawn for clients who have left is given up, too."""
+    """Reports of clients that have disconnected are abandoned."""
     with service_on(tmp_path, workers="1") as service, client_at(service.url, "127.0.0.3") as other:
-        other.post("/report", json=PAPER, timeout=300.0).raise_for_status()  # All its cases are kept from now on.
+        other.post("/report", json=PAPER, timeout=300.0).raise_for_status()  # From now on all its cases are cached.
         with sent(service.url, "/report", [PAPER] * REPORTS, "127.0.0.2") as ends:
             until(lambda: gauge(other, "ricochet_queued_queries") > REPORTS / 2)
             assert other.post("/cra", json=search(1)).is_success
@@ -142,7 +142,7 @@ def test_reports_of_one_owner_do_not_hold_up_the_query_of_another(service_on: Ru
         until(lambda: gauge(other, "ricochet_queued_queries") == 0)
 
 
-def test_study_takes_no_longer_than_it_may(service_on: RunService, tmp_path: Path) -> None:
+def test_time_of_a_study_is_limited(service_on: RunService, tmp_path: Path) -> None:
     study = PAPER | {
         "uncertain": [
             {

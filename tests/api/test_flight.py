@@ -1,4 +1,4 @@
-"""Flights over HTTP: alone, and of a body that leaves the target."""
+"""Flights over HTTP: by their own route, and after a ricochet."""
 
 import math
 from typing import Any
@@ -52,7 +52,7 @@ def test_face_decides_where_the_body_flies(client: httpx.Client) -> None:
     assert distance(face_tilt_deg=90.0, incidence_plane="down", height_m=5.0) < 10.0
     assert distance(height_m=50.0) > level
     assert distance(drag_coefficient=0.0) > level
-    assert distance(incidence_plane="down") == level  # without a tilt there is no up and down
+    assert distance(incidence_plane="down") == level  # without the tilt of the face, up and down are not defined
 
 
 def test_body_that_stays_has_no_flight(client: httpx.Client) -> None:

@@ -1,4 +1,4 @@
-"""`/formulas`: the empirical formulas of the field, each with its range."""
+"""`/formulas`: the empirical formulas, each with its range."""
 
 import math
 from typing import Any
@@ -26,7 +26,7 @@ FORRESTAL: dict[str, Any] = {
     "target": {"compressive_strength_pa": 35.2e6, "density_kg_m3": 2370.0},
     "impact": {"velocity_m_s": 277.0},
 }
-"""Forrestal, Altman, Cargile and Hanchak (1994)."""
+"""A strike of Forrestal, Altman, Cargile and Hanchak (1994)."""
 
 
 def rows_of(answer: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -53,7 +53,7 @@ def test_worked_value(client: httpx.Client) -> None:
     assert rows["modified_ndrc"]["penetration_depth_m"] / 0.0269 == pytest.approx(5.11, abs=0.01)
 
 
-def test_what_is_out_of_range_is_answered_and_points_at_the_field(client: httpx.Client) -> None:
+def test_value_out_of_range_is_answered_and_points_at_the_field(client: httpx.Client) -> None:
     row = rows_of(client.post("/formulas", json=BODY).json())["cea_edf"]
     assert row["perforation_thickness_m"] > 0.0
     assert not row["in_range"]
@@ -70,7 +70,7 @@ def test_formula_without_a_known_range_is_flagged(client: httpx.Client) -> None:
     assert rows["brl"]["out_of_range"] == []
 
 
-def test_what_is_in_doubt_or_assumed_is_said(client: httpx.Client) -> None:
+def test_doubts_and_assumptions_are_stated(client: httpx.Client) -> None:
     rows = rows_of(client.post("/formulas", json=BODY).json())
     assert {name for name, row in rows.items() if "note" in row} == {"brl", "whiffen"}
     assert rows["brl"]["note"].startswith("in doubt")

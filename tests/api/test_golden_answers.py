@@ -1,9 +1,9 @@
-"""Answers over every route, format and kind of error are those kept as text files in `golden/`.
+"""Answers of every route, format and kind of error match the text files in `golden/`.
 
-A change of code that is meant to move no answer shows here if it moves one. Words are compared exactly. Numbers are
-kept to six digits and compared within `TOLERANCE`, since another processor has other instructions. In a trial near the
-critical angle the last bits grow into the first digits, so fields of such trials have the wider tolerance `SENSITIVE`.
-After a change that is meant to move answers, `.venv/bin/python -m tests.api.test_golden_answers URL` writes the files
+Unintended changes of an answer fail here. Words are compared exactly. Numbers are
+stored to six digits and compared within `TOLERANCE`, because processors differ in their instructions. In a trial near
+the critical angle rounding errors grow into the first digits, so such trials have the wider tolerance `SENSITIVE`.
+After an intended change, `.venv/bin/python -m tests.api.test_golden_answers URL` writes the files
 from the service at that address; read their differences before you commit them.
 """
 
@@ -43,7 +43,7 @@ table hold numbers that are compared in JSON."""
 ZERO = 1e-9
 """Numbers below it are equal to 0."""
 SHOWN = 3
-"""Numbers of a list, trials of a search and rows of a table that are kept. How many there are is kept as well, except
+"""Numbers of a list, trials of a search and rows of a table that are stored. Their number is stored as well, except
 of trials, whose number may differ between processors."""
 NAMES = re.compile(r"/jobs/[\w-]+|\b[0-9a-f]{64}\b")
 """Names of jobs and keys of results; a key depends on the engine, and `test_keys.py` compares some."""
@@ -73,7 +73,7 @@ def requests() -> Iterator[tuple[str, str, str, dict[str, Any]]]:
     posts = [path for path, routes in CONTRACT["paths"].items() if "requestBody" in routes.get("post", {})]
     for path in posts:
         if path == "/report":
-            continue  # a page with the time of day
+            continue  # a page with the time of its creation
         bodies = examples(path)
         many = path.endswith(("batch", "sweep"))
         for number, body in enumerate(bodies):
@@ -141,7 +141,7 @@ def plain(response: httpx.Response) -> str:
             )
             found += [f"{name} = {value}" for name, value in sorted(file.attrs.items())]
         text = "\n".join(found)
-    elif kind == "application/jsonl":  # Lines come in the order in which their cases finish.
+    elif kind == "application/jsonl":  # Lines are written in the order in which their cases finish.
         lines = sorted((json.loads(line) for line in response.text.splitlines()), key=lambda line: int(line["index"]))
         text = as_text(lines)
     elif kind.endswith("json"):
@@ -168,7 +168,7 @@ def answers(client: httpx.Client) -> Iterator[tuple[str, str]]:
 
 
 def files(found: Mapping[str, str]) -> dict[str, str]:
-    """Return the text of each file: the answers of a route under their names; a repeated answer is given by name."""
+    """Return the text of each file: the answers of a route. A repeated answer is replaced by the name of the first."""
     by_route = groupby(sorted(found, key=route), key=route)
     texts = {}
     for name, group in by_route:
@@ -203,7 +203,7 @@ def close(old: str, new: str) -> bool:
     return all(math.isclose(float(a), float(b), rel_tol=tolerance, abs_tol=ZERO) for a, b in pairs)
 
 
-def test_answers_are_those_kept(client: httpx.Client) -> None:
+def test_answers_match_the_golden_files(client: httpx.Client) -> None:
     found = dict(answers(client))
     assert len(found) >= 500
     texts = files(found)

@@ -1,4 +1,4 @@
-"""Heads of requests: long ones are refused before anything reads them, odd ones never fail the service."""
+"""Request heads: long ones are refused before they are parsed, and unusual ones never cause a failure."""
 
 import json
 from collections.abc import Callable
@@ -30,7 +30,7 @@ READ = {
     *("if-modified-since", "if-none-match", "if-range", "mcp-session-id", "origin", "range", "sec-fetch-site"),
     *("traceparent", "upgrade", "x-forwarded-for", "x-forwarded-proto", "x-request-id"),
 }
-"""Headers that the service and its libraries read, beside those that routes declare."""
+"""Headers that the service and its libraries read, in addition to those that routes declare."""
 NAMES = sorted(DECLARED | READ)
 VALUES: dict[str, Callable[[int], bytes]] = {
     "blanks between commas": lambda size: b"a," + b" " * size + b",a",
@@ -45,7 +45,7 @@ VALUES: dict[str, Callable[[int], bytes]] = {
     "ranges": lambda size: b"bytes=" + b"0-1," * (size // 4),
     "percent signs": lambda size: b"%" * size,
 }
-"""Kinds of values, of about this size."""
+"""Functions that make a header value of about a given size."""
 REFUSED = {400, 403, 404, 405, 406, 415, 416, 417, 421, 422}
 
 
@@ -60,7 +60,7 @@ def send(url: str, line: bytes, *headers: bytes, body: bytes = BODY) -> tuple[in
 
 @pytest.mark.parametrize("name", NAMES)
 def test_header_may_be_as_long_as_the_limit(live_url: str, name: str) -> None:
-    """Of every kind: what is longer is refused, what is not is answered or refused for what it says."""
+    """For every kind of value: a longer one is refused, a shorter one is answered, or refused for its content."""
     for line, body in ((b"POST /cra/batch HTTP/1.1", BODY), (b"GET /page/main.js HTTP/1.1", b"")):
         for kind, value in VALUES.items():
             within, beyond = (
@@ -107,7 +107,7 @@ def test_target_may_be_as_long_as_the_limit(client: httpx.Client) -> None:
 
 
 def test_refusal_of_a_head_is_the_same_with_a_body_that_is_still_on_its_way(client: httpx.Client) -> None:
-    for _ in range(2):  # on one connection, which stays good
+    for _ in range(2):  # on one connection, which stays open
         refused = client.post("/cra", content=b" " * 100_000, headers=TEXT | {"Prefer": "," + 300_000 * " " + ","})
         assert refused.status_code == 431
     assert client.post("/cra", json=PAPER).status_code == 200
@@ -131,10 +131,10 @@ def test_origin_that_is_no_url_is_that_of_another_site(client: httpx.Client, ori
 @pytest.mark.parametrize("path", ["/results/", "/page/main.js", "/page/contract.json", "/docs/assets/swagger-ui.css"])
 @pytest.mark.parametrize("coding", ["identity", "gzip", "zstd"])
 @pytest.mark.parametrize("accept", ["application/json", "text/csv", "application/x-hdf5"])
-def test_what_has_not_changed_is_answered_with_the_headers_of_what_has(
+def test_unchanged_file_is_answered_with_the_headers_of_a_full_answer(
     client: httpx.Client, path: str, coding: str, accept: str
 ) -> None:
-    """RFC 9110, section 15.4.5."""
+    """RFC 9110, section 15.4.5: 304 has the headers that 200 would have."""
     path += client.post("/cra", json=PAPER).json()["key"] if path == "/results/" else ""
     headers = {"Accept-Encoding": coding, "Accept": accept}
     whole = client.get(path, headers=headers)
@@ -147,7 +147,7 @@ def test_what_has_not_changed_is_answered_with_the_headers_of_what_has(
 
 
 def test_id_of_a_request_that_looks_like_a_key_is_replaced(client: httpx.Client) -> None:
-    """A client that has put its key into the wrong header finds it in no log."""
+    """If a client sends its key in the wrong header, the key is not logged."""
     for given in ("ricochet_5f0c21d9_" + "a" * 43, "Ricochet_5f0c21d9", "of:ricochet_5f0c21d9_x"):
         assert client.get("/livez", headers={"X-Request-ID": given}).headers["X-Request-ID"] != given
     assert client.get("/livez", headers={"X-Request-ID": "ricochet-17"}).headers["X-Request-ID"] == "ricochet-17"

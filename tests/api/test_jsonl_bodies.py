@@ -1,4 +1,4 @@
-"""JSON lines that are right, nearly right or no JSON. The contract calls them bytes: Schemathesis sends few of them."""
+"""Valid, nearly valid and invalid JSON lines. In the contract they are bytes, so Schemathesis sends few of them."""
 
 import json
 
@@ -24,7 +24,7 @@ values = st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_s
 
 @st.composite
 def changed_cases(draw: st.DrawFn) -> bytes:
-    """A case with one value replaced by another, or by a literal that is no finite number."""
+    """A case in which one value is replaced by another, or by a literal that is not a finite number."""
     case = draw(st.sampled_from(list(CASES.values())))
     text = json.dumps(changed(case, draw(st.sampled_from(POINTERS)), "HERE"))
     return text.replace('"HERE"', draw(st.sampled_from(LITERALS) | values.map(json.dumps))).encode()

@@ -1,4 +1,4 @@
-"""Requests drawn from the contract itself: what validation makes of them is exact, and so are their keys."""
+"""Requests drawn from the contract: validation changes no value, and equal requests have equal keys."""
 
 import copy
 import json
@@ -27,7 +27,7 @@ MODELS: dict[str, type[TrajectoryRequest | CriticalAngleRequest]] = {
 
 
 def drawn_from(schema: dict[str, Any]) -> st.SearchStrategy[Any]:
-    """Anything that a schema of the contract takes."""
+    """Strategy for values that a schema of the contract accepts."""
     if "$ref" in schema:
         return drawn_from(SCHEMAS[schema["$ref"].rpartition("/")[2]])
     if "oneOf" in schema:
@@ -70,7 +70,7 @@ def key_of(model: type[TrajectoryRequest | CriticalAngleRequest], body: dict[str
 
 
 def leaves(value: Any) -> Iterator[tuple[Any, Any]]:
-    """Every container and index that hold no container."""
+    """Yield every container and index whose value is not a container."""
     for index, item in value.items() if isinstance(value, dict) else enumerate(value):
         if isinstance(item, dict | list):
             yield from leaves(item)
@@ -79,7 +79,7 @@ def leaves(value: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def shuffled(value: Any, order: random.Random) -> Any:
-    """The same with the fields of every object in another order."""
+    """The same value with the fields of every object in another order."""
     if isinstance(value, list):
         return [shuffled(item, order) for item in value]
     if not isinstance(value, dict):
@@ -88,7 +88,7 @@ def shuffled(value: Any, order: random.Random) -> Any:
 
 
 def rewritten(value: Any) -> Any:
-    """The same with whole numbers as integers and zeros of the other sign."""
+    """The same value with whole numbers as integers and the other sign for zeros."""
     if isinstance(value, dict):
         return {name: rewritten(item) for name, item in value.items()}
     if isinstance(value, list):
@@ -134,7 +134,7 @@ def test_json_to_solver_and_back_is_exact_and_a_default_that_is_given_is_the_sam
     again = model.model_validate_json(json.dumps(full))
     assert again.canonical() == full
     assert key_of(model, full) == key_of(model, body)
-    case = {name: item for name, item in body.items() if name != "alternatives"}  # those have keys of their own
+    case = {name: item for name, item in body.items() if name != "alternatives"}  # these fields are part of the key
     assert given_values_are_kept(case, full)
     try:
         assert again.arguments() == request.arguments()
@@ -186,7 +186,7 @@ PINNED = PAPER | {
 
 
 def test_keys_are_those_of_earlier_releases(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A change here makes every result ever kept unreachable: raise a version on purpose instead."""
+    """If these keys change, every stored result becomes unreachable: raise a version instead."""
     monkeypatch.setattr("service.operations.ENGINE_VERSION", "pinned")
     monkeypatch.setattr("service.operations.SCHEMA_VERSION", "pinned")
     plain = {"b": [1, -0.0, 0.1], "a": {"x": True, "y": "text"}}

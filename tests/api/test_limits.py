@@ -1,4 +1,4 @@
-"""Every limit, at its bound and past it: what is within is answered, what is not is told which bound it is."""
+"""Every limit, at its bound and beyond: requests within it are answered, and others refused with the bound."""
 
 import json
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ def tight(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> I
         "max_body_depth": BODY_DEPTH,
         "max_batch_bytes": 2 * BODY_BYTES,
         "max_jsonl_bytes": 200 * BODY_BYTES,
-        "max_queued_cases": 2 * QUEUED,  # of which one owner has half
+        "max_queued_cases": 2 * QUEUED,  # one owner may use half of it
         "max_panel_steps": PANEL_STEPS,
         "task_seconds": 2.0,
     }
@@ -72,10 +72,10 @@ def test_body_may_be_nested_as_deep_as_the_limit(
     def nested(depth: int) -> bytes:
         return b'{"a":' + opening * (depth - 1) + b"1" + closing * (depth - 1) + b"}"
 
-    problem_of(tight.post(path, content=nested(BODY_DEPTH), headers=TEXT), 422)  # read, and no request
+    problem_of(tight.post(path, content=nested(BODY_DEPTH), headers=TEXT), 422)  # parsed, but not a valid request
     found = problem_of(tight.post(path, content=nested(BODY_DEPTH + 1), headers=TEXT), 400)
     assert f"{BODY_DEPTH} deep" in found.detail
-    problem_of(tight.post(path, content=nested(500), headers=TEXT), 400)  # where the parser itself gives up
+    problem_of(tight.post(path, content=nested(500), headers=TEXT), 400)  # beyond this depth the parser itself fails
 
 
 def test_line_may_be_nested_as_deep_as_the_limit(tight: httpx.Client) -> None:
@@ -115,7 +115,7 @@ def test_cases_may_wait_up_to_the_limit(tight: httpx.Client) -> None:
             tight.delete(job.json()["links"]["self"])
 
 
-def test_what_is_refused_has_to_wait_for_room_for_all_of_it(tight: httpx.Client) -> None:
+def test_retry_time_is_that_of_room_for_the_whole_request(tight: httpx.Client) -> None:
     def seconds_until(refused: httpx.Response) -> int:
         assert problem_of(refused, 429).type == "urn:ricochet:problem:queue-full"
         return int(refused.headers["Retry-After"])
@@ -126,7 +126,7 @@ def test_what_is_refused_has_to_wait_for_room_for_all_of_it(tight: httpx.Client)
     job = tight.post("/trajectory/batch", content=lines(slow_strikes(250)), headers=LINES | ASYNC)
     try:
         until(lambda: bool(tight.get(job.json()["links"]["self"]).json()["counts"]["done"]))
-        few, many = seconds_for(300), seconds_for(2000)  # 250 and 1950 more than may wait
+        few, many = seconds_for(300), seconds_for(2000)  # 250 and 1950 more cases than may be queued
         assert few >= 1
         assert many > 3 * few
         axis = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 100_000}

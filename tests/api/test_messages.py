@@ -1,7 +1,7 @@
-"""Answers to wrong requests, compared with the text in `messages.txt`: one table for all refusals of a body.
+"""Messages of refused requests match the text in `messages.txt`: one table for all refusals of a body.
 
-A line of a table is a path, the place of the change in its usual body and the new value (none: the field is left
-out). A problem names that place, or the one written first on its line in the file, and never an internal name.
+A line of a table is a path, the place of the change in a valid body, and the new value (none: the field is left
+out). A problem names that place, or the first one on its line in the file, and never an internal name.
 After a change of words, `.venv/bin/python -m tests.api.test_messages` writes the file; read the differences before
 you commit them.
 """
@@ -287,7 +287,7 @@ CHANGES = """\
 /calibration/obliquity /order -1
 /calibration/obliquity /order 1.5
 """
-"""One field of a usual body with another value."""
+"""Changes of one field of a valid body."""
 
 POWER_LAW = {"model": "strength_power_law", "coefficient": 82.6, "exponent": -0.544}
 SHOT = {"velocity_m_s": 238.1, "depth_m": 0.30}
@@ -378,7 +378,7 @@ TEXTS = [
     json.dumps(dict.fromkeys(map(str, range(100_000)), 1)).encode(),
     json.dumps(dict.fromkeys(map(str, range(31)), 1)).encode(),
 ]
-"""Whole bodies that are no request."""
+"""Bodies that are not a request at all."""
 
 CASE = json.dumps(PAPER).encode()
 BODIES_OF_LINES = [
@@ -467,7 +467,7 @@ def shortened(text: str) -> str:
 
 
 def refusals(client: httpx.Client) -> Iterator[tuple[str, httpx.Response]]:
-    """Each request in words, and what it is answered with."""
+    """Yield a description of each request, and its answer."""
     for path, place, value in changes():
         answer = client.post(path.partition(" ")[0], content=body_with(path, place, value), headers=TEXT)
         yield f"POST {path} {place or 'as a whole'} {shortened(value) or 'left out'}", answer
@@ -484,7 +484,7 @@ def refusals(client: httpx.Client) -> Iterator[tuple[str, httpx.Response]]:
 
 
 def described(request: str, answer: httpx.Response) -> str:
-    """A request and its problem: status and title, then the detail."""
+    """Return the text for a request and its problem: status and title, then the detail."""
     problem = Problem.model_validate_json(answer.content)
     assert answer.headers["Content-Type"] == "application/problem+json"
     assert answer.status_code == problem.status < 500, request
@@ -499,7 +499,7 @@ def messages(client: httpx.Client) -> str:
     return "\n\n".join(described(*each) for each in refusals(client)) + "\n"
 
 
-def test_messages_are_those_under_review(client: httpx.Client) -> None:
+def test_messages_match_the_reviewed_file(client: httpx.Client) -> None:
     assert messages(client) == MESSAGES.read_text(encoding="utf-8")
 
 
@@ -513,12 +513,12 @@ def test_messages_name_the_place_and_have_no_internal_names() -> None:
 
 @pytest.mark.parametrize("path", ["/trajectory", "/cra"])
 def test_case_among_many_is_refused_as_it_is_alone(client: httpx.Client, path: str) -> None:
-    """The refusals are the same in a batch and in a line of JSON, with the place of the case before that of the field.
+    """A batch and a JSON line give the same refusal, with the index of the case before the place of the field.
 
-    What only the solver finds is the result of the case.
+    Errors that only the solver detects become the result of the case.
     """
     for of, place, value in changes():
-        if of != path or place.endswith(("alternatives", "sample_interval_s")):  # Of single requests, and histories.
+        if of != path or place.endswith(("alternatives", "sample_interval_s")):  # of single requests, and histories
             continue
         body = body_with(of, place, value)
         alone = client.post(path, content=body, headers=TEXT).json()["errors"]

@@ -1,4 +1,4 @@
-"""What the service says of its work: metrics, log, headers."""
+"""Metrics, log and headers about the work of the service."""
 
 import json
 import re
@@ -34,7 +34,7 @@ def metrics(client: httpx.Client) -> dict[tuple[str, ...], float]:
 
 
 class Own(NamedTuple):
-    """A service that nobody else asks, as jobs that other tests have left may still run, and its log."""
+    """A separate service with its log, where no jobs of other tests run."""
 
     client: httpx.Client
     log: Path
@@ -89,12 +89,12 @@ def test_paths_are_counted_by_their_route(client: httpx.Client) -> None:
 
 
 @pytest.mark.parametrize("given", ["mine-1", "0" * 128, "a.b:c_d"])
-def test_id_of_a_request_is_taken_over(client: httpx.Client, given: str) -> None:
+def test_request_id_of_the_client_is_used(client: httpx.Client, given: str) -> None:
     assert client.get("/livez", headers={"X-Request-ID": given}).headers["X-Request-ID"] == given
 
 
 @pytest.mark.parametrize("given", ["", "0" * 129, 'x"y', "<script>", "a b"])
-def test_id_that_is_none_is_replaced(client: httpx.Client, given: str) -> None:
+def test_invalid_request_id_is_replaced(client: httpx.Client, given: str) -> None:
     answers = [client.get("/nothing", headers={"X-Request-ID": given}).headers["X-Request-ID"] for _ in range(2)]
     assert all(re.fullmatch("[0-9a-f]{32}", answer) for answer in answers)
     assert answers[0] != answers[1]
@@ -111,10 +111,10 @@ def test_answer_says_how_long_it_took(client: httpx.Client) -> None:
 
 
 def test_log_has_a_line_of_json_for_each_request(own: Own) -> None:
-    for _ in range(2):  # the second is answered from memory
+    for _ in range(2):  # the second request is answered from the cache
         own.client.post("/cra", json=PAPER, headers={"X-Request-ID": "traced"})
     own.client.get(f"/results/{'1' * 64}")
-    until(lambda: "/results/{key}" in own.log.read_text())  # a line is written when the answer has gone out
+    until(lambda: "/results/{key}" in own.log.read_text())  # the line is written after the answer
     lines = [json.loads(line) for line in own.log.read_text().splitlines()]
     requests = [line for line in lines if line["event"] == "request"]
     traced = [line for line in requests if line["request_id"] == "traced"]
@@ -150,11 +150,11 @@ async def test_metrics_are_written_beside_the_event_loop_and_no_job_is_read(
 
 
 def test_names_of_metrics_follow_the_conventions_of_prometheus() -> None:
-    """Base units, counters alone in `_total`, and no rate that the scraper can compute."""
+    """Base units, only counters end in `_total`, and no rates, which Prometheus can compute."""
     for family in Metrics().registry.collect():
         name = family.name
         assert re.fullmatch(r"ricochet(_[a-z]+)+", name)
-        assert not name.endswith(("_total", "_count", "_sum", "_bucket", "_info"))  # added to those they belong to
+        assert not name.endswith(("_total", "_count", "_sum", "_bucket", "_info"))  # names of samples, not of families
         assert not re.search(r"_(ms|milliseconds|minutes|hours|kb|mb|percent|ratio_percent|per_second)$", name)
         if "size" in family.documentation.lower():
             assert name.endswith("_bytes")

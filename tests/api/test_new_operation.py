@@ -1,4 +1,4 @@
-"""A new operation is its models and a row of the table: routes, jobs, tools and the local command have it then."""
+"""A new operation needs its models and one row of the table: routes, jobs, tools and local command follow."""
 
 import csv
 import io
@@ -24,18 +24,18 @@ from tests.conftest import until
 
 
 class EnergyRequest(CriticalAngleBase):
-    """A strike whose energy is wanted."""
+    """Request of the energy of a strike."""
 
     model_config = with_examples(PAPER)
 
 
 class EnergyAnswer(Part):
-    """The energy."""
+    """Kinetic energy of a strike."""
 
     model_config = with_examples({"kinetic_energy_j": 368186.0})
 
     kinetic_energy_j: Num
-    """At first contact. [J]"""
+    """Kinetic energy at first contact. [J]"""
 
 
 def compute_energy(request: bytes) -> tuple[dict[str, Any], None]:
@@ -72,14 +72,14 @@ JOULES = 0.5 * 13.0 * 238.0**2
 
 @pytest.fixture
 def client(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[TestClient]:
-    """A service that has the operation."""
+    """A client of a service with the new operation."""
     monkeypatch.setitem(OPERATIONS, ENERGY.name, ENERGY)
     settings = Settings(data_dir=tmp_path / "data", executor="in-process", workers=1)
     with TestClient(create_app(settings)) as session:
         yield session
 
 
-def test_new_operation_is_answered_by_every_door(
+def test_new_operation_is_answered_by_every_interface(
     client: TestClient, tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:
     single = client.post("/energy", json=PAPER)

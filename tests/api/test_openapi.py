@@ -1,4 +1,4 @@
-"""The contract keeps the rules that generated clients need, and the committed copy is the one in force."""
+"""The contract follows the rules that generated clients need, and the committed copy is up to date."""
 
 import json
 import re
@@ -27,7 +27,7 @@ OPERATIONS: dict[str, dict[str, Any]] = {
 
 
 def nodes(value: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
-    """Every object of a JSON document, and where it is; examples left out."""
+    """Yield every object of a JSON document with its place, except examples."""
     if isinstance(value, dict):
         yield place, value
         for name, item in value.items():
@@ -39,7 +39,7 @@ def nodes(value: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 REQUESTED = components_in([operation.get("requestBody") for operation in OPERATIONS.values()], SCHEMAS)
-"""Components of requests."""
+"""Components that requests use."""
 
 
 def test_committed_contract_is_that_of_the_application() -> None:
@@ -88,7 +88,7 @@ def test_unions_are_named_and_their_discriminators_required_without_default() ->
 
 
 def test_contract_keeps_the_rules_that_linters_and_openapi_typescript_have() -> None:
-    """`make check` runs the linters themselves where npm is there."""
+    """`make check` also runs the linters if npm is installed."""
     assert CONTRACT["servers"] == [{"url": "/"}]
     assert CONTRACT["info"]["contact"]
     used = {tag for operation in OPERATIONS.values() for tag in operation["tags"]}
@@ -121,7 +121,7 @@ def test_requests_refuse_unknown_fields_and_bound_every_number() -> None:
         schema = SCHEMAS[name]
         assert schema.get("type") != "object" or schema["additionalProperties"] is False, name
     for name, operation in OPERATIONS.items():
-        if "requestBody" not in operation or name.endswith("/uncertainty"):  # whose discrete values are any number
+        if "requestBody" not in operation or name.endswith("/uncertainty"):  # discrete values have no limit
             continue
         schema = operation["requestBody"]["content"]["application/json"]["schema"]
         for place, node in nodes_of_component(schema["$ref"].rpartition("/")[2]):
@@ -164,7 +164,7 @@ def test_contract_says_when_many_cases_are_answered_and_what_preferences_do(path
 
 
 def nodes_of_component(name: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Every object of a component and of those it refers to."""
+    """Yield every object of a component and of the components that it refers to."""
     for place, node in nodes(SCHEMAS[name], name):
         yield place, node
         if "$ref" in node:

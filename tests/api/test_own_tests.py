@@ -1,4 +1,4 @@
-"""Shots into one's own concrete as a strength law, by HTTP and on the command line, and what is refused of them."""
+"""Own shots as a strength law, over HTTP and on the command line, and which shots are refused."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""The page as it is served: its files, its headers, and nothing from elsewhere."""
+"""The page as served: its files and headers, and no reference to another server."""
 
 import base64
 import hashlib
@@ -18,12 +18,12 @@ PLOTLY = "page/plotly/plotly.min.js"
 FILES = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.rglob("*") if path.is_file())
 MEDIA_TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml", ".html": "text/html"}
 LISTS = ("choices", "quantities", "formulas", "outcomes", "statuses", "warnings", "operations", "job_statuses")
-"""Names for people that the page takes from `service.names`."""
+"""Display names that the page takes from `service.names`."""
 IMPORT = re.compile(r"""(?:from|import\()\s*["'`](\.[^"'`$]*)["'`]""")
 
 
 class References(HTMLParser):
-    """What a document refers to."""
+    """Parser of the references in a document."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -98,7 +98,7 @@ def test_module_imports_modules_that_are_there(name: str) -> None:
 
 def test_no_file_names_another_host() -> None:
     for name in FILES:
-        text = (FOLDER / name).read_text("utf-8").replace('"http://www.w3.org/2000/svg"', "SVG")  # a name, no address
+        text = (FOLDER / name).read_text("utf-8").replace('"http://www.w3.org/2000/svg"', "SVG")  # not an address
         assert not re.search(r"https?://|[\"'`]//", text), name
 
 

@@ -1,5 +1,5 @@
-"""Results of a job as Parquet: the values of the CSV table with types and units, for other programs, row group by row
-group."""
+"""Results of a job as Parquet: the values of the CSV table with types and units, written by row
+groups."""
 
 import csv
 import json
@@ -31,7 +31,7 @@ SHORT = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.05}, "custom
 
 
 def written(client: httpx.Client, path: str, body: Any, folder: Path) -> tuple[Path, list[dict[str, str]]]:
-    """The results of a job as a Parquet file, and the rows of its CSV table."""
+    """Return the results of a job as a Parquet file, and the rows of its CSV table."""
     text = lines(body) if isinstance(body, list) else json.dumps(body)
     headers = ASYNC | (LINES if isinstance(body, list) else {"Content-Type": "application/json"})
     job = finished(client, client.post(path, content=text, headers=headers).raise_for_status().json())
@@ -45,12 +45,12 @@ def written(client: httpx.Client, path: str, body: Any, folder: Path) -> tuple[P
 
 
 def in_base(name: str) -> bool:
-    """Whether a column is a field of the base, which Parquet has in its metadata."""
+    """Whether a column is a field of the base of a sweep, which Parquet stores in its metadata."""
     return "." in name and name not in (STRENGTH, MASS)
 
 
 def as_text(value: Any) -> str:
-    """A value as the CSV table has it."""
+    """Return a value as it is written in CSV."""
     return "" if pd.isna(value) else str(value)
 
 

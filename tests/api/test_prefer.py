@@ -1,4 +1,4 @@
-"""How the `Prefer` header is read."""
+"""Parsing of the `Prefer` header."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Every exception is answered by the table. Each is raised in a route of its own; the application is the real one."""
+"""Every exception becomes the problem in the table. Each is raised in a test route of the real application."""
 
 from typing import Any
 

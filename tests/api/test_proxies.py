@@ -1,4 +1,4 @@
-"""Addresses of clients behind a proxy: believed from the proxies of the settings, and from nobody else."""
+"""Addresses of clients behind a proxy are accepted only from the proxies in the settings."""
 
 import json
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ PROXY, OTHER, CLIENT = "127.0.0.2", "127.0.0.1", "203.0.113.9"
 
 
 class Behind(NamedTuple):
-    """A service that believes one proxy of this machine, and its audit log."""
+    """A service that trusts one proxy on this machine, and its audit log."""
 
     url: str
     audit_log: Path
@@ -29,7 +29,7 @@ class Behind(NamedTuple):
         with httpx.Client(base_url=self.url, transport=transport, timeout=180.0) as client:
             known = len(self._entries())
             answer = client.post("/cra", json=PAPER, headers=named)
-        until(lambda: len(self._entries()) > known)  # The entry is written when the answer has been sent.
+        until(lambda: len(self._entries()) > known)  # The entry is written after the answer.
         return answer, json.loads(self._entries()[-1])
 
     def _entries(self) -> list[str]:
@@ -45,14 +45,14 @@ def behind(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> 
 
 
 def test_client_of_a_trusted_proxy_is_the_one_it_names_last(behind: Behind) -> None:
-    """And needs a key: it is not on this machine, though the proxy is."""
+    """It needs a key, because it is not on this machine, although the proxy is."""
     answer, entry = behind.post(PROXY, X_Forwarded_For=f"{OTHER}, {CLIENT}")
     assert (answer.status_code, entry["client"]) == (401, CLIENT)
     answer, entry = behind.post(PROXY, X_Forwarded_For=OTHER)
     assert (answer.status_code, entry["client"]) == (200, OTHER)
 
 
-def test_what_others_forward_counts_for_nothing(behind: Behind) -> None:
+def test_forwarded_address_of_an_untrusted_client_is_ignored(behind: Behind) -> None:
     answer, entry = behind.post(OTHER, X_Forwarded_For=CLIENT, X_Forwarded_Proto="https")
     assert (answer.status_code, entry["client"]) == (200, OTHER)
     assert "Strict-Transport-Security" not in answer.headers

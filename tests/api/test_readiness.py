@@ -1,4 +1,4 @@
-"""What the service says of itself when something it stands on is gone."""
+"""Readiness when the data folder, workers or processes are missing."""
 
 import asyncio
 import os
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.anyio
 
 @pytest.fixture
 async def app(tmp_path: Path) -> AsyncIterator[FastAPI]:
-    """A running application whose data folder cannot be made, as a file is in its place."""
+    """A running application whose data folder cannot be made, because there is a file of that name."""
     (tmp_path / "data").write_text("a file")
     app = create_app(Settings(data_dir=tmp_path / "data", workers=1, task_seconds=2.0))
     async with app.router.lifespan_context(app):
@@ -101,19 +101,19 @@ def remove(data: Path) -> None:
 
 
 def replace(data: Path) -> None:
-    """Put a copy in its place, as a restored backup is."""
+    """Replace the folder by a copy, like a restored backup."""
     remove(data)
     shutil.copytree(data.with_name("elsewhere"), data)
 
 
 def replace_lock(data: Path) -> None:
-    """Replace the lock alone, as by a start after it has been removed."""
+    """Replace the lock only, as another service would after the lock was removed."""
     (data / "lock").rename(data.with_name("lock"))
     (data / "lock").touch()
 
 
 def replace_jobs(data: Path) -> None:
-    """Replace the file of the jobs alone."""
+    """Replace the database of jobs only."""
     (data / "jobs.sqlite").rename(data.with_name("jobs.sqlite"))
     shutil.copy(data.with_name("jobs.sqlite"), data)
 
@@ -143,7 +143,7 @@ async def test_folder_replaced_under_a_running_service_takes_no_jobs_any_more(
         answer = CriticalAngleAnswer.model_validate_json((await on_disk.post("/cra", json=other)).content)
         assert "result_not_cached" in {warning.code for warning in answer.warnings}
         assert files_in(data) == before
-        with ResultCache(data, memory_bytes=0, disk_bytes=10**9):  # another service may start there
+        with ResultCache(data, memory_bytes=0, disk_bytes=10**9):  # another service can use the folder
             assert (await on_disk.get("/readyz")).status_code == 503
 
 
@@ -157,12 +157,12 @@ async def test_folder_that_is_put_back_is_used_again(on_disk: httpx.AsyncClient,
 
 
 PIDS = Path("/sys/fs/cgroup/pids")
-"""Control groups that limit the number of processes and threads, as containers do; of version 1."""
+"""Control groups (version 1) that limit the number of processes and threads, as containers do."""
 
 
 @pytest.fixture
 def group() -> Iterator[Path]:
-    """A control group of our own."""
+    """A new control group."""
     folder = PIDS / f"ricochet-{os.getpid()}"
     try:
         folder.mkdir()
@@ -175,7 +175,7 @@ def group() -> Iterator[Path]:
 @pytest.mark.timeout(240)
 @pytest.mark.parametrize("most", [2, 8])
 def test_limit_of_processes_is_named_in_a_sentence(most: int, group: Path, tmp_path: Path) -> None:
-    """Enough to begin, too few for eight workers."""
+    """The limit is enough to start, but not for eight workers."""
     (group / "pids.max").write_text(str(most))
     settings = {"RICOCHET_WORKERS": "8", "RICOCHET_PORT": "0", "RICOCHET_DATA_DIR": str(tmp_path / "data")}
     program = f"""

@@ -116,7 +116,7 @@ def test_unknown_models_and_features_have_errors_of_the_protocol(client: httpx.C
     ],
     ids=str,
 )
-def test_what_is_not_valid_is_named(client: httpx.Client, content: dict[str, Any], named: str) -> None:
+def test_invalid_input_is_named(client: httpx.Client, content: dict[str, Any], named: str) -> None:
     kind, message = error_of(client, "Evaluate", {"name": "cra", **content})
     assert kind == "InvalidInput"
     assert named in message

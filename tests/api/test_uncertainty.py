@@ -1,4 +1,4 @@
-"""`/cra/uncertainty` and `/trajectory/uncertainty`: how sure an angle and an outcome are."""
+"""`/cra/uncertainty` and `/trajectory/uncertainty`: the uncertainty of an angle and of an outcome."""
 
 import csv
 import io
@@ -199,7 +199,7 @@ def test_threshold_and_strength_law_scatter_as_alternatives(client: httpx.Client
         alone = client.post("/cra", json=PAPER | {"numerics": {"retention_energy_fraction": fraction}}).json()
         assert angle == pytest.approx(alone["critical_angle_deg"], rel=1e-9)
     published = client.post("/cra", json=PAPER | {"resistance": {"strength_factor": {"model": "published_tests"}}})
-    # The likeliest of equal weights is the first: the threshold of 0.005 beside the laws.
+    # With equal weights the first value counts as the most likely one: the threshold of 0.005.
     assert by_law["published_tests"] == pytest.approx(published.json()["critical_angle_deg"], abs=0.2)
     assert abs(by_law["published_tests"] - by_law["obliquity_polynomial"]) > 0.1
 
@@ -232,7 +232,7 @@ def test_study_ends_with_its_client_or_is_refused_with_the_service(tmp_path: Pat
 
 
 def samples_computed(client: httpx.Client) -> float:
-    """Critical angles that the service has computed."""
+    """Number of critical angles that the service has computed."""
     lines = client.get("/metrics").text.splitlines()
     return sum(
         float(line.split()[-1])
@@ -277,7 +277,7 @@ def test_theory_is_a_decay_law_with_its_own_strength_over_the_angle(client: http
         {"type": "normal", "mean": 1.0, "standard_deviation": 0.1},
     ],
 )
-def test_theory_that_is_none_is_refused(client: httpx.Client, distribution: dict[str, Any]) -> None:
+def test_unknown_theory_is_refused(client: httpx.Client, distribution: dict[str, Any]) -> None:
     body = PAPER | {"uncertain": [{"field": "resistance.theory", "distribution": distribution}]}
     response = client.post("/cra/uncertainty", json=body)
     assert response.status_code == 422

@@ -1,4 +1,4 @@
-"""The examples with tools of uncertainty quantification, run as their readers would."""
+"""The example scripts with tools for uncertainty quantification run."""
 
 import os
 import re
@@ -15,7 +15,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def run(name: str, *arguments: str) -> str:
-    """What an example prints."""
+    """Run an example and return its output."""
     command = [sys.executable, str(EXAMPLES / name), *arguments]
     environment = os.environ | {"NO_PROXY": "*"}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=240, check=False)

@@ -1,4 +1,4 @@
-"""Studies of uncertainty as jobs: progress, answer so far, result, end."""
+"""Studies of uncertainty as jobs: progress, intermediate answer, result and end."""
 
 import json
 from typing import Any
@@ -15,7 +15,7 @@ LONG = BODY | {
     "sensitivity": False,
     "sampling": {"half_width": 0.0001, "max_samples": 131_072, "method": "direct", "seed": 11},
 }
-"""Minutes of work."""
+"""A study that takes minutes."""
 
 
 def seeded(body: dict[str, Any], seed: int, **sampling: Any) -> dict[str, Any]:

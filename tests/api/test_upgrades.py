@@ -23,9 +23,9 @@ H2C = b"Connection: Upgrade, HTTP2-Settings\r\nUpgrade: h2c\r\nHTTP2-Settings: A
 WEBSOCKET = b"Connection: keep-alive, Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
 TWO_OFFERS = b"Upgrade: h2c\r\nConnection: upgrade\r\nUpgrade: foo/2\r\n"
 LONGEST_HEAD = 64 * 1024
-"""Longest head that may be on its way. [bytes]"""
+"""Longest request head that is accepted while incomplete. [bytes]"""
 PAUSE_S = 0.1
-"""Between two segments, so that the server reads them one by one."""
+"""Pause between two segments, so that the server reads them one by one. [s]"""
 SETTINGS = 'proxy_http_version 1.1; proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection "upgrade";'
 NGINX = """
 daemon off;
@@ -58,7 +58,7 @@ def connect(url: str) -> socket.socket:
 
 
 def answer_on(connection: socket.socket, method: str = "GET") -> tuple[int, bytes]:
-    """The one answer that is on its way on a connection."""
+    """Read the one answer on a connection."""
     answer = HTTPResponse(connection, method=method)
     answer.begin()
     return answer.status, answer.read()
@@ -127,7 +127,7 @@ def test_tunnel_is_refused(live_url: str) -> None:
 
 @pytest.mark.parametrize("start", [b"GET /", b"GET /livez HTTP/1.1\r\nHost: localhost\r\nX: "], ids=["path", "header"])
 def test_head_without_an_end_is_cut_off(live_url: str, start: bytes) -> None:
-    """Not only once the memory is full."""
+    """The limit is `LONGEST_HEAD`."""
     piece, sent = b"x" * 4096, 0
     with connect(live_url) as connection:
         connection.sendall(start)
@@ -136,7 +136,7 @@ def test_head_without_an_end_is_cut_off(live_url: str, start: bytes) -> None:
                 connection.sendall(piece)
                 sent += len(piece)
                 time.sleep(0.0005)
-    assert LONGEST_HEAD <= sent < 50 * LONGEST_HEAD  # some waits in the kernel
+    assert LONGEST_HEAD <= sent < 50 * LONGEST_HEAD  # some bytes are buffered in the kernel
 
 
 def test_request_that_comes_in_one_piece_with_the_end_of_a_long_body_is_no_long_head(live_url: str) -> None:
@@ -171,7 +171,7 @@ def run_proxy(command: list[str], port: int, url: str, log: Path) -> Iterator[st
 
 @pytest.fixture(params=["no proxy", "nginx", "nginx that passes upgrades on", "Caddy"])
 def url(request: pytest.FixtureRequest, live_url: str, tmp_path: Path) -> Iterator[str]:
-    """The service, or a proxy before it."""
+    """URL of the service, or of a proxy in front of it."""
     port = free_port()
     address, settings = f"http://127.0.0.1:{port}", {"port": port, "url": live_url, "folder": tmp_path}
     if request.param == "no proxy":

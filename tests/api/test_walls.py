@@ -1,4 +1,4 @@
-"""`/thickness` and `/limit-speed`: the same as the solver finds, beside the formulas; many at once too."""
+"""`/thickness` and `/limit-speed`: results of the solver and of the formulas, single and in batches."""
 
 import csv
 import io
@@ -121,8 +121,8 @@ def test_thickness_falls_and_limit_speed_rises_with_the_angle(client: httpx.Clie
     assert found["limit-speed"] == sorted(found["limit-speed"])
 
 
-def test_what_takes_long_becomes_a_job_sooner(client: httpx.Client) -> None:
-    """A search counts as 20 cases, and 100 are answered at once."""
+def test_expensive_batch_becomes_a_job_sooner(client: httpx.Client) -> None:
+    """A search counts as 20 cases, and up to 100 cases are answered directly."""
     strengths = {"field": "target.compressive_strength_pa", "start": 30e6, "stop": 50e6}
     base = BASES["thickness"] | {"impact": STRIKE["impact"] | {"oblique_angle_deg": 0.0}}
     few, more = (
@@ -155,7 +155,7 @@ def test_plug_and_crater_can_be_swept_and_scattered(client: httpx.Client) -> Non
     wall = STRIKE | {"target": WALL["target"], "resistance": {"rear_plug": {}}}
     swept = client.post("/trajectory/sweep", json={"base": wall, "axes": [cone]}).json()["results"]
     speeds = [each["result"]["exit"]["speed_m_s"] for each in swept]
-    assert speeds[0] > speeds[1]  # the steeper cone is the higher
+    assert speeds[0] > speeds[1]  # the steeper cone gives a higher plug
     depth = {
         "field": "resistance.crater.depth_diameters",
         "distribution": {"type": "uniform", "lower": 0.5, "upper": 1.5},

@@ -3,7 +3,7 @@
 from playwright.sync_api import Page
 
 READY = ".side-view svg .moving"
-IDLE = """() => document.querySelector('.verdict .figures')
+IDLE = """() => document.querySelector('.verdict [data-outcome]')
     && !document.querySelector('.sides > :last-child > :not(details) :is([aria-busy=true]):not(details:not([open]) *)')
     && !document.querySelector('.sides > :last-child > [aria-busy=true]')"""
 POINTS = """(drawing, [name, at]) => {

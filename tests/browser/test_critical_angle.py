@@ -107,10 +107,23 @@ def test_verdict_is_that_of_the_service_once_it_is_there(page: Page, client: htt
     models = {"strength_factor": {"model": "obliquity_polynomial"}, "free_surface": {"model": "elastic_plastic"}}
     answer = client.post("/verdict", json=PAPER_AT_52 | {"resistance": models}).json()
     verdict = page.get_by_role("region", name="Verdict")
-    expect(page.locator("[data-outcome=ricochet]")).to_have_text(answer["sentence"])
-    expect(verdict.locator(".figures")).to_contain_text(f"90 % range {answer['range_text']}")
+    first, *others = re.split(r"(?<=\.) (?=[A-Z])", answer["sentence"])
+    card = page.locator("[data-outcome=ricochet]")
+    expect(card.locator("strong").first).to_have_text(first)
+    for sentence in others:
+        plain, _, _ = sentence.partition(";")  # The theories stand on the strip.
+        expect(card.locator(".rest")).to_contain_text(plain.rstrip("."))
+    expect(card).to_contain_text(f"90 % range {answer['range_text']}")
     theories = [each["critical_angle_deg"] for each in answer["theories"]]
-    assert verdict.locator(".strip .theory").count() == len(theories)
+    strip = verdict.locator(".head .strip")
+    assert strip.locator("line:is(.theory, .critical)").count() == len(theories), "one of them has the critical angle"
+    for words in (
+        "your angle 52°",
+        "critical angle, elastic-plastic",
+        f"Mohr-Coulomb {theories[1]:.1f}°",
+        "90 % range",
+    ):
+        expect(strip).to_contain_text(words)
     expect(
         verdict.get_by_role("img", name=re.compile("Your angle 52°, critical angle 48.6°, theories"))
     ).to_be_visible()

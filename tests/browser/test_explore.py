@@ -96,7 +96,7 @@ def test_wall_that_is_too_thin_is_perforated(page: Page) -> None:
 def test_axis_of_a_head_on_strike_is_at_zero(page: Page) -> None:
     open_explore(page, "?impact.oblique_angle_deg=0")
     expect(page.get_by_text("its axis at 0.0° from the normal")).to_be_visible()
-    expect(page.locator(".figures")).to_contain_text("0° is not in the range searched")
+    expect(page.locator("[data-outcome]")).to_contain_text("0° is not in the range searched")
 
 
 def test_outline_is_drawn_to_scale_where_the_service_says_the_projectile_ends(page: Page, client: httpx.Client) -> None:

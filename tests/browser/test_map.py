@@ -120,7 +120,7 @@ def test_phase_diagram_has_the_case_as_a_point_that_is_dragged(page: Page) -> No
     page.get_by_role("button", name="Run").click()
     expect(page.locator("#map-counts")).to_have_text(re.compile(r"^\d+ embedded, \d+ ricochet"))
     all_computed(page, 81)
-    expect(page.locator(".figures")).to_contain_text("Outcome at 45°")
+    expect(page.locator("[data-outcome]")).to_contain_text("At 45° from the normal")
     handle = page.locator(".map .handle")
     handle.scroll_into_view_if_needed()
     box = handle.bounding_box()

@@ -112,8 +112,8 @@ def test_page_is_not_up_to_date_while_a_study_or_a_map_is_computed(page: Page) -
     expect(status).not_to_have_text("Up to date.")
     page.route("**/cra/sweep", lambda route: None)
     page.goto("/#/map?x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,2")
-    expect(page.locator(".verdict .figures")).to_be_visible()
-    expect(page.locator(".verdict > [aria-busy=true]")).to_have_count(0)
+    expect(page.locator(".verdict [data-outcome]")).to_be_visible()
+    expect(page.locator(".verdict [aria-busy=true]")).to_have_count(0)
     expect(status).not_to_have_text("Up to date.")
 
 

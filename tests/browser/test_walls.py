@@ -28,14 +28,14 @@ def test_thicknesses_are_those_of_the_service(page: Page, client: httpx.Client) 
     shown = rows(page)
     answer = client.post("/thickness", json=PAPER_AT_45).json()
     plugged = client.post("/thickness", json=PAPER_AT_45 | {"resistance": {"rear_plug": {}}}).json()
-    assert answer["sentence"] in text_of(page)
+    assert answer["sentence"] in text_of(page, "Thicknesses")
     assert client.post("/wall", json=PAPER_AT_45).json()["sentence"] in text_of(page)
-    assert shown["This model"][0] == f"{1e3 * answer['least_thickness_m']:.0f}"
-    assert shown["With a plug at the rear"][0] == f"{1e3 * plugged['least_thickness_m']:.0f}"
+    assert shown["This model"][0] == upwards(answer["least_thickness_m"])
+    assert shown["With a plug at the rear"][0] == upwards(plugged["least_thickness_m"])
     assert len(shown) == 3 + 11
     assert "in doubt" in shown["BRL *"][3]
     formulas = {row["formula"]: row for row in client.post("/formulas", json=PAPER_AT_45).json()["formulas"]}
-    assert shown["Modified NDRC"][0] == f"{1e3 * formulas['modified_ndrc']['perforation_thickness_m']:.0f}"
+    assert shown["Modified NDRC"][0] == upwards(formulas["modified_ndrc"]["perforation_thickness_m"])
     for name, row in (("Modified NDRC", formulas["modified_ndrc"]), ("CEA-EDF *", formulas["cea_edf"])):
         assert (shown[name][3] == "within") is row["in_range"]
     assert "rear face" in page.locator(".warnings summary").inner_text()
@@ -49,23 +49,30 @@ def test_thickness_gets_the_sentence_of_the_service_and_a_yes_or_no(
     page.get_by_label("Thickness", exact=True).fill(str(thickness_mm))  # one input
     body = PAPER_AT_45 | {"target": PAPER["target"] | {"thickness_m": thickness_mm / 1e3}}
     judged = client.post("/wall", json=body).json()
-    expect(page.locator(".outcome")).to_have_text(judged["sentence"])
-    figures = page.locator(".figures")
-    expect(figures).to_contain_text("Enough" if judged["enough"] else "Not enough")
+    outcome = page.locator(".outcome")
+    expect(outcome).to_contain_text(judged["sentence"])
+    expect(outcome.locator("strong")).to_contain_text(": enough." if judged["enough"] else ": not enough against")
     for name in ("perforation", "scabbing"):
-        expect(figures).to_contain_text(f"{math.ceil(1e3 * judged[name]['design_m']):,} mm")
+        value = upwards(judged[name]["design_m"])
+        expect(outcome).to_contain_text(f"{name} {value} mm")
+        assert page.get_by_text(f"{value} mm").count() == 1, "each fact once"
 
 
-def text_of(page: Page) -> str:
-    """The words of the verdict, with blanks where numbers keep to their units."""
-    return page.get_by_role("region", name="Verdict").inner_text().replace("\N{NO-BREAK SPACE}", " ")
+def text_of(page: Page, region: str = "Verdict") -> str:
+    """The words of a section, with blanks where lines end and where numbers keep to their units."""
+    return " ".join(page.get_by_role("region", name=region).inner_text().split())
+
+
+def upwards(length_m: float) -> str:
+    """Whole millimetres, rounded up, without a separator of thousands: as the sentences of the service have them."""
+    return f"{math.ceil(1e3 * length_m - 1e-9)}"
 
 
 def test_wall_with_a_thickness_has_a_speed_that_perforates_it(page: Page, client: httpx.Client) -> None:
     page.goto("/#/walls?target.thickness_m=0.2&impact.oblique_angle_deg=0")
     rows(page)
     body = PAPER | {"target": PAPER["target"] | {"thickness_m": 0.2}, "impact": {"oblique_angle_deg": 0.0}}
-    assert client.post("/limit-speed", json=body).json()["sentence"] in text_of(page)
+    assert client.post("/limit-speed", json=body).json()["sentence"] in text_of(page, "Thicknesses")
 
 
 def test_every_number_of_a_range_is_in_the_units_shown(page: Page) -> None:
@@ -79,7 +86,7 @@ def test_case_with_a_plug_says_so_and_is_shared_by_its_address(page: Page) -> No
     before = rows(page)
     unfold(page)
     page.get_by_label("Rear plug, angle of its cone").fill("60")
-    expect(page.get_by_role("region", name="Verdict")).to_contain_text("without a plug and a crater")
+    expect(page.get_by_role("region", name="Thicknesses")).to_contain_text("without a plug and a crater")
     changed = rows(page)
     assert changed["This model"] == before["This model"]
     assert changed["With a plug at the rear"] != before["With a plug at the rear"]
@@ -95,7 +102,7 @@ def test_numerics_of_the_address_are_kept(page: Page, client: httpx.Client) -> N
     assert json.loads(posted.value.post_data or "")["numerics"] == numerics
     shown = rows(page)
     answer = client.post("/thickness", json=PAPER_AT_45 | {"numerics": numerics}).json()
-    assert shown["This model"][0] == f"{1e3 * answer['least_thickness_m']:.0f}"
+    assert shown["This model"][0] == upwards(answer["least_thickness_m"])
 
 
 def test_field_out_of_its_bounds_says_so(page: Page) -> None:

@@ -1,4 +1,4 @@
-"""The command, in this process or in a separate one, and the files it is given."""
+"""Run the command, in this process or in a separate one, and write its input files."""
 
 import io
 import json
@@ -33,12 +33,12 @@ density_kg_m3 = 2250.0
 velocity_m_s = 238.0
 """
 SETTINGS = ("RICOCHET_URL", "RICOCHET_DATA_DIR", "RICOCHET_API_KEY", "NO_COLOR", "FORCE_COLOR", "COLUMNS")
-"""Variables that a test sets itself or does without."""
+"""Environment variables that are removed unless a test sets them."""
 
 
 @dataclass(frozen=True)
 class Ended:
-    """What a command has printed, and how it has ended."""
+    """Output and exit status of a command."""
 
     status: int
     out: str
@@ -46,15 +46,15 @@ class Ended:
 
 
 def environment(**settings: str) -> dict[str, str]:
-    """The environment without what the tests do not say; the package is found from any folder."""
+    """Environment for a command: without the variables of `SETTINGS`, and with the package on its path."""
     kept = {name: value for name, value in os.environ.items() if name not in SETTINGS}
     return kept | {"PYTHONPATH": str(ROOT), "NO_PROXY": "*"} | settings
 
 
 def run(folder: Path, *arguments: str, stdin: str = "", encoding: str = "utf-8", **settings: str) -> Ended:
-    """Run it in this folder and this process, with streams that are not a terminal.
+    """Run the command in this folder and this process, with streams that are not a terminal.
 
-    A separate process would first import the solver, which takes longer than most commands do.
+    A separate process would first import the solver, which takes longer than most commands.
     """
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding) for _ in range(2))
     with pytest.MonkeyPatch.context() as changed:
@@ -76,7 +76,7 @@ def run(folder: Path, *arguments: str, stdin: str = "", encoding: str = "utf-8",
 
 
 def run_process(folder: Path, *arguments: str, **settings: str) -> Ended:
-    """Run it in this folder as a process, with pipes for all it reads and prints."""
+    """Run the command in this folder in a separate process, with pipes for its streams."""
     done = subprocess.run(
         [*COMMAND, *arguments],
         cwd=folder,
@@ -91,7 +91,7 @@ def run_process(folder: Path, *arguments: str, **settings: str) -> Ended:
 
 
 def run_on_terminal(folder: Path, *arguments: str, **settings: str) -> Ended:
-    """Run it on a new terminal; all it shows is in `out`."""
+    """Run the command on a new terminal; `out` is everything that it prints."""
     ours, theirs = pty.openpty()
     settings = {"TERM": "xterm-256color", "COLUMNS": "160"} | settings
     with subprocess.Popen(
@@ -111,7 +111,7 @@ def run_on_terminal(folder: Path, *arguments: str, **settings: str) -> Ended:
 
 
 def case_at(velocity: float, **more: Any) -> dict[str, Any]:
-    """The paper's strike at another velocity."""
+    """Return the paper's strike at another velocity."""
     return PAPER | {"impact": {"velocity_m_s": velocity}} | more
 
 

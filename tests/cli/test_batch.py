@@ -1,4 +1,4 @@
-"""`ricochet batch`, `sweep` and `jobs`: in the command's own pool, and against a service."""
+"""`ricochet batch`, `sweep` and `jobs`: in the pool of the command, and with a service."""
 
 import csv
 import json
@@ -28,7 +28,7 @@ def items_of(text: str) -> list[dict[str, Any]]:
 
 
 def test_batch_in_the_own_pool_is_that_of_a_service(folder: Path, live_url: str, client: httpx.Client) -> None:
-    """They are in the order of the file, byte for byte; one case that only the solver can refuse stops nothing."""
+    """Results have the order of the file and the same bytes. A case that the solver refuses stops no other."""
     short = {**case_at(238.0)["projectile"], "length_m": 0.05}
     cases = [*searches(5), case_at(238.0, projectile=short, custom_id="short"), *searches(5)]
     write_cases(folder / "cases.jsonl", *cases)
@@ -65,7 +65,7 @@ def test_sweep_fills_a_table_and_draws_it(folder: Path) -> None:
 def test_small_sweep_is_that_of_a_service_and_starts_none(
     here: Path, live_url: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], form: str
 ) -> None:
-    """One point that only the solver can refuse stops nothing."""
+    """A point that the solver refuses does not stop the others."""
     monkeypatch.setattr("service.cli.server.local_server", None)
     args = ["sweep", "strike.toml", "--axis", "projectile.length_m=0.53,0.05", form]
     assert cli.main(args) == 3
@@ -82,7 +82,7 @@ def test_small_sweep_is_that_of_a_service_and_starts_none(
             assert ours == theirs
 
 
-def test_sweep_of_walls_leaves_out_what_is_sought(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_sweep_of_walls_omits_the_sought_quantity(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
     coarse = ("--set", "numerics.relative_tolerance=1e-3", "--axis", "impact.oblique_angle_deg=0,20")
     case = {**case_at(238.0), "search": {"tolerance_deg": 1.0}}
     case["target"] = {**case["target"], "thickness_m": 0.2}
@@ -114,7 +114,7 @@ def test_table_of_a_batch_is_that_of_the_service(
 
 @pytest.fixture
 def swept(client: httpx.Client) -> str:
-    """Id of a job: the paper's strike at five speeds."""
+    """Id of a job for the paper's strike at five speeds."""
     axes = [{"field": "impact.velocity_m_s", "values": [238.0, 240.0, 242.0, 244.0, 246.0]}]
     job = client.post("/cra/sweep", json={"base": PAPER, "axes": axes}, headers={"Prefer": "respond-async"})
     return str(job.json()["id"])
@@ -127,7 +127,7 @@ def test_table_of_a_job_is_that_of_the_service(
     monkeypatch: pytest.MonkeyPatch,
     swept: str,
 ) -> None:
-    """Also over several pages: the header is printed once."""
+    """With several pages the header is printed once."""
     monkeypatch.setattr("service.cli.client.PAGE_SIZE", 2)
     assert cli.main(["jobs", "results", swept, "--csv", "--digits", "all"]) == 0
     table = client.get(f"/jobs/{swept}/results", headers={"Accept": "text/csv"}).text
@@ -144,7 +144,7 @@ def test_parquet_of_a_job_has_the_rows_of_the_table(
     assert cli.main(["jobs", "results", swept, "-o", "results.parquet"]) == 0
     assert (
         cli.main(["jobs", "results", swept, "--csv", "-o", "table.parquet", "--digits", "all"]) == 0
-    )  # the flag counts
+    )  # the flag takes precedence
     capsysbinary.readouterr()
     assert cli.main(["jobs", "results", swept, "--parquet"]) == 0
     assert capsysbinary.readouterr().out == (served / "results.parquet").read_bytes()
@@ -165,7 +165,7 @@ def test_terminal_gets_the_head_of_a_table_and_no_lines_of_json(folder: Path, li
     assert "│" in shown.out
     assert "velocity m/s" in shown.out
     assert "and 6 more; --csv or --json prints all" in shown.out
-    assert "computing" in shown.out  # the bar
+    assert "computing" in shown.out  # the progress bar
     assert '"index"' not in shown.out
     piped = run(folder, *args)
     assert len(items_of(piped.out)) == 26
@@ -207,7 +207,7 @@ def test_wrong_sweep_is_named(served: Path, capsys: pytest.CaptureFixture[str], 
 
 
 @pytest.mark.parametrize("axis", ["impact.velocity_m_s", "=1,2", "impact.velocity_m_s=1:2", "a.b=1:2:0", "a.b=x"])
-def test_axis_that_is_none_is_wrong_usage(served: Path, capsys: pytest.CaptureFixture[str], axis: str) -> None:
+def test_unknown_axis_is_wrong_usage(served: Path, capsys: pytest.CaptureFixture[str], axis: str) -> None:
     assert cli.main(["sweep", "strike.toml", "--axis", axis]) == 2
     assert "FIELD=START:STOP:COUNT" in capsys.readouterr().err
 
@@ -237,7 +237,7 @@ def test_jobs_are_listed_shown_cancelled_and_deleted(
 def test_batch_waits_for_the_end_of_a_job_whose_results_are_all_there(
     folder: Path, live_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The last result of a job can be read a moment before the job is said to have ended."""
+    """The last result of a job can be read shortly before its status says that it has ended."""
     asked = Client.job
     ended: list[dict[str, Any]] = []
 
@@ -269,7 +269,7 @@ def test_list_of_jobs_follows_the_pages(live_url: str, client: httpx.Client) -> 
 def interrupted(folder: Path) -> Iterator[Any]:
     """Run the command in a new process group, and press Ctrl-C once it has printed something."""
     started: list[subprocess.Popen[str]] = []
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background may ignore it
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # processes in the background may ignore SIGINT
 
     def interrupt(*arguments: str, **settings: str) -> tuple[int, str, str]:
         with (folder / "err").open("w") as err, (folder / "out").open("w") as out:
@@ -316,7 +316,7 @@ def test_interrupted_batch_goes_on_at_the_service(
 
 
 def test_interrupted_batch_of_the_own_pool_leaves_nothing_running(folder: Path, interrupted: Any) -> None:
-    """What was finished is in the folder, which is free again: the same command takes it from there."""
+    """Finished results are in the data folder, which is no longer locked, and the same command reuses them."""
     write_cases(folder / "cases.jsonl", *slow_strikes(100))
     args = ("batch", "cases.jsonl", "--operation", "trajectory", "--data-dir", "kept")
     status, out, err = interrupted(*args)

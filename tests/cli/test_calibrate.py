@@ -1,4 +1,4 @@
-"""`ricochet calibrate` as a person or a script uses it."""
+"""`ricochet calibrate`, on a terminal and in scripts."""
 
 import csv
 import json
@@ -33,7 +33,7 @@ Run = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run the command; return its status and what it prints."""
+    """Run the command; return its status and output."""
 
     def run(*arguments: str | Path) -> tuple[int, str, str]:
         try:
@@ -103,12 +103,12 @@ def test_groups_and_curves_come_on_demand(run: Run, tests_file: Path, tmp_path: 
     assert float(rows[0]["depth_m"]) == pytest.approx(answer["curves"][0]["depth_m"][0], rel=1e-6)
 
 
-def test_people_get_a_table(run: Run, tests_file: Path) -> None:
+def test_terminal_gets_a_table(run: Run, tests_file: Path) -> None:
     status, out, err = run("depth", tests_file, *CASE, "--group")
     assert (status, "Traceback" in err) == (0, False)
     for expected in ("velocity m/s", "369.5", "slow", "strength factor 8.3", "95% interval", "root mean square 28."):
         assert expected in out
-    assert out.isascii()  # There are no boxes in a pipe.
+    assert out.isascii()  # A pipe gets no box characters.
 
 
 def test_case_comes_from_the_body_of_a_request(run: Run, tests_file: Path, tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ SI_COLUMNS = {"depth_displacement": "depth_displacement_m", "lateral_displacemen
 
 
 def write_runs(folder: Path, factors: dict[float, float], velocities: dict[float, float]) -> Path:
-    """A table of runs and the history of each, made with these strength factors by angle."""
+    """Write a table of runs and the history of each, computed with these strength factors by angle."""
     lines = ["file,oblique_angle_deg,velocity_m_s,until_ms"]
     for angle, factor in factors.items():
         motion = motion_of(angle, velocities[angle], factor)
@@ -170,7 +170,7 @@ def test_strength_factor_of_several_runs_is_found_again(run: Run, tmp_path: Path
     assert len(rows) == 3 * 26
 
 
-def test_what_a_table_of_runs_lacks_comes_from_the_flags(run: Run, tmp_path: Path) -> None:
+def test_fields_without_a_column_come_from_the_flags(run: Run, tmp_path: Path) -> None:
     runs = write_runs(tmp_path, {30.0: 7.5}, {30.0: 238.0})
     full = answer_of(run("motion", "--runs", runs, *CASE, "--json"))
     runs.write_text("file\nat-30.csv\n")
@@ -254,7 +254,7 @@ def test_numerics_of_a_case_are_those_of_the_fit_of_a_motion(run: Run, tmp_path:
     assert found[0] != found[1]
 
 
-def test_people_get_every_run_and_every_law(run: Run, tmp_path: Path) -> None:
+def test_terminal_gets_every_run_and_every_law(run: Run, tmp_path: Path) -> None:
     runs = write_runs(tmp_path, {15.0: 8.0, 45.0: 6.5}, {15.0: 238.0, 45.0: 238.0})
     status, out, err = run("motion", "--runs", runs, *CASE)
     assert (status, "Traceback" in err) == (0, False)
@@ -285,7 +285,7 @@ def test_wrong_table_of_runs_ends_with_status_2(run: Run, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("write", [write_rbdout, write_nodout, write_binout])
 def test_strength_factor_is_found_from_files_of_ls_dyna(run: Run, tmp_path: Path, write: Callable[..., None]) -> None:
-    """The model runs in millimetres and milliseconds, its third axis points out of the target."""
+    """The finite element model uses millimetres and milliseconds, and its third axis points out of the target."""
     motion = motion_of()
     depth, lateral, rotation = motion.columns.values()
     zero = np.zeros_like(depth)

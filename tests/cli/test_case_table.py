@@ -1,4 +1,4 @@
-"""A batch whose cases are a CSV table."""
+"""Batches whose cases are a CSV table."""
 
 import csv
 import json
@@ -57,7 +57,7 @@ def test_rows_are_cases(
 
 
 def with_speed(header: str, cell: str, *, unit: str = "") -> str:
-    """A table of one case whose speed is in this column, perhaps with its unit in a second line."""
+    """A table of one case with its speed in this column, optionally with a second line of units."""
     units = f"{unit},,,,,,\n" if unit else ""
     return f"{header},crh,diameter_m,length_m,mass_kg,fc_MPa,rho\n{units}{cell},3,0.08,0.53,13,39,2250\n"
 
@@ -139,7 +139,7 @@ def test_headers_are_as_people_write_them(served: Path, capsys: pytest.CaptureFi
         ("velocity_m_s\n", ["cases.csv:1: there are no rows below the header"]),
     ],
 )
-def test_what_is_wrong_names_the_line_and_the_column(
+def test_errors_name_the_line_and_the_column(
     served: Path, capsys: pytest.CaptureFixture[str], table: str, reasons: list[str]
 ) -> None:
     (served / "cases.csv").write_text(table)
@@ -160,7 +160,7 @@ d,fourth,250,530,fine
 def test_good_rows_are_computed_and_the_others_have_their_error(
     served: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """CSV and Excel carry every cell of the input; JSON lines have each row in its place."""
+    """CSV and Excel repeat every cell of the input; JSON lines keep the order of the rows."""
     (served / "cases.csv").write_text(MIXED)
     command = ["batch", "cases.csv", "--case", "strike.toml", "--keep", "remark", "--skip-bad"]
     assert cli.main([*command, "-o", "out.csv"]) == 3
@@ -173,7 +173,7 @@ def test_good_rows_are_computed_and_the_others_have_their_error(
         ("3", "d", "fourth", "250"),
     ]
     assert [bool(row["critical_angle_deg"]) for row in rows] == [True, False, False, True]
-    assert rows[0]["remark"] == "'=1+1"  # no spreadsheet computes it
+    assert rows[0]["remark"] == "'=1+1"  # the apostrophe keeps spreadsheets from evaluating it
     assert rows[1]["error"] == "Speed (m/s): must be 0.1 to 10000 m/s, got -238 m/s"
     assert rows[2]["error"].startswith("Length (mm): must be at least the length of the nose")
     assert cli.main([*command, "-o", "out.xlsx"]) == 3
@@ -258,7 +258,7 @@ def test_rows_of_which_none_is_good_are_named_though_they_may_be_skipped(
     assert [reason for reason in reasons if reason not in error] == []
 
 
-def test_walls_leave_out_what_is_sought(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_walls_omit_the_sought_quantity(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (served / "cases.csv").write_text("oblique_angle_deg,relative_tolerance\n0,1e-3\n20,1e-3\n")
     words = ["batch", "cases.csv", "--operation", "thickness", "--case", "strike.toml", "--csv"]
     assert cli.main(words) == 0

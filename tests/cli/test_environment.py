@@ -1,4 +1,4 @@
-"""The command in the environment that it finds: variables, encodings, streams that are closed."""
+"""The command with unusual environments: variables, encodings, closed streams."""
 
 import json
 import subprocess
@@ -35,7 +35,7 @@ def test_a_variable_that_does_not_work_is_named_and_does_not_matter_on_this_mach
     elsewhere = run(folder, "cra", "strike.toml", "--url", ELSEWHERE, **settings)
     assert (elsewhere.status in {1, 2}, elsewhere.out) == (True, "")
     assert name in elsewhere.err
-    assert "127.0.0.1:1" not in elsewhere.err  # An address may hold a password.
+    assert "127.0.0.1:1" not in elsewhere.err  # An address may contain a password.
     for stray in ("Traceback", "[Errno"):
         assert stray not in elsewhere.err
 
@@ -44,7 +44,7 @@ def test_a_variable_that_does_not_work_is_named_and_does_not_matter_on_this_mach
     "address", ["http://127.0.0.1:1", "http://localhost:1", "http://[::1]:1", "http://127.9.9.9:1"]
 )
 def test_loopback_is_never_sought_through_a_proxy(folder: Path, live_url: str, address: str) -> None:
-    """The proxy here is a service, which would answer."""
+    """The proxy in this test is a service, which would answer."""
     done = run(folder, "cra", "strike.toml", "--url", address, HTTP_PROXY=live_url, NO_PROXY="")
     assert (done.status, done.out) == (1, "")
     assert done.err.startswith(f"ricochet cra: no service answers at {address}: ")
@@ -81,7 +81,7 @@ def drawn(folder: Path, *words: str, **settings: str) -> bytes:
 
 
 def test_the_settings_of_matplotlib_change_no_plot(folder: Path) -> None:
-    """Neither those of the working folder nor those of the user, which may be of any encoding."""
+    """Neither a file in the working folder nor that of the user, which may have any encoding."""
     words = ("trajectory", "strike.toml", "--angle", "45", "--plot", "plot.svg")
     assert run(folder, *words, SOURCE_DATE_EPOCH="0").status == 0
     usual = (folder / "plot.svg").read_bytes()

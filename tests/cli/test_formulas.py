@@ -1,4 +1,4 @@
-"""`ricochet formulas`: a table, JSON and CSV, the same from a service."""
+"""`ricochet formulas`: a table, JSON and CSV, and the same output with a service."""
 
 import json
 import re

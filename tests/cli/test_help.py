@@ -1,4 +1,4 @@
-"""`--help` of every command: quick, and with examples that work."""
+"""`--help` of every command is quick, and its examples work."""
 
 import re
 import shlex
@@ -43,7 +43,7 @@ LOCAL = [
     words for words in ALL if words[0] in SINGLE | {"calibrate", "cache", "completion", "init", "openapi", "version"}
 ]
 SERVED = [words for words in ALL if words[0] in {"batch", "sweep", "jobs"}]
-"""`serve` is started by a fixture; `report` takes long and is tested in tests/reports."""
+"""Examples that need a service. A fixture starts `serve`; `report` takes long and is tested in tests/reports."""
 TESTS_CSV = "velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n314.0,0.45\n369.5,0.53\n"
 POINTS_CSV = "oblique_angle_deg,strength_factor\n0,8.52\n15,8.25\n30,7.91\n45,6.48\n"
 
@@ -56,14 +56,14 @@ def help_of(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
 
 
 def examples_of(text: str) -> list[list[str]]:
-    """Its examples, without `ricochet` and what a shell makes of the line."""
+    """Return the examples in a help text as words, without `ricochet` and without shell syntax."""
     _, _, end = text.rpartition("example")
     lines = [line for line in end.splitlines() if "ricochet " in line]
     return [shlex.split(line.partition(" > ")[0])[1:] for line in lines if line.startswith("  ricochet ")]
 
 
 def test_help_does_not_wait_for_the_libraries_of_the_solver() -> None:
-    """Each command after the others, in one process: the first that loads such a library is named with it."""
+    """All commands run in one process; the first one that loads such a library is reported with it."""
     program = f"""
 import sys
 from service.cli import main
@@ -89,7 +89,7 @@ def test_examples_of_the_help_work(words: tuple[str, ...], here: Path, capsys: p
     (here / "tests.csv").write_text(TESTS_CSV)
     (here / "points.csv").write_text(POINTS_CSV)
     with ResultCache(here / "data", memory_bytes=0, disk_bytes=10**9):
-        pass  # the folder of a service before its first request
+        pass  # like the data folder of a service before its first request
     if words == ("calibrate", "motion"):
         assert cli.main(["trajectory", "strike.toml", "--angle", "30", "--csv"]) == 0
         (here / "history.csv").write_text(motion_since_contact(capsys.readouterr().out))
@@ -120,7 +120,7 @@ def test_examples_of_the_help_work_with_a_service(
 
 
 def motion_since_contact(table: str) -> str:
-    """The columns that a calibration takes, from those of a trajectory."""
+    """Convert the columns of a trajectory into those of a calibration."""
     _, *rows = (line.split(",") for line in table.splitlines())
     first = float(rows[0][1])
     lines = [f"{row[0]},{float(row[1]) - first},{row[2]}\n" for row in rows[::20]]

@@ -1,4 +1,4 @@
-"""What wrong inputs are answered with is the text in `messages.txt`, in one process and without a service.
+"""Messages for invalid inputs match the text in `messages.txt`; the commands run in one process and without a service.
 
 A message begins with one line that names the flag, the file or the cell, and the value. After a change of words,
 `.venv/bin/python -m tests.cli.test_messages` writes the file; read the differences before you commit them.
@@ -125,7 +125,7 @@ def messages(folder: Path) -> str:
     return "\n".join(found)
 
 
-def test_messages_are_those_under_review(tmp_path: Path) -> None:
+def test_messages_match_the_reviewed_file(tmp_path: Path) -> None:
     assert messages(tmp_path) == MESSAGES.read_text(encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""The example in cells, run as a whole."""
+"""The example notebook runs."""
 
 import subprocess
 import sys

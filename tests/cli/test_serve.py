@@ -1,4 +1,4 @@
-"""`ricochet serve`, `cache` and `version` as an operator uses them."""
+"""`ricochet serve`, `cache` and `version`."""
 
 import os
 import pty
@@ -84,8 +84,8 @@ def test_results_are_counted_verified_rebuilt_and_evicted(
         for record in (*map(trajectory, range(3)), critical_angle(3)):
             cache.put(record)
         assert cli.main(["cache", "stat"]) == 0
-        assert capsys.readouterr().out.startswith("4 results, 0 files, ")  # in the journal
-        assert cli.main(["cache", "verify"]) == 1  # in use
+        assert capsys.readouterr().out.startswith("4 results, 0 files, ")  # the result is in the journal
+        assert cli.main(["cache", "verify"]) == 1  # the folder is in use
         assert "in use" in capsys.readouterr().err
     (tmp_path / "data" / "results" / "index.sqlite").unlink()
     assert cli.main(["cache", "rebuild"]) == 0
@@ -177,7 +177,7 @@ def test_service_that_is_still_compiling_ends_on_sigterm(tmp_path: Path) -> None
         try:
             until(lambda: any(tmp_path.glob("compiled/*/*.nbi")))  # the first functions are compiled
             process.send_signal(signal.SIGTERM)
-            process.wait(10.0)  # a fraction of what is left to compile
+            process.wait(10.0)  # a fraction of the functions that are not compiled yet
         finally:
             process.kill()
     assert process.returncode == 0
@@ -187,7 +187,7 @@ def test_service_that_is_still_compiling_ends_on_sigterm(tmp_path: Path) -> None
 def test_interrupt_while_the_workers_start_is_no_traceback(seconds: float, tmp_path: Path) -> None:
     """Ctrl-C reaches every process of the terminal.
 
-    Warnings are as a user has them: as errors, Python reports the file of a module that it was reading at that moment.
+    Warnings are not errors here: otherwise Python would report the file of the module that it was reading.
     """
     settings = {"RICOCHET_PORT": "0", "RICOCHET_DATA_DIR": "data", "RICOCHET_WORKERS": "4"}
     with subprocess.Popen(
@@ -206,7 +206,7 @@ def test_interrupt_while_the_workers_start_is_no_traceback(seconds: float, tmp_p
 
 
 def test_terminal_gets_the_address_and_readable_log_lines(tmp_path: Path) -> None:
-    """A variable that is not a setting is named once."""
+    """An unknown RICOCHET_ variable is reported once."""
     port = free_port()
     settings = {"RICOCHET_PORT": str(port), "RICOCHET_DATA_DIR": "data", "RICOCHET_WORKERS": "1", "NO_COLOR": "1"}
     settings["RICOCHET_WORKER"] = "3"
@@ -237,7 +237,7 @@ def test_terminal_gets_the_address_and_readable_log_lines(tmp_path: Path) -> Non
 
 
 def read_until(terminal: int, text: str | None) -> str:
-    """What a terminal shows until this text, or until the process ends."""
+    """Return the output of a terminal up to this text, or up to the end of the process."""
     shown = b""
     deadline = time.monotonic() + LIMIT_S
     while text is None or text.encode() not in shown:

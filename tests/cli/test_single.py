@@ -1,4 +1,4 @@
-"""`ricochet trajectory` and `ricochet cra`: in a pipe, on a terminal, local and against a service."""
+"""`ricochet trajectory` and `ricochet cra`: in a pipe, on a terminal, locally and with a service."""
 
 import csv
 import json
@@ -67,7 +67,7 @@ def test_angle_is_one_line_and_warnings_another(here: Path, capsys: pytest.Captu
     assert shown.out in verbose.out
     assert len(verbose.out.splitlines()) > len(found["iterations"])
     assert all(warning["detail"] in verbose.err for warning in found["warnings"])
-    # Beside the scatter of four tests the bend of S beyond its fit is much, beside that of the law it is not.
+    # Extrapolating S matters compared with the scatter of four tests, but not with that of the law.
     moved = ["--velocity", "500", "--set", "strength_scatter=paper_table_1"]
     assert cli.main(["cra", "strike.toml", *moved]) == 0
     assert capsys.readouterr().err == "1 warning (-v explains): strength_fit_extrapolated\n"
@@ -135,7 +135,7 @@ def test_any_field_can_be_set(here: Path, capsys: pytest.CaptureFixture[str]) ->
 def test_answer_here_is_that_of_the_service_byte_for_byte(
     folder: Path, client: httpx.Client, live_url: str, words: str, body: dict[str, Any], alternatives: bool
 ) -> None:
-    """Key and version included."""
+    """Including the key and the version."""
     args = [*words.split(), "--json", *(["--alternatives"] if alternatives else [])]
     expected = client.post(f"/{args[0]}", json=body | {"alternatives": alternatives}).text + "\n"
     assert run(folder, *args) == run(folder, *args, RICOCHET_URL=live_url) == Ended(0, expected, "")
@@ -156,7 +156,7 @@ def test_alternatives_are_a_table_with_their_range(here: Path, capsys: pytest.Ca
 
 
 def test_alternatives_without_an_answer_have_a_problem(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    args = ["--set", "target.youngs_modulus_pa=1e7"]  # never yields around a cavity, whose pressure the decay needs
+    args = ["--set", "target.youngs_modulus_pa=1e7"]  # concrete that never yields around a cavity
     args += ["--set", 'resistance.free_surface={"model": "none"}']
     assert cli.main(["cra", "strike.toml", *args, "--alternatives", "--csv"]) == 0
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
@@ -192,7 +192,7 @@ def test_tables_have_the_digits_that_mean_something(
     first, second = csv.DictReader(capsys.readouterr().out.splitlines())
     assert first["critical_angle_deg"].startswith(shown)
     assert (len(first["critical_angle_deg"]) > len(shown)) is (digits[-1:] == ["all"])
-    assert second["impact.velocity_m_s"] == "239.123456789"  # as it was given
+    assert second["impact.velocity_m_s"] == "239.123456789"  # unchanged
 
 
 def test_a_terminal_shows_the_angle_before_its_range(folder: Path) -> None:
@@ -327,7 +327,7 @@ def test_problems_of_the_input_end_with_status_2_and_others_with_1(kind: str, st
 
 
 class Moody(BaseHTTPRequestHandler):
-    """A service that is busy at first, then gone for a moment, and takes one key."""
+    """A service that is first busy, then unreachable for a moment, and accepts one key."""
 
     moods: ClassVar[list[str]] = []
 
@@ -343,7 +343,7 @@ class Moody(BaseHTTPRequestHandler):
         self.wfile.write(b'{"mood": "good"}')
 
     def log_message(self, *_: object) -> None:
-        """Say nothing."""
+        """Log nothing."""
 
 
 @pytest.fixture
@@ -359,7 +359,7 @@ def moody_url() -> Iterator[str]:
 def test_request_to_a_busy_service_is_repeated_with_the_key(
     folder: Path, moody_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without the spaces around it."""
+    """Spaces around the key are removed."""
     monkeypatch.setattr("service.cli.client.RETRY_PAUSES", (0.1, 0.1, 0.1))
     Moody.moods = ["busy", "gone", "busy", "good"]
     args = ["cra", "strike.toml", "--json", "--url", moody_url]

@@ -1,4 +1,4 @@
-"""Words, numbers and files on the command line: what is meant, and in which format an answer is written."""
+"""Interpretation of words, numbers and files on the command line, and the format of an answer."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ COMMANDS = {
 
 
 def begins_as(kind: str, content: bytes) -> bool:
-    """Whether a file looks like its format."""
+    """Whether a file begins like its format."""
     if kind == "parquet":
         return content.startswith(b"PAR1")
     if kind == "xlsx":

@@ -1,4 +1,4 @@
-"""Commands do not depend on the folder they are started in, nor on the path of the folder for temporary files."""
+"""Commands do not depend on the working folder, nor on the path of the temporary folder."""
 
 import json
 import os
@@ -16,12 +16,12 @@ from tests.faults.server import RICOCHET, RestartableServer
 
 MODULES = ("http", "json", "numpy", "secrets", "service", "socket", "solver", "struct")
 CASES = 10
-"""Computed by workers, as the results are kept in a data folder."""
+"""Number of cases; workers compute them because there is a data folder."""
 
 
 @pytest.fixture
 def folder_with_modules(tmp_path: Path) -> Path:
-    """A folder with modules of a user, which show that they have been imported, and raise."""
+    """A folder with modules of a user that record that they were imported, and raise."""
     folder = tmp_path / "work"
     folder.mkdir()
     for name in MODULES:
@@ -30,18 +30,18 @@ def folder_with_modules(tmp_path: Path) -> Path:
 
 
 def imported(folder: Path) -> list[str]:
-    """Modules of the user that have been imported."""
+    """Names of the user's modules that were imported."""
     return [path.name for path in folder.parent.glob("* has run")]
 
 
 def environment(**settings: str) -> dict[str, str]:
-    """The environment without what would lead Python to other modules, or keep it from those of the working folder."""
+    """Environment without variables that change where Python finds modules."""
     given = os.environ | {"NO_PROXY": "*"} | settings
     return {name: value for name, value in given.items() if name not in {"PYTHONPATH", "PYTHONSAFEPATH"}}
 
 
 def sweep(folder: Path, **settings: str) -> list[float]:
-    """Run a sweep there; return the velocities that have been computed."""
+    """Run a sweep in this folder; return the velocities that were computed."""
     (folder / "strike.toml").write_text(STRIKE_TOML)
     axis = f"impact.velocity_m_s=200:240:{CASES}"
     done = subprocess.run(

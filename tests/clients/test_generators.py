@@ -16,17 +16,17 @@ PAGE = ROOT / "docs" / "how-to" / "clients.md"
 OUT_OF_REACH = re.compile(
     r"\bE(NOTFOUND|AI_AGAIN|CONN\w+|TIMEDOUT|NETUNREACH|HOSTUNREACH)\b|Failed to establish|No matching distribution"
 )
-"""What npm and pip say if there is no way to their registries."""
+"""Messages of npm and pip if their registries cannot be reached."""
 LIMIT_S = 300.0
-"""Time that a command may take, most of it downloads. [s]"""
+"""Time limit of a command, most of which is for downloads. [s]"""
 
 
 def run(folder: Path, *command: str) -> str:
-    """Return what a command prints, which must end well."""
+    """Return the output of a command, which must succeed."""
     done = subprocess.run(
         command,
         cwd=folder,
-        # A process pool of another test has set that nothing is imported from the working folder.
+        # A process pool of another test may have set PYTHONSAFEPATH in this process.
         env=os.environ | {"NO_PROXY": f"{os.environ.get('NO_PROXY', '')},127.0.0.1", "PYTHONSAFEPATH": ""},
         capture_output=True,
         text=True,
@@ -40,7 +40,7 @@ def run(folder: Path, *command: str) -> str:
 
 
 def block_with(text: str, url: str) -> str:
-    """Return the block of the manual that begins like this, for a service at this address."""
+    """Return the block of the manual that begins with this text, for a service at this address."""
     [found] = [block.text for block in blocks(PAGE) if block.text.startswith(text)]
     return found.replace("http://localhost:8000", url)
 

@@ -1,7 +1,7 @@
-"""A root folder like that of the image's base, and commands run in it: what an engine does, without one.
+"""A root folder like that of the base image, and commands in it: what a container engine does, without an engine.
 
-Each command has separate processes, sees nothing of this machine but its network and devices, and takes all it
-started along when it ends.
+Each command has separate namespaces, sees only the network and devices of this machine, and ends with all processes
+that it has started.
 """
 
 import os
@@ -16,7 +16,7 @@ import pytest
 from .dockerfile import ROOT, Stage, Step
 
 RELEASES = {"python:3.13-slim": ("trixie", "3.13")}
-"""Debian release with the Python of an image, which is built on it."""
+"""Debian release and Python version of a base image."""
 SYSTEM_PATH = "/usr/local/bin:/usr/bin:/bin:/usr/sbin:/sbin"
 ENTER = """
 root=$1 user=$2 folder=$3
@@ -39,7 +39,7 @@ def skip_unless_possible() -> None:
 
 
 def base_root(image: str, folder: Path) -> Path:
-    """Make the root folder of an image, or take that which CLEAN_ROOT names; its Python is at /usr/local, as there."""
+    """Make the root folder of a base image, or use CLEAN_ROOT; its Python is in /usr/local, as in the image."""
     release, version = RELEASES[image]
     root = folder / "base"
     if ready := os.environ.get("CLEAN_ROOT"):
@@ -58,7 +58,7 @@ def base_root(image: str, folder: Path) -> Path:
 
 @dataclass
 class Container:
-    """A root folder, and how commands are run in it."""
+    """A root folder in which commands are run."""
 
     root: Path
     environment: dict[str, str] = field(default_factory=lambda: {"PATH": SYSTEM_PATH})
@@ -66,20 +66,20 @@ class Container:
     user: str = "0:0"
 
     def run(self, words: Sequence[str], **settings: str) -> str:
-        """Run a command to its end; return what it printed."""
+        """Run a command to its end; return its output."""
         command, environment = self.entered(words, **settings)
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, f"{words} ended in {done.returncode}\n{done.stdout}\n{done.stderr}"
         return done.stdout
 
     def entered(self, words: Sequence[str], **settings: str) -> tuple[list[str], dict[str, str]]:
-        """Words that run a command in it, and their variables."""
+        """Return the words that run a command in the root folder, and their environment."""
         enter = ["unshare", "--mount", "--pid", "--fork", "--kill-child", f"--mount-proc={self.root / 'proc'}"]
         words = [*enter, "/bin/sh", "-c", ENTER, "sh", str(self.root), self.user, self.folder, *words]
         return words, self.environment | settings
 
     def take(self, step: Step, others: Mapping[str, "Container"]) -> None:
-        """Do what a step says; those that only say how the image is to be run change nothing."""
+        """Perform a step of the Dockerfile; steps that only describe how to run the image change nothing."""
         if step.instruction in {"ARG", "ENV"}:
             known = self.environment
             self.environment = known | {
@@ -101,14 +101,14 @@ class Container:
         for source in sources:
             found = others[stage].inside(source) if stage else ROOT / source
             place = self.inside(destination)
-            if found.is_dir():  # its content is what is copied
+            if found.is_dir():  # a folder is copied by its content
                 copy_tree(found, place, but="__pycache__" if not stage else "")
             else:
                 place.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(found, place)
 
     def inside(self, path: str) -> Path:
-        """Where a path of it is here."""
+        """Return the path on this machine of a path in the root folder."""
         return self.root / Path(self.folder, path).relative_to("/")
 
 
@@ -123,7 +123,7 @@ def copy_tree(source: Path, target: Path, but: str = "") -> None:
 
 
 def build(stages: Sequence[Stage], folder: Path, wheels: Path) -> Container:
-    """Take the steps of all stages, each in a copy of its base; return the last one."""
+    """Perform the steps of all stages, each in a copy of its base; return the last stage."""
     bases = {tag: base_root(tag, folder) for tag in {stage.tag for stage in stages}}
     built: dict[str, Container] = {}
     for stage in stages:

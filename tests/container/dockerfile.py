@@ -1,4 +1,4 @@
-"""The Dockerfile as steps: as much of its language as it uses."""
+"""Parser of the Dockerfile into steps, for the part of the language that it uses."""
 
 import json
 import re
@@ -15,22 +15,22 @@ KNOWN = {
 
 @dataclass(frozen=True)
 class Step:
-    """An instruction and all that stands behind it, on one line."""
+    """An instruction and its arguments, joined into one line."""
 
     instruction: str
     text: str
 
     def assignments(self) -> dict[str, str]:
-        """Variables of an ENV, of an ARG with its usual value, or of a LABEL."""
+        """Variables of an ENV, an ARG (with its default) or a LABEL."""
         return dict(word.split("=", 1) for word in shlex.split(self.text))
 
     def command(self) -> list[str]:
-        """Program and arguments of a CMD, or of a HEALTHCHECK's."""
+        """Program and arguments of a CMD, or of the CMD of a HEALTHCHECK."""
         words: list[str] = json.loads(self.text.partition("CMD ")[2] if "CMD " in self.text else self.text)
         return words
 
     def paths(self) -> tuple[str, list[str], str]:
-        """Stage, sources and destination of a COPY; no stage for the folder the image is built in."""
+        """Stage, sources and destination of a COPY; the stage is None for the build context."""
         *words, destination = self.text.split()
         stage = words.pop(0).removeprefix("--from=") if words[0].startswith("--from=") else ""
         return stage, words, destination
@@ -38,7 +38,7 @@ class Step:
 
 @dataclass
 class Stage:
-    """What stands from one FROM to the next."""
+    """Steps from one FROM to the next."""
 
     image: str
     name: str
@@ -46,15 +46,15 @@ class Stage:
 
     @property
     def tag(self) -> str:
-        """The image it starts from, without the digest."""
+        """Base image, without the digest."""
         return self.image.partition("@")[0]
 
     def last(self, instruction: str) -> Step:
-        """The one that counts."""
+        """Last step with this instruction, which is the one that takes effect."""
         return [step for step in self.steps if step.instruction == instruction][-1]
 
     def environment(self) -> dict[str, str]:
-        """All variables, as they are written."""
+        """All environment variables, as written."""
         found: dict[str, str] = {}
         for step in self.steps:
             if step.instruction == "ENV":

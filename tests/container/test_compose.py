@@ -1,4 +1,4 @@
-"""compose.yaml starts as its head says: without a key, for this machine alone, from the image that is built here."""
+"""compose.yaml starts the image that is built here, without a key and for this machine only."""
 
 import os
 import re
@@ -32,7 +32,7 @@ TEXT = (ROOT / "compose.yaml").read_text(encoding="utf-8")
 
 
 def services(**variables: str) -> dict[str, dict[str, Any]]:
-    """The services, as an engine reads them with these variables set."""
+    """Return the services, with these variables substituted."""
 
     def value(match: re.Match[str]) -> str:
         return variables.get(match[1]) or match[2]
@@ -42,7 +42,7 @@ def services(**variables: str) -> dict[str, dict[str, Any]]:
 
 
 def settings_of(service: dict[str, Any], monkeypatch: pytest.MonkeyPatch, folder: Path) -> Settings:
-    """What the service reads in its container, but for the place of its data."""
+    """Settings that the service reads in its container, with another data folder."""
     environment = read()[-1].environment() | service["environment"] | {"RICOCHET_DATA_DIR": str(folder)}
     for name, value in environment.items():
         if name.startswith("RICOCHET_"):
@@ -115,17 +115,17 @@ def test_engine_leaves_the_service_its_time_to_end() -> None:
 
 @pytest.fixture
 def short_path() -> Iterator[Path]:
-    """A folder whose path leaves room for the name of a socket, which that of `tmp_path` may not."""
+    """A folder with a path short enough for a socket in it, which that of `tmp_path` may not be."""
     with tempfile.TemporaryDirectory() as folder:
         yield Path(folder)
 
 
 @pytest.mark.system
 def test_service_works_where_only_its_data_and_tmp_can_be_written(short_path: Path) -> None:
-    """As with `read_only`, `tmpfs` and `cap_drop`."""
+    """This is what `read_only`, `tmpfs` and `cap_drop` leave."""
     if os.geteuid() != 0 or not all(map(shutil.which, ("unshare", "setpriv"))):
         pytest.skip("only root may take the right to write away")
-    warm_up()  # what is compiled is read from there
+    warm_up()  # the compiled code is read from there
     port = str(free_port())
     data, temporary = short_path / "data", short_path / "tmp"
     temporary.mkdir()
@@ -169,7 +169,7 @@ def test_service_works_where_only_its_data_and_tmp_can_be_written(short_path: Pa
 
 
 @pytest.mark.system
-def test_its_commands_make_a_cluster_that_answers(short_path: Path, service_on: RunService) -> None:
+def test_commands_of_compose_make_a_cluster_that_answers(short_path: Path, service_on: RunService) -> None:
     port = str(free_port())
 
     def here(text: str) -> str:

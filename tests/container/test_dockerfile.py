@@ -1,4 +1,4 @@
-"""What the Dockerfile says, against what the service and the Makefile say."""
+"""The Dockerfile agrees with the service and the Makefile."""
 
 import os
 import re
@@ -25,7 +25,7 @@ def test_image_starts_what_make_serve_runs() -> None:
     assert IMAGE.last("CMD").command() == recipe.strip().removeprefix("@$(BIN)/").split()
 
 
-def test_its_variables_are_settings_within_their_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_variables_of_the_image_are_settings_within_their_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
     given = {name: value for name, value in IMAGE.environment().items() if name.startswith("RICOCHET_")}
     assert {name.removeprefix("RICOCHET_").lower() for name in given} <= Settings.model_fields.keys()
     for name, value in given.items():
@@ -56,7 +56,7 @@ def test_full_lock_has_what_every_extra_and_every_other_lock_of_the_service_has(
     assert any("requirements/full.txt" in step.text for step in STAGES[0].steps if step.instruction == "COPY")
 
 
-def test_it_runs_as_nobody_who_may_do_more() -> None:
+def test_image_runs_as_an_unprivileged_user() -> None:
     user = IMAGE.last("USER").text
     assert user.isdigit()
     assert int(user) > 0
@@ -73,7 +73,7 @@ def test_everything_is_installed_by_its_hash_and_nothing_is_compiled() -> None:
 
 
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name or "image")
-def test_what_it_copies_is_there_and_not_ignored(stage: Stage) -> None:
+def test_files_that_the_image_copies_exist_and_are_not_ignored(stage: Stage) -> None:
     ignored, *excepted = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()[1:]
     assert ignored == "*"
     for step in stage.steps:
@@ -88,7 +88,7 @@ def test_what_it_copies_is_there_and_not_ignored(stage: Stage) -> None:
             assert f"!{path}" in excepted
 
 
-def test_its_health_check_distinguishes_a_service_that_lives_from_one_that_does_not(live_url: str) -> None:
+def test_health_check_distinguishes_a_live_service_from_a_dead_one(live_url: str) -> None:
     program, *arguments = IMAGE.last("HEALTHCHECK").command()
     assert program == "python"
 

@@ -1,6 +1,6 @@
-"""The steps of the Dockerfile, taken one by one in a clean root, and the image they make started as an engine would.
+"""The steps of the Dockerfile are performed in a clean root, and the resulting image is started like by an engine.
 
-Needs root, debootstrap and the package index; skipped without. CLEAN_ROOT names a Debian root that is there already.
+Needs root, debootstrap and the package index; skipped without. CLEAN_ROOT names an existing Debian root.
 """
 
 import os
@@ -29,7 +29,7 @@ ENTRY_POINT = STAGES[-1].last("ENTRYPOINT").command()
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """What the steps install, as the index gives it to the Python of the image: these hashes or none."""
+    """Wheels that the steps install, downloaded for the Python of the image with the locked hashes."""
     folder = tmp_path_factory.mktemp("wheels")
     _, version = RELEASES[STAGES[0].tag]
     command = ["download", "--quiet", "--require-hashes", "--only-binary", ":all:", "--python-version", version]
@@ -50,12 +50,12 @@ def image(tmp_path_factory: pytest.TempPathFactory, wheels: Path) -> Iterator[Co
     try:
         yield build(STAGES, folder, wheels)
     finally:
-        shutil.rmtree(folder)  # some gigabytes
+        shutil.rmtree(folder)  # takes some gigabytes
 
 
 @contextmanager
 def started(image: Container, log: Path) -> Iterator[tuple[str, int]]:
-    """The image's own command with its own variables, on a port of this machine alone; its address and process."""
+    """Start the command of the image with its variables on a loopback port; return its address and process."""
     settings = {"RICOCHET_HOST": "127.0.0.1", "RICOCHET_PORT": str(free_port()), "RICOCHET_WORKERS": "2"}
     command, environment = image.entered([*ENTRY_POINT, *STAGES[-1].last("CMD").command()], **settings)
     with log.open("wb") as output, subprocess.Popen(command, env=environment, stderr=output) as process:

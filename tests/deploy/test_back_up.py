@@ -1,4 +1,4 @@
-"""deploy/back-up.sh, and the commands of the manual that restore a copy, with keys, jobs and results."""
+"""deploy/back-up.sh and the commands of the manual that restore a copy keep keys, jobs and results."""
 
 import os
 import pwd
@@ -37,7 +37,7 @@ def back_up(data: Path, backups: Path) -> Path:
 
 
 def restore(data: Path, copy: Path) -> None:
-    """The commands of the manual in order, with these paths and this user; systemd is not there."""
+    """Run the commands of the manual with these paths and this user, without systemd."""
     text = re.sub(r"/var/backups/ricochet/\S+", str(copy), RESTORE).replace(str(PACKAGED), str(data))
     text = (
         text.replace("ricochet:ricochet", ME).replace("runuser -u ricochet -- ", "").replace("/opt/ricochet/bin/", "")
@@ -61,7 +61,7 @@ def test_copy_of_a_running_service_has_its_keys_jobs_and_results(tmp_path: Path,
         until(lambda: finished(client, job))
         rows = client.get(f"/jobs/{job}/results").json()["results"]
         copy = back_up(data, backups)
-        client.post("/cra", json=PAPER | {"impact": {"velocity_m_s": 300.0}}).raise_for_status()  # is not in the copy
+        client.post("/cra", json=PAPER | {"impact": {"velocity_m_s": 300.0}}).raise_for_status()  # not in the copy
     assert re.fullmatch(r"20\d\d-\d\d-\d\dT\d{6}Z", copy.name)
     assert [path for path in (copy, *copy.rglob("*")) if path.stat().st_mode & 0o077] == []
     restore(data, copy)

@@ -1,4 +1,4 @@
-"""The files of deploy/ against the tools that read them, and against the service and the image they are for."""
+"""The files of deploy/ are accepted by the tools that read them, and agree with the service and the image."""
 
 import re
 import shutil
@@ -26,11 +26,11 @@ PODS = [manifest["spec"]["template"]["spec"] for manifest in MANIFESTS if "templ
 KINDS = {manifest["kind"]: manifest for manifest in MANIFESTS}
 IMAGE = read()[-1]
 EXPOSURE = 25
-"""Most exposure, of 100: `systemd-analyze security` rates 20 as OK."""
+"""Largest exposure, of 100; `systemd-analyze security` rates 20 as OK."""
 
 
 def settings_in(monkeypatch: pytest.MonkeyPatch, given: dict[str, str]) -> Settings:
-    """The settings of these variables, each of which must be one."""
+    """Return the settings in these variables, each of which must exist."""
     variables = {name: value for name, value in given.items() if name.startswith("RICOCHET_")}
     assert {name.removeprefix("RICOCHET_").lower() for name in variables} <= Settings.model_fields.keys()
     for name, value in variables.items():
@@ -53,7 +53,7 @@ def analyze(verb: str, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture
 def units(tmp_path: Path) -> dict[str, Path]:
-    """The units, with a program that is there: systemd looks for it."""
+    """The units with the path of an existing program, because systemd checks that it exists."""
     for name in UNITS:
         text = (DEPLOY / name).read_text(encoding="utf-8")
         start = re.compile(r"(?m)^ExecStart=.*$")
@@ -81,7 +81,7 @@ def test_units_use_what_their_heads_install() -> None:
         head, _, body = (DEPLOY / name).read_text(encoding="utf-8").partition("[Unit]")
         for path in re.findall(r"ExecStart=(/usr/local/\S+)", body):
             assert path in head
-    assert "/usr/bin/python3 -m venv /opt/ricochet\n" in UNIT  # one below /home would be hidden by ProtectHome
+    assert "/usr/bin/python3 -m venv /opt/ricochet\n" in UNIT  # a program below /home would be hidden by ProtectHome
     assert "--require-hashes" in UNIT
 
 
@@ -101,7 +101,7 @@ def test_unit_has_settings_of_the_service_and_lets_it_end_by_itself(monkeypatch:
 
 @pytest.fixture(scope="module")
 def kubernetes() -> Any:
-    """What knows the manifests of Kubernetes; its import parses grammars, for two seconds."""
+    """Validator of Kubernetes manifests; importing it takes two seconds."""
     return import_module("kubernetes_validate")
 
 
@@ -128,7 +128,7 @@ def test_pods_run_the_image_as_its_user_and_may_nothing_else(pod: dict[str, Any]
         "capabilities": {"drop": ["ALL"]},
     }
     assert not pod["automountServiceAccountToken"]
-    assert not pod["enableServiceLinks"]  # RICOCHET_PORT would be tcp://...
+    assert not pod["enableServiceLinks"]  # with service links RICOCHET_PORT would be tcp://...
     mounted = {mount["mountPath"] for mount in container["volumeMounts"]}
     assert IMAGE.last("VOLUME").text in mounted
     assert container["resources"]["limits"]["memory"]

@@ -1,5 +1,5 @@
-"""deploy/nginx.conf before a running service: clients that are slow, silent or too many hold up nobody else, and the
-service knows the address of each."""
+"""deploy/nginx.conf in front of a running service: slow, silent or too many clients do not delay others, and the
+service knows the address of each client."""
 
 import json
 import re
@@ -31,15 +31,15 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(1200)]
 NGINX = shutil.which("nginx") or next((path for path in ("/usr/sbin/nginx",) if Path(path).exists()), None)
 LOOKS = 10
 LONGEST_S = 5.0
-"""Longest time of a probe: one that has to wait until nginx gives others up takes 10 s."""
+"""Time limit of a probe; one that had to wait until nginx ends other connections would take 10 s. [s]"""
 MONITOR, CROWD, SLOW, FAST = "127.0.0.1", "127.0.0.2", "127.0.0.3", "127.0.0.4"
-"""Addresses of this machine: limits are for each."""
+"""Addresses of this machine; the limits apply to each of them."""
 UNFINISHED = b"POST /cra HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\nContent-Length: 999\r\n\r\n{"
 
 
 @dataclass(frozen=True)
 class Proxy:
-    """nginx before a service that believes it."""
+    """nginx in front of a service that trusts it."""
 
     port: int
     trusted: ssl.SSLContext
@@ -61,7 +61,7 @@ class Proxy:
 
 
 def configuration(folder: Path, certificate: Certificate, port: int, replaced: dict[str, str]) -> str:
-    """deploy/nginx.conf with other text, and the port, the certificate and the folder of a test."""
+    """Return deploy/nginx.conf with replacements, and with the port, certificate and folder of a test."""
     text = (ROOT / "deploy" / "nginx.conf").read_text(encoding="utf-8")
     own = replaced | {
         "listen 443 ssl;": f"listen 127.0.0.1:{port} ssl;",
@@ -75,12 +75,12 @@ def configuration(folder: Path, certificate: Certificate, port: int, replaced: d
     for before, after in own.items():
         assert before in text, before
         text = text.replace(before, after)
-    return re.sub(r"(?m)^user .*$", "user root;", text)  # reads the certificate of the test
+    return re.sub(r"(?m)^user .*$", "user root;", text)  # to read the certificate of the test
 
 
 @contextmanager
 def running_nginx(folder: Path, text: str, port: int) -> Iterator[None]:
-    """nginx with this configuration, which its own check must accept."""
+    """Run nginx with this configuration, which `nginx -t` must accept."""
     if NGINX is None:
         pytest.skip("nginx is not there")
     (folder / "nginx.conf").write_text(text)
@@ -96,7 +96,7 @@ def running_nginx(folder: Path, text: str, port: int) -> Iterator[None]:
 
 
 REWRITE = "ssl_session_cache shared:tls:10m;"
-"""A line of the server, behind which a test adds one."""
+"""Line of the server block after which a test adds another."""
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +124,7 @@ def wait_for(port: int, process: "subprocess.Popen[bytes]") -> None:
 
 
 def slowest_probe(proxy: Proxy) -> float:
-    """Longest time of some probes of a new monitor each. [s]"""
+    """Longest time of some probes, each over a new connection. [s]"""
     longest = 0.0
     for _ in range(LOOKS):
         began = time.monotonic()
@@ -135,13 +135,13 @@ def slowest_probe(proxy: Proxy) -> float:
 
 
 def test_answers_come_through_with_the_address_of_the_client(proxy: Proxy) -> None:
-    """What a client says of itself counts for nothing."""
+    """Headers of the client about its address are ignored."""
     known = len(proxy.entries())
     with proxy.client(CROWD) as client:
         answer = client.post("/cra", json=PAPER, headers={"X-Forwarded-For": "203.0.113.9"})
     assert answer.json()["critical_angle_deg"] == pytest.approx(48.64, abs=0.1)
     assert answer.headers["Strict-Transport-Security"]
-    until(lambda: len(proxy.entries()) > known)  # an entry is written once its answer has been sent
+    until(lambda: len(proxy.entries()) > known)  # an entry is written after its answer
     assert proxy.entries()[-1]["client"] == CROWD
 
 
@@ -197,7 +197,7 @@ def test_requests_of_one_address_are_bounded(proxy: Proxy) -> None:
     request = "GET /livez HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: {}\r\n\r\n"
     with proxy.connection(FAST) as opened:
         began = time.monotonic()
-        # All in one write, so that they come faster than the proxy lets them through however busy the machine is.
+        # All requests are written at once, so that they exceed the rate however busy the machine is.
         opened.sendall((request.format("keep-alive") * 399 + request.format("close")).encode())
         answers = b"".join(iter(lambda: opened.recv(65536), b""))
         seconds = time.monotonic() - began
@@ -210,7 +210,7 @@ def test_requests_of_one_address_are_bounded(proxy: Proxy) -> None:
 
 
 def test_addresses_hold_below_a_prefix(proxy: Proxy) -> None:
-    """As a client follows them that knows nothing of the service but the address it has sent a request to."""
+    """A client follows them that knows only the address that it sent its first request to."""
     base = f"https://127.0.0.1:{proxy.port}"
     with proxy.client() as client:
 
@@ -236,7 +236,7 @@ def test_addresses_hold_below_a_prefix(proxy: Proxy) -> None:
 
 
 def test_bodies_are_refused_before_all_of_them_has_been_taken(proxy: Proxy) -> None:
-    """Those that are too long for their path by nginx, those for many cases by the service as they begin."""
+    """nginx refuses bodies that are too long for their path; the service refuses batches once it reads their start."""
     known = len(proxy.entries())
     for path in ("/nothing", "/cra", "/jobs", "/mcp"):
         with proxy.client() as client:
@@ -248,7 +248,7 @@ def test_bodies_are_refused_before_all_of_them_has_been_taken(proxy: Proxy) -> N
 
 
 def problem_of(response: httpx.Response, status: int) -> httpx.Response:
-    """The response, which must be a problem as the contract has it."""
+    """Return the problem in a response, which must follow the contract."""
     assert response.headers["Content-Type"] == "application/problem+json"
     problem = Problem.model_validate(response.json())
     assert (response.status_code, problem.status, problem.instance) == (status, status, response.request.url.path)
@@ -270,7 +270,7 @@ def test_answer_for_a_service_that_is_down_is_a_problem(tmp_path: Path) -> None:
 
 
 def first_line(proxy: Proxy, head: bytes, length: int) -> bytes:
-    """The first line of the answer to a request of whose body only the first bytes are sent."""
+    """Return the first line of the answer to a request of which only the first bytes of the body are sent."""
     with proxy.connection(MONITOR) as connection:
         connection.settimeout(10.0)
         connection.sendall(b"%b\r\nHost: 127.0.0.1\r\nContent-Length: %d\r\n\r\n%b" % (head, length, b"x" * 100_000))
@@ -285,12 +285,12 @@ def test_metrics_are_for_the_monitor_of_this_machine_alone(proxy: Proxy) -> None
 
 
 SEVERAL = [block.text for block in blocks(ROOT / "docs" / "sizing.md") if block.language == "nginx"]
-"""nginx before two services: by path, and by owner."""
+"""Configurations of nginx for two services: by path, and by owner."""
 
 
 @pytest.fixture(params=["path", "owner"])
 def several(request: pytest.FixtureRequest, service_on: RunService, tmp_path: Path) -> Iterator[list[httpx.Client]]:
-    """A client of each of two services behind one nginx, as docs/sizing.md has it."""
+    """A client of each of two services behind one nginx with the configurations of docs/sizing.md."""
     by_path, port, certificate = request.param == "path", free_port(), make_certificate(tmp_path)
     folders = [tmp_path / "1", tmp_path / "2"]
     for folder in folders:

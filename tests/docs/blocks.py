@@ -1,4 +1,4 @@
-"""Fenced blocks of a page of Markdown, and the services they use."""
+"""Fenced blocks of the pages of the manual."""
 
 import re
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
 FENCE = re.compile(r"^(?P<fence>```+)(?P<info>[^\n`]*)\n(?P<text>.*?)^(?P=fence)[ ]*$", re.MULTILINE | re.DOTALL)
 COMMANDS = frozenset({"", "sh", "bash", "shell", "console", "python", "ts"})
-"""Languages of blocks that somebody may want to run; no language may be anything."""
+"""Languages of blocks that a reader may want to run; "" is a block without a language."""
 COMMAND_LINE = re.compile(
     r"(?:\$ |[A-Z_]+=\S+ )*(?:curl|docker|git|make|node|npm|npx|pip|python3?|ricochet|uv)(?= (?![\w-]+:))"
 )
@@ -25,7 +25,7 @@ class Block:
     line
         Line of the page on which it begins.
     info
-        What stands behind the fence: the language, `run`, and `server` if it queries a service.
+        Words after the fence: the language, `run`, and `server` if the block queries a service.
     """
 
     page: Path

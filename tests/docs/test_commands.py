@@ -1,9 +1,9 @@
-"""Blocks of commands in the documentation do what they are there for.
+"""Commands and code in the documentation work.
 
-A block marked `sh run` or `python run` is run as it stands, the blocks of a page in order in one empty folder. With
-`server` it queries a separate service: `localhost:8000` is that one, `data` in the folder what it keeps, and 4xx or 5xx
-to curl is a failure. Blocks marked `ts run` are run by tests/api/test_typescript_client.py. Whatever else looks like
-commands has to be on the list below.
+Blocks marked `sh run` or `python run` are run unchanged, those of a page in order in one empty folder. A block with
+`server` uses a separate service: `localhost:8000` is its address, `data` its data folder, and 4xx or 5xx
+is a failure of curl. Blocks marked `ts run` are run by tests/api/test_typescript_client.py. Any other
+command has to be in `NOT_RUN`.
 """
 
 import json
@@ -49,22 +49,22 @@ NOT_RUN = {
     "import umbridge ": "a package that nothing here needs; tests/api/test_umbridge.py queries the same",
     "config = {": "goes on with the block that imports umbridge",
 }
-"""Beginnings of commands, and of Python, that stand in a block which is not run, with the reason."""
+"""First words of commands and of Python code in blocks that are not run, with the reason."""
 MOST_S = 240.0
 TOLERANCE_DEG = 0.02
-"""Twice that of the search: the README rounds."""
+"""Tolerance of printed angles, twice that of the search because the README rounds. [°]"""
 BIN = Path(sys.executable).parent
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """Return the environment of an operator who has the package, and nothing set."""
+    """Return the environment of a user who has the package, without any settings."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("RICOCHET_", "OTEL_", "PYTHON"))}
     (folder / ".curlrc").write_text("fail-with-body\nshow-error\nnoproxy = *\n")
     return kept | {"PATH": f"{BIN}:{os.environ['PATH']}", "CURL_HOME": str(folder), "NO_PROXY": "*"}
 
 
 def run(block: Block, folder: Path, url: str) -> subprocess.CompletedProcess[str]:
-    """Run a block; it must end well."""
+    """Run a block, which must succeed."""
     text = block.text.replace("localhost:8000", url.removeprefix("http://")) if block.uses_service else block.text
     command = {"sh": ["bash", "-euo", "pipefail", "-c", text], "python": [str(BIN / "python"), "-c", text]}
     done = subprocess.run(
@@ -83,7 +83,7 @@ def run(block: Block, folder: Path, url: str) -> subprocess.CompletedProcess[str
 
 @pytest.fixture
 def run_page(tmp_path: Path, service_on: Callable[..., Any]) -> Iterator[Callable[[Path], dict[str, str]]]:
-    """Run the blocks of a page; return what each printed, by its place."""
+    """Return a function that runs the blocks of a page and returns their outputs by place."""
     with ExitStack() as stack:
 
         def run_all(page: Path) -> dict[str, str]:
@@ -127,7 +127,7 @@ def test_every_block_of_commands_is_run_or_on_the_list_of_those_that_are_not(pag
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_no_command_is_in_a_block_of_another_language(page: Path) -> None:
-    """Such as `text`, which is for output and drawings."""
+    """For example `text`, which is for output and drawings."""
     for block in blocks(page):
         if block.language not in COMMANDS:
             lines = [line for line in block.text.splitlines() if COMMAND_LINE.match(line)]
@@ -159,6 +159,6 @@ def test_links_between_pages_lead_somewhere() -> None:
 
 
 def test_main_path_of_the_manual_is_short() -> None:
-    """README, tutorials and how-to: 23,000 words put newcomers off."""
+    """README, tutorials and how-to pages once had 23,000 words, too many for newcomers."""
     pages = [ROOT / "README.md", *(ROOT / "docs" / "tutorial").glob("*.md"), *(ROOT / "docs" / "how-to").glob("*.md")]
     assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages) <= 12_000

@@ -1,4 +1,4 @@
-"""The manual builds without a warning, is whole by itself, and is served under a policy that lets in nothing else."""
+"""The manual builds without a warning, loads nothing from elsewhere, and is served with a strict security policy."""
 
 import os
 import re
@@ -22,7 +22,7 @@ from tests.browser.chromium import NAMES, executable, running_chromium
 
 from .blocks import ROOT
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(900)]  # a build on a loaded machine takes minutes
+pytestmark = [pytest.mark.system, pytest.mark.timeout(900)]  # on a busy machine the build takes minutes
 STYLE_REFUSED = re.compile(r"(?:Refused to apply|Applying) inline style\b[^\n]*Content Security Policy directive")
 """Message of Chromium for a style attribute. The theme hides its icons by some; manual.css does it for the policy."""
 FIRST_PAGES = ("index.html", "tutorial/first-map.html", "explanation/model.html", "reference/http.html")
@@ -30,7 +30,7 @@ FIRST_PAGES = ("index.html", "tutorial/first-map.html", "explanation/model.html"
 
 @pytest.fixture(scope="module")
 def manual(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of the manual, built as `make docs` does."""
+    """Folder of the manual, built like by `make docs`."""
     folder = tmp_path_factory.mktemp("manual")
     command = [sys.executable, "-m", "sphinx", "--builder", "html", "--fresh-env", "--fail-on-warning", "--keep-going"]
     command += ["--quiet", "--doctree-dir", str(folder / "doctrees"), str(ROOT / "docs"), str(folder / "html")]
@@ -41,7 +41,7 @@ def manual(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class References(HTMLParser):
-    """What a page refers to, and what can be referred to in it."""
+    """Links and anchors of a page."""
 
     def __init__(self, page: Path) -> None:
         super().__init__()
@@ -145,7 +145,7 @@ def browser() -> Iterator[Browser]:
 
 
 def opened(browser: Browser, address: str, allowed: str) -> tuple[Page, list[str]]:
-    """Open a page; also return what went wrong in it, and every address it requests that does not begin as allowed."""
+    """Open a page; return it with its errors, which include requests to addresses that are not allowed."""
     page, served = browser.new_page(), allowed.startswith("http")
     faults: list[str] = []
 

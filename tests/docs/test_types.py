@@ -1,4 +1,4 @@
-"""Python of the documentation passes the strictest type check that a reader may have."""
+"""Python code in the documentation passes `mypy --strict`."""
 
 import subprocess
 import sys
@@ -8,7 +8,7 @@ import pytest
 
 from .blocks import PAGES, ROOT, blocks, name_of
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]  # reads the types of numpy, xarray and matplotlib anew
+pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]  # the types of numpy and xarray are not cached
 OPTIONAL = """
 import matplotlib.axes
 import matplotlib.figure

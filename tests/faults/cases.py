@@ -14,7 +14,7 @@ ROUGH = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
 STEP_M_S = 1e-3
 """Difference in velocity between two cases."""
 LONG = pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])
-"""So many rounds where there is time for them."""
+"""Number of rounds of a slow test."""
 PIECES = 10
 PIECE_PAUSE_SECONDS = 0.01
 
@@ -28,7 +28,7 @@ def searches(count: int, first: int = 0) -> list[dict[str, Any]]:
 
 
 def trajectories(count: int, first: int = 0, *, slow: bool) -> list[dict[str, Any]]:
-    """Trajectories of some milliseconds or, slow, of about 10 s each."""
+    """Trajectories of some milliseconds each, or of about 10 s if `slow`."""
     numerics = {"method": "panels"} | ({"panels": 100_000, "time_step_s": 1e-6} if slow else {"panels": 1000})
     return [
         PAPER_AT_45

@@ -1,4 +1,4 @@
-"""Tests of this folder find the processes of a whole system."""
+"""The tests in this folder search the processes of the whole machine."""
 
 from pathlib import Path
 

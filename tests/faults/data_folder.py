@@ -1,4 +1,4 @@
-"""The files that a service leaves in its data folder."""
+"""Inspection of the files in a data folder."""
 
 import sqlite3
 from collections import Counter
@@ -18,7 +18,7 @@ EXPECTED = {"lock"} | {f"{path}{end}" for path in (INDEX, JOURNAL, JOBS) for end
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A file of results; equal if it is the same file, unchanged."""
+    """A file of results; equal to another only if it is the same, unchanged file."""
 
     path: Path
     inode: int
@@ -27,7 +27,7 @@ class Segment:
 
 
 def segments(data: Path) -> dict[Path, Segment]:
-    """All files of results, by path; each is complete at any instant."""
+    """All files of results by path, each of which must be complete."""
     found = {}
     for path in sorted((data / SEGMENTS).rglob("*.h5")):
         status = path.stat()
@@ -38,18 +38,18 @@ def segments(data: Path) -> dict[Path, Segment]:
 
 
 def keys_of(stored: dict[Path, Segment]) -> Counter[str]:
-    """How often each result is stored."""
+    """Number of times that each result is stored."""
     return Counter(key for segment in stored.values() for key in segment.keys)
 
 
 def journaled(data: Path) -> Counter[str]:
-    """The results that are in the journal."""
+    """Keys of the results in the journal."""
     with closing(sqlite3.connect(f"{(data / JOURNAL).resolve().as_uri()}?mode=ro", uri=True, timeout=10.0)) as file:
         return Counter(key for (key,) in file.execute("SELECT key FROM results"))
 
 
 def faults_of(data: Path, indexed: str) -> list[str]:
-    """What is wrong with the folder of a service that has started and finished its jobs.
+    """Return what is wrong with the data folder of a service that has finished its jobs.
 
     `indexed` is the output of `ricochet cache stat`: how many results and files there are.
     """

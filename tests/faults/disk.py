@@ -1,4 +1,4 @@
-"""A disk that a test fills up and frees again."""
+"""A disk that a test can fill and free."""
 
 import resource
 import shutil
@@ -10,21 +10,21 @@ from pathlib import Path
 
 DISK_BYTES = 24 * 1024 * 1024
 FILE_BYTES = 4096
-"""Largest file where no small disk can be mounted: then nothing can be written either."""
+"""Limit on the size of files where no small disk can be mounted; with it nothing can be written either."""
 
 
 @dataclass(frozen=True, slots=True)
 class Disk:
-    """A disk that can be filled.
+    """A disk that can be filled and freed.
 
     Parameters
     ----------
     data
         Data folder on it.
     mounted
-        Whether it is a disk, full for every process; otherwise a limit on the files of one process.
+        Whether it is a real disk, full for every process; otherwise the size of files is limited for one process.
     fill, free
-        Take the id of the process that is to find the disk full, or free again.
+        Functions of the id of the process that will find the disk full, or free again.
     """
 
     data: Path
@@ -59,6 +59,6 @@ def fill(ballast: Path) -> None:
 
 
 def limit(pid: int, size: int = resource.RLIM_INFINITY) -> None:
-    """Limit the files that this process may write; 0 is no process."""
+    """Limit the size of files that a process may write; do nothing for process 0."""
     if pid:
         resource.prlimit(pid, resource.RLIMIT_FSIZE, (size, resource.prlimit(pid, resource.RLIMIT_FSIZE)[1]))

@@ -1,8 +1,8 @@
-"""Services as forks of one process that has loaded all: a start takes a tenth of a second.
+"""Services as forks of one process that has imported everything, so that a start takes a tenth of a second.
 
-A line of JSON on standard input names the data folder, the port, the log, the call that is to fail and how. The
-service runs in a fork; a line on standard output is its process id, the next one, when it has ended, its status. The
-calls it has made are then in the file `count`, unless it was killed.
+A line of JSON on standard input has the data folder, the port, the log, the call that is to fail and the fault. The
+service runs in a fork. A line on standard output is its process id, and after its end the next line is its status. The
+number of its calls is then in the file `count`, unless it was killed.
 """
 
 import ctypes
@@ -41,7 +41,7 @@ def serve(order: dict[str, Any]) -> int:
         Server(create_app(settings), settings).run()
     except SystemExit:
         pass
-    except (UnusableFolderError, ExecutorError, OSError) as error:  # as `ricochet serve`
+    except (UnusableFolderError, ExecutorError, OSError) as error:  # like `ricochet serve`
         logging.getLogger(__name__).warning("not started: %s", error)
         status = NOT_STARTED
     library.nth_call_count.restype = ctypes.c_long
@@ -50,7 +50,7 @@ def serve(order: dict[str, Any]) -> int:
 
 
 def main() -> None:
-    """Serve the orders one after the other."""
+    """Run the requested services one after the other."""
     warm_up()
     for line in sys.stdin:
         order = json.loads(line)

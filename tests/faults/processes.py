@@ -8,18 +8,18 @@ from contextlib import suppress
 from pathlib import Path
 
 BUSY_SECONDS = 0.3
-"""Long enough for a process that computes to get a time slice on a loaded machine."""
+"""Interval in which a process that computes gets a time slice even on a busy machine. [s]"""
 
 
 def processes_of(data: Path) -> list[int]:
-    """Every running process of the service with this data folder, whatever its parent is."""
+    """Every running process of the service with this data folder, whatever its parent."""
     variable = f"RICOCHET_DATA_DIR={data}".encode()
     running = [int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit()]
     return [process for process in running if variable in _environment(process)]
 
 
 def workers_of(data: Path, server: int) -> list[int]:
-    """Worker processes: children of a template process, be it dead, which is a child of the server."""
+    """Worker processes: children of a template process, which is a child of the server and may have died."""
     return [process for process in processes_of(data) if process != server and _parent(process) != server]
 
 
@@ -44,7 +44,7 @@ def busy(processes: Sequence[int]) -> bool:
 
 
 def processor_seconds(process: int) -> float:
-    """Processor time used so far, 0 once the process has ended. [s]"""
+    """Processor time used so far; 0 after the process has ended. [s]"""
     status = _status(process)
     return (int(status[11]) + int(status[12])) / os.sysconf("SC_CLK_TCK") if status else 0.0
 

@@ -1,4 +1,4 @@
-"""A service that is killed, stopped and started again on the same data folder, and observed over HTTP."""
+"""A service that can be killed, stopped and started again on the same data folder."""
 
 import os
 import socket
@@ -32,11 +32,11 @@ class RestartableServer:
     Parameters
     ----------
     folder
-        Holds the log and, without `data`, the data folder.
+        Folder of the log and, unless `data` is given, of the data folder.
     data
         Data folder.
     cwd
-        Where it is started.
+        Working directory.
     **settings
         RICOCHET_... variables, in lower case and without the prefix.
     """
@@ -89,7 +89,7 @@ class RestartableServer:
         self.wait_until("/readyz")
 
     def wait_until(self, path: str) -> None:
-        """Wait until this path is answered with success."""
+        """Wait until a request of this path succeeds."""
         deadline = time.monotonic() + START_SECONDS
         while time.monotonic() < deadline:
             assert self._process is not None
@@ -101,19 +101,19 @@ class RestartableServer:
         raise TimeoutError(path)
 
     def kill(self) -> None:
-        """End the server process by SIGKILL; its workers are left to themselves."""
+        """Kill the server process with SIGKILL, but not its workers."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
 
     def stop(self) -> None:
-        """End the server by SIGTERM and require a clean exit."""
+        """Stop the server with SIGTERM, and require a clean exit."""
         assert self._process is not None
         self._process.terminate()
         assert self._process.wait(STOP_SECONDS) == 0, self.log.read_text(errors="replace")[-2000:]
 
     def command(self, *arguments: str) -> str:
-        """Run a `ricochet` command with the settings of this service; return what it prints."""
+        """Run a `ricochet` command with the settings of this service; return its output."""
         return subprocess.run(
             [RICOCHET, *arguments], cwd=ROOT, env=self.environment, capture_output=True, text=True, check=True
         ).stdout
@@ -123,7 +123,7 @@ class RestartableServer:
         return workers_of(self.data, self.pid)
 
     def orphans(self, seconds: float) -> list[int]:
-        """Processes of a killed server that are still there after this time."""
+        """Processes of a killed server that are still running after this time."""
         deadline = time.monotonic() + seconds
         while (left := processes_of(self.data)) and time.monotonic() < deadline:
             time.sleep(0.01)
@@ -136,7 +136,7 @@ class RestartableServer:
         return job
 
     def job(self, job: dict[str, Any]) -> dict[str, Any]:
-        """The job as it is now."""
+        """The current state of a job."""
         state: dict[str, Any] = self.client.get(job["links"]["self"]).raise_for_status().json()
         return state
 
@@ -146,7 +146,7 @@ class RestartableServer:
         return jobs
 
     def finished(self, job: dict[str, Any]) -> dict[str, Any]:
-        """The job at its end, or as it is after `JOB_SECONDS`."""
+        """The job after it has ended, or its state after `JOB_SECONDS`."""
         deadline = time.monotonic() + JOB_SECONDS
         while job["status"] in UNFINISHED and time.monotonic() < deadline:
             time.sleep(0.03)
@@ -154,25 +154,25 @@ class RestartableServer:
         return job
 
     def until_done(self, job: dict[str, Any], count: int) -> dict[str, Any]:
-        """The job once this many of its cases are done, or it has ended."""
+        """The job once this many of its cases are done, or after it has ended."""
         while job["status"] in UNFINISHED and job["counts"]["done"] < count:
             time.sleep(0.01)
             job = self.job(job)
         return job
 
     def results(self, job: dict[str, Any]) -> list[bytes]:
-        """Results that are ready, a line of JSON each."""
+        """Results that are ready, as lines of JSON."""
         answer = self.client.get(job["links"]["results"], headers={"Accept": JSONL}).raise_for_status()
         return answer.content.splitlines()
 
     def computed(self) -> int:
-        """Cases computed, not read from the cache, since the server started, by its metrics."""
+        """Cases computed (not read from the cache) since the server started, from its metrics."""
         lines = self.client.get("/metrics").raise_for_status().text.splitlines()
         misses = [line for line in lines if line.startswith("ricochet_cases_total") and 'cache="miss"' in line]
         return round(sum(float(line.rpartition(" ")[2]) for line in misses))
 
     def folder_faults(self) -> list[str]:
-        """What is wrong with the data folder, by its files and its index."""
+        """Return what is wrong with the files and the index of the data folder."""
         return faults_of(self.data, self.command("cache", "stat"))
 
     def logged_errors(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""Jobs are cancelled and deleted at random instants, also during cases that take seconds each."""
+"""Jobs are cancelled and deleted at random instants, also during cases that take seconds."""
 
 import random
 import time
@@ -13,7 +13,7 @@ from .processes import busy, processor_seconds
 from .server import RestartableServer
 
 MOST_SECONDS = 3.0
-"""Of the processor, for a cancellation to take effect; a slow case takes three times as long."""
+"""Processor time in which a cancellation must take effect; a slow case takes three times as long. [s]"""
 SLOW_CASES = 40
 CHEAP_CASES = 200
 LATEST_SECONDS = {"slow": 1.5, "cheap": 0.4}
@@ -50,7 +50,7 @@ def test_jobs_end_at_once_whatever_they_compute(rounds: int, tmp_path: Path) -> 
 
 
 def submit(server: RestartableServer, cases: str, number: int) -> dict[str, Any]:
-    """Submit the job of a round; before slow cases come a few that are not."""
+    """Submit the job of a round; a few fast cases precede slow ones."""
     if cases == "slow":
         first = SLOW_CASES * number
         body = trajectories(4, first, slow=False) + trajectories(SLOW_CASES, first, slow=True)

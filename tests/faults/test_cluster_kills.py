@@ -1,4 +1,4 @@
-"""Workers of Dask are ended in the middle of jobs, in every way: each case is answered once, by the same bytes."""
+"""Dask workers end during jobs in various ways: each case is answered once, with the same bytes."""
 
 import os
 import random
@@ -17,16 +17,16 @@ from .cases import jsonl, searches
 from .server import UNFINISHED, RestartableServer
 
 SIGNALS = {"SIGTERM": signal.SIGTERM, "SIGKILL": signal.SIGKILL, "closed nanny": signal.SIGTERM}
-"""A worker without a nanny ends politely on SIGTERM, one below a nanny when that is closed."""
+"""Ways to end a worker. Without a nanny a worker ends cleanly on SIGTERM, with a nanny when that is closed."""
 POOL_WORKERS = "3"
-"""Processes of the service: more than there are workers of Dask, so that its metrics tell them apart."""
+"""Worker processes of the service: more than Dask workers, so that metrics distinguish them."""
 WAIT_SECONDS = 60.0
-"""For a worker to come back: its imports and those of its pool, on a busy machine."""
+"""Time for a worker to restart with its imports and those of its pool on a busy machine. [s]"""
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RestartableServer]:
-    """A service without a cluster, whose answers are the expected ones."""
+    """A service without a cluster, which gives the expected answers."""
     with RestartableServer(tmp_path_factory.mktemp("undisturbed")) as server:
         server.start()
         yield server
@@ -79,7 +79,7 @@ def test_dask_workers_ended_during_jobs_cost_no_case(
 
 @contextmanager
 def workers_alone(folder: Path, workers: int, *, nanny: bool) -> Iterator[DaskCluster]:
-    """A cluster in which each worker belongs to a supervised command, so that it can be ended alone."""
+    """A cluster with one worker for each supervised command, so that workers can be ended one by one."""
     with dask_cluster(folder, workers=0) as cluster:
         for _ in range(workers):
             cluster.start_workers(1, nanny=nanny)
@@ -87,13 +87,13 @@ def workers_alone(folder: Path, workers: int, *, nanny: bool) -> Iterator[DaskCl
 
 
 def width(server: RestartableServer) -> int:
-    """Chunks that the service has computed at the same time: workers of Dask or, without any, of its pool."""
+    """Number of chunks that the service computes at the same time: Dask workers or, without any, its pool."""
     lines = server.client.get("/metrics").raise_for_status().text.splitlines()
     return sum(int(float(line.split()[1])) for line in lines if line.startswith("ricochet_chunk_width{"))
 
 
 def until_width(server: RestartableServer, workers: int) -> None:
-    """Wait until the service uses so many workers of Dask."""
+    """Wait until the service uses this many Dask workers."""
     deadline = time.monotonic() + WAIT_SECONDS
     while width(server) != workers:
         assert time.monotonic() < deadline
@@ -101,7 +101,7 @@ def until_width(server: RestartableServer, workers: int) -> None:
 
 
 def end_one(client: Client, how: str, before: set[int], instants: random.Random) -> set[int]:
-    """End one of the workers that are up; return its process id, if there is one that has not been ended before."""
+    """End a running worker that has not been ended before; return its process id, or None if there is none."""
     parents = client.run(lambda: (os.getpid(), os.getppid()), on_error="ignore")
     victims = {worker: nanny for worker, nanny in parents.values() if worker not in before}
     if not victims:

@@ -1,5 +1,5 @@
-"""Many clients download the results of a job at once, or leave amid it: the service stays small, and stops what nobody
-waits for."""
+"""Many clients download the results of a job at once, or disconnect: the memory of the service stays small, and it
+stops downloads without a client."""
 
 import shutil
 import time
@@ -20,9 +20,9 @@ from .server import JSONL, RestartableServer
 HDF5, PARQUET = "application/x-hdf5", "application/vnd.apache.parquet"
 CLIENTS = 24
 MOST_GROWTH = 80 * 1024 * 1024
-"""For the blocks of two readers and what is on its way to the clients. [bytes]"""
+"""Largest growth of memory, for the blocks of two readers and data being sent. [bytes]"""
 ALLOCATOR = {"MALLOC_ARENA_MAX": "2", "MALLOC_TRIM_THRESHOLD_": "131072"}
-"""As in the image and the unit of systemd. Without them glibc keeps what is free in a heap of each thread: JSON lines
+"""As in the image and the systemd unit. Without them glibc keeps free memory in the heap of each thread: JSON lines
 took 53 to 83 MiB in six runs, with them 24."""
 
 
@@ -41,13 +41,13 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RestartableServ
 
 
 def memory(server: RestartableServer, line: str) -> int:
-    """Memory of the server process, by a line of /proc/PID/status. [bytes]"""
+    """Memory of the server process, from a line of /proc/PID/status. [bytes]"""
     status = Path(f"/proc/{server.pid}/status").read_text().splitlines()
     return next(int(text.split()[1]) * 1024 for text in status if text.startswith(line))
 
 
 def download(server: RestartableServer, job: dict[str, Any], form: str) -> bytes:
-    """Results of a job, by a client of its own."""
+    """Download the results of a job with a new client."""
     with httpx.Client(base_url=server.client.base_url, timeout=120.0, trust_env=False) as client:
         return client.get(job["links"]["results"], headers={"Accept": form}).raise_for_status().content
 
@@ -58,7 +58,7 @@ def test_many_downloads_at_once_take_memory_for_what_is_sent_alone(form: str, se
     server.stop()
     server.start()
     other = server.finished(server.submit(motions(1), path="/trajectory/batch"))
-    download(server, other, form)  # loads the libraries
+    download(server, other, form)  # the first download imports the libraries
     before = memory(server, "VmRSS")
     with ThreadPoolExecutor(CLIENTS) as clients:
         found = list(clients.map(lambda _: len(download(server, job, form)), range(CLIENTS)))
@@ -82,7 +82,7 @@ def test_file_that_nobody_waits_for_any_more_is_given_up(server: RestartableServ
     assert job["status"] == "successful"
     server.stop()
     server.start()
-    shutil.rmtree(server.data / SEGMENTS)  # so that the file takes their computation again
+    shutil.rmtree(server.data / SEGMENTS)  # so that writing the file computes them again
     with (
         httpx.Client(base_url=server.client.base_url, timeout=0.2, trust_env=False) as client,
         pytest.raises(httpx.ReadTimeout),

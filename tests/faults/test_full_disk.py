@@ -1,4 +1,4 @@
-"""The disk fills up during a batch: no answer is lost, and once there is room again nothing of it remains."""
+"""The disk fills up during a batch: no answer is lost, and no trace remains once there is space again."""
 
 import random
 from pathlib import Path
@@ -49,7 +49,7 @@ def test_full_disk_costs_no_answer_and_leaves_nothing(rounds: int, tmp_path: Pat
 
 
 def check_job_on_full_disk(server: RestartableServer, job: dict[str, Any]) -> None:
-    """The job ends, with a reason if it failed, and what is done of it can be read."""
+    """Check that the job ends, with a reason if it failed, and that its finished cases can be read."""
     assert job["status"] in {"successful", "failed"}
     if job["status"] == "failed":
         assert job["problem"]["type"] == STORAGE_FULL
@@ -60,7 +60,7 @@ def check_job_on_full_disk(server: RestartableServer, job: dict[str, Any]) -> No
 
 
 def check_service_on_full_disk(server: RestartableServer, job: dict[str, Any], number: int) -> None:
-    """New jobs are refused with 507; single queries, probes and downloads are answered."""
+    """Check that new jobs are refused with 507, and that single queries, probes and downloads are answered."""
     client = server.client
     refused = client.post("/cra/batch", content=jsonl(searches(CASES, first=500_000)), headers={"Content-Type": JSONL})
     assert refused.status_code == 507
@@ -73,7 +73,7 @@ def check_service_on_full_disk(server: RestartableServer, job: dict[str, Any], n
 
 
 def recover(server: RestartableServer, disk: Disk, how: str) -> None:
-    """Make room, and start the service again in this way."""
+    """Free the disk, and start the service again in this way."""
     if how == "not restarted":
         disk.free(server.pid)
     elif how == "stopped once there is room":

@@ -1,4 +1,4 @@
-"""The server is killed at random instants of a batch, or its workers are: no case is lost or computed twice."""
+"""The server or its workers are killed at random instants of a batch: no case is lost or computed twice."""
 
 import random
 import threading
@@ -18,24 +18,24 @@ from .processes import kill
 from .server import UNFINISHED, RestartableServer
 
 CASES = 200
-"""In a batch: about a second of work."""
+"""Cases of a batch: about a second of work."""
 ORPHAN_SECONDS = 10.0
-"""In which workers notice that their server is gone; on a busy machine they give way to everything else."""
+"""Time in which workers notice that their server is gone; on a busy machine they have the lowest priority. [s]"""
 WORKER_PAUSE_SECONDS = 0.3
-"""Between two kills; starting a worker takes longer."""
+"""Pause between two kills; starting a worker takes longer. [s]"""
 INSTANTS = {"while cases are computed": 0.1, "while the body is sent": 0.12, "right after the 202": 0.05}
-"""Latest instant of the kill: since a random number of cases were done, the first byte, the answer. [s]"""
+"""Latest time of the kill after a random number of finished cases, the first byte, or the answer. [s]"""
 RESTART_SECONDS = 1.5
-"""In which a starting server is killed again."""
+"""Time within which a starting server is killed again. [s]"""
 STUDY_SECONDS = 1.0
-"""Latest instant at which a server that computes a study is killed, since its start."""
+"""Latest time after its start at which a server that computes a study is killed. [s]"""
 SPEED = {"type": "normal", "mean": 238.0, "standard_deviation": 4.8}
 STUDY = PAPER | {
     "uncertain": [{"field": "impact.velocity_m_s", "distribution": SPEED}],
     "sampling": {"half_width": 1e-4, "method": "direct", "seed": 26},
     "sensitivity": False,
 }
-"""It ends at its budget."""
+"""A study that ends at its largest number of samples."""
 
 
 @pytest.mark.parametrize("rounds", [3, LONG])
@@ -72,7 +72,7 @@ def test_server_killed_during_a_batch_answers_every_case_once_after_its_restart(
 
 
 def kill_during_batch(server: RestartableServer, body: bytes, number: int, instants: random.Random) -> None:
-    """Submit a batch, with the round's number as its idempotency key, and kill the server meanwhile."""
+    """Submit a batch, with the number of the round as its idempotency key, and kill the server meanwhile."""
     kind = list(INSTANTS)[number % len(INSTANTS)]
     delay = instants.uniform(0.0, INSTANTS[kind])
     if kind == "while the body is sent":
@@ -125,13 +125,13 @@ def begin_study(server: RestartableServer, samples: int) -> dict[str, Any]:
 
 
 def result_of(server: RestartableServer, job: dict[str, Any]) -> bytes:
-    """The answer of a job of one case, as it is kept."""
+    """The stored answer of a job of one case."""
     [item] = server.client.get(job["links"]["results"]).raise_for_status().json()["results"]
     return server.client.get(f"/results/{item['result']['key']}").raise_for_status().content
 
 
 def leave_partial_files(data: Path) -> None:
-    """Write what a crash at the worst instant leaves behind."""
+    """Write the files that a crash at the worst instant leaves."""
     for name in ("results/.partial/1-1", "downloads/half"):
         path = data / name
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Files are lost or damaged while the service is stopped: what is left is found, and only what is lost is computed."""
+"""Files are lost or damaged while the service is stopped: only the lost results are computed again."""
 
 import os
 import random
@@ -14,21 +14,21 @@ from .server import RestartableServer
 
 CASES = 200
 Loss = Callable[[RestartableServer, random.Random], int]
-"""Loses or damages a file; returns how many results are lost by it."""
+"""Function that removes or damages a file, and returns the number of lost results."""
 
 
 def lose_index(server: RestartableServer, choice: random.Random) -> int:
-    """Remove the index; its log may stay behind."""
+    """Remove the index; its write-ahead log may remain."""
     return _remove(server.data / INDEX, choice)
 
 
 def lose_jobs(server: RestartableServer, choice: random.Random) -> int:
-    """Remove the database of jobs; its log may stay behind."""
+    """Remove the database of jobs; its write-ahead log may remain."""
     return _remove(server.data / JOBS, choice)
 
 
 def rebuild_index(server: RestartableServer, choice: random.Random) -> int:
-    """Remove the index and rebuild it by command."""
+    """Remove the index, and rebuild it with the command."""
     _remove(server.data / INDEX, choice)
     server.command("cache", "rebuild")
     return 0
@@ -98,7 +98,7 @@ def test_lost_files_cost_exactly_what_was_in_them(rounds: int, tmp_path: Path) -
             server.start()
             status = server.client.get(job["links"]["self"]).status_code
             assert status == (404 if lose in {lose_jobs, damage_jobs} else 200), lose
-            if status == 200 and number % 3 == 0:  # reading the results computes what is lost
+            if status == 200 and number % 3 == 0:  # reading the results computes the lost ones
                 assert server.results(job) == expected, lose
             again = server.finished(server.submit(body))
             assert again["status"] == "successful", lose

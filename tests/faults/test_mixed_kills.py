@@ -1,4 +1,4 @@
-"""All that a job runs on is killed or stopped, and the temporary folder emptied: every case once, by the same bytes."""
+"""All processes of a job are killed or stopped, and the temporary folder is emptied: no case is lost or repeated."""
 
 import os
 import random
@@ -20,7 +20,7 @@ from .processes import children_of, kill
 from .server import UNFINISHED, RestartableServer
 
 STOPPED_SECONDS = {"pool": 1.0, "dask": 15.0}
-"""Time for which a worker stands still: one of Dask until the service takes it for frozen, after 10 s."""
+"""Time for which a worker is stopped; the service treats a Dask worker as frozen after 10 s. [s]"""
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_job_survives_the_end_of_everything_it_runs_on(executor: str, cases: int
 
 @contextmanager
 def workers_and_settings(executor: str, folder: Path) -> Iterator[tuple[DaskCluster | None, dict[str, str]]]:
-    """Two workers of Dask, if there are to be any, and the environment of a service that uses them."""
+    """Two Dask workers, if requested, and the environment of a service that uses them."""
     if executor == "pool":
         yield None, {}
         return
@@ -83,7 +83,7 @@ def disturbed(folder: Path, settings: dict[str, str]) -> Iterator[RestartableSer
 def faults_of(
     server: RestartableServer, cluster: DaskCluster | None, instants: random.Random
 ) -> dict[str, Callable[[], object]]:
-    """What is done to the service and its workers, one after the other."""
+    """Return the faults to apply to the service and its workers, one after the other."""
 
     def kill_server() -> None:
         server.kill()

@@ -1,7 +1,7 @@
-"""The n-th call by which a service changes its data folder fails or is its last, for every n.
+"""The n-th call that changes the data folder fails, or the service is killed in it, for every n.
 
-The calls are those of the C library that open, write, flush, truncate, rename, link or remove a file or make a folder.
-Requests and answers are recorded, before and after a restart, and checked: every case that was acknowledged is answered
+These are the calls of the C library that open, write, flush, truncate, rename, link or remove a file or make a folder.
+Requests and answers before and after a restart are recorded. Every acknowledged case must be answered
 once, with the bytes of an undisturbed service.
 """
 
@@ -36,10 +36,10 @@ CASES = 24
 KILLED, TORN = -1, -2
 FAULTS = {"killed before": KILLED, "killed amid": TORN, "input/output error": errno.EIO, "disk full": errno.ENOSPC}
 EXAMPLES = 8
-"""Calls, spread over all, where not every one is tried."""
+"""Number of calls to test, evenly distributed, unless every call is tested."""
 START_SECONDS, JOB_SECONDS, STOP_SECONDS = 30.0, 60.0, 20.0
 REFUSALS = {500, 503, 507}
-"""What may be answered when a call fails; never with part of a result."""
+"""Statuses that are allowed when a call fails."""
 IDEMPOTENCY_KEY = "batch"
 EXAMPLES_ONLY = pytest.param(False, id="examples", marks=pytest.mark.timeout(300))
 EVERY = pytest.param(True, id="every", marks=[pytest.mark.slow, pytest.mark.timeout(3600)])
@@ -47,7 +47,7 @@ EVERY = pytest.param(True, id="every", marks=[pytest.mark.slow, pytest.mark.time
 
 @dataclass(frozen=True)
 class Exchange:
-    """A request by name, and the status and body of its answer; no status if the connection broke."""
+    """Name of a request, and status and body of its answer; the status is None if the connection broke."""
 
     name: str
     status: int | None
@@ -58,7 +58,7 @@ class Exchange:
 
 @dataclass
 class Forks:
-    """Starts services one after the other, each a fork of a process that the shim is loaded into."""
+    """Starts services one after the other, each as a fork of a process with the preloaded library."""
 
     process: subprocess.Popen[str]
     folder: Path
@@ -66,7 +66,7 @@ class Forks:
 
     @contextmanager
     def service(self, data: Path, number: int = 0, fault: int = 0) -> Iterator["Service"]:
-        """Run a service, whose call of this number has this fault, and end it."""
+        """Run a service in which the call of this number has this fault, and stop it."""
         self.numbers += 1
         order = {name: str(self.folder / f"{self.numbers}.{name}") for name in ("log", "count")}
         port = free_port()
@@ -110,7 +110,7 @@ class Service:
 
     @property
     def calls(self) -> int:
-        """How many calls it had made when it ended by itself."""
+        """Number of calls that it had made when it ended normally."""
         return int(self.count.read_text())
 
     def exchange(self, name: str, method: str, path: str, **request: object) -> Exchange:
@@ -123,7 +123,7 @@ class Service:
         return Exchange(name, answer.status_code, answer.content, cached)
 
     def session(self) -> list[Exchange]:
-        """Send a query, a batch, follow it until it has ended, read its results, send another query."""
+        """Send a query and a batch, follow the batch to its end, read its results, and send another query."""
         deadline = time.monotonic() + START_SECONDS
         while self.exchange("alive", "GET", "/livez").status is None:
             if not self.is_running or time.monotonic() > deadline:
@@ -141,7 +141,7 @@ class Service:
         return history
 
     def follow(self, path: str) -> list[Exchange]:
-        """The job at its end, or the end of the connection."""
+        """Follow a job to its end, or until the connection breaks."""
         deadline = time.monotonic() + JOB_SECONDS
         while time.monotonic() < deadline:
             job = self.exchange("job", "GET", path)
@@ -169,7 +169,7 @@ def forks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Forks]:
 
 @pytest.fixture(scope="module")
 def undisturbed(forks: Forks, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], int]:
-    """What an undisturbed service answers by the name of the request, and the calls it makes."""
+    """Answers of an undisturbed service by the name of the request, and the number of its calls."""
     with forks.service(tmp_path_factory.mktemp("undisturbed") / "data") as service:
         history = service.session()
     assert service.status == 0, service.log.read_text()
@@ -194,11 +194,11 @@ def test_fault_of_the_nth_call_costs_no_case_that_was_acknowledged(
         shutil.rmtree(data, ignore_errors=True)
     print(f"{reached} of {len(numbers)} calls failed")  # noqa: T201
     assert found == []
-    assert reached > 0.8 * len(numbers)  # timers make some calls more or less
+    assert reached > 0.8 * len(numbers)  # timers add or omit some calls
 
 
 def check(forks: Forks, data: Path, number: int, fault: int, expected: dict[str, bytes]) -> tuple[Service, list[str]]:
-    """Run a session with a fault and, after a restart, one without; return the first, and what is wrong."""
+    """Run a session with a fault and, after a restart, one without; return the first one and all errors found."""
     with forks.service(data, number, fault) as first:
         before = first.session()
     with forks.service(data) as second:
@@ -224,7 +224,7 @@ def check(forks: Forks, data: Path, number: int, fault: int, expected: dict[str,
 
 
 def losses(before: list[Exchange], after: list[Exchange]) -> list[str]:
-    """What was acknowledged before the restart and is not there after it."""
+    """Return what was acknowledged before the restart and is missing after it."""
     later = {each.name: each for each in after}
     wrong = [
         f"the result of {each.name} was acknowledged as stored, and computed again"
@@ -242,7 +242,7 @@ def losses(before: list[Exchange], after: list[Exchange]) -> list[str]:
 
 
 def disagreements(history: list[Exchange], expected: dict[str, bytes], when: str) -> list[str]:
-    """What of the answers is neither a refusal nor what an undisturbed service answers."""
+    """Return the answers that are neither an allowed refusal nor equal to those of an undisturbed service."""
     wrong = []
     failed = any(each.name == "job" and json.loads(each.content or b"{}").get("status") == "failed" for each in history)
     for each in history:

@@ -29,7 +29,7 @@ HISTORIES = json.loads((REFERENCE / "trajectories.json").read_text())
 
 @dataclass(frozen=True)
 class Reference:
-    """One brute-force history and the arguments of `solver.simulate` that ask for the same strike."""
+    """A brute-force history, with the arguments of `solver.simulate` for the same strike."""
 
     name: str
     strike: dict[str, Any]

@@ -41,9 +41,9 @@ LI_CHEN = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.0269, lengt
 LI_CHEN_TARGET = Target(compressive_strength=35.2e6, density=2370.0)
 """Test of Forrestal et al. (1994) at 277 m/s, 173 mm deep; Li and Chen (2003) compute it with S 12."""
 STEEL = 7850.0
-"""[kg/m³]"""
+"""Density of steel. [kg/m³]"""
 DIAMETER = 0.08
-"""The paper's. [m]"""
+"""Diameter of the paper's projectile. [m]"""
 
 NOSES: dict[str, NoseShape] = {
     "ogive": Ogive(caliber_radius_head=3.0),
@@ -70,7 +70,7 @@ DECAYS: dict[str, FreeSurface] = {
 
 
 def mirrored(impact: Impact) -> Impact:
-    """In the plane through the normal of the face across the plane of incidence."""
+    """Return the impact mirrored in the plane through the normal, perpendicular to the plane of incidence."""
     return replace(
         impact,
         oblique_angle=-impact.oblique_angle,
@@ -80,20 +80,20 @@ def mirrored(impact: Impact) -> Impact:
 
 
 def power(motion: Motion[FloatArray]) -> FloatArray:
-    """Of the resistance. [W]"""
+    """Power of the resistance. [W]"""
     translation = motion.depth_force * motion.depth_velocity + motion.lateral_force * motion.lateral_velocity
     return np.asarray(translation + motion.moment * motion.angular_velocity)
 
 
 def assert_work_is_the_energy_lost(motion: Motion[FloatArray], *, rel: float) -> None:
-    """By trapezoids, while the energy never rises."""
+    """Check that the work of the resistance equals the energy lost, and that the energy never rises."""
     energy = motion.kinetic_energy
     assert np.trapezoid(power(motion), motion.time) == pytest.approx(energy[-1] - energy[0], rel=rel)
     assert np.diff(energy).max() <= 1e-6 * energy[0]
 
 
 def assert_panels_follow_the_gauss_points(**strike: Any) -> None:
-    """Tip within 0.3 mm and axis within 0.1° at every tenth of a millisecond."""
+    """Check that both routes agree within 0.3 mm for the tip and 0.1° for the axis, every tenth of a millisecond."""
     gauss, panels = (
         known(simulate(**strike, numerics=numerics, sample_interval=1e-4).history)
         for numerics in (
@@ -112,13 +112,13 @@ Value = TypeVar("Value")
 
 
 def known(value: Value | None) -> Value:
-    """The value, which must be there."""
+    """Return a value that must not be None."""
     assert value is not None
     return value
 
 
 def codes(answer: Any) -> set[str]:
-    """Of its warnings."""
+    """Return the codes of the warnings of an answer."""
     return {warning.code for warning in answer.warnings}
 
 
@@ -147,7 +147,7 @@ TAPERING: dict[str, Projectile] = {
 
 @st.composite
 def noses(draw: st.DrawFn, *, radius: float) -> NoseShape:
-    """Any nose for a shank of this radius."""
+    """Draw a nose for a shank of this radius."""
     kind = draw(st.sampled_from(["ogive", "conical", "spherical", "flat", "profile"]))
     if kind == "ogive":
         return Ogive(caliber_radius_head=draw(st.floats(0.5, 10.0)))
@@ -168,7 +168,7 @@ def noses(draw: st.DrawFn, *, radius: float) -> NoseShape:
 
 @st.composite
 def strikes(draw: st.DrawFn) -> dict[str, Any]:
-    """Arguments of `solver.simulate` for a steel projectile that strikes concrete with its nose ahead."""
+    """Draw arguments of `solver.simulate` for a steel projectile that strikes concrete with its nose ahead."""
     diameter = draw(st.floats(0.01, 0.3))
     nose = draw(noses(radius=diameter / 2.0))
     length = nose.length(diameter / 2.0) + diameter * draw(st.floats(1.0, 8.0))

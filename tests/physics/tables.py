@@ -1,4 +1,4 @@
-"""The paper's tables, as the tests of calibration use them."""
+"""Tables of the paper for tests of calibration."""
 
 import math
 
@@ -7,7 +7,7 @@ from validation import reference
 
 
 def table_1(*, with_masses: bool) -> list[DepthTest]:
-    """Depths of normal impact."""
+    """Depths in normal impact."""
     return [
         DepthTest(velocity=shot.velocity, depth=shot.depth, mass=shot.mass if with_masses else None)
         for shot in reference.table_1()

@@ -1,4 +1,4 @@
-"""The same case under other laws."""
+"""The same case computed with other laws."""
 
 import math
 from dataclasses import replace
@@ -38,7 +38,8 @@ LAWS = [
     *(("mohr_coulomb", *law) for law in (EQUATION_9, MOTIONS, *OTHERS)),
     *(("none", *law) for law in (EQUATION_9, *OTHERS)),
 ]
-"""Decay, law of S, and its shape over the angle; a theory stands with eq. 9 and with the S fitted with it."""
+"""Decay law, law of S and its shape over the angle. Each theory occurs with eq. 9 and with the S that was fitted to
+it."""
 
 
 def test_critical_angle_under_each_law_is_that_of_its_resistance() -> None:
@@ -100,12 +101,12 @@ def test_law_without_an_answer_gives_its_error_and_the_others_their_answers() ->
 
     beyond = Search(lower=math.radians(87.0), upper=math.radians(88.0))
     for each in alternatives(angle, **CASE, search=beyond):
-        is_polynomial = each.strength_factor == "obliquity_polynomial"  # not held, it is below zero beyond 86.6°
+        is_polynomial = each.strength_factor == "obliquity_polynomial"  # without being held, S is negative beyond 86.6°
         assert isinstance(each.answer, ParameterError) is is_polynomial
 
 
-def test_both_pairings_of_a_theory_are_there() -> None:
-    """The S fitted to finite element motions with a decay law brings the theories together."""
+def test_each_theory_occurs_with_eq_9_and_with_its_own_strength_factor() -> None:
+    """With the S fitted to finite element motions, the angles of the two theories are closer to each other."""
     found: dict[tuple[str, str], float] = {
         (each.free_surface, each.obliquity_shape): math.degrees(each.answer.angle)  # type: ignore[union-attr,arg-type]
         for each in alternatives(critical_angle, **CASE)
@@ -117,7 +118,7 @@ def test_both_pairings_of_a_theory_are_there() -> None:
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_each_says_in_short_what_it_was_fitted_to(law: tuple[str, str, str]) -> None:
+def test_each_alternative_states_what_it_was_fitted_to(law: tuple[str, str, str]) -> None:
     (found,) = [
         each
         for each in alternatives(lambda resistance: None)

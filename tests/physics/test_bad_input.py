@@ -1,4 +1,4 @@
-"""What the model does not accept is refused by the name of the field."""
+"""Invalid input is refused with the name of the field."""
 
 import math
 import re
@@ -159,9 +159,9 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, INF))),
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.0, 0.0), (0.1, 0.04))),
     (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.01), (0.2, 0.04))),
-    (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.05), (0.1, 0.04))),  # across the base
+    (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.05), (0.1, 0.04))),  # the last two points form the base
     (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.04), (0.2, -0.01))),
-    (f"{POINTS}.3", lambda: profile((0.0, 0.0), (0.1, 0.04), (0.15, 0.01), (0.2, 0.0))),  # hollow behind
+    (f"{POINTS}.3", lambda: profile((0.0, 0.0), (0.1, 0.04), (0.15, 0.01), (0.2, 0.0))),  # not convex
     (f"{POINTS}.3", lambda: profile((0.0, 0.0), (0.1, 0.04), (0.15, 0.0), (0.2, 0.0))),  # closed before its end
     (f"{POINTS}.2", lambda: profile((0.0, 0.04), (0.1, 0.02), (0.2, 0.04))),
     (POINTS, lambda: projectile(nose=profile((0.0, 0.0), (0.1, 0.05), (0.53, 0.04)))),  # wider than the shank
@@ -184,7 +184,7 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, "0.03"))),  # type: ignore[arg-type]
     (f"{S}.obliquity_shape", lambda: StrengthPowerLaw(obliquity_shape="cosine")),  # type: ignore[arg-type]
     (f"{S}.obliquity_shape", lambda: PublishedTests(obliquity_shape="cosine")),  # type: ignore[arg-type]
-    (f"{S}.covariance", lambda: covariance((1.0, 0.0), (0.0, 1.0))),  # too few rows
+    (f"{S}.covariance", lambda: covariance((1.0, 0.0), (0.0, 1.0))),  # the covariance has too few rows
     (f"{S}.covariance.1", lambda: covariance((1.0, 0.0, 0.0), (0.0, 1.0), (0.0, 0.0, 1.0))),
     (f"{S}.covariance.2.1", lambda: covariance((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, NAN, 1.0))),
     (f"{S}.covariance", lambda: covariance((1.0, 0.1, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),  # not symmetric
@@ -303,7 +303,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
 
 
 def test_bounds_are_those_of_the_contract() -> None:
-    """Also at the ends: what one accepts, the other accepts."""
+    """At the bounds, the solver and the contract accept the same values."""
     schema = TrajectoryRequest.model_json_schema()["$defs"] | {"FlightRequest": FlightRequest.model_json_schema()}
     parts = {
         "projectile": "Projectile",

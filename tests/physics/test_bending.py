@@ -1,4 +1,4 @@
-"""Bending stress of the projectile: independent values, closed forms, similarity, both routes."""
+"""Bending stress of the projectile, compared with independent values, closed forms, scaled strikes and both routes."""
 
 import math
 from dataclasses import replace
@@ -35,9 +35,9 @@ from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
 ROUTES = {"adaptive": Numerics(), "panels": Numerics(method="panels", panels=4000)}
 INDEPENDENT = [(238.0, 48.6, 1.83e9), (238.0, 45.0, 1.84e9), (150.0, 45.0, 0.81e9), (100.0, 45.0, 0.64e9)]
-"""Speed, angle and peak stress of the paper's body as a solid, by two independent programs. [m/s, °, Pa]"""
+"""Speed, angle and peak stress of the paper's body as a solid, from two independent programs. [m/s, °, Pa]"""
 SAME = 0.05
-"""Relative difference from them: they stop at other instants, and their panels are others. [1]"""
+"""Relative tolerance for them: they stop at other instants, and use other panels. [1]"""
 CONVERGED = 0.01
 """Relative change of a peak with ten times the cross-sections and all instants. [1]"""
 
@@ -87,12 +87,12 @@ def test_peak_has_converged_in_cross_sections_and_instants(velocity: float, degr
 
 
 NEEDLE = Projectile(nose=Conical(length_to_diameter=0.5), diameter=0.02, length=1.0, mass=2.4)
-"""A beam of uniform section but for its last hundredth."""
+"""A body that is a uniform beam except for its nose, a hundredth of its length."""
 
 
 @pytest.mark.parametrize("route", ROUTES)
 def test_beam_that_is_struck_at_its_end_has_the_moment_of_the_closed_form(route: str) -> None:
-    """A force F across the end of a free beam, and a couple C: F x (1 - x/L)² + C (1 - 3 (x/L)² + 2 (x/L)³)."""
+    """Force F and couple C at the end of a free beam: F x (1 - x/L)² + C (1 - 3 (x/L)² + 2 (x/L)³)."""
     impact = Impact(velocity=100.0, oblique_angle=math.radians(20.0))
     nose_only = replace(ROUTES[route], termination_time=1e-4)
     run = simulate(
@@ -107,7 +107,7 @@ def test_beam_that_is_struck_at_its_end_has_the_moment_of_the_closed_form(route:
     assert run.history is not None
     history = run.history
     force = NEEDLE.mass * float(np.interp(found.time, history.time, history.transverse_acceleration))
-    # The cone is a third of a cylinder: the uniform beam of this mass is shorter, and begins so much behind the tip.
+    # A cone has a third of the volume of a cylinder: the uniform beam of this mass begins behind the tip.
     length = solid_properties(NEEDLE).volume / (math.pi * (NEEDLE.diameter / 2.0) ** 2)
     lever = mass_properties(NEEDLE).center_of_gravity - (NEEDLE.length - length)
     couple = float(np.interp(found.time, history.time, history.moment)) - force * lever
@@ -120,7 +120,7 @@ def test_beam_that_is_struck_at_its_end_has_the_moment_of_the_closed_form(route:
 
 @pytest.mark.parametrize("factor", [0.25, 4.0])
 def test_stress_goes_with_the_strength_and_the_square_of_the_speed(factor: float) -> None:
-    """Strength, modulus and the square of the speed by one factor leave the path of a body as it is."""
+    """If strength, modulus and the square of the speed are multiplied by one factor, the path does not change."""
     resistance = Resistance(strength_factor=ConstantStrengthFactor(value=8.5))
     target = replace(PAPER_TARGET, youngs_modulus=30e9)
     scaled = replace(
@@ -161,7 +161,7 @@ def test_body_in_normal_impact_does_not_bend() -> None:
 
 
 def test_nose_is_compressed_and_the_force_falls_to_nothing_at_the_base() -> None:
-    """In normal impact the force in a section is that share of the resistance which slows what is behind it."""
+    """In normal impact the force in a section decelerates the part of the body behind it."""
     found = bending(run_paper(strike(238.0, 0.0)))
     assert found.normal_force <= 0.0
 
@@ -191,7 +191,7 @@ def test_history_has_the_peak() -> None:
 
 
 def test_stress_after_a_body_has_come_free_does_not_count() -> None:
-    """At 100 m/s the tail strikes the broken face 5 ms after the nose has left it."""
+    """At 100 m/s the tail strikes the broken face 5 ms after the nose has left the target."""
     assert bending(run_paper(strike(100.0, 45.0))).time < 1e-3
 
 

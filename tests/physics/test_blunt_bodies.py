@@ -1,4 +1,4 @@
-"""Blunt bodies on walls: an independent integration, the flat face as a limit, and what must hold whatever the body."""
+"""Blunt bodies on walls: an independent integration, the flat face as a limit, and properties of any body."""
 
 import math
 from collections.abc import Iterator
@@ -36,11 +36,11 @@ from .strikes import known
 HEAD_ON = Impact(velocity=238.0, oblique_angle=0.0)
 WALL = replace(PAPER_TARGET, thickness=0.2)
 STEEL = 7850.0
-"""[kg/m³]"""
+"""Density of steel. [kg/m³]"""
 
 
 def body(nose: NoseShape) -> Projectile:
-    """The paper's, with another nose."""
+    """The paper's projectile with another nose."""
     return replace(PAPER_PROJECTILE, nose=nose)
 
 
@@ -107,7 +107,7 @@ def test_flat_face_is_the_limit_of_cones_at_an_angle_too(angle: float) -> None:
 
 
 def test_walls_of_a_flat_body_are_finite_and_monotone() -> None:
-    """Thickness rises with speed, limit speed with thickness, and fewer angles go through a thicker wall."""
+    """Least thickness rises with speed, limit speed with thickness; thicker walls are perforated at fewer angles."""
     speeds = [60.0, 100.0, 150.0, 238.0, 350.0, 500.0]
     walls, beyond = [], []
     for speed in speeds:
@@ -142,7 +142,7 @@ def test_flat_body_needs_a_thicker_wall_than_a_short_cone() -> None:
 
 
 def steel_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, Impact]]:
-    """Steel bodies of every shape and size at 30 to 900 m/s, every other one head on."""
+    """Yield steel bodies of every shape and size at 30 to 900 m/s, every second one head-on."""
     random = np.random.default_rng(seed)
     for number in range(count):
         shape = random_projectile(BODIES[number % len(BODIES)], random)
@@ -153,7 +153,7 @@ def steel_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, I
 
 
 def test_no_wall_has_to_be_much_thicker_than_a_body_goes_deep() -> None:
-    """The rear face adds 2.5 diameters at most to the depth in a half-space."""
+    """The least thickness is at most 2.5 diameters more than the depth in a half-space."""
     for projectile, target, impact in steel_strikes(300, 11):
         strike: dict[str, Any] = {"projectile": projectile, "target": target, "impact": impact}
         wall = least_thickness(**strike, tolerance=1e-2)
@@ -164,7 +164,7 @@ def test_no_wall_has_to_be_much_thicker_than_a_body_goes_deep() -> None:
 
 
 def test_walls_take_energy_and_thicker_ones_take_more() -> None:
-    """From half a diameter on none leaves 99.9 %, to bodies up to 8 diameters long, and no exit speed rises."""
+    """Walls of half a diameter or more take 0.1 % of the energy, and no exit speed rises with the thickness."""
     perforated = 0
     for projectile, target, impact in steel_strikes(120, 12):
         before, initial = math.inf, 0.5 * projectile.mass * impact.velocity**2
@@ -182,7 +182,7 @@ def test_walls_take_energy_and_thicker_ones_take_more() -> None:
 
 
 def test_critical_angle_does_not_jump() -> None:
-    """By less than 2.5° for 3.5 % in speed, strength or mass, at 100 to 800 m/s."""
+    """It changes by less than 2.5° for 3.5 % of speed, strength or mass, at 100 to 800 m/s."""
     random, found = np.random.default_rng(13), 0
     for projectile, target, _ in steel_strikes(300, 13):
         velocity = random.uniform(100.0, 800.0)

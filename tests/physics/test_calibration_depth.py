@@ -1,4 +1,4 @@
-"""Strength factor from depth tests."""
+"""Calibration of the strength factor on depth tests."""
 
 import math
 from collections.abc import Sequence
@@ -87,7 +87,7 @@ def test_standard_error_is_the_scatter_over_the_slope() -> None:
     slope = (depths(best + 0.01) - depths(best - 0.01)) / 0.02
     steepness = float(np.linalg.norm(slope))
     squares = float(np.sum(found.residuals**2))
-    # Three tests more, with the scatter within series of the published ones.
+    # The prior counts as three more tests with the scatter within published series.
     usual = (PublishedTests.within_series * best * steepness) ** 2 / 4.0
     scatter = math.sqrt((3.0 * usual + squares) / 6.0)
     assert float(found.residuals @ slope) == pytest.approx(0.0, abs=1e-5 * scatter * steepness)
@@ -96,8 +96,8 @@ def test_standard_error_is_the_scatter_over_the_slope() -> None:
     np.testing.assert_allclose(found.residuals, [test.depth for test in TESTS] - found.predicted, rtol=1e-12)
 
 
-def test_interval_is_that_of_student() -> None:
-    """Quantiles of Student's distribution with six degrees of freedom, from the tables: 2.447 and 1.943."""
+def test_interval_follows_students_distribution() -> None:
+    """The tabulated quantiles of Student's distribution with six degrees of freedom are 2.447 and 1.943."""
     for level, quantile in ((0.95, 2.447), (0.90, 1.943)):
         estimate = fit(TESTS, confidence_level=level).estimate
         low, high = estimate.confidence_interval
@@ -142,7 +142,7 @@ def test_depths_grow_with_velocity_and_mass_and_fall_with_strength() -> None:
     assert np.all(heavier > plain)
 
 
-def test_doubts_travel_with_the_fit() -> None:
+def test_warnings_are_part_of_the_fit() -> None:
     shallow = [DepthTest(velocity=150.0, depth=0.14), DepthTest(velocity=250.0, depth=0.3)]
     assert codes(fit(shallow)) == {"shallow_tests"}
     fast = [DepthTest(velocity=900.0, depth=2.4), DepthTest(velocity=700.0, depth=1.6)]
@@ -163,7 +163,7 @@ def test_doubts_travel_with_the_fit() -> None:
         ("weight", {"weight": NAN}),
     ],
 )
-def test_value_that_is_none_is_refused_by_its_place(field: str, change: dict[str, float]) -> None:
+def test_invalid_value_is_refused_with_its_place(field: str, change: dict[str, float]) -> None:
     tests = [*TESTS[:3], replace(TESTS[3], **change)]  # type: ignore[arg-type]
     with pytest.raises(ParameterError) as refused:
         fit(tests)

@@ -1,4 +1,4 @@
-"""Strength factor from motion histories."""
+"""Calibration of the strength factor on motion histories."""
 
 import math
 from collections.abc import Callable
@@ -47,7 +47,7 @@ def white(random: np.random.Generator, size: int) -> dict[str, FloatArray]:
 @pytest.mark.parametrize("strength_factor", [5.0, 8.5, 12.0])
 @pytest.mark.parametrize("angle", ANGLES)
 def test_motion_of_the_model_returns_its_strength_factor(angle: float, strength_factor: float) -> None:
-    """Within 10⁻⁴, ten times closer than required. At 45° the last of them is turned away."""
+    """The tolerance is 10⁻⁴, ten times smaller than required."""
     made = run(angle, strength_factor, 5e-5).history
     assert made is not None
     found = fit(
@@ -75,7 +75,7 @@ def test_each_quantity_alone_gives_the_strength_factor(quantity: str) -> None:
 
 
 def covered(trials: int) -> int:
-    """How many 95 % intervals hold the true value, S from 5 to 12, with white noise of 1 mm and 0.5°."""
+    """Number of 95 % intervals that contain the true S (5 to 12), with white noise of 1 mm and 0.5°."""
     random, hits = np.random.default_rng(20180628), 0
     for trial in range(trials):
         angle, strength_factor = ANGLES[trial % 3], random.uniform(5.0, 12.0)
@@ -96,7 +96,7 @@ def test_95_percent_intervals_hold_the_true_value_in_93_percent_of_300_trials() 
 
 
 def test_errors_that_neighbours_share_make_a_wider_interval() -> None:
-    """The same scatter, once white and once with an autocorrelation of 0.9: fewer samples say something new."""
+    """With an autocorrelation of 0.9 the same scatter has fewer independent samples than white noise."""
     random, history = np.random.default_rng(3), motion(30.0, 8.0)
     noise = white(random, TIMES.size)
     alike = {name: values.copy() for name, values in noise.items()}
@@ -111,7 +111,7 @@ def test_errors_that_neighbours_share_make_a_wider_interval() -> None:
 
 
 def test_standard_error_under_white_noise_is_that_of_weighted_least_squares() -> None:
-    """1 / sqrt(Σ (slope / noise)²) with the true noise."""
+    """The standard error is 1 / sqrt(Σ (slope / noise)²) with the true noise."""
     times = np.linspace(0.0, 3e-3, 400)
     history = shifted(motion(30.0, 8.0, times), white(np.random.default_rng(4), times.size))
     upper, lower = motion(30.0, 8.02, times), motion(30.0, 7.98, times)
@@ -222,7 +222,7 @@ REFUSED: list[tuple[str, str, Callable[[], MotionHistory]]] = [
 
 
 @pytest.mark.parametrize(("field", "reason", "build"), REFUSED)
-def test_what_is_no_history_is_refused(field: str, reason: str, build: Callable[[], MotionHistory]) -> None:
+def test_invalid_history_is_refused(field: str, reason: str, build: Callable[[], MotionHistory]) -> None:
     with pytest.raises(ParameterError, match=reason) as refused:
         build()
     assert refused.value.field == field
@@ -242,7 +242,7 @@ def test_motion_beyond_the_energy_of_the_strike_is_refused(quantity: str, factor
 
 
 def test_history_that_does_not_give_the_strength_factor_is_refused() -> None:
-    """A projectile that flies on as if nothing were there, and rows before first contact has had any effect."""
+    """The histories are of a projectile without resistance, and of the time before the contact has any effect."""
     impact = paper_impact(oblique_angle_degrees=30.0)
     on = MotionHistory(time=TIMES, depth_displacement=impact.velocity * math.cos(impact.oblique_angle) * TIMES)
     with pytest.raises(ParameterError, match=r"history: must determine the strength factor"):

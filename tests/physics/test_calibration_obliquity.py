@@ -1,4 +1,4 @@
-"""Polynomial of the strength factor over obliquity."""
+"""Calibration of the polynomial of the strength factor over the oblique angle."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -32,7 +32,7 @@ def points(
 
 
 def noisy() -> tuple[FloatArray, FloatArray]:
-    """Values about a parabola, and their standard errors."""
+    """Values of a parabola with noise, and their standard errors."""
     random = np.random.default_rng(5)
     errors = random.uniform(0.05, 0.3, DEGREES.size)
     return 9.0 - 0.02 * DEGREES - 1e-4 * DEGREES**2 + errors * random.normal(size=DEGREES.size), errors
@@ -136,7 +136,7 @@ REFUSED: list[tuple[str, Callable[[], list[ObliquityPoint]], int]] = [
 
 
 @pytest.mark.parametrize(("field", "given", "order"), REFUSED)
-def test_what_is_no_set_of_points_is_refused(field: str, given: Callable[[], list[ObliquityPoint]], order: int) -> None:
+def test_invalid_points_are_refused(field: str, given: Callable[[], list[ObliquityPoint]], order: int) -> None:
     with pytest.raises(ParameterError) as refused:
         fit_obliquity(points=given(), order=order)
     assert refused.value.field == field

@@ -1,7 +1,7 @@
-"""Where compiled code is kept: a damaged file, a folder that can only be read, a copy elsewhere, two at once.
+"""The cache of compiled code: damaged files, read-only folders, copies, and processes that compile at the same time.
 
-A package of two small functions, with the module of the solver that compiles, takes a second; the solver takes a
-minute.
+Most tests use a package of two small functions with `solver/compilation.py`, which compiles in a second; the solver
+takes a minute.
 """
 
 import importlib
@@ -57,7 +57,7 @@ START_S = 300.0
 
 
 class Little:
-    """The small package, with a separate home for the user."""
+    """The small package, with a separate home directory."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -79,11 +79,11 @@ class Little:
         )
 
     def compiled(self) -> int:
-        """How many functions a start compiles; it has to compute right."""
+        """Return the number of functions that a start compiles; its result must be right."""
         return ended(self.start())
 
     def left(self) -> list[str]:
-        """The functions that count as not yet compiled, found without numba."""
+        """Return the functions that are not compiled yet, determined without numba."""
         script = (
             "import json, sys; from little import compilation, functions\n"
             "print(json.dumps([compilation.compilation_progress().left, 'numba' in sys.modules]))"
@@ -98,7 +98,7 @@ class Little:
 
 
 def answer(process: subprocess.Popen[str]) -> tuple[float, int]:
-    """A quarter of eight, and the number of functions that were compiled for it."""
+    """Return the result of a start, and the number of functions that it compiled."""
     output, errors = process.communicate(timeout=START_S)
     assert process.returncode == 0, errors
     value, count = json.loads(output)
@@ -112,7 +112,7 @@ def ended(process: subprocess.Popen[str]) -> int:
 
 
 def bound_by_permissions() -> list[str]:
-    """Words before a command that make file permissions hold for root too."""
+    """Words before a command that make file permissions apply to root too."""
     if os.geteuid() != 0:
         return []
     program = shutil.which("setpriv")
@@ -138,7 +138,7 @@ def make_package(folder: Path) -> Little:
 
 @pytest.fixture
 def little(tmp_path: Path) -> Little:
-    """The package as it is installed."""
+    """The package before its first start."""
     return make_package(tmp_path)
 
 
@@ -152,12 +152,12 @@ def started(tmp_path_factory: pytest.TempPathFactory) -> Little:
 
 @pytest.fixture
 def ready(tmp_path: Path, started: Little) -> Little:
-    """A copy of the package with its compiled code, with the dates of now."""
+    """A copy of the package with its compiled code and new file dates."""
     shutil.copytree(started.package, tmp_path / "little", copy_function=shutil.copy)
     return Little(tmp_path)
 
 
-def test_what_is_left_is_counted_without_numba(little: Little, started: Little) -> None:
+def test_remaining_functions_are_counted_without_numba(little: Little, started: Little) -> None:
     assert little.left() == ["functions.half", "functions.quarter"]
     assert started.left() == []
 
@@ -176,7 +176,7 @@ def test_changed_source_is_compiled_anew_and_so_is_one_that_imports_it(ready: Li
 
 
 def test_answer_changes_with_a_function_in_another_file(little: Little) -> None:
-    """numba itself would go on with the code of before: it looks at the file of the function that is called."""
+    """numba itself would use the old code, because it checks only the file of the called function."""
     (little.package / "functions.py").write_text(
         "from little.compilation import compiled\nfrom little.inner import half\n\n"
         "@compiled\ndef quarter(x):\n    return half(half(x))\n"
@@ -189,7 +189,7 @@ def test_answer_changes_with_a_function_in_another_file(little: Little) -> None:
     assert answer(little.start()) == (0.5, 2)
 
 
-def test_what_a_folder_lacks_goes_to_the_cache_of_the_user(little: Little) -> None:
+def test_read_only_installation_compiles_into_the_cache_of_the_user(little: Little) -> None:
     set_writable(little.package, False)
     assert little.compiled() == 2
     assert little.compiled() == 0
@@ -241,7 +241,7 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 
 
 def damages(*first: str) -> list[Any]:
-    """The damages of a file; all but the first ones are tried with the tests of the system."""
+    """Kinds of damage to a file; all but the first ones are marked `system`."""
     return [pytest.param(name, marks=() if name in first else pytest.mark.system) for name in DAMAGES]
 
 
@@ -310,7 +310,7 @@ def test_two_processes_may_compile_at_the_same_time(little: Little) -> None:
 
 
 def test_solver_is_found_in_a_copy_that_can_only_be_read(tmp_path: Path) -> None:
-    """As root installs it for others; what compiles here was compiled already."""
+    """As in an installation by root for other users; the compiled code is complete."""
     solver.warm_up()
     progress = compilation.compilation_progress()
     assert progress.functions > 0
@@ -361,7 +361,7 @@ def test_process_that_cannot_compile_is_reported(monkeypatch: pytest.MonkeyPatch
 
 @pytest.fixture
 def compiling(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Starts a script that has to compile all of the solver; it is killed at the end."""
+    """Return a function that starts a script which compiles the whole solver; it is killed at the end."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "empty"), "XDG_CACHE_HOME": str(tmp_path / "user")}
     environment |= {"TMPDIR": str(tmp_path)}
     processes: list[subprocess.Popen[str]] = []
@@ -404,7 +404,7 @@ FIRST_CALL = (
     "critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)"
 )
 NOTEBOOK = "import sys, types; sys.modules['ipykernel'] = types.ModuleType('ipykernel')\n"
-"""As in a kernel of Jupyter, whose standard error is no terminal."""
+"""Code that makes a process look like a Jupyter kernel, whose standard error is not a terminal."""
 
 
 def test_first_call_in_a_notebook_announces_that_it_compiles(compiling: Callable[..., subprocess.Popen[str]]) -> None:

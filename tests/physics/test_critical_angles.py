@@ -1,4 +1,4 @@
-"""Critical ricochet angles of the paper's strike against an independent program's, and against finer numerics."""
+"""Critical angles of the paper's strike, compared with an independent program and with finer numerics."""
 
 import math
 from dataclasses import replace
@@ -32,10 +32,10 @@ NO_FREE_SURFACE = {"resistance": Resistance(free_surface=NoFreeSurface())}
 CONSTANT = {"resistance": Resistance(strength_factor=ConstantStrengthFactor(value=8.52))}
 
 HUNDREDTHS, TENTHS = 0.05, 0.05 + 0.05
-"""Requested agreement, and the same with the rounding of a value known to a tenth. [°]"""
+"""Required agreement, and the same for values that are rounded to a tenth. [°]"""
 
 BY_OUTCOME: list[tuple[float, dict[str, Any]]] = [(48.56, {}), (49.07, COMPRESSIBLE), (57.48, NO_FREE_SURFACE)]
-"""Angle beyond which 0.1 % of the energy is left, by the same program; `test_retention` has those of 1 %."""
+"""Angle above which 0.1 % of the energy is left, from the same program; `test_retention` has those of 1 %."""
 BY_TIP: list[tuple[float, float, dict[str, Any]]] = [
     (48.61, HUNDREDTHS, {}),
     (49.13, HUNDREDTHS, COMPRESSIBLE),
@@ -48,10 +48,10 @@ BY_TIP: list[tuple[float, float, dict[str, Any]]] = [
     (46.4, TENTHS, {"velocity": 200.0}),
     (53.7, TENTHS, {"velocity": 300.0}),
 ]
-"""Angle at which the tip is in the face after 5 ms, by an independent program with 96,000 panels and 1 µs."""
+"""Angle at which the tip is at the face after 5 ms, from an independent program with 96,000 panels and 1 µs. [°]"""
 
 PAPERS_ANGLE, PAPERS_TOLERANCE = 48.2, 0.01
-"""Figure 13 and the tolerance of the searches behind it. [°, 1]"""
+"""Angle in Figure 13, and the tolerance of its search. [°, 1]"""
 
 
 def find(
@@ -93,7 +93,7 @@ def test_tip_is_in_the_face_after_five_milliseconds_at_the_known_angle(
 
 
 def test_both_routes_put_the_angle_at_400_metres_a_second_at_62_78() -> None:
-    """The independent program gave 62.9° to a tenth: 0.02° further from 62.78° than its rounding and 0.05° explain.
+    """The independent program gave 62.9°, rounded: 0.02° more than rounding and the usual tolerance of 0.05° allow.
 
     The two routes, which share little but the shape of the body, agree within 0.02° instead; panels do
     at 10, 5, 2.5 and 1 µs. All of them with eq. 9 as printed, not held from 60°.
@@ -109,7 +109,7 @@ def test_both_routes_put_the_angle_at_400_metres_a_second_at_62_78() -> None:
         velocity=400.0,
         resistance=printed,
     )
-    assert panels.status is SearchStatus.CONVERGED  # its sign changes within the range
+    assert panels.status is SearchStatus.CONVERGED  # the sign of the depth changes within the range
 
 
 @pytest.mark.parametrize("method", ["bisection", "secant"])
@@ -122,7 +122,7 @@ def test_searches_of_the_paper_find_its_angle_to_its_tolerance(method: Literal["
 
 
 def test_defaults_find_the_angle_in_the_whole_range() -> None:
-    """As the README and the demonstration print it: 48.63 ± 0.02°."""
+    """README and demonstration print this angle: 48.63 ± 0.02°."""
     found = critical_angle(**CASE, velocity=PAPER_VELOCITY)
     assert degrees(found) == pytest.approx(48.635, abs=0.015)
     assert found.angle is not None

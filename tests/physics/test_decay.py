@@ -1,4 +1,4 @@
-"""The free-surface decay against its printed table, its limits, and the equations it solves."""
+"""The free-surface decay, compared with a table, its limits and the equations that it solves."""
 
 import math
 from functools import partial
@@ -34,7 +34,7 @@ TABLE: dict[str, tuple[FreeSurface, float, float, list[float]]] = {
         [0.0839, 0.1785, 0.3320, 0.5254, 0.7248, 0.8695, 0.9082, 0.9625, 0.9859],
     ),
 }
-"""Model, Poisson's ratio, velocity and f at `TABLE_RATIOS`, made by an independent program for this project."""
+"""Model, Poisson's ratio, velocity and f at `TABLE_RATIOS`, from an independent program."""
 
 RATIOS = np.concatenate(([1.0], np.geomspace(1.001, 1e4, 60)))
 VELOCITIES = (0.0, 40.0, 238.0, 800.0)
@@ -80,8 +80,9 @@ def wall_pressure(
 
         dσr/dr + (2/r) (σr - σθ) = -ρ Du/Dt,   σr = 0 at the outer radius.
 
-    In y = 1/r the endless solid is no exception. The elastic shell carries σr - σθ = Y (c/r)³ (Lamé) about a plastic
-    zone of radius c; inside, σr - σθ is Y, or 3 (λ σr + τ) / (3 + 2λ) from λ p + τ with p = σr - 2 (σr - σθ) / 3.
+    With y = 1/r an infinite solid can be integrated too. The elastic shell has σr - σθ = Y (c/r)³ (Lamé) around a
+    plastic zone of radius c. Inside, σr - σθ is Y, or 3 (λ σr + τ) / (3 + 2λ) from λ p + τ with
+    p = σr - 2 (σr - σθ) / 3.
     """
     dynamic = target.density * velocity**2 if model.inertia else 0.0
     if isinstance(model, MohrCoulomb):
@@ -125,7 +126,7 @@ def test_closed_form_equals_the_integrated_momentum_equation(name: str, velocity
 
 
 def test_plastic_zone_ends_where_the_elastic_shell_yields() -> None:
-    """An incompressible solid moved out by a cavity of radius 1: at r = c, 2E u/r = Y with u = 1/(3c²)."""
+    """For an incompressible solid around a cavity of radius 1, 2E u/r = Y at r = c, with u = 1/(3c²)."""
     target = concrete()
     for model, strength in ((ElasticPlastic(), 39e6), (MohrCoulomb(), (3.0 - 2.0 / 3.0) * 39e6 / 3.0)):
         c = model.plastic_ratio(target)
@@ -134,7 +135,7 @@ def test_plastic_zone_ends_where_the_elastic_shell_yields() -> None:
 
 
 def factors_at(inverse: FloatArray, velocity: float, decay: Decay) -> FloatArray:
-    """f by the reciprocals of its radius ratio."""
+    """f at reciprocals of the radius ratio."""
     factors = np.empty_like(inverse)
     for i in range(inverse.size):
         factors[i] = decay_at(1.0 - inverse[i], inverse[i], velocity, decay)
@@ -142,7 +143,7 @@ def factors_at(inverse: FloatArray, velocity: float, decay: Decay) -> FloatArray
 
 
 compiled_factors: Any = njit(factors_at)
-"""Python cannot call what only compiled code calls."""
+"""Compiled wrapper, because Python cannot call functions that are only called by compiled code."""
 
 
 @pytest.mark.parametrize("poissons_ratio", [0.0, 0.2, 0.5])
@@ -150,7 +151,7 @@ compiled_factors: Any = njit(factors_at)
 def test_compiled_polynomials_follow_the_closed_form(
     model: FreeSurface, velocity: float, poissons_ratio: float
 ) -> None:
-    """On both sides of the corner of f, and across it."""
+    """The points are on both sides of the corner of f, and at it."""
     target = concrete(poissons_ratio)
     decay = build_decay(model, target)
     inverse = np.random.default_rng(1).uniform(0.0, 1.0, 20_000)

@@ -45,7 +45,7 @@ FORRESTAL_SHOT = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.0269
 FORRESTAL_TARGET = Target(compressive_strength=35.2e6, density=2370.0)
 """The shot of Forrestal, Altman, Cargile and Hanchak (1994) at 277 m/s."""
 POUND, INCH, FOOT, PSI = 0.45359237, 0.0254, 0.3048, 6894.757
-"""[kg, m, m, Pa]"""
+"""US units in SI. [kg, m, m, Pa]"""
 MEASURED_DEPTH = 0.173
 """Depth of that shot. [m]"""
 FLAT = replace(PAPER, nose=Flat())
@@ -55,7 +55,7 @@ NOSES: dict[NoseShape, bool] = {
     Spherical(caliber_radius_head=0.5): True,
     Ogive(caliber_radius_head=3.0): False,
 }
-"""Flat, blunt, spherical and sharp, with whether NDRC's factor of it is disputed."""
+"""Flat, blunt, spherical and sharp noses, and whether their factor in NDRC is disputed."""
 
 
 def by_name(projectile: Projectile, target: Target, impact: Impact) -> dict[str, FormulaResult]:
@@ -71,9 +71,10 @@ def depth_in_diameters(answer: FormulaResult, projectile: Projectile) -> float:
 
 
 def test_published_shot_by_li_chen_and_ndrc() -> None:
-    """Li and Chen give 6.231 diameters with their crater, of 0.707 diameters and the nose, and 6.215 with one of two.
+    """Li and Chen give 6.231 diameters with their crater (0.707 diameters and the nose), and 6.215 with one of two
+    diameters.
 
-    The value that is quoted for this shot, 6.21, is the latter; the test has 6.43.
+    The value quoted for this shot, 6.21, is the latter; the measured depth is 6.43 diameters.
     """
     answer = li_chen(projectile=FORRESTAL_SHOT, target=FORRESTAL_TARGET, impact=normal(277.0), strength_factor=12.0)
     by_li_chen = depth_in_diameters(answer, FORRESTAL_SHOT)
@@ -92,7 +93,7 @@ def test_published_shot_by_li_chen_and_ndrc() -> None:
 
 
 def test_closed_form_is_li_chen_with_a_crater_of_two_diameters() -> None:
-    """Only the depth of the crater differs: 0.707 diameters and the nose, for two diameters."""
+    """Only the depth of the crater differs: 0.707 diameters and the nose, or two diameters."""
     projectile = replace(FORRESTAL_SHOT, nose=Ogive(caliber_radius_head=(1.0 + (2.0 * 1.293) ** 2) / 4.0))
     ours = closed_form_depth(projectile=projectile, target=FORRESTAL_TARGET, velocity=277.0, strength_factor=12.0)
     answer = li_chen(projectile=projectile, target=FORRESTAL_TARGET, impact=normal(277.0), strength_factor=12.0)
@@ -100,7 +101,10 @@ def test_closed_form_is_li_chen_with_a_crater_of_two_diameters() -> None:
 
 
 def test_heavy_sphere_by_ndrc() -> None:
-    """100 kg, 0.2898 m, 60 m/s on 10 MPa: G = 0.0514 with the constant of the US form and 0.84 for the nose; here 1."""
+    """100 kg, 0.2898 m, 60 m/s on 10 MPa.
+
+    With the US constant and a nose factor of 0.84 G is 0.0514; here the factor is 1.
+    """
     sphere = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.2898, length=0.2898, mass=100.0)
     answer = modified_ndrc(
         projectile=sphere, target=Target(compressive_strength=10e6, density=2250.0), impact=normal(60.0)
@@ -109,7 +113,7 @@ def test_heavy_sphere_by_ndrc() -> None:
 
 
 def test_spheres_scab_a_slab_where_tests_saw_it() -> None:
-    """Erkander and Pettersson (1985): 35.9 g on 140 mm of 29.7 MPa, between 859 and 925 m/s; 0.84 would give 930."""
+    """Erkander and Pettersson (1985): 35.9 g on 140 mm of 29.7 MPa, 859 to 925 m/s; a factor of 0.84 gives 930."""
     sphere = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.0206, length=0.0206, mass=0.0359)
     target = Target(compressive_strength=29.7e6, density=2300.0)
 
@@ -221,7 +225,7 @@ def test_brl_is_marked_as_in_doubt() -> None:
 
 
 def test_paper_strike_by_every_formula() -> None:
-    """Figures worked out by hand for 238 m/s along the normal. [m]"""
+    """Values were computed by hand for 238 m/s along the normal. [m]"""
     answers = by_name(PAPER, PAPER_TARGET, normal(238.0))
     ndrc = answers["modified_ndrc"]
     assert ndrc.penetration_depth == pytest.approx(0.241, abs=5e-4)
@@ -250,7 +254,7 @@ def test_limit_speed_of_cea_edf_inverts_its_thickness() -> None:
 
 
 def diameters(formula: Formula, limit: str) -> Callable[[float], float]:
-    """A limit of the paper's strike over the diameter, as a function of the speed along the normal."""
+    """Return a limit of the paper's strike in diameters, as a function of the speed along the normal."""
 
     def at(velocity: float) -> float:
         result = formula(projectile=PAPER, target=PAPER_TARGET, impact=normal(velocity))
@@ -260,7 +264,7 @@ def diameters(formula: Formula, limit: str) -> Callable[[float], float]:
 
 
 def speed_at(function: Callable[[float], float], value: float) -> float:
-    """Speed at which a function that rises with it passes a value."""
+    """Speed at which an increasing function of the speed passes a value."""
     low, high = 1.0, 3000.0
     while high - low > 1e-9 * high:
         middle = 0.5 * (low + high)
@@ -269,7 +273,7 @@ def speed_at(function: Callable[[float], float], value: float) -> float:
 
 
 def impact_function(velocity: float) -> float:
-    """G of NDRC, from the scabbing limit of UKAEA, which has one branch."""
+    """G of NDRC, computed from the scabbing limit of UKAEA, which has one branch only."""
     return math.pow(diameters(ukaea, "scabbing_thickness")(velocity) / 5.3, 1.0 / 0.33)
 
 
@@ -287,7 +291,7 @@ BRANCHES: list[tuple[Formula, str, Callable[[float], float], float, float]] = [
     (hughes, "scabbing_thickness", DEPTH[hughes], 0.7, 2e-2),
     (li_chen, "penetration_depth", DEPTH[li_chen], LI_CHEN_ENTRY, 1e-9),
 ]
-"""Limit, what its branches depend on, the boundary, and how far the sides may differ by the printed digits. [1]"""
+"""Limit, variable of its branches, boundary, and allowed difference of the two sides from rounded coefficients. [1]"""
 
 
 @pytest.mark.parametrize(
@@ -337,7 +341,7 @@ def test_formula_without_a_known_range_is_never_in_range() -> None:
 
 
 def test_shallow_limits_of_ndrc_are_in_range_up_to_18_diameters() -> None:
-    """DOE-STD-3014 has the parabolas for all that is below the straight lines."""
+    """DOE-STD-3014 uses the parabolas below the straight lines."""
     strike: dict[str, Any] = {"projectile": PAPER, "target": PAPER_TARGET}
     slow, fast = (modified_ndrc(**strike, impact=normal(velocity)) for velocity in (50.0, 900.0))
     assert known(slow.perforation_thickness) < 3.0 * PAPER.diameter
@@ -364,7 +368,7 @@ def test_strike_along_the_face_is_refused() -> None:
 
 @pytest.mark.parametrize("ratio", [0.0, 0.4, 10.0])
 def test_reinforcement_changes_no_formula_and_no_run(ratio: float) -> None:
-    """No formula here takes it: UKAEA's for the perforation has no open source."""
+    """No implemented formula uses it: that of UKAEA for perforation has no open source."""
     plain: dict[str, Any] = {"projectile": PAPER, "impact": Impact(velocity=238.0, oblique_angle=0.0)}
     reinforced = replace(PAPER_TARGET, thickness=0.2, reinforcement_ratio_percent=ratio)
     wall = replace(PAPER_TARGET, thickness=0.2)

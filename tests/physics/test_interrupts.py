@@ -1,4 +1,4 @@
-"""Signals during a computation: whatever a handler raises comes out of the call, and the process lives on."""
+"""Signals during a computation: the call raises the exception of the handler, and the process continues."""
 
 import subprocess
 import sys
@@ -49,11 +49,11 @@ for _ in range(ROUNDS):
 print("survived")
 """
 ROUNDS = 40
-"""Signals to each loop. A tenth of them used to end the process."""
+"""Number of signals sent to each loop; a tenth of them used to crash the process."""
 
 
 def survives(script: str, *arguments: str) -> None:
-    """Run a script to its end, in another process: a crash would end that of the tests."""
+    """Run a script to its end in another process, because a crash would end that of the tests."""
     done = subprocess.run(
         [sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=False, timeout=TIMEOUT_S
     )
@@ -132,7 +132,7 @@ LONG_CALLS = {
 
 @pytest.mark.parametrize("call", LONG_CALLS)
 def test_long_computation_ends_soon_after_an_interrupt(call: str) -> None:
-    """The process too, since no thread goes on; how soon depends on the machine."""
+    """The process ends as well, because no thread continues; how soon depends on the machine."""
     survives(LONG.replace("CALL", LONG_CALLS[call]).replace("TIMEOUT", "60.0"))
 
 
@@ -198,7 +198,7 @@ def test_threads_of_a_computation_are_given_up_with_it() -> None:
 
 
 def test_computation_that_is_begun_again_in_another_thread_gives_the_same() -> None:
-    """A search of a few seconds in the main thread, and in another one, where it is not begun twice."""
+    """A search of a few seconds in the main thread, which is begun again, and in another thread, where it is not."""
     arguments: dict[str, Any] = {
         "projectile": PAPER_PROJECTILE,
         "target": PAPER_TARGET,
@@ -210,7 +210,7 @@ def test_computation_that_is_begun_again_in_another_thread_gives_the_same() -> N
 
 
 def test_compiled_code_hands_only_numbers_and_plain_tuples_of_them_to_python() -> None:
-    """To make anything else, numba runs Python code, and goes on as if no signal handler could raise in there."""
+    """For any other object numba runs Python code, in which it does not expect the exception of a signal handler."""
     solver.warm_up()
     entry_points = [function.dispatcher for function in compilation.FUNCTIONS if function.is_entry_point]
     assert entry_points

@@ -1,4 +1,4 @@
-"""What holds for any strike: mirror image, units, energy, and that stronger concrete is entered less."""
+"""Properties of any strike: mirror symmetry, units, energy, and smaller depth in stronger concrete."""
 
 import math
 from dataclasses import replace
@@ -26,7 +26,7 @@ from solver.prepared import integrate, prepare
 from .strikes import known, mirrored, strikes
 
 few = settings(max_examples=20, deadline=None, derandomize=True, database=None)
-"""The same examples on every run; a strike that slides to rest in its hole takes up to a second."""
+"""Settings for 20 examples, the same in every run; a strike that slides to rest takes up to a second."""
 
 
 def transit(strike: dict[str, Any]) -> float:
@@ -35,7 +35,7 @@ def transit(strike: dict[str, Any]) -> float:
 
 
 def run(strike: dict[str, Any], *, samples_a_transit: int = 50) -> Trajectory:
-    """Twenty transits at the most."""
+    """Simulate a strike for up to twenty transits."""
     time = transit(strike)
     numerics = Numerics(termination_time=20.0 * time)
     return simulate(**strike, numerics=numerics, sample_interval=time / samples_a_transit)
@@ -48,7 +48,7 @@ def history(trajectory: Trajectory) -> Motion[FloatArray]:
 @few
 @given(strikes())
 def test_mirrored_impact_gives_mirrored_path(strike: dict[str, Any]) -> None:
-    """To 10⁻⁴ of the length and 0.01°, as steps are chosen by rounding where a shank rests sideways in its hole."""
+    """The tolerance is 10⁻⁴ of the length and 0.01°: rounding affects the steps when a shank rests in its hole."""
     one, other = run(strike), run({**strike, "impact": mirrored(strike["impact"])})
     a, b = history(one), history(other)
     assert one.outcome is other.outcome
@@ -64,7 +64,7 @@ def test_mirrored_impact_gives_mirrored_path(strike: dict[str, Any]) -> None:
 
 
 def in_other_units(strike: dict[str, Any], *, length: float, time: float, mass: float) -> dict[str, Any]:
-    """The same strike with other units; each argument is the metre, second or kilogram in the new unit."""
+    """The same strike in other units; the arguments are the metre, second and kilogram in the new units."""
     projectile, target, impact = strike["projectile"], strike["target"], strike["impact"]
     nose, stress = projectile.nose, mass / (length * time**2)
     if isinstance(nose, Profile):
@@ -92,10 +92,10 @@ def in_other_units(strike: dict[str, Any], *, length: float, time: float, mass: 
 @few
 @given(strikes(), st.integers(-3, 3), st.integers(-1, 1), st.integers(-1, 1))
 def test_motion_does_not_depend_on_units(strike: dict[str, Any], length: int, speed: int, density: int) -> None:
-    """Twice as large and as heavy as that makes, or twice as fast in a target four times as strong: the same motion.
+    """A strike scaled in size and mass, or in speed and strength, has the same motion.
 
-    No length, time or mass is built in. Powers of two leave every digit as it is, so equal means equal to rounding.
-    Lengths differ by up to 64 in all, speeds and densities by 4: the bounds of the inputs allow no more.
+    The model has no built-in length, time or mass. Scaling by powers of two keeps all digits, so results agree to
+    rounding. Lengths are scaled by up to 64, speeds and densities by up to 4, within the bounds of the inputs.
     """
     units = {"length": 2.0**length, "time": 2.0 ** (length - speed), "mass": 2.0 ** (3 * length + density)}
     one, other = run(strike), run(in_other_units(strike, **units))
@@ -112,7 +112,7 @@ def test_motion_does_not_depend_on_units(strike: dict[str, Any], length: int, sp
 @few
 @given(strikes())
 def test_kinetic_energy_never_increases(strike: dict[str, Any]) -> None:
-    """Between output times, by more than the 10⁻⁶ of the initial energy to which a run balances it."""
+    """Between output times it grows by at most 10⁻⁶ of the initial energy, the accuracy of a run."""
     energy = history(run(strike, samples_a_transit=200)).kinetic_energy
     assert np.diff(energy).max(initial=0.0) < 1e-6 * energy[0]
 
@@ -120,7 +120,10 @@ def test_kinetic_energy_never_increases(strike: dict[str, Any]) -> None:
 @few
 @given(strikes())
 def test_work_of_the_resistance_equals_the_energy_lost(strike: dict[str, Any]) -> None:
-    """To 10⁻⁶ of the initial energy; the power is integrated by Gauss points within every step, as it jumps between."""
+    """They agree to 10⁻⁶ of the initial energy.
+
+    The power is integrated by Gauss points within each step, because it jumps between steps.
+    """
     prepared = prepare(
         projectile=strike["projectile"],
         target=strike["target"],

@@ -1,4 +1,4 @@
-"""In normal impact a stronger or thicker wall takes a faster body to perforate it, with plug and crater or without."""
+"""In normal impact a stronger or thicker wall has a higher limit speed, with or without plug and crater."""
 
 import math
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ VARIANTS = {
     "plug and crater": Resistance(rear_plug=ShearPlug(), crater=Crater()),
 }
 TWICE_THE_TOLERANCE = 2e-4
-"""By which two limit speeds may be off, each to 1e-4. [1]"""
+"""Largest error of the ratio of two limit speeds, each computed to 1e-4. [1]"""
 
 
 class Wall(NamedTuple):
@@ -60,7 +60,7 @@ def random_walls(count: int, seed: int) -> Iterator[Wall]:
 def limit_speed(wall: Wall, variant: Resistance, *, published: bool = False) -> float:
     """Limit speed, by a constant S or by the law of the published tests. [m/s]
 
-    It is 0 where the slowest speed of the search, 1 m/s, perforates, and infinite where no speed does.
+    It is 0 if the lowest speed of the search, 1 m/s, perforates, and infinite if no speed does.
     """
     law = PublishedTests() if published else ConstantStrengthFactor(value=wall.strength_factor)
     resistance = replace(variant, strength_factor=law)
@@ -71,7 +71,7 @@ def limit_speed(wall: Wall, variant: Resistance, *, published: bool = False) -> 
 
 
 def assert_rises(wall: Wall, variant: Resistance) -> None:
-    """With S, strength at that S, strength by the law of published tests, and thickness; by little and by much."""
+    """Check that the limit speed rises with S, strength (at constant S and by published tests) and thickness."""
     stronger, thicker = wall.target.compressive_strength, wall.target.thickness or 0.0
     speed, by_law = limit_speed(wall, variant), limit_speed(wall, variant, published=True)
     for factor in (1.03, 1.25):

@@ -1,4 +1,4 @@
-"""Strength factor from one's own shots, with the published tests as prior: the posterior, its limits, its use."""
+"""Strength factor from own shots with the published tests as prior: the posterior, its limits and its use."""
 
 import math
 from collections.abc import Sequence
@@ -43,13 +43,13 @@ def posterior_of(shots: Sequence[Shot]) -> StrengthPosterior:
 
 
 def shot_of(factor: float, *, velocity: float = 300.0) -> Shot:
-    """A shot of the paper's projectile that goes as deep as a strength factor says."""
+    """A shot of the paper's projectile with the depth that belongs to a strength factor."""
     (depth,) = penetration_depths(**CASE, velocities=[velocity], strength_factor=factor)
     return Shot(velocity=velocity, depth=float(depth))
 
 
 def by_grid(shots: Sequence[Shot]) -> tuple[float, tuple[float, float]]:
-    """Median and 5 and 95 % of ln S of the next shot, by Bayes' rule over a grid of a series and its variance."""
+    """Median, 5 % and 95 % quantile of ln S of the next shot, by Bayes' rule on a grid of series mean and variance."""
     prior = math.log(PublishedTests().polynomial(**CASE)[0])
     values = np.array(
         [
@@ -109,7 +109,10 @@ def test_papers_own_shots_give_its_strength_factor_within_a_narrow_range() -> No
 
 
 def test_dispersion_grows_with_the_scatter_of_the_shots() -> None:
-    """Four S with a standard deviation of ln S of 0.23; known by themselves the next has 1.12 times that."""
+    """ln S of the four shots has a standard deviation of 0.23.
+
+    Without a prior, that of the next shot is 1.12 times as large.
+    """
     factors = (6.99, 10.49, 7.43, 10.93)
     scattered = posterior_of([shot_of(each) for each in factors])
     assert scattered.factors == pytest.approx(factors, rel=1e-3)
@@ -134,7 +137,7 @@ def test_many_identical_shots_leave_next_to_no_scatter_and_their_own_strength_fa
 
 @pytest.mark.parametrize("nose", [PAPER_PROJECTILE.nose, Profile(points=((0.0, 0.0), (0.1, 0.03), (0.16, 0.04)))])
 def test_shots_of_another_diameter_are_carried_by_the_exponent_of_the_law(nose: Any) -> None:
-    """A model of half the size at the same speed goes half as deep in concrete of the same S."""
+    """A body of half the size at the same speed goes half as deep in concrete of the same S."""
     projectile = replace(PAPER_PROJECTILE, nose=nose)
     full = Shot(velocity=300.0, depth=0.4)
     half = Shot(velocity=300.0, depth=0.2, mass=PAPER_PROJECTILE.mass / 8.0, diameter=0.04)
@@ -164,7 +167,7 @@ def test_strike_takes_the_median_and_follows_eq_9_over_the_angle_unless_constant
     "other", [{"inertia_factor": 0.0}, {"inertia_factor": 1.5}, {"crater": Crater()}], ids=["B0", "B1.5", "crater"]
 )
 def test_shots_are_read_with_the_inertia_and_the_crater_of_the_strike(other: dict[str, Any]) -> None:
-    """So that a normal strike like the shots goes as deep as they did, but for the pull of the prior."""
+    """A strike equal to the shots then goes as deep as they did, apart from the influence of the prior."""
     law = OwnTests(shots=(SHOTS[0],) * 1000)
     run = simulate(
         projectile=replace(PAPER_PROJECTILE, mass=12.923),
@@ -180,7 +183,7 @@ def test_search_and_limit_speed_take_own_tests() -> None:
     law = Resistance(strength_factor=OwnTests(shots=SHOTS))
     found = critical_angle(**CASE, velocity=PAPER_VELOCITY, resistance=law)
     assert math.degrees(known(found.angle)) == pytest.approx(48.6, abs=0.5)
-    wall = replace(PAPER_TARGET, thickness=0.2)  # thinner than the shots are deep: they were fired into a thick block
+    wall = replace(PAPER_TARGET, thickness=0.2)  # thinner than the shots are deep
     limit = limit_velocity(projectile=PAPER_PROJECTILE, target=wall, oblique_angle=0.0, resistance=law).value
     assert limit == pytest.approx(214.2, rel=0.03)
 
@@ -206,7 +209,7 @@ def test_shot_far_off_is_warned_of_and_named() -> None:
 
 
 def test_shots_within_the_front_crater_are_warned_of() -> None:
-    """Two diameters of the paper's projectile are 160 mm; of one half as thick, 80 mm."""
+    """Two diameters are 160 mm for the paper's projectile, and 80 mm for one of half the diameter."""
     deep, shallow = Shot(velocity=238.0, depth=0.17), Shot(velocity=150.0, depth=0.15)
     small = Shot(velocity=238.0, depth=0.15, mass=1.6, diameter=0.04)
     assert "shallow_tests" not in codes_of([deep, small])
@@ -234,7 +237,7 @@ def test_shot_that_no_strength_factor_explains_is_refused_with_the_likely_slip(s
 
 
 def test_millimetres_given_as_metres_are_named() -> None:
-    """Of a body that goes a few millimetres deep, as a depth beyond 100 m is refused by its bound."""
+    """The body goes a few millimetres deep, because depths beyond 100 m are refused by their bound."""
     body = replace(PAPER_PROJECTILE, diameter=0.005, length=0.033, mass=0.003)
     with pytest.raises(ParameterError, match=r"millimetres given as metres: with a depth of 0\.03 m"):
         OwnTests(shots=(Shot(velocity=300.0, depth=30.0),)).posterior(projectile=body, target=PAPER_TARGET)

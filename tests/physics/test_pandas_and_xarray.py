@@ -1,4 +1,4 @@
-"""Tables and arrays of pandas and xarray, as inputs and as answers."""
+"""Tables and arrays of pandas and xarray as inputs and answers."""
 
 import copy
 import math
@@ -43,7 +43,7 @@ TESTS = [DepthTest(velocity=200.0, depth=0.20), DepthTest(velocity=250.0, depth=
 
 
 def held(values: Sequence[Any]) -> Any:
-    """Return values as an array, which holds objects as they are."""
+    """Return values as an array of objects."""
     return np.array(values, None if isinstance(values[0], float | tuple) else object)
 
 
@@ -218,7 +218,7 @@ def test_gaps_of_a_frame_are_what_a_test_does_not_have() -> None:
         ([TESTS[0], 250.0], "tests.1: must be a DepthTest, got float"),
     ],
 )
-def test_tests_that_are_none_say_what_they_take(tests: Any, words: str) -> None:
+def test_invalid_tests_are_refused_with_what_is_accepted(tests: Any, words: str) -> None:
     with pytest.raises(solver.ParameterError, match=words):
         fit_depth(**CASE, tests=tests)
 
@@ -474,7 +474,7 @@ MISSED = {
     ("blocked", "used"), [(list(MISSED), ["matplotlib", "pandas", "xarray"]), (["matplotlib"], ["pandas", "xarray"])]
 )
 def test_each_package_is_missed_in_words_and_only_by_what_needs_it(blocked: list[str], used: list[str]) -> None:
-    """What is used first has to do without those that are still blocked."""
+    """Each step works without the packages that are still blocked."""
     command = [sys.executable, "-W", "error", "-c", EVERYTHING.format(blocked=blocked, used=used)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {"MPLBACKEND": "agg"})
     assert ended.returncode == 0, ended.stderr

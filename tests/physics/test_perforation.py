@@ -1,4 +1,4 @@
-"""Least thickness and limit velocity, against an independent program and by the runs on either side."""
+"""Least thickness and limit velocity, compared with an independent program and with runs on either side."""
 
 import math
 from dataclasses import replace
@@ -64,7 +64,7 @@ def test_thickness_and_velocity_are_each_the_inverse_of_the_other() -> None:
 
 @pytest.mark.parametrize("angle", [0.0, 30.0])
 def test_warnings_are_those_of_the_wall_that_is_answered(angle: float) -> None:
-    """The sphere stops within the crater, with a warning that a perforated wall has not."""
+    """The sphere stops within the crater, which causes a warning that perforating runs do not have."""
     sphere = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.08, length=0.08, mass=2.1)
     impact = replace(paper_impact(oblique_angle_degrees=angle), velocity=100.0)
     found = least_thickness(projectile=sphere, target=PAPER_TARGET, impact=impact)
@@ -75,7 +75,7 @@ def test_warnings_are_those_of_the_wall_that_is_answered(angle: float) -> None:
 
 
 SHORT = Numerics(termination_time=4e-3)
-"""Thick walls, and slow projectiles, are still in motion then."""
+"""A termination time at which thick walls and slow projectiles are still in motion."""
 
 
 def test_limit_next_to_a_trial_in_motion_is_uncertain() -> None:
@@ -122,7 +122,7 @@ def test_wall_that_no_speed_perforates_says_so() -> None:
     assert found.value is None
 
 
-def test_what_is_sought_must_not_be_given() -> None:
+def test_sought_quantity_must_not_be_given() -> None:
     with pytest.raises(ParameterError, match=r"target\.thickness.*must not be given"):
         least_thickness(projectile=PAPER_PROJECTILE, target=WALL, impact=paper_impact(oblique_angle_degrees=0.0))
     with pytest.raises(ParameterError, match=r"target\.thickness.*must be given"):

@@ -1,4 +1,4 @@
-"""Rules that every true answer keeps: broken ones are named, and no answer of this model breaks them."""
+"""Rules that every correct answer keeps: violations are reported, and no answer of the model violates them."""
 
 import math
 from collections.abc import Iterator
@@ -106,7 +106,7 @@ def test_walls_that_no_energy_explains_are_named(impact: Impact, first: float, s
 
 
 def test_no_answer_of_the_model_is_implausible() -> None:
-    """Over strikes of every kind; those on walls of `test_blunt_bodies` and all route comparisons look as well."""
+    """Strikes of every kind are tested here; `test_blunt_bodies` and the route comparisons also check it."""
     for strike in random_strikes(600, 21):
         given = {name: getattr(strike, name) for name in ("projectile", "target", "impact", "resistance")}
         run = simulate(**given, sample_interval=None)
@@ -114,7 +114,7 @@ def test_no_answer_of_the_model_is_implausible() -> None:
 
 
 def test_lifeless_wall_is_named_in_the_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A wall whose resistance is lost, as a fault of the loads once lost it, is answered with the warning."""
+    """An error in the loads once removed the resistance of a wall; such a wall now causes the warning."""
     lost = PreparedCase.law_at
 
     def without_resistance(case: PreparedCase, impact: Impact) -> object:
@@ -136,8 +136,8 @@ NOSES: tuple[NoseShape, ...] = (
     Flat(),
 )
 SLENDERNESS = 100.0
-"""Longest body over its diameter: the stations of the quadrature lie farther apart than a wall is thick on longer ones,
-and what passes between them is a fault that the warning is for."""
+"""Largest ratio of length to diameter. On longer bodies the stations of the quadrature are farther apart than a wall is
+thick, and the resulting errors cause the warning rightly."""
 
 
 def odd_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, Impact, Resistance]]:
@@ -180,7 +180,7 @@ def odd_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, Imp
 
 
 def test_no_legal_input_is_implausible() -> None:
-    """However odd it is; also at the coarsest tolerance and with steps of a fixed length."""
+    """This includes the coarsest tolerance and fixed steps."""
     numerics = (None, Numerics(relative_tolerance=1e-2), Numerics(method="panels", panels=1000))
     finished = 0
     for number, (body, target, impact, resistance) in enumerate(odd_strikes(450, 46)):
@@ -195,7 +195,7 @@ def test_no_legal_input_is_implausible() -> None:
 
 
 def test_no_legal_wall_is_implausible() -> None:
-    """A body of 1 mm and 13 kg goes through any wall, as do many odd ones."""
+    """A body of 1 mm and 13 kg perforates any wall, as do many odd bodies."""
     rod = replace(PAPER_PROJECTILE, diameter=1e-3)
     odd = [(rod, PAPER_TARGET, HEAD_ON, Resistance()), *odd_strikes(25, 7)]
     finished = 0

@@ -1,4 +1,4 @@
-"""Quantities are described once, by the fields of the dataclasses that have them."""
+"""Quantities are described once, by the fields of the dataclasses."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Critical angles by the retention energy: against sums over elements, and over a map without cliffs."""
+"""Critical angles by the retention energy, compared with sums over elements, and on a map without jumps."""
 
 import math
 from dataclasses import replace
@@ -40,14 +40,14 @@ ANGLES = [
     pytest.param(44.10, {"velocity": 150.0, "target": STRONG}, id="150 m/s on 50 MPa"),
     pytest.param(47.87, {"velocity": 300.0, "resistance": MOHR_COULOMB_6}, id="300 m/s, mohr-coulomb, S 6"),
 ]
-"""By an independent program with 96,000 panels and 1 µs: angle beyond which 1 % of the energy is left. [°]"""
+"""Angle above which 1 % of the energy is left, from an independent program with 96,000 panels and 1 µs. [°]"""
 TOLERANCE_DEG = 0.02
 
 SPEEDS, STRENGTHS = np.linspace(60.0, 450.0, 60), np.linspace(20e6, 60e6, 60)
 LINE = 12
-"""One of so many lines of the map is followed, in both directions: a cliff runs across the map and would cut them."""
+"""Every twelfth line of the map is tested in both directions, which is enough to cross any line of jumps."""
 STEEPEST_DEG = 2.5
-"""Difference of neighbours on the map that a smooth dependence on speed and strength stays below. [°]"""
+"""Largest difference of neighbours on the map if the angle depends smoothly on speed and strength. [°]"""
 
 
 @pytest.mark.parametrize(("expected", "changes"), ANGLES)
@@ -98,7 +98,10 @@ SPHERE = Projectile(nose=Sphere(), diameter=0.02, length=0.02, mass=0.0329)
 @pytest.mark.parametrize("method", ["adaptive", "panels"])
 @pytest.mark.parametrize("spin", [3e3, -2e4, 9e4])
 def test_spin_that_nothing_can_remove_is_no_energy_retained(method: Method, spin: float) -> None:
-    """No load turns a sphere: at 0° one of 20 mm came to rest, and "ricocheted" with the energy of its spin."""
+    """No load turns a sphere.
+
+    A sphere of 20 mm that came to rest at 0° used to "ricochet" with the energy of its spin.
+    """
     numerics = Numerics(method=method, time_step=2e-7, termination_time=1e-3)
 
     def run(spin: float) -> Trajectory:
@@ -127,7 +130,7 @@ def test_spinning_sphere_has_the_critical_angle_and_the_limits_of_one_that_does_
 
 
 def test_spin_of_a_body_that_loads_can_turn_counts() -> None:
-    """The same sphere with its centre of gravity aside, and the paper's body, spin less and less."""
+    """A sphere with an eccentric centre of gravity, and the paper's body, lose their spin."""
     for body in (replace(SPHERE, center_of_gravity=0.009), PAPER_PROJECTILE):
         impact = Impact(velocity=200.0, oblique_angle=0.1, angular_velocity=300.0)
         run = simulate(projectile=body, target=PAPER_TARGET, impact=impact)

@@ -1,4 +1,4 @@
-"""Steps of the Rosenbrock pair: its order, which a mistyped digit would cost, and what happens near their ends."""
+"""Steps of the Rosenbrock pair: its order, which a mistyped digit would reduce, and its interpolation."""
 
 import math
 
@@ -13,11 +13,11 @@ from solver.time_integration import COUPLINGS, ERROR_WEIGHTS, GAMMA, STAGE_WEIGH
 
 
 def sums(weights: FloatArray) -> list[float]:
-    """Sides of the order conditions that depend on the method, by order (Hairer and Wanner 1996, section IV.7)."""
+    """Sides of the order conditions that depend on the coefficients, by order (Hairer and Wanner 1996, IV.7)."""
     couplings, states = COUPLINGS[:STAGES], np.zeros((STAGES, STAGES))
     states[: STAGES - 1, : STAGES - 2] = STAGE_WEIGHTS
     states[STAGES - 1] = states[STAGES - 2]
-    own = np.linalg.inv(np.eye(STAGES) / GAMMA - couplings)  # back from the form without products
+    own = np.linalg.inv(np.eye(STAGES) / GAMMA - couplings)  # convert from the form without matrix products
     explicit = states @ own
     both, b = explicit + own, weights @ own
     at = explicit.sum(axis=1)
@@ -41,22 +41,22 @@ def test_the_solution_is_of_order_4() -> None:
     assert sums(WEIGHTS) == pytest.approx(CONDITIONS, abs=1e-13)
 
 
-def test_what_its_error_is_measured_by_is_of_order_3() -> None:
+def test_embedded_solution_is_of_order_3() -> None:
     found = sums(WEIGHTS + ERROR_WEIGHTS)
     assert found[:4] == pytest.approx(CONDITIONS[:4], abs=1e-13)
     assert all(abs(value - condition) > 1e-3 for value, condition in zip(found[4:], CONDITIONS[4:], strict=True))
 
 
-def test_what_is_seen_from_the_end_of_a_step_is_of_order_3() -> None:
-    """The rates at its end less those at its start are what the stages say, up to that order."""
+def test_difference_of_the_rates_over_a_step_is_of_order_3() -> None:
+    """The difference of the rates at both ends agrees with the stages up to that order."""
     found = sums(-COUPLINGS[STAGES])
     assert found[:4] == pytest.approx([0, 1, 1, 1 / 2], abs=1e-13)
 
 
 @pytest.mark.parametrize("velocity", [50.0, 100.0, 200.0, 400.0])
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-6, 1e-7])
-def test_no_step_leads_past_a_halt(velocity: float, tolerance: float) -> None:
-    """A flat nose in an endless target stops at once from full resistance, and nothing pushes it back."""
+def test_no_step_goes_beyond_an_abrupt_stop(velocity: float, tolerance: float) -> None:
+    """A flat nose in a half-space stops abruptly from full resistance, and nothing pushes it back."""
     prepared = prepare(
         projectile=Projectile(nose=Flat(), diameter=0.05, length=0.3, mass=3.0),
         target=PAPER_TARGET,

@@ -1,4 +1,4 @@
-"""How the searches for a critical angle go and end."""
+"""Course and end of the searches for a critical angle."""
 
 import math
 import re
@@ -46,7 +46,7 @@ def find(
     numerics: Numerics = ADAPTIVE,
     **search: Any,
 ) -> CriticalAngle:
-    """The paper's strike; angles of the search in degrees."""
+    """Search for the critical angle of the paper's strike; angles are in degrees."""
     for name in ("lower", "upper", "tolerance", "scan_interval"):
         if name in search:
             search[name] = math.radians(search[name])
@@ -145,7 +145,7 @@ def test_secant_steps_follow_equation_8() -> None:
 
 
 def test_secant_that_leaves_the_quarter_turn_is_not_converged() -> None:
-    """From 20° and 80° its second step would go past 90°, where nothing strikes."""
+    """From 20° and 80° its second step would go beyond 90°, where there is no strike."""
     found = find(method="secant", lower=20.0, upper=80.0, strength_factor=ConstantStrengthFactor(value=8.0))
     assert found.status is SearchStatus.NOT_CONVERGED
     assert found.angle is None
@@ -155,7 +155,8 @@ def test_secant_that_leaves_the_quarter_turn_is_not_converged() -> None:
 COMES_AND_GOES = ObliquityPolynomial(
     coefficients=tuple(float(c) for c in np.polynomial.polynomial.polyfit([40, 50, 55, 60, 70], [8, 9, 3, 1.5, 8], 4))
 )
-"""A strength factor of 9 at 50°, 1.5 at 60° and 8 again at 70°: the weak target between lets the nose dive again."""
+"""A strength factor of 9 at 50°, 1.5 at 60° and 8 at 70°: in the weak target between, the projectile is embedded
+again."""
 
 
 def test_ricochet_that_sets_in_ceases_and_returns_is_reported_in_full() -> None:
@@ -178,7 +179,7 @@ def test_ricochet_that_sets_in_ceases_and_returns_is_reported_in_full() -> None:
 
 
 def test_range_that_starts_in_a_ricochet_has_its_angle_below_whatever_lies_above() -> None:
-    """The ends of a band that embeds, from 50-55° to 60-65°, are changes of outcome and not the smallest angle."""
+    """The ends of the embedded band, at 50-55° and 60-65°, are changes of outcome, but not the critical angle."""
     found = find(lower=47.0, upper=70.0, strength_factor=COMES_AND_GOES)
     assert (found.status, found.angle, found.bracket) == (SearchStatus.ALWAYS_RICOCHET, None, None)
     ceases, returns = found.other_crossings
@@ -202,7 +203,7 @@ UNHELD = ObliquityPolynomial(held_from=math.pi / 2.0)
 
 @pytest.mark.parametrize("method", ["outcome", "bisection", "secant"])
 def test_search_ends_where_equation_9_falls_to_zero(method: str) -> None:
-    """At 86.6°."""
+    """S of eq. 9 is zero at 86.6°."""
     found = find(method=method, lower=40.0, upper=88.0, strength_factor=UNHELD)
     assert max(trial.oblique_angle for trial in found.iterations) == pytest.approx(math.radians(86.6), abs=2e-3)
     (warning,) = (warning for warning in found.warnings if warning.code == "range_clipped")
@@ -210,8 +211,8 @@ def test_search_ends_where_equation_9_falls_to_zero(method: str) -> None:
 
 
 def test_band_below_a_vanishing_strength_factor_is_found() -> None:
-    """Turned away from 49.3° to 64.0°; beyond, hardly anything resists, and the projectile sinks in."""
-    falling = ObliquityPolynomial(coefficients=(8.5084, -0.061243, -0.00091189))  # zero at 68.75°
+    """The projectile is turned away from 49.3° to 64.0°; beyond, the resistance is so low that it is embedded."""
+    falling = ObliquityPolynomial(coefficients=(8.5084, -0.061243, -0.00091189))  # S is zero at 68.75°
     resistance = Resistance(free_surface=MohrCoulomb(), strength_factor=falling)
     found = critical_angle(**CASE, velocity=PAPER_VELOCITY, resistance=resistance)
     assert math.degrees(known(found.angle)) == pytest.approx(49.3, abs=0.1)
@@ -225,7 +226,7 @@ def test_strength_factor_that_is_zero_over_the_whole_range_is_named() -> None:
 
 
 def test_strength_factor_that_vanishes_between_the_angles_of_the_scan_ends_the_range() -> None:
-    """It is 6.2 at both ends of the range and below zero from 45.2° to 49.8°."""
+    """S is 6.2 at both ends of the range, and negative from 45.2° to 49.8°."""
     dips = ObliquityPolynomial(coefficients=(14631.24, -617.5, 6.5))
     found = find(lower=45.0, upper=50.0, strength_factor=dips)
     assert max(trial.oblique_angle for trial in found.iterations) < math.radians(45.2)
@@ -335,7 +336,7 @@ SLOW: dict[str, dict[str, Any]] = {
         "resistance": Resistance(inertia_factor=1.3, free_surface=MohrCoulomb()),
     },
 }
-"""Strikes whose outcome came and went with the angle where it hung on how a nearly spent body is let go."""
+"""Slow strikes whose outcome used to alternate with the angle, depending on how a nearly spent body was released."""
 
 
 @pytest.mark.parametrize("strike", SLOW.values(), ids=SLOW.keys())

@@ -1,4 +1,4 @@
-"""How answers show themselves: one line in a console, a card in a notebook, a figure."""
+"""Display of answers: one line in a console, a card in a notebook, and a figure."""
 
 import math
 import pickle
@@ -53,7 +53,7 @@ def answers(trajectory: solver.Trajectory, found: solver.CriticalAngle) -> dict[
 
 @pytest.fixture
 def pyplot() -> Iterator[Any]:
-    """pyplot without a screen; its figures are closed at the end."""
+    """pyplot with a backend without a display; figures are closed at the end."""
     found = pytest.importorskip("matplotlib.pyplot")
     found.switch_backend("agg")
     yield found
@@ -61,7 +61,7 @@ def pyplot() -> Iterator[Any]:
 
 
 class Balanced(HTMLParser):
-    """Fails where tags do not close in order."""
+    """HTML parser that fails if tags are not closed in order."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -142,7 +142,7 @@ LABELS = {
     "embedded": "greatest depth [m]",
     "depths": "measured depth [m]",
 }
-"""Answers that draw themselves, each with a label in its picture."""
+"""Answers with a plot, and a label in each plot."""
 
 
 @pytest.mark.parametrize("words", LABELS)
@@ -175,7 +175,7 @@ def test_figure_that_is_the_result_of_a_cell_of_a_notebook_is_shown_once(
 ) -> None:
     figure = found.plot()
     monkeypatch.setattr(pyplot, "get_backend", lambda: backend)
-    with pytest.raises(NotImplementedError):  # which is how IPython is left to show it
+    with pytest.raises(NotImplementedError):  # IPython then shows the figure
         figure._ipython_display_()  # type: ignore[attr-defined]
     assert pyplot.fignum_exists(figure.number) is stays
     pickle.loads(pickle.dumps(figure))  # noqa: S301

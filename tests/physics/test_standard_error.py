@@ -41,8 +41,11 @@ def constant_term_known_to(error: float) -> ObliquityPolynomial:
     return ObliquityPolynomial(covariance=((error**2, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
 
 
-def test_it_is_the_scatter_of_angles_over_coefficients_drawn_from_the_covariance() -> None:
-    """100 draws know their scatter to 7 %; the fit to Table 2, and one with a third of its errors."""
+def test_standard_error_is_the_scatter_of_angles_over_coefficients_drawn_from_the_covariance() -> None:
+    """The scatter of 100 draws is known to 7 %.
+
+    The covariances are that of the fit to Table 2, and one with a third of its errors.
+    """
     for share in (1.0, 1.0 / 3.0):
         covariance = share**2 * np.array(known(TABLE_2.covariance))
         model = replace(TABLE_2, covariance=tuple(map(tuple, covariance.tolist())))
@@ -68,20 +71,20 @@ def test_covariance_changes_nothing_else(method: str) -> None:
     assert replace(known, standard_error=None) == plain
 
 
-def test_it_grows_as_the_error_of_the_strength_factor() -> None:
+def test_standard_error_is_proportional_to_that_of_the_strength_factor() -> None:
     errors = [find(constant_term_known_to(error)).standard_error for error in (0.1, 0.2, 0.3)]
     assert errors[0] is not None
     assert errors[0] > math.radians(0.1)
     np.testing.assert_allclose(np.array(errors) / errors[0], [1.0, 2.0, 3.0], rtol=0.1)
 
 
-def test_strength_factor_that_falls_to_zero_beyond_the_angle_does_not_hide_it() -> None:
-    """Eq. 9 less 0.5 is below zero at 85°, the end of the range."""
+def test_strength_factor_that_falls_to_zero_beyond_the_angle_has_a_standard_error() -> None:
+    """Eq. 9 less 0.5 is negative at 85°, the end of the range."""
     wide, narrow = find(constant_term_known_to(0.5)), find(constant_term_known_to(0.1))
     assert known(wide.standard_error) == pytest.approx(5.0 * known(narrow.standard_error), rel=0.1)
 
 
-def test_it_is_unknown_if_a_shifted_search_finds_no_angle() -> None:
+def test_standard_error_is_unknown_if_a_shifted_search_finds_no_angle() -> None:
     close = find(constant_term_known_to(0.5), lower=math.radians(48.0), upper=math.radians(49.0))
     assert close.status is SearchStatus.CONVERGED
     assert close.standard_error is None
@@ -91,7 +94,7 @@ def test_it_is_unknown_if_a_shifted_search_finds_no_angle() -> None:
     assert "standard_error_unknown" in codes(vague)
 
 
-def test_without_an_angle_there_is_none() -> None:
+def test_search_without_an_angle_has_no_standard_error() -> None:
     found = find(constant_term_known_to(0.2), lower=math.radians(10.0), upper=math.radians(35.0))
     assert found.status is SearchStatus.NO_RICOCHET
     assert found.standard_error is None

@@ -1,4 +1,4 @@
-"""Models of the strength factor: their values, what they were fitted to, and what an answer says of both."""
+"""Laws of the strength factor: values, range of their fits, and warnings about them."""
 
 import math
 from dataclasses import replace
@@ -149,7 +149,7 @@ def test_search_without_an_angle_has_no_strength_factor() -> None:
 def warnings_of(
     model: StrengthFactor, *, strength: float = 39e6, diameter: float = 0.08, velocity: float = PAPER_VELOCITY
 ) -> dict[str, str]:
-    """Warnings about the strength factor, the same of a trajectory and of a search."""
+    """Warnings about the strength factor, which must be the same for a trajectory and a search."""
     case: dict[str, Any] = {
         "projectile": replace(PAPER_PROJECTILE, diameter=diameter),
         "target": replace(PAPER_TARGET, compressive_strength=strength),

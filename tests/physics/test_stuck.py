@@ -1,4 +1,4 @@
-"""A shank that sticks in its hole: free along its axis, held across it."""
+"""A shank that sticks in its hole, free along its axis but held across it."""
 
 import math
 
@@ -8,7 +8,7 @@ from .strikes import CASE
 
 
 def test_sticking_costs_no_more_steps_than_getting_there() -> None:
-    """The last two thirds of this run are a straight slide; chattering, it took 1,339 and 26,872 steps."""
+    """The last two thirds of this run are a straight slide, which once took 1,339 and 26,872 steps."""
     impact = Impact(velocity=450.0, oblique_angle=math.radians(45.0))
     for tolerance, most in ((3e-7, 300), (1e-8, 700)):
         numerics = Numerics(relative_tolerance=tolerance)

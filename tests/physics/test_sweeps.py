@@ -1,4 +1,4 @@
-"""Sweeps as datasets of xarray."""
+"""Sweeps as xarray Datasets."""
 
 import math
 from dataclasses import replace

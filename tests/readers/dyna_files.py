@@ -1,4 +1,4 @@
-"""LS-DYNA's files as LS-DYNA writes them, of bodies whose motion is given along the global axes."""
+"""Writers of LS-DYNA files for bodies whose motion is given along the global axes."""
 
 import struct
 from collections.abc import Callable, Mapping, Sequence
@@ -8,7 +8,7 @@ from typing import Literal
 from solver.arrays import FloatArray
 
 Bodies = Mapping[int, FloatArray]
-"""(n, 6) by body: displacements and rotations."""
+"""Displacements and rotations (n, 6) by body."""
 
 TITLE = b" a title with an umlaut, \xfc\n                         ls-dyna (version R12)     date 01/01/2026\n"
 
@@ -67,14 +67,14 @@ def write_binout(
     present: Callable[[int], Sequence[int]] | None = None,
     ids_in: Literal["states", "metadata", "first metadata"] = "first metadata",
 ) -> None:
-    """One table of symbols for the metadata and one for the states, as when LS-DYNA has flushed in between.
+    """Write a binout with one symbol table for the metadata and one for the states, as after a flush of LS-DYNA.
 
     Parameters
     ----------
     present
         The bodies of each state in their order, all of them if not given.
     ids_in
-        Where their ids are written: with each state, in the metadata again when they change, or once at the start.
+        Place of their ids: with each state, in the metadata whenever they change, or once at the start.
     """
     present = present or (lambda state: list(bodies))
     prefix, names = ("global_", "dx dy dz rdx rdy rdz") if database == "rbdout" else ("", "x y z rx ry rz")
@@ -98,14 +98,14 @@ def write_binout(
 
 
 class _Lsda:
-    """Lengths and offsets of eight bytes, commands and types of one."""
+    """Writer of LSDA records, with lengths and offsets of eight bytes, and commands and types of one byte."""
 
     TYPES = {"b": 1, "i": 3, "f": 9, "d": 10}  # noqa: RUF012
 
     def __init__(self, order: str) -> None:
         self.order = order
         self.content = bytearray([8, 8, 8, 1, 1, order == "<", 0, 0])
-        self.link = len(self.content) + 9  # where the offset of the next table goes
+        self.link = len(self.content) + 9  # place of the offset of the next table
         self.folder = ""
         self.entries: list[tuple[str, str, int, int, int]] = []
         self.record(7, bytes(8))

@@ -1,4 +1,4 @@
-"""Tests and histories from CSV files: what is read, and what is refused with its line."""
+"""Tests and histories from CSV files, and errors with the line."""
 
 import math
 from pathlib import Path
@@ -82,7 +82,7 @@ def test_units_in_the_header_are_converted(file: Path, head: str) -> None:
 
 
 def test_time_histories_of_openradioss_are_read_by_their_names(file: Path) -> None:
-    """Its converter quotes names, leaves blanks in them and a comma behind the last, and forgets the last number."""
+    """Its converter quotes names, leaves blanks in them and a comma after the last, and omits the last number."""
     head = '"time","INTERNAL ENERGY","CG 42 body  DX        ","CG 42 body  DZ        ","CG 42 body  FX        ",'
     file.write_text(f"{head}\n0.000000,0.1,0.000000,-0.000000,7\n1.000000,0.1,100.000000,-150.000000,\n")
     columns = {"depth_displacement": "-CG 42 body DZ", "lateral_displacement": "CG 42 body DX"}
@@ -222,7 +222,7 @@ def test_history_without_motion_is_refused(file: Path) -> None:
         (b"velocity_m_s,depth_m\n\xff,1\n", "not a UTF-8 text file"),
     ],
 )
-def test_what_is_no_text_is_refused(file: Path, content: bytes, reason: str) -> None:
+def test_file_that_is_not_text_is_refused(file: Path, content: bytes, reason: str) -> None:
     file.write_bytes(content)
     with pytest.raises(FileError, match=reason):
         read_depth_tests(file)

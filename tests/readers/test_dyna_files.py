@@ -1,4 +1,4 @@
-"""LS-DYNA's rbdout, nodout and binout: one motion read from each, and what is refused."""
+"""LS-DYNA's rbdout, nodout and binout: the same motion is read from each, and errors are refused."""
 
 import math
 import random
@@ -127,7 +127,7 @@ def test_binout_cut_or_damaged_anywhere_is_refused(tmp_path: Path) -> None:
         damaged = bytearray(whole)
         damaged[shuffle.randrange(len(whole))] = shuffle.randrange(256)
         file.write_bytes(damaged)
-        with suppress(FileError):  # or the damage is in the numbers
+        with suppress(FileError):  # unless the damage is in the numbers
             read_motion(file, axes=AXES, part=42)
 
 
@@ -212,7 +212,7 @@ def test_rigid_deformable_switch_is_named_in_text(tmp_path: Path) -> None:
 @WRITERS
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize(("column", "used"), [(1, None), (3, None), (2, "z displacement"), (4, "y rotation")])
-def test_what_is_not_finite_matters_where_it_is_read(
+def test_non_finite_number_is_refused_only_where_it_is_read(
     tmp_path: Path, write: Writer, choice: dict[str, Any], value: float, column: int, used: str | None
 ) -> None:
     motion = along_axes()

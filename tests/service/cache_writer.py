@@ -1,4 +1,4 @@
-"""Stores batches of results in a folder, and evicts the oldest, until it is killed."""
+"""Store batches of results in a folder, and evict the oldest, until the process is killed."""
 
 import os
 import sys

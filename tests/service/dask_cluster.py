@@ -1,4 +1,4 @@
-"""A Dask cluster of real processes, whose workers are started again when they end, as a supervisor does."""
+"""A Dask cluster of real processes, whose workers are restarted when they end, as by a supervisor."""
 
 import os
 import signal
@@ -21,7 +21,7 @@ START_LIMIT_S = 60.0
 
 
 class DaskCluster:
-    """A scheduler on a separate port, and workers of one thread each."""
+    """A scheduler on a free port, and workers of one thread each."""
 
     def __init__(self, folder: Path, settings: dict[str, str]) -> None:
         with socket.socket() as probe:
@@ -45,20 +45,20 @@ class DaskCluster:
         raise TimeoutError("the scheduler does not listen")
 
     def kill_scheduler(self) -> None:
-        """End it as a crash does."""
+        """Kill the scheduler, as in a crash."""
         assert self.scheduler is not None
         self.scheduler.kill()
         self.scheduler.wait()
         self.scheduler = None
 
     def start_workers(self, count: int, *, nanny: bool = True) -> None:
-        """Start a supervised command with so many workers, each below a nanny if there is one."""
+        """Start a supervised command with this many workers, each with a nanny if requested."""
         command = self._command("worker", self.address, "--nworkers", str(count), "--nthreads", "1")
         command += ["--nanny" if nanny else "--no-nanny", "--host", "127.0.0.1", "--local-directory", str(self._folder)]
         self._workers.append(self._run([sys.executable, "-c", SUPERVISED, *command]))
 
     def start_odd_worker(self) -> None:
-        """Start a worker whose solver says that it is another version."""
+        """Start a worker whose solver reports another version."""
         script = "import solver; solver.ENGINE_VERSION = 'odd'; from distributed.cli.dask_worker import main; main()"
         options = ["--no-nanny", "--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1"]
         options += ["--local-directory", str(self._folder)]
@@ -93,7 +93,7 @@ class DaskCluster:
 
 @contextmanager
 def dask_cluster(folder: Path, workers: int, **settings: str) -> Iterator[DaskCluster]:
-    """A running cluster; settings are of Dask, as in its environment variables."""
+    """Run a cluster; settings are those of Dask, named like its environment variables."""
     cluster = DaskCluster(folder, settings)
     try:
         cluster.start_scheduler()

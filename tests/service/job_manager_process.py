@@ -1,6 +1,6 @@
-"""Runs the jobs of a folder until they are done, or until it is killed; accepts one first if there is none.
+"""Run the jobs of a folder until they are done, or until the process is killed; submit one first if there is none.
 
-Its worker is a separate process, as in the service, and each run of a case leaves a file.
+The worker is a separate process, as in the service, and each run of a case leaves a file.
 """
 
 import asyncio

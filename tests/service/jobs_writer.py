@@ -1,4 +1,4 @@
-"""Accepts and marks one job after the other in a folder, in processes that are killed at random instants."""
+"""Create and mark one job after the other in a folder, in processes that are killed at random instants."""
 
 import os
 import random

@@ -1,4 +1,4 @@
-"""Starts a pool, keeps one of its workers busy and the other idle, tells their process ids and waits to be killed."""
+"""Start a pool with one busy and one idle worker, print their process ids, and wait to be killed."""
 
 import asyncio
 import hashlib

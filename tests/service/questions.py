@@ -1,6 +1,6 @@
-"""Requests for tests of the jobs: what a worker does with them is plain to see.
+"""An operation for tests of jobs: squaring a number, with selectable behaviour and a trace of each run.
 
-Nothing is imported here that a worker does not have already, so that its first call takes no longer than the others.
+This module imports only modules that a worker has already imported, so that its first call is not slower.
 """
 
 import json
@@ -20,11 +20,11 @@ PROBLEM = {"type": "urn:ricochet:problem:timeout", "title": "t", "status": 422, 
 
 @dataclass(frozen=True)
 class Question:
-    """A number to be squared; what else happens is up to `how`."""
+    """A number to be squared; `how` selects what else happens."""
 
     number: float
     folder: str = ""
-    """Each run leaves a file here; none if it is empty."""
+    """Folder in which each run leaves a file; no file if empty."""
     how: str = "square"
     seconds: float = 0.0
 
@@ -33,7 +33,7 @@ class Question:
 
 
 def square(request: bytes) -> tuple[dict[str, Any], None]:
-    """Answer a question, in a worker."""
+    """Answer a question in a worker."""
     question = Question(**json.loads(request))
     if question.folder:
         name = f"{question.number:g}-{time.monotonic_ns()}-{os.getpid()}"
@@ -55,7 +55,7 @@ SQUARE = Operation("square", compute=square, request=Part)
 
 
 def runs(folder: Path) -> dict[float, int]:
-    """How often each number was worked on."""
+    """Number of runs for each number."""
     counts: dict[float, int] = {}
     for path in folder.iterdir():
         number = float(path.name.split("-")[0])
@@ -64,5 +64,5 @@ def runs(folder: Path) -> dict[float, int]:
 
 
 def workers(folder: Path) -> list[int]:
-    """Which process did each piece of work."""
+    """Process ids of the runs."""
     return [int(path.name.split("-")[-1]) for path in folder.iterdir()]

@@ -1,4 +1,4 @@
-"""A job manager that squares numbers, over a real pool and a real folder."""
+"""A job manager that squares numbers, with a real pool and a real folder."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
@@ -26,7 +26,7 @@ async def running(
     clock: Clock = SYSTEM,
     **settings: Any,
 ) -> AsyncIterator[JobManager]:
-    """Run a job manager of these operations, by default of squares alone."""
+    """Run a job manager with these operations, by default squares only."""
     with ResultCache(folder / "data", memory_bytes=50_000_000, disk_bytes=10**9) as cache:
         queries = QueryService(cache, executor, operations or {"square": SQUARE})
         jobs = JobStore(folder / "data", job_days=7.0, operations=queries.operations, clock=clock)
@@ -61,7 +61,7 @@ async def accepted(manager: JobManager, whole: Sequence[JobCase], owner: str = "
 
 
 async def until(claim: Callable[[], bool]) -> None:
-    """Wait until it holds; fail after two minutes."""
+    """Wait until a condition holds; fail after two minutes."""
     async with asyncio.timeout(120.0):
         while not claim():  # noqa: ASYNC110 (other processes set no event)
             await asyncio.sleep(0.02)

@@ -1,4 +1,4 @@
-"""Bodies that come in a crowd are parsed one each time around the event loop."""
+"""Bodies that arrive together are parsed one in each cycle of the event loop."""
 
 import asyncio
 
@@ -10,7 +10,7 @@ pytestmark = [pytest.mark.anyio, pytest.mark.timeout(60)]
 CROWD = 50
 
 
-async def test_others_have_their_turn_between_two_of_a_crowd() -> None:
+async def test_other_tasks_run_between_two_bodies() -> None:
     parsing = asyncio.Lock()
     rounds, parsed = 0, list[int]()
 

@@ -1,4 +1,4 @@
-"""The service answers alike, whichever executor its settings name. For Dask see test_dask_faults.py."""
+"""The service gives the same answers with the executors of its settings. For Dask see test_dask_faults.py."""
 
 import copy
 from pathlib import Path

@@ -10,11 +10,11 @@ from service.schemas.fields import columns_of, part_of
 from service.schemas.quantities import Part
 
 SYMBOLS = {"deg": "°"}
-"""Units that a table writes without a special character."""
+"""Units whose names in tables have no special character."""
 
 
 def description_of(model: type[Part], column: str) -> str:
-    """Return the description of a field, of a part's if the column begins with the name of that part."""
+    """Return the description of the field of a column, which is in a part if the column begins with its name."""
     properties: dict[str, dict[str, str]] = model.model_json_schema()["properties"]
     if column in properties:
         return properties[column]["description"]

@@ -1,4 +1,4 @@
-"""Worker processes by default: as many as the cores this process may use."""
+"""The default number of worker processes is the number of cores that this process may use."""
 
 import os
 from pathlib import Path

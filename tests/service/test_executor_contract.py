@@ -1,4 +1,4 @@
-"""What every executor has to do alike, so that they cannot drift apart. Dask runs as real processes over TCP."""
+"""Behaviour that every executor must have. Dask runs as real processes over TCP."""
 
 import asyncio
 import hashlib
@@ -34,11 +34,11 @@ DASK = pytest.param("dask", marks=pytest.mark.system)
 USUAL_SECONDS = 60.0
 DEADLY: Call = (signal.raise_signal, (signal.SIGKILL,))
 ENDLESS: Call = (hashlib.pbkdf2_hmac, ("sha256", b"", b"", 10**9))
-"""Stands for compiled code: it looks at no signal, and so does not end when it is asked to."""
+"""Represents compiled code, which ignores signals and therefore does not stop when it is asked to."""
 
 Make: TypeAlias = Callable[..., Awaitable[Executor]]
 with_processes = pytest.mark.parametrize("kind", ["pool", DASK], indirect=True)
-"""A thread cannot do without the process it is in."""
+"""Tests that kill processes, which an executor in a thread would not survive."""
 
 
 @pytest.fixture(params=["in-process", "pool", DASK])
@@ -49,7 +49,7 @@ def kind(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture
 async def make(kind: str, request: pytest.FixtureRequest) -> AsyncIterator[Make]:
-    """Make executors of this kind, each with two workers if it has any."""
+    """Return a function that makes executors of this kind, with two workers."""
     async with AsyncExitStack() as stack:
 
         async def started(task_seconds: float = USUAL_SECONDS) -> Executor:
@@ -80,17 +80,17 @@ def nap(seconds: float) -> Call:
 
 
 def folders(inside: Path, count: int) -> list[Call]:
-    """Calls that leave a trace each, and cannot run twice."""
+    """Calls that each leave a folder, and therefore cannot run twice."""
     return [(os.mkdir, (inside / str(number),)) for number in range(count)]
 
 
 def traced_patience(trace: Path) -> str:
-    """Python code that leaves a trace as soon as it runs, and that a signal ends."""
+    """Python code that leaves a folder as soon as it runs, and that a signal ends."""
     return f"import os, time; os.mkdir({str(trace)!r}); time.sleep(1000.0)"
 
 
 def traced_destructor(trace: Path) -> str:
-    """The same, but the signal comes in a destructor, where Python ignores what is raised."""
+    """The same, but the signal arrives in a destructor, where Python ignores exceptions."""
     patience = traced_patience(trace)
     return f"class Patient:\n    def __del__(self): {patience}\nPatient()\nimport time; time.sleep(1000.0)"
 
@@ -157,7 +157,7 @@ async def test_answers_are_the_same_to_the_last_bit(executor: Executor) -> None:
 
 
 async def test_call_past_its_time_says_so_and_the_others_run(make: Make) -> None:
-    """The clock of a call starts with the reply before it."""
+    """The time of a call starts when the previous call is answered."""
     executor = await make(task_seconds=0.5)
     finished = await executor.run([nap(0.3), nap(0.3), nap(0.7), (operator.add, (1, 2))])
     assert [type(outcome.error) for outcome in finished] == [type(None), type(None), TaskTimeoutError, type(None)]
@@ -222,7 +222,7 @@ async def test_cancelled_single_call_is_ended_long_before_its_time(executor: Exe
 async def test_cancelled_call_that_heeds_a_signal_ends_without_its_worker(
     executor: Executor, program: Callable[[Path], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(worker_process, "CANCEL_SECONDS", 30.0)  # However long a loaded machine takes to heed it.
+    monkeypatch.setattr(worker_process, "CANCEL_SECONDS", 30.0)  # A busy machine may take long to react.
     workers = executor.worker_pids
     count = executor.single_capacity
     patient = [asyncio.ensure_future(executor.submit(exec, program(tmp_path / str(n)))) for n in range(count)]
@@ -235,7 +235,7 @@ async def test_cancelled_call_that_heeds_a_signal_ends_without_its_worker(
 
 
 async def test_owners_share_the_workers_and_small_work_of_one_passes_large(executor: Executor) -> None:
-    """The queue of one owner is long; another who comes later does not wait for all of it."""
+    """One owner has a long queue; another one that comes later does not wait for all of it."""
     done: list[str] = []
 
     async def submit(name: str, owner: str, cost: float) -> None:
@@ -275,7 +275,7 @@ async def test_single_call_does_not_wait_for_a_chunk(executor: Executor) -> None
     await asyncio.wait(chunks)
 
 
-async def test_what_is_underway_at_the_stop_finishes_and_nothing_begins_after(executor: Executor) -> None:
+async def test_running_work_finishes_after_a_stop_and_no_other_begins(executor: Executor) -> None:
     assert await executor.probe(5.0)
     chunk = asyncio.ensure_future(executor.run([nap(0.05), (operator.add, (1, 2))]))
     await asyncio.sleep(0.05)
@@ -289,7 +289,7 @@ async def test_what_is_underway_at_the_stop_finishes_and_nothing_begins_after(ex
     assert executor.last_error
 
 
-async def test_what_outlasts_the_grace_time_is_given_up(executor: Executor) -> None:
+async def test_work_that_outlasts_the_grace_time_is_abandoned(executor: Executor) -> None:
     chunks = [asyncio.ensure_future(executor.run([nap(0.5)] * 60)) for _ in range(executor.capacity + 1)]
     await asyncio.sleep(0.2)
     await executor.stop(0.8)
@@ -303,4 +303,4 @@ async def test_it_reports_its_capacity_and_which_processes_it_has(executor: Exec
     assert executor.worker_pids
     assert executor.restarts == 0
     for pid in executor.worker_pids:
-        os.kill(pid, 0)  # raises if there is none
+        os.kill(pid, 0)  # raises if there is no such process

@@ -1,4 +1,4 @@
-"""Faults of jobs that were found with `tests/faults`, one by one."""
+"""Regression tests for faults of jobs that `tests/faults` has found."""
 
 import asyncio
 from pathlib import Path

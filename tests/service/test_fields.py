@@ -1,4 +1,4 @@
-"""Answers are made of what the solver returns by the fields of their models, and so are columns of tables."""
+"""Answers and columns of tables are built from results of the solver by the fields of their models."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from solver.arrays import FloatArray
 
 
 class Ending(StrEnum):
-    """How it ended."""
+    """Ending of a try."""
 
     DONE = "done"
 
@@ -28,14 +28,14 @@ class Try:
     value: float
     """Speed that was tried. [m/s] Two at least."""
     ending: Ending = Ending.DONE
-    """How it ended."""
+    """Ending of a try."""
     slope: float | None = None
     """Slope. [rad]"""
 
 
 @dataclass
 class Found:
-    """What a solver may return."""
+    """Example of a result of a solver."""
 
     angle: float | None = math.radians(30.0)
     length: float = 2.0
@@ -48,7 +48,7 @@ class Found:
 
 
 class EndingPart(Part):
-    """What a try has in common with others."""
+    """Fields that several models share."""
 
     answered_last: ClassVar = ("ending",)
 
@@ -76,7 +76,7 @@ class FoundAnswer(Part):
         list[Num], Field(min_length=2), Column("low_deg", "lower angle"), Column("high_deg", "upper angle")
     ]
     first_m: Annotated[Num, Of("length")]
-    """As it was first. [m]"""
+    """Length at first. [m]"""
     ending: Ending
     angles_deg: list[Num] | MISSING = MISSING
     tries: list[TryAnswer] | MISSING = MISSING

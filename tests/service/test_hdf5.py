@@ -1,4 +1,4 @@
-"""The files of results: what they hold, and who can read them."""
+"""The HDF5 files of results: their contents, and programs that can read them."""
 
 import io
 import shutil
@@ -45,7 +45,7 @@ def opened(content: bytes) -> h5py.File:
 
 
 @pytest.mark.parametrize("records", KINDS)
-def test_what_is_read_is_what_was_written_bit_for_bit(records: list[Record]) -> None:
+def test_results_are_read_as_written_bit_for_bit(records: list[Record]) -> None:
     content = to_segment(*records)
     assert all(same(read, record) for read, record in zip(read_records(content), records, strict=True))
     assert DecodedSegment(content).keys == [record.key for record in records]
@@ -123,7 +123,7 @@ def test_tables_have_the_columns_of_the_contract() -> None:
 
 
 def texts_in(group: h5py.Group) -> dict[str, h5py.h5t.TypeID]:
-    """Types of all texts of a file, datasets and attributes, by their places."""
+    """Types of all texts of a file, in datasets and attributes, by their paths."""
     found: dict[str, h5py.h5t.TypeID] = {}
 
     def look(name: str, item: h5py.HLObject) -> None:
@@ -138,7 +138,7 @@ def texts_in(group: h5py.Group) -> dict[str, h5py.h5t.TypeID]:
 
 
 def written(path: Path) -> Path:
-    """A file of a sweep with names beyond ASCII, large enough for several chunks."""
+    """The file of a sweep with non-ASCII names, large enough for several HDF5 chunks."""
     cases = [CaseResult(number, f"№ {number}", trajectory(number, 40), None, cached=False) for number in range(200)]
     with BatchFile(path, "trajectory", axes=["impact.velocity_m_s"], base='{"note": "Köln"}') as batch:
         for start in range(0, 200, 30):

@@ -1,4 +1,4 @@
-"""What a process that has compiled keeps of its memory."""
+"""Memory of a process after compilation."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""The work of a job joins the trace of the request that made it, on the SDK's own exporter in memory."""
+"""Spans of a job join the trace of the request that submitted it; the SDK exports them to memory."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Results of single queries: kept at once in a journal, and many of them in a segment later."""
+"""Results of single queries are written to a journal at once, and later to a segment together."""
 
 import os
 import signal
@@ -45,7 +45,7 @@ def journal_of(folder: Path) -> Path:
 
 
 def made_journal(folder: Path) -> Path:
-    """Path of a journal that can be made."""
+    """Path of a journal that can be created."""
     path = journal_of(folder)
     path.parent.mkdir(parents=True)
     return path
@@ -67,7 +67,7 @@ def test_single_results_are_found_at_once_and_become_one_segment_as_large_as_tha
         assert keys_in_journal(tmp_path / "single") == {record.key for record in records[:-1]}
         assert stat(tmp_path / "single").cases == JOURNAL_RECORDS - 1
         cache.put(records[-1])
-        cache.flush()  # waits for the one that the last result began
+        cache.flush()  # waits for the transfer that the last result has started
         single = cache.statistics()
         assert keys_in_journal(tmp_path / "single") == set()
         found = cache.get_many([record.key for record in records])
@@ -109,7 +109,7 @@ def test_threads_that_fill_the_journal_together_make_no_more_segments_than_one(t
     assert found.segments <= 5
 
 
-def test_no_result_waits_for_the_segments_of_those_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_result_waits_for_segments_of_earlier_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     begun, may_end = threading.Event(), threading.Event()
 
     def held_back(records: Sequence[Record]) -> list[Segment]:
@@ -179,7 +179,7 @@ def test_answered_results_survive_a_kill_at_any_instant_and_are_stored_once(tmp_
             assert cache.known(wanted) == set(wanted)
             found = cache.get_many(wanted)
             assert all(found[key_of(i)].json == critical_angle(i).json for i in range(answered + 1))
-            assert cache.statistics().cases - (answered + 1) in {0, 1}  # one may not have been reported
+            assert cache.statistics().cases - (answered + 1) in {0, 1}  # the last one may not have been reported
             assert cache.verify() == []
 
 

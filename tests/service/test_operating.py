@@ -1,4 +1,4 @@
-"""What docs/operating.md says happens, where no other test holds it: upgrades, lost power, a clock that is set."""
+"""Statements of docs/operating.md that no other test covers: upgrades, power failures, changes of the clock."""
 
 import shutil
 import time
@@ -19,7 +19,7 @@ EARLIER = "0"
 
 
 def downgrade(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have the service be that of an earlier engine."""
+    """Make the service one of an earlier engine."""
     monkeypatch.setattr("service.operations.ENGINE_VERSION", EARLIER)
     monkeypatch.setattr("service.cache.record.ENGINE_VERSION", EARLIER)
     monkeypatch.setattr(store, "VERSIONS", f"{EARLIER} 1")
@@ -107,7 +107,7 @@ async def test_clock_set_back_or_forward_changes_when_ended_jobs_go_and_nothing_
         state = await ended(manager, under_way)
         assert (state.status, state.done) == ("successful", 300)
         assert squares(await all_results(manager, under_way)) == [i**2 for i in range(1000, 1300)]
-    async with running(tmp_path, pool, clock=clock) as manager:  # which looks for jobs that have expired
+    async with running(tmp_path, pool, clock=clock) as manager:  # the start deletes expired jobs
         assert (await manager.job(before.id) is None) == (jump > 0)
         assert await manager.job(under_way.id) is not None
         assert [result.cached for result in await collect(manager, cases(range(100)))] == [True] * 100

@@ -1,4 +1,7 @@
-"""Look-up, sharing and storing, over a real pool and a real folder; a folder that is there shows a second run."""
+"""Cache lookup, shared computation and storing, with a real pool and folder.
+
+A call that makes a folder fails if it runs twice.
+"""
 
 import asyncio
 import signal
@@ -197,7 +200,7 @@ async def test_single_query_outlives_the_chunk_it_waited_for(service: QueryServi
         await given_up
 
 
-async def test_no_more_single_queries_wait_than_may(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_number_of_waiting_queries_is_limited(pool: ProcessPool, tmp_path: Path) -> None:
     service = queries_on(tmp_path, pool, max_waiting=3)
     await ask(service, "slow", tmp_path, 99)
     queries = [asyncio.ensure_future(ask(service, "slow", tmp_path, i)) for i in range(2)]
@@ -218,18 +221,18 @@ async def test_owner_with_most_waiting_gives_way_to_another(pool: ProcessPool, t
         request = KeyedRequest.of("slow", Question(tmp_path, number))
         return asyncio.ensure_future(service.answer("slow", request, owner))
 
-    crowd = [ask_as(number, "anna") for number in range(5)]  # of which two run
+    crowd = [ask_as(number, "anna") for number in range(5)]  # two of them run
     while service.queued < 3:  # noqa: ASYNC110 (it sets no event)
         await asyncio.sleep(0.01)
     others = [ask_as(10, "bert"), ask_as(11, "carla"), ask_as(12, "bert")]
     outcomes = await asyncio.gather(*crowd, *others, return_exceptions=True)
     refused = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, QueriesWaitingError)]
-    assert [number for number in refused if number >= 5] in ([5], [7])  # one of bert's, whichever came to wait later
-    assert len(refused) == 3  # and two of the crowd
+    assert [number for number in refused if number >= 5] in ([5], [7])  # one of bert's, whichever was queued later
+    assert len(refused) == 3  # and two of the others
 
 
-async def test_query_waits_no_longer_than_it_may(pool: ProcessPool, tmp_path: Path) -> None:
-    """The refusal names the time that what waits or runs is likely to take, not a fixed one."""
+async def test_waiting_time_of_a_query_is_limited(pool: ProcessPool, tmp_path: Path) -> None:
+    """The refusal states the expected time of the queued and running work, not a fixed time."""
     cache = ResultCache(tmp_path / "data", memory_bytes=100_000_000, disk_bytes=10**9)
     service = QueryService(cache, pool, OPERATIONS, queue_seconds=0.2)
     heavy = [replace(KeyedRequest.of("slower", Question(tmp_path, number)), work=5000) for number in range(2)]
@@ -256,7 +259,7 @@ async def test_query_that_waited_in_vain_is_not_told_to_come_back_sooner(pool: P
 
 
 async def test_announced_wait_is_no_longer_than_all_queries_may_run(tmp_path: Path) -> None:
-    """Queries that end at the time limit are never counted as done, however much work they seem to be."""
+    """Queries that end at the time limit do not count as finished work, whatever their cost."""
     executor = ProcessPool(workers=2, task_seconds=4.0)
     await executor.start()
     try:
@@ -275,9 +278,9 @@ async def test_announced_wait_is_no_longer_than_all_queries_may_run(tmp_path: Pa
 
 
 async def test_event_loop_stays_free_while_histories_are_made_and_kept(service: QueryService, tmp_path: Path) -> None:
-    """It would take several times as long to read and write each answer once; a busy machine does not change that."""
+    """The limit is relative to the time to read and write the answers, so that it holds on a busy machine."""
     requests = [KeyedRequest.of("trajectory", Question(tmp_path, number)) for number in range(40)]
-    await ask(service, "trajectory", tmp_path, 99)  # What is imported at the first is no part of it.
+    await ask(service, "trajectory", tmp_path, 99)  # The first call imports modules, which is not measured.
     begin = time.thread_time()
     found = await asyncio.gather(*(service.answer("trajectory", request) for request in requests))
     loop_seconds = time.thread_time() - begin
@@ -301,7 +304,7 @@ async def test_result_that_another_kept_after_the_look_up_is_not_kept_twice(
 
 
 class LosesFirstChunk(ProcessPool):
-    """Returns no answer to the first chunk that it has run."""
+    """Executor that loses the answer to its first chunk."""
 
     lost = False
 
@@ -331,7 +334,7 @@ async def test_cases_whose_chunk_comes_back_without_answers_fail_and_are_answere
 async def test_implausible_answers_are_logged_and_counted(
     service: QueryService, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Single ones and those of a chunk, once each; a repeated query is no second fault."""
+    """Single answers and those of a chunk count once each; a repeated query does not count again."""
     single, *chunk = keyed("implausible", [Question(tmp_path, number) for number in range(3)])
     await service.answer("implausible", single)
     await service.answer("implausible", single)

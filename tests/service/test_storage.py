@@ -1,4 +1,4 @@
-"""What the command line does to a folder of results."""
+"""Commands on a folder of results."""
 
 import os
 import subprocess

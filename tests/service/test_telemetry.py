@@ -1,4 +1,4 @@
-"""Traces of a real service, as a collector receives them over HTTP."""
+"""Traces of a real service, received by a collector over HTTP."""
 
 import json
 import os
@@ -24,7 +24,7 @@ TRACE, PARENT = "0af7651916cd43dd8448eb211c80319c", "b7ad6b7169203331"
 
 
 class Collector:
-    """Keeps the traces that are posted to it."""
+    """A collector that keeps the traces it receives."""
 
     def __init__(self) -> None:
         self.received: list[ExportTraceServiceRequest] = []
@@ -57,7 +57,7 @@ class Collector:
                 self.end_headers()
 
             def log_message(self, format: str, *arguments: Any) -> None:  # noqa: A002 (its name there)
-                """Say nothing."""
+                """Log nothing."""
 
         with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
             threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
@@ -102,11 +102,11 @@ def test_each_request_is_one_span_that_goes_on_with_the_trace_of_its_client_and_
             accepted = client.post("/cra/batch", json={"cases": cases}, headers=headers)
             assert accepted.status_code == 202
             job = accepted.json()
-            client.get(job["links"]["events"], headers={"X-Request-ID": "events"})  # ends with the job
+            client.get(job["links"]["events"], headers={"X-Request-ID": "events"})  # the span ends with the job
             assert client.get(job["links"]["self"], headers={"X-Request-ID": "job"}).json()["status"] == "successful"
             for probe in ("/livez", "/readyz", "/metrics"):
                 assert client.get(probe).is_success
-        # the service has ended: what it had not sent yet, it sent then
+        # at its end the service has sent all remaining spans
     chunks = [span for span in collector.spans if span.name == "chunk"]
     requests = [span for span in collector.spans if span.name != "chunk"]
     by_id = {attributes(span)["ricochet.request_id"]: span for span in requests}
@@ -136,7 +136,7 @@ def test_each_request_is_one_span_that_goes_on_with_the_trace_of_its_client_and_
 def test_collector_that_is_down_costs_no_answer_and_no_time_at_the_end(
     tmp_path: Path, service_on: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its key is not logged."""
+    """The key of the collector is not logged."""
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", "http://127.0.0.1:9")
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_HEADERS", "authorization: Bearer hush")
     with service_on(tmp_path, telemetry="true") as service:

@@ -1,4 +1,4 @@
-"""What a worker computes is what the solver computes here, to the last bit, and it is ready to do so at once."""
+"""A worker computes the same bits as the solver in this process, and needs no compilation."""
 
 import asyncio
 import math
@@ -89,11 +89,11 @@ async def test_error_of_the_solver_arrives_with_its_field(pool: ProcessPool) -> 
     with pytest.raises(ParameterError) as caught:
         await pool.submit(compute_single, compute_trajectory, "trajectory", "0" * 64, canonical(request))
     assert caught.value.field == "projectile.length"
-    assert "compute_trajectory" in caught.value.__notes__[0]  # where in the worker it happened
+    assert "compute_trajectory" in caught.value.__notes__[0]  # the place in the worker
 
 
 def compilations() -> int:
-    """Count what numba compiles while this process answers a query."""
+    """Count the functions that numba compiles while this process answers a query."""
     with event.install_recorder("numba:compile") as recorder:
         compute_single(compute_trajectory, "trajectory", "0" * 64, canonical(CASE))
     return len(recorder.buffer)

@@ -1,4 +1,4 @@
-"""`make audit` against databases of advisories that answer, that are silent, and that are not there."""
+"""`make audit` with databases of advisories that answer, do not answer, or cannot be reached."""
 
 import json
 import re
@@ -26,7 +26,7 @@ ADVISORY = {
 
 @contextmanager
 def database(status: int, vulnerable: str = "") -> Iterator[str]:
-    """A database in the form of OSV, which knows one package to be vulnerable."""
+    """A database with the interface of OSV and one vulnerable package."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self) -> None:
@@ -39,7 +39,7 @@ def database(status: int, vulnerable: str = "") -> Iterator[str]:
             self.wfile.write(body)
 
         def log_message(self, format: str, *arguments: Any) -> None:  # noqa: A002 (its name there)
-            """Say nothing."""
+            """Log nothing."""
 
     with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
         threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
@@ -83,7 +83,7 @@ def test_database_that_is_not_there_or_fails_is_distinguished_from_one_that_find
         assert ended.stdout.startswith("audit skipped: the advisory database cannot be reached")
 
 
-def test_what_is_wrong_here_is_not_taken_for_a_database_that_is_not_there() -> None:
+def test_local_error_is_not_taken_for_an_unreachable_database() -> None:
     ended = audited("--nonsense")
     assert ended.returncode == 1
     assert "--nonsense" in ended.stderr

@@ -1,4 +1,4 @@
-"""What CI says of tests that did not run."""
+"""Reports of CI about tests that did not run."""
 
 from tests.completeness import (
     COLUMNS,

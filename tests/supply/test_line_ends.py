@@ -1,4 +1,4 @@
-"""Line ends of a clone: what a shell or make reads has line feeds, whatever git is set to."""
+"""Files that a shell or make reads have line feeds in a clone, whatever the settings of git."""
 
 import subprocess
 from pathlib import Path

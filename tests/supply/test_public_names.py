@@ -1,4 +1,4 @@
-"""The check of `make check` that libraries are used through their public names."""
+"""The check that libraries are used through their public names, a part of `make check`."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""The package as it is built: the same bytes wherever and whenever, and nothing in it but the service."""
+"""The wheel has the same bytes wherever and whenever it is built, and contains only the packages."""
 
 import hashlib
 import os
@@ -14,11 +14,11 @@ from service.version import VERSION
 
 ROOT = Path(__file__).parents[2]
 SOURCES = ("pyproject.toml", "README.md", "LICENSE", "ricochet_command.py", "service", "solver")
-"""What the Dockerfile copies."""
+"""Files that the Dockerfile copies to build the wheel."""
 
 
 def built(folder: Path, *, seconds: int, umask: int, hidden: bool) -> Path:
-    """Build the wheel from a copy whose files have this age, and bytecode beside them."""
+    """Build the wheel from a copy whose files have this age, with bytecode beside them."""
     source = folder / "source"
     source.mkdir(parents=True)
     for name in SOURCES:

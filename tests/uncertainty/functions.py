@@ -1,4 +1,4 @@
-"""Functions with known indices and quantiles, in place of the solver."""
+"""Functions with known Sobol indices and quantiles, used in place of the solver."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -60,7 +60,7 @@ class Ishigami:
 
 
 class Function(Protocol):
-    """A function of inputs with some distributions, and the values at which its distribution is looked at."""
+    """A function of inputs with distributions, and the values at which its distribution is evaluated."""
 
     distributions: Any
     grid: FloatArray
@@ -69,7 +69,7 @@ class Function(Protocol):
 
 
 def run(function: Function, *, sensitivity: bool = True, **sampling: Any) -> AngleUncertainty:
-    """Study of a function whose value is the critical angle."""
+    """Run a study of a function whose value is the critical angle."""
     inputs = [Uncertain(f"x.{i}", each) for i, each in enumerate(function.distributions)]
     study = AngleStudy(inputs, function.grid, Sampling(**sampling), sensitivity=sensitivity, bounds=(-1e3, 1e3))
     answer: AngleUncertainty = answer_of(
@@ -79,7 +79,7 @@ def run(function: Function, *, sensitivity: bool = True, **sampling: Any) -> Ang
 
 
 def answer_of(study: Any, evaluate: Callable[[Sequence[Any]], Sequence[Any]]) -> Any:
-    """Answer of a study, its batches computed by a function."""
+    """Return the answer of a study whose batches a function computes."""
     steps = study.steps()
     batch = next(steps)
     while True:
@@ -90,7 +90,7 @@ def answer_of(study: Any, evaluate: Callable[[Sequence[Any]], Sequence[Any]]) ->
 
 
 def misses(function: Any, answer: AngleUncertainty) -> list[str]:
-    """Names of what is outside its interval."""
+    """Return the names of the true values outside their intervals."""
     tolerance = function.tolerance
 
     def outside(estimate: Estimate, lowest: float, highest: float) -> bool:
@@ -100,7 +100,7 @@ def misses(function: Any, answer: AngleUncertainty) -> list[str]:
         "mean": outside(known(answer.mean), function.mean, function.mean),
         "standard deviation": outside(known(answer.standard_deviation), function.deviation, function.deviation),
     }
-    for level, estimate in answer.quantiles:  # within its interval: the share there is on both sides of the level
+    for level, estimate in answer.quantiles:  # the share is compared on both sides of the level
         low, high = function.share(np.array([estimate.lower - tolerance, estimate.upper + tolerance]))
         found[f"quantile {level}"] = not low - tolerance <= level <= high + tolerance
     for i, each in enumerate(answer.sensitivity):

@@ -75,7 +75,7 @@ def test_models_and_scatter_are_seen_side_by_side() -> None:
 
 
 def test_profiles_are_models_of_a_study_and_of_its_strike() -> None:
-    """One given as a tuple, one as an array; the critical angle of each is that of a search."""
+    """The profiles are given as a tuple and as an array; the critical angle of each is that of a search."""
     cones = [Profile(points=((0.0, 0.0), (0.13, 0.04))), Profile(points=np.array([[0.0, 0.01], [0.12, 0.04]]))]  # type: ignore[arg-type]
     body = replace(PAPER_PROJECTILE, nose=cones[1])
     noses = Uncertain("projectile.nose", Discrete(values=cones))
@@ -110,11 +110,11 @@ def test_residual_scatters_the_angle() -> None:
     residual = Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=0.1))
     answer = critical_angle_uncertainty(**PAPER, uncertain=[residual], sampling=Sampling(half_width=0.1))
     low, high = (change.angle for change in answer.sensitivity[0].swing)
-    assert known(high) < known(low)  # stiffer concrete turns away at smaller angles from the normal
+    assert known(high) < known(low)  # stronger concrete has a smaller critical angle
 
 
 def test_surrogate_follows_a_strength_factor_that_nobody_has_tested() -> None:
-    """S within a factor of five, beside the usual scatter and both theories, against 6,000 plain searches."""
+    """S within a factor of five, with the usual scatter and both theories, compared with 6,000 plain searches."""
     theories = Discrete(values=[ElasticPlastic(), MohrCoulomb()], weights=[0.8, 0.2])
     uncertain = [
         Uncertain("impact.velocity", Normal(mean=238.0, coefficient_of_variation=0.02)),
@@ -129,7 +129,7 @@ def test_surrogate_follows_a_strength_factor_that_nobody_has_tested() -> None:
     assert known(answer.surrogate_error) <= math.radians(0.1)
     levels = dict(answer.quantiles)
     found = [math.degrees(levels[level].value) for level in (0.05, 0.95)]
-    assert found == pytest.approx([41.8, 59.1], abs=0.5)  # the searches themselves say 41.6 to 42.0 and 58.6 to 59.5
+    assert found == pytest.approx([41.8, 59.1], abs=0.5)  # the plain searches give 41.6 to 42.0 and 58.6 to 59.5
 
 
 def test_samples_outside_the_model_are_counted() -> None:
@@ -165,7 +165,7 @@ def test_distribution_of_values_that_the_model_does_not_accept_is_refused(
 
 
 def test_points_of_the_surrogate_that_the_model_does_not_accept_count_as_not_known() -> None:
-    """3.3 standard deviations above the lower bound: no search is below it, 0.05 % of the surrogate's points are."""
+    """The lower bound is 3.3 standard deviations below the mean: 0.05 % of the surrogate's points are beyond it."""
     deviation = (2250.0 - BOUNDS["target.density"].lower) / 3.3
     density = Uncertain("target.density", Normal(mean=2250.0, standard_deviation=deviation))
     sampling = Sampling(half_width=0.5)
@@ -211,7 +211,7 @@ def test_wall_is_perforated_with_a_probability_and_a_residual_speed() -> None:
     assert shares["perforated"].value + shares["embedded"].value == pytest.approx(1.0)
     assert answer.exit_speed == ()
     low, high = (dict(answer.residual_speed)[level].value for level in (0.05, 0.95))
-    assert 20.0 < low < high < 80.0  # at least a tenth of the speed
+    assert 20.0 < low < high < 80.0  # an exit speed is at least a tenth of the impact speed
 
 
 @pytest.mark.parametrize(
@@ -241,7 +241,7 @@ def test_field_that_is_no_number_is_refused(field: str, requirement: str) -> Non
         (Normal(mean=238.0, standard_deviation=2.0), "got Normal"),
     ],
 )
-def test_what_is_no_input_is_refused_with_what_is_accepted(uncertain: Any, found: str) -> None:
+def test_unknown_input_is_refused_with_the_accepted_ones(uncertain: Any, found: str) -> None:
     with pytest.raises(ParameterError, match=r"must be a sequence of inputs such as Uncertain\(.*" + found):
         critical_angle_uncertainty(
             projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY, uncertain=uncertain
@@ -249,6 +249,6 @@ def test_what_is_no_input_is_refused_with_what_is_accepted(uncertain: Any, found
 
 
 @pytest.mark.parametrize("distribution", [stats.norm(238.0, 2.0), "normal", 238.0])
-def test_what_is_no_distribution_is_refused_with_those_there_are(distribution: Any) -> None:
+def test_unknown_distribution_is_refused_with_the_known_ones(distribution: Any) -> None:
     with pytest.raises(ParameterError, match=r"must be one of solver\.uncertainty: Normal, .* or Discrete, got "):
         Uncertain("impact.velocity", distribution)

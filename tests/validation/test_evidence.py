@@ -1,4 +1,4 @@
-"""The table of evidence: what it holds, and the figures of metal plates and finite elements behind the default law."""
+"""The table of evidence, and the figures of metal plates and finite elements behind the default law."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The finite element comparison: both meshes, both decay laws, and no extrapolation that is not named."""
+"""The finite element comparison: both meshes, both decay laws, and extrapolations that are marked."""
 
 from collections.abc import Mapping
 
@@ -54,7 +54,7 @@ def test_finite_elements_change_their_outcome_at_lower_angles_with_the_finer_mes
 
 @pytest.mark.parametrize("mesh", MESHES)
 def test_outcomes_are_those_of_the_last_rows(mesh: Mesh) -> None:
-    """Turned away where nose tip and centre of gravity move out with at least 1 % of the energy."""
+    """A run counts as turned away if nose tip and centre of gravity move out with at least 1 % of the energy."""
     properties = mass_properties(PAPER_PROJECTILE)
     for run in finite_element_runs(mesh):
         axis = run.oblique_angle + run.rotation
@@ -68,7 +68,7 @@ def test_outcomes_are_those_of_the_last_rows(mesh: Mesh) -> None:
 
 
 def test_velocities_of_the_tip_are_those_of_the_verdict() -> None:
-    """9 m/s at 50° with the coarse mesh, 19 m/s at 48° with the fine one, both with a tenth of the energy."""
+    """The tip has 9 m/s at 50° with the coarse mesh and 19 m/s at 48° with the fine one."""
     for name, velocity in (("oblique-50", -9.0), ("fine-oblique-48", -19.0)):
         last = ending(finite_element_run(name))
         assert last.tip_velocity == pytest.approx(velocity, abs=0.5)
@@ -83,7 +83,7 @@ def test_each_run_is_fitted_until_its_nose_tip_is_deepest(found: Mapping[Mesh, C
 
 
 def test_normalised_root_mean_squares_are_those_of_a_separate_calculation(found: Mapping[Mesh, Calibration]) -> None:
-    """Without decay that calculation has 0.216; here it is 0.174 until the tip is deepest."""
+    """Without decay that calculation gives 0.216; here it is 0.174 up to the greatest depth of the tip."""
     rms = {law: found["coarse"].normalized_root_mean_square(law) for law in (*LAWS, NO_DECAY)}
     assert rms["mohr_coulomb"] == pytest.approx(0.051, abs=0.001)
     assert rms["elastic_plastic"] == pytest.approx(0.090, abs=0.001)

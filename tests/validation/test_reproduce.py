@@ -60,7 +60,7 @@ def test_critical_angles_of_other_readings_are_those_of_the_separate_program() -
 
 
 @pytest.mark.parametrize("make", CHEAP, ids=lambda make: make.__name__)
-def test_whatever_has_a_tolerance_is_within_it(make: Callable[[Progress], Section]) -> None:
+def test_every_value_with_a_tolerance_is_within_it(make: Callable[[Progress], Section]) -> None:
     assert [each.what for each in section_of(make).comparisons if each.holds is False] == []
 
 
@@ -81,8 +81,8 @@ def test_trials_turned_away_are_those_that_end_above_the_face() -> None:
     _, degrees, early, final, turned_away = zip(*bisection.rows, strict=True)
     assert degrees[:3] == pytest.approx((40.0, 60.0, 50.0))
     assert turned_away[:4] == ("no", "yes", "yes", "no")
-    assert early[0] == pytest.approx(final[0])  # at rest by then
-    assert early[1] > final[1]  # still rising
+    assert early[0] == pytest.approx(final[0])  # at rest at that time
+    assert early[1] > final[1]  # the depth is still increasing
 
 
 def test_finer_steps_and_more_elements_come_nearer_to_the_adaptive_route() -> None:

@@ -1,14 +1,14 @@
 // Critical angle: how three searches find it, and what happens just below and above.
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
-import { alternativesTable, requestAngles } from "../alternatives.js";
+import { lawsFold } from "../alternatives.js";
 import { angleRequest, withValue } from "../case.js";
 import { ANGLES, POSITIONS, drawTrials, searches, summary, trialTable } from "../convergence.js";
 import { copyButtons, linkButton } from "../copy-as.js";
 import { drawCurves, requestCurves } from "../curves.js";
 import { caseActions, element } from "../elements.js";
 import { buildFold } from "../fold.js";
-import { buildForm } from "../form.js";
+import { CaseForm } from "../form.js";
 import { latest } from "../latest.js";
 import { lostNote } from "../lost.js";
 import { purge } from "../plots.js";
@@ -30,16 +30,7 @@ const REST_MS = 300; // without a change before the curves are computed: they ar
 export async function show(root, query) {
   const fail = (error) => form.fail(error);
   let [found, foundFor] = [undefined, undefined]; // of the user's own search, and its case
-  const laws = buildFold(
-    "Under other laws",
-    element("div.laws-table"),
-    async (values, signal) => {
-      const other = await requestAngles(values, signal);
-      if (signal.aborted) return;
-      laws.root.lastChild.replaceChildren(alternativesTable(other));
-    },
-    fail,
-  );
+  const laws = lawsFold(fail, { hasStrike: false });
   const searches = buildFold("How it was found", searchParts(), (values, signal) => showSearches(searches.root, values, signal), fail);
   const verdict = new Verdict({
     onError: fail,
@@ -68,14 +59,14 @@ export async function show(root, query) {
       const caption = `Just ${["below", "above"][i]}, at ${each.name}`;
       drawSideView(parts.sides[i], [each], each.run.history.time_s.length - 1, { beside: [runs[1 - i].run], caption });
     });
-    if (!signal.aborted && !updateSides.isBehind()) markFresh(...parts.sides);
+    if (!signal.aborted) markFresh(...parts.sides);
   }, fail, { supersede: true });
 
   const updateCurves = latest(async (values, signal) => {
     const curves = await requestCurves(values, signal);
     if (signal.aborted) return;
     await drawCurves(parts.curves, curves, values, found);
-    if (!signal.aborted && !updateCurves.isBehind()) markFresh(parts.curves);
+    if (!signal.aborted) markFresh(parts.curves);
   }, fail, { supersede: true, restMs: REST_MS });
 
   const ofCase = [...parts.sides, parts.curves];
@@ -95,7 +86,7 @@ export async function show(root, query) {
   };
 
   const actions = caseActions("This case");
-  const form = buildForm(parts.form, {
+  const form = new CaseForm(parts.form, {
     case: readCase(query),
     include: ["What strikes", "What it strikes", "How it strikes", "Laws"],
     open: matchMedia("(min-width: 60rem)").matches ? undefined : ["How it strikes"],

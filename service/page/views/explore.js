@@ -1,13 +1,12 @@
 // Explore: one strike, as its fields are changed.
 
 import { address, caseOf, caseQuery, readAddress, readCase, replaceAddress } from "../address.js";
-import { alternativesTable, requestAngles, requestOutcomes } from "../alternatives.js";
+import { lawsFold } from "../alternatives.js";
 import { Compare, readPins, writePins } from "../compare.js";
 import { copyButtons, linkButton } from "../copy-as.js";
 import { caseActions, element } from "../elements.js";
 import { drawFlight, flightWords, requestFlight } from "../flight.js";
-import { buildFold } from "../fold.js";
-import { buildForm } from "../form.js";
+import { CaseForm } from "../form.js";
 import { drawHistories, moveInstant } from "../histories.js";
 import { latest } from "../latest.js";
 import { lostNote, pause } from "../lost.js";
@@ -35,8 +34,8 @@ class Explore {
   changed = performance.now(); // when a field was
 
   constructor(root, query) {
-    this.laws = buildFold("Under other laws", element("div.laws-table"), (...given) => this.showLaws(...given), (error) => this.form.fail(error));
     const fail = (error) => this.form.fail(error);
+    this.laws = lawsFold(fail, { hasStrike: true });
     this.verdict = new Verdict({ onError: fail, onAngle: (_, values) => this.showAngle(values), hasRun: true });
     this.compare = new Compare(readPins(query), { currentCase: () => this.form.currentCase(), onChange: () => this.changePins() });
     const parts = build(root, this.verdict.root, this.compare.root, this.laws.root);
@@ -47,11 +46,11 @@ class Explore {
       onTurn: (angle) => this.form.setField("impact.oblique_angle_deg", angle),
       onHold: (isHeld) => {
         this.verdict.keepHeight(isHeld); // it stands above the picture
-        if (!isHeld && !this.form.isHeld()) this.updatePicture(this.form.currentCase()); // the frame fits again
+        if (!isHeld && !this.form.isHeld) this.updatePicture(this.form.currentCase()); // the frame fits again
       },
     });
     this.scrubber = buildScrubber(parts.scrubber, (row) => this.showInstant(row));
-    this.form = buildForm(parts.form, {
+    this.form = new CaseForm(parts.form, {
       case: readCase(query),
       open: matchMedia("(min-width: 60rem)").matches ? undefined : ["How it strikes"],
       onChange: (values) => this.change(values),
@@ -159,7 +158,7 @@ class Explore {
 
   changePins() {
     this.readdress();
-    if (this.form.isHeld()) return; // what is pinned is compared once the fields have a case
+    if (this.form.isHeld) return; // what is pinned is compared once the fields have a case
     markStale(this.parts.side, this.parts.histories, this.parts.scrubber);
     this.updatePicture(this.form.currentCase());
   }
@@ -167,12 +166,6 @@ class Explore {
   /** Take what is pinned along to another case of this view. */
   keepPins(link) {
     if (link.hash) link.hash = address("explore", writePins(caseOf(readAddress(link.hash).query), this.compare.cases));
-  }
-
-  async showLaws(values, signal) {
-    const [angles, outcomes] = await Promise.all([requestAngles(values, signal), requestOutcomes(values, signal)]);
-    if (signal.aborted) return;
-    this.laws.root.lastChild.replaceChildren(alternativesTable(angles, outcomes));
   }
 
   showInstant(row) {

@@ -4,11 +4,11 @@ import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { nodeAt } from "../contract.js";
 import { announce, element } from "../elements.js";
 import { SAMPLING } from "../fields.js";
-import { buildForm } from "../form.js";
+import { CaseForm } from "../form.js";
 import { lostNote } from "../lost.js";
 import { purge } from "../plots.js";
 import { readInputs, usualInputs, writeInput } from "../scatter.js";
-import { buildScatterForm } from "../scatter-form.js";
+import { ScatterForm } from "../scatter-form.js";
 import { isAbort } from "../service.js";
 import { markFresh, markPending, markSettled, markStale } from "../stale.js";
 import { computeStudy } from "../study.js";
@@ -51,8 +51,8 @@ class HowSure {
       this.isUsual = false;
       this.#change();
     };
-    this.scatter = buildScatterForm(this.parts.scatter, { inputs: inputs ?? usualInputs(values), values, onChange });
-    this.form = buildForm(this.parts.others, {
+    this.scatter = new ScatterForm(this.parts.scatter, { inputs: inputs ?? usualInputs(values), values, onChange });
+    this.form = new CaseForm(this.parts.others, {
       case: values,
       onChange: (changed, path) => {
         this.#refused.delete("case");
@@ -66,7 +66,7 @@ class HowSure {
       problem: this.parts.problem,
       panels: [this.verdict],
     });
-    this.samplingForm = buildForm(this.parts.sampling, {
+    this.samplingForm = new CaseForm(this.parts.sampling, {
       case: { sampling: this.sampling },
       groups: [SAMPLING],
       open: [],
@@ -110,7 +110,7 @@ class HowSure {
     const { parts } = this;
     markPending(parts.run);
     parts.problem.textContent = "";
-    const isRight = Boolean(this.scatter.inputs()?.length) && !this.#refused.size;
+    const isRight = Boolean(this.scatter.inputs?.length) && !this.#refused.size;
     parts.run.disabled = !isRight;
     if (!isRight) announce("A field is not accepted. Nothing is computed.");
     if (!isRight) parts.results.hidden = parts.toResults.hidden = true; // nothing belongs to a field that is not accepted
@@ -125,7 +125,7 @@ class HowSure {
   }
 
   #readdress() {
-    const inputs = this.scatter.inputs();
+    const inputs = this.scatter.inputs;
     if (!inputs || this.#refused.size) return;
     const query = caseQuery(this.form.currentCase());
     const isKnown = !this.isUsual || this.isJudged; // else what scatters is that of another case, perhaps
@@ -136,7 +136,7 @@ class HowSure {
 
   /** Compute the study; `key` is that of the one of the verdict, if it is of these inputs. */
   async #run(key) {
-    const inputs = this.scatter.inputs();
+    const inputs = this.scatter.inputs;
     if (!inputs?.length || this.#refused.size) return;
     this.#change();
     this.isDue = false;

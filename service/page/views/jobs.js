@@ -3,7 +3,7 @@
 import { readCase } from "../address.js";
 import { names } from "../contract.js";
 import { shortId } from "../downloads.js";
-import { announce, element } from "../elements.js";
+import { announce, element, takeFiles } from "../elements.js";
 import { isFinal, submit } from "../job-progress.js";
 import { COLUMNS, JobRow, titleOf } from "../job-row.js";
 import { pause } from "../lost.js";
@@ -52,13 +52,7 @@ class JobsView {
     const operation = element("select", { "aria-label": "What is computed" }, ...options);
     const note =
       "A header of fields in SI, such as velocity_m_s or projectile.length_m, and up to 1,000 cases, one a row. What has no column is that of the case in the other views.";
-    text.addEventListener("dragover", (event) => event.preventDefault());
-    text.addEventListener("drop", async (event) => {
-      const [file] = event.dataTransfer.files;
-      if (!file) return; // text, which the field takes by itself
-      event.preventDefault();
-      text.value = await file.text();
-    });
+    takeFiles(text);
     const onsubmit = (event) => {
       event.preventDefault();
       this.#try(() => this.#submit(operation.value, text.value));
@@ -144,7 +138,7 @@ class JobsView {
     const listeners = {
       onCancel: (job) => this.#try(() => this.#cancel(job)),
       onDelete: (job) => this.#try(() => this.#delete(job)),
-      onRename: (job) => this.#rename(job),
+      onRename: (job) => this.#try(() => this.#rename(job)),
       onError: (error) => this.#fail(error),
     };
     this.#rows = new Map(jobs.map((job) => [job.id, before.get(job.id) ?? new JobRow(job, listeners)]));
@@ -169,56 +163,38 @@ class JobsView {
   }
 
   async #delete(job) {
-    if (!(await this.#confirm(job))) return;
+    const words = element("p", {}, "It is cancelled if it runs, and its results can no longer be downloaded here.");
+    if (!(await this.#ask(`Delete job ${shortId(job.id)}?`, words, "Delete", "Keep"))) return;
     await request(`jobs/${job.id}`, { method: "DELETE" });
     this.#showJobs([...this.#rows.values()].map((row) => row.job).filter(({ id }) => id !== job.id));
     announce(`Job ${shortId(job.id)} is deleted.`);
     document.getElementById("view").focus(); // the button that had it is gone
   }
 
-  /** Let a job be given another title; Escape keeps it. */
-  #rename(job) {
-    const input = element("input", { id: "job-title", value: titleOf(job), required: true, maxlength: 200 });
-    const rename = async () => {
-      const { data } = await request(`jobs/${job.id}`, { method: "PATCH", body: { title: input.value } });
-      this.#rows.get(job.id)?.update(data);
-      announce(`Job ${shortId(job.id)} has another title.`);
-    };
-    const onsubmit = (event) => {
-      event.preventDefault();
-      this.dialog.close();
-      this.#try(rename);
-    };
-    this.dialog.replaceChildren(
-      element("h2", { id: "dialog-title" }, `Rename job ${shortId(job.id)}`),
-      element(
-        "form",
-        { onsubmit },
-        element("p", {}, element("label", { for: input.id }, "Title "), input),
-        element("button.main", {}, "Rename"),
-        element("button", { type: "button", onclick: () => this.dialog.close() }, "Cancel"),
-      ),
-    );
-    this.dialog.showModal();
-    input.select();
+  /** Let a job be given another title. */
+  async #rename(job) {
+    const input = element("input", { value: titleOf(job), required: true, maxlength: 200, autofocus: true, onfocus: () => input.select() });
+    if (!(await this.#ask(`Rename job ${shortId(job.id)}`, element("p", {}, element("label", {}, "Title ", input)), "Rename", "Cancel"))) return;
+    const { data } = await request(`jobs/${job.id}`, { method: "PATCH", body: { title: input.value } });
+    this.#rows.get(job.id)?.update(data);
+    announce(`Job ${shortId(job.id)} has another title.`);
   }
 
-  /** Request confirmation that a job shall be deleted; Escape keeps it. */
-  #confirm(job) {
-    return new Promise((resolve) => {
-      const end = (answer) => () => {
-        this.dialog.close();
-        resolve(answer);
-      };
-      this.dialog.replaceChildren(
-        element("h2", { id: "dialog-title" }, `Delete job ${shortId(job.id)}?`),
-        element("p", {}, "It is cancelled if it runs, and its results can no longer be downloaded here."),
-        element("button.main", { type: "button", onclick: end(true) }, "Delete"),
-        element("button", { type: "button", autofocus: true, onclick: end(false) }, "Keep"),
-      );
-      this.dialog.addEventListener("cancel", () => resolve(false), { once: true });
-      this.dialog.showModal();
-    });
+  /** Return whether a question is answered with yes; Escape is no. The focus is on `no`, unless the content takes it. */
+  #ask(title, content, yes, no) {
+    const isFocused = !content.querySelector("input");
+    this.dialog.replaceChildren(
+      element(
+        "form",
+        { method: "dialog" },
+        ...[element("h2", { id: "dialog-title" }, title), content],
+        element("button.main", { value: "yes" }, yes),
+        element("button", { value: "", formnovalidate: true, autofocus: isFocused }, no),
+      ),
+    );
+    this.dialog.returnValue = "";
+    this.dialog.showModal();
+    return new Promise((resolve) => this.dialog.addEventListener("close", () => resolve(this.dialog.returnValue === "yes"), { once: true }));
   }
 
   #fail(error) {

@@ -2,12 +2,12 @@
 
 import { replaceAddress } from "../address.js";
 import { announce, element } from "../elements.js";
-import { buildForm } from "../form.js";
+import { CaseForm } from "../form.js";
 import { submit } from "../job-progress.js";
 import { lostNote } from "../lost.js";
 import { buildMapForm } from "../map-form.js";
 import { MapPicture } from "../map-picture.js";
-import { endWords, followMap, followStudies, quickMap } from "../map-run.js";
+import { followMap, followStudies, quickMap } from "../map-run.js";
 import { isAbort, request } from "../service.js";
 import { isSame, isStudied, mapOfJob, mapQuery, quickSweep, readMap, sweepRequest } from "../sweep.js";
 import { Verdict } from "../verdict.js";
@@ -44,7 +44,7 @@ class MapView {
       this.#run();
     };
     const form = element("form.panel", { novalidate: true, "aria-label": "What to map", onsubmit }, axes, this.size, buttons);
-    this.verdict = new Verdict({ onError: (error) => this.form.fail(error) });
+    this.verdict = new Verdict({ onError: (error) => this.form.fail(error), isLine: true });
     const results = element("div.column", {}, this.verdict.root, this.problem, lostNote());
     this.picture = new MapPicture(results, (places) => this.#drag(places));
     root.append(
@@ -53,7 +53,7 @@ class MapView {
     );
     if (map.job) this.#follow(map);
     this.axes = buildMapForm(axes, map, (changed) => this.#change(changed));
-    this.form = buildForm(others, {
+    this.form = new CaseForm(others, {
       case: map.values,
       onChange: (values) => this.#setCase(values),
       onHold: () => this.#change(undefined),
@@ -107,7 +107,6 @@ class MapView {
       if (signal.aborted) return; // run meanwhile
       const total = map.x.count * map.y.count;
       this.picture.showEnd({ status: "successful", counts: { total, done: total } });
-      announce(`All ${total} cases are computed.`);
     } catch (error) {
       this.#fail(error);
     }
@@ -146,7 +145,6 @@ class MapView {
     try {
       await followStudies(map, onCells, signal);
       this.picture.showEnd(this.#progress);
-      announce(endWords(this.#progress));
     } finally {
       if (!signal.aborted) this.cancelButton.disabled = true;
     }
@@ -164,9 +162,7 @@ class MapView {
       },
     };
     try {
-      const job = await followMap(map, listeners, signal, quick?.isWhole ? quick.cells : []);
-      this.picture.showEnd(job);
-      announce(endWords(job));
+      this.picture.showEnd(await followMap(map, listeners, signal, quick?.isWhole ? quick.cells : []));
     } catch (error) {
       this.#fail(error);
     }

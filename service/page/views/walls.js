@@ -4,15 +4,15 @@ import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { withValue } from "../case.js";
 import { names } from "../contract.js";
 import { element, table } from "../elements.js";
-import { buildForm } from "../form.js";
+import { CaseForm } from "../form.js";
 import { latest } from "../latest.js";
 import { presetLinks } from "../presets.js";
 import { lostNote } from "../lost.js";
 import { request } from "../service.js";
 import { markFresh, markStale } from "../stale.js";
 import { inShownUnits, unitOf } from "../units.js";
-import { showCard } from "../verdict.js";
-import { endingShown, lengthShown, unbroken, warningList } from "../words.js";
+import { sentencesOf, showCard, verdictSection } from "../verdict.js";
+import { endingShown, unbroken, warningList } from "../words.js";
 
 const THICKNESS = "target.thickness_m";
 const SPEED = "impact.velocity_m_s";
@@ -35,8 +35,10 @@ export async function show(root, query) {
       post("formulas", withValue({ projectile, target, impact }, THICKNESS)),
       isWall ? post("limit-speed", withValue(body, SPEED)) : undefined,
     ]);
-    if (signal.aborted || updateResults.isBehind()) return;
-    showCard(parts.card, verdictOf(judged, target.thickness_m));
+    if (signal.aborted) return;
+    const [first, ...others] = sentencesOf(inShownUnits(judged.sentence));
+    const ends = isWall ? `The strike ends by this model: ${endingShown(judged)}.` : "Fill in the thickness of the target.";
+    showCard(parts.card, { first, second: [...others, ends].join(" ") });
     parts.model.replaceChildren(...[thickness, speed].filter(Boolean).map(({ sentence }) => element("p", {}, unbroken(inShownUnits(sentence)))));
     parts.warnings.replaceChildren(...warningList(judged.warnings, thickness.warnings));
     parts.table.replaceChildren(tableOf(thickness, table));
@@ -46,7 +48,7 @@ export async function show(root, query) {
     markStale(...shown);
     updateResults(values);
   };
-  const form = buildForm(parts.form, {
+  const form = new CaseForm(parts.form, {
     case: readCase(query),
     include: ["What strikes", "What it strikes", "How it strikes", "Laws"], // the thickness, which is judged here, in sight
     open: matchMedia("(min-width: 60rem)").matches ? undefined : ["What it strikes", "How it strikes"],
@@ -62,58 +64,14 @@ export async function show(root, query) {
   return () => updateResults.stop();
 }
 
-/**
- * Return the verdict on a wall: the sentence of the service, and its figures.
- *
- * @param {object} judged the answer to `/wall`
- * @param {number|undefined} thickness of the wall [m]
- */
-function verdictOf(judged, thickness) {
-  const { enough: isEnough, perforation, scabbing, normal_impact: normal } = judged;
-  const question = (name, { enough, design_m: design, formula }, along) => ({
-    name,
-    value: design === undefined ? "No design value" : upwards(design),
-    note: [
-      enough === undefined ? "" : enough ? "this wall is enough" : "this wall is not enough",
-      formula === "this_model" ? "this model decides" : formula && `${names.formulas[formula]} decides`,
-      along === undefined ? "" : `${upwards(along)} for normal impact`,
-    ].filter(Boolean).join(", "),
-  });
-  const wall = {
-    name: thickness === undefined ? "Wall" : `Wall of ${lengthShown(thickness, 6)}`,
-    value: thickness === undefined ? "No thickness given" : isEnough === undefined ? "Not known" : isEnough ? "Enough" : "Not enough",
-    note: thickness === undefined ? "fill in the thickness of the target" : endOf(judged),
-  };
-  return {
-    sentence: inShownUnits(judged.sentence),
-    figures: [
-      wall,
-      question("Against scabbing", scabbing, normal.scabbing_design_m),
-      question("Against perforation", perforation, normal.perforation_design_m),
-    ],
-  };
-}
-
-/** Return how the strike on the wall ends by the model. */
-function endOf(judged) {
-  return `${endingShown(judged)} by this model`;
-}
-
-/** Return a length rounded up to whole millimetres, or tenths of an inch: a design value is not rounded down. */
-function upwards(value) {
-  const { unit, factor } = unitOf("mm");
-  const step = unit === "mm" ? 1 : 0.1;
-  return `${Number((Math.ceil(value / factor / step - 1e-9) * step).toFixed(1)).toLocaleString("en")} ${unit}`;
-}
-
 function tableOf({ variants }, { formulas, scabbing_margin: scabbing, perforation_margin: perforation }) {
   const isNumber = (column) => column > 0 && column < COLUMNS.length - 1;
-  const models = Object.entries(MODELS).map(([variant, name]) => [name, bare(variants[variant]), "", "", ""]);
+  const models = Object.entries(MODELS).map(([variant, name]) => [name, bare(variants[variant], Math.ceil), "", "", ""]);
   const others = formulas.map((each) => [
     `${names.formulas[each.formula]}${each.verified ? "" : "\u00a0*"}`,
-    bare(each.perforation_thickness_m),
-    bare(each.scabbing_thickness_m),
-    bare(each.penetration_depth_m),
+    bare(each.perforation_thickness_m, Math.ceil),
+    bare(each.scabbing_thickness_m, Math.ceil),
+    bare(each.penetration_depth_m, Math.round),
     rangeShown(each),
   ]);
   const heads = COLUMNS.map((name, column) => (isNumber(column) ? `${name} [${unitOf("mm").unit}]` : name));
@@ -132,16 +90,18 @@ function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: ou
   return inShownUnits(note ? `${range}; ${note}` : range);
 }
 
-function bare(value) {
+/** Return a length without its unit, in whole millimetres or tenths of an inch; a limit is rounded up, as in the sentences. */
+function bare(value, round) {
   const { unit, factor } = unitOf("mm");
-  return value === undefined ? "" : (value / factor).toFixed(unit === "mm" ? 0 : 1);
+  const step = unit === "mm" ? 1 : 0.1;
+  return value === undefined ? "" : (round(value / factor / step - 1e-9) * step).toFixed(unit === "mm" ? 0 : 1);
 }
 
 function build(root) {
   const parts = {
     form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
     problem: element("p.problem", { role: "alert" }),
-    card: element("div.card", {}, element("p.quiet", {}, "Computing ...")),
+    card: element("div", {}, element("p.quiet", {}, "Computing ...")),
     model: element("div"),
     warnings: element("div", {}),
     table: element("div", {}),
@@ -149,8 +109,8 @@ function build(root) {
   const results = element(
     "div.pictures",
     {},
-    element("section.panel.verdict", { "aria-label": "Verdict" }, parts.problem, lostNote(), parts.card, parts.model, parts.warnings),
-    element("section.panel", { "aria-label": "Thicknesses" }, parts.table),
+    verdictSection(element("div.panel.head", {}, parts.problem, lostNote(), parts.card), element("div.panel.notes", {}, parts.warnings)),
+    element("section.panel", { "aria-label": "Thicknesses" }, parts.model, parts.table),
   );
   root.append(element("h1", {}, "Walls"), element("div.sides", {}, element("div.panel", {}, presetLinks("walls"), parts.form), results));
   return parts;

@@ -1,0 +1,82 @@
+"""The verdict: in sight beside the form, each fact once, the strip labelled, a line on the map."""
+
+from itertools import combinations
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from .conftest import NewPage
+
+SIZES = ((1440, 900), (1024, 768), (768, 1024), (390, 844))
+WALL = "target.thickness_m=0.5&impact.velocity_m_s=300&impact.oblique_angle_deg=50"
+HEAD = ".verdict > .head"
+LINE_PX = 60
+"""A line of words with its frame."""
+
+
+def judged(page: Page) -> Locator:
+    """The verdict, once it is that of the service."""
+    head = page.locator(HEAD)
+    expect(head).to_contain_text("90 % range")
+    expect(page.locator(".verdict [aria-busy=true]")).to_have_count(0)
+    return head
+
+
+def boxes(parts: Locator) -> list[dict[str, float]]:
+    """Where parts stand in the window."""
+    found: list[dict[str, float]] = parts.evaluate_all("all => all.map(each => each.getBoundingClientRect().toJSON())")
+    return found
+
+
+@pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "walls", "map"])
+def test_verdict_stays_in_sight_at_every_width(page: Page, view: str) -> None:
+    page.goto(f"/#/{view}?{WALL}")
+    head = page.locator(HEAD)
+    expect(head.locator(".outcome")).to_contain_text("50° from the normal")
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        for share in (0.3, 0.6):
+            page.evaluate("share => scrollTo(0, share * (document.documentElement.scrollHeight - innerHeight))", share)
+            expect(head).to_be_in_viewport(ratio=1.0)
+        assert boxes(head)[0]["height"] < 0.45 * height, "the greater part of the window is for the rest"
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_each_fact_stands_in_the_verdict_once(page: Page) -> None:
+    page.goto(f"/#/explore?{WALL}")
+    card, strip = judged(page).locator(".outcome"), page.locator(f"{HEAD} .strip")
+    words, angle = card.inner_text(), page.locator(".angle").inner_text()
+    for fact in (angle, "probability", "Critical angle", "90 % range", "Wall of 500 mm"):
+        assert words.count(fact) == 1, f"{fact}: {words}"
+    assert "weight" not in words, "its second line is plain"
+    expect(strip).not_to_contain_text(angle)
+    strong, rest = card.locator("strong").first, card.locator(".rest")
+    assert boxes(rest)[0]["top"] >= boxes(strong)[0]["bottom"] - 1
+
+
+@pytest.mark.parametrize("width", [1440, 390])
+@pytest.mark.parametrize("case", ["", "impact.oblique_angle_deg=48.6", "impact.oblique_angle_deg=5", WALL])
+def test_labels_of_the_strip_are_apart_and_inside(new_page: NewPage, width: int, case: str) -> None:
+    page = new_page(width=width)
+    page.goto(f"/#/critical-angle?{case}")
+    strip = judged(page).locator(".strip svg")
+    labels, frame = boxes(strip.locator("text")), boxes(strip)[0]
+    for one, other in combinations(labels, 2):
+        beside = one["right"] <= other["left"] or other["right"] <= one["left"]
+        above = one["bottom"] <= other["top"] + 3 or other["bottom"] <= one["top"] + 3
+        assert beside or above, (one, other)
+    assert all(each["left"] >= frame["left"] - 1 and each["right"] <= frame["right"] + 1 for each in labels)
+
+
+def test_verdict_is_a_line_on_the_map_that_unfolds(page: Page) -> None:
+    page.goto("/#/map")
+    head = page.locator(HEAD)
+    expect(head).to_contain_text("At 45° from the normal")
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        assert boxes(head)[0]["height"] < LINE_PX
+    strip = head.locator(".strip svg[aria-label^='Your angle']")
+    expect(strip).to_be_hidden()
+    head.locator("summary").first.click()
+    expect(strip).to_be_visible()
+    expect(head.get_by_text("What the range stands for")).to_be_visible()
