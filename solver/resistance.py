@@ -796,6 +796,7 @@ def strength_factor(*, resistance: Resistance, oblique_angle: float, target: Tar
     ParameterError
         If the law gives a value that is not above zero at this angle.
     """
+    resistance = usual_unless_given(resistance)
     degrees, value = math.degrees(min(abs(oblique_angle), resistance.held_from)), 0.0
     for coefficient in reversed(resistance.strength_polynomial(target=target, projectile=projectile)):
         value = value * degrees + coefficient

@@ -180,7 +180,7 @@ class JobResponse:
     def accepted(self, state: JobState, headers: dict[str, str]) -> Response:
         """Return the response 202 with the job and its location."""
         headers = headers | {"Location": f"{self.root}/jobs/{state.id}"} | retry_after(state, self._jobs)
-        return job_response(self.root, state, HTTPStatus.ACCEPTED, headers)
+        return job_response(self.root, state, HTTPStatus.ACCEPTED, headers, queue=queue_of(state, self._jobs))
 
 
 class BatchResponse(JobResponse):
@@ -347,6 +347,13 @@ def retry_after(state: JobState, jobs: JobManager) -> dict[str, str]:
     return {"Retry-After": str(min(LONGEST_RETRY, jobs.seconds_until_done(state)))}
 
 
+def queue_of(state: JobState, jobs: JobManager) -> dict[str, int] | None:
+    """Return the place of a job and the time that is left of it; None if it has ended."""
+    if state.final:
+        return None
+    return {"jobs_ahead": jobs.jobs_ahead(state), "remaining_s": jobs.seconds_until_done(state)}
+
+
 def root_of(request: Request) -> str:
     """Return the path prefix under which a proxy publishes the service; empty without a proxy."""
     root: str = request.scope.get("root_path", "")
@@ -360,22 +367,31 @@ def job_response(
     headers: dict[str, str] | None = None,
     request: dict[str, Any] | None = None,
     partial: dict[str, Any] | None = None,
+    queue: dict[str, int] | None = None,
 ) -> Response:
     """Return a response with a job."""
-    return Response(job_json(root, state, request, partial), status, media_type=JSON, headers=headers)
+    return Response(job_json(root, state, request, partial, queue), status, media_type=JSON, headers=headers)
 
 
 def job_json(
-    root: str, state: JobState, request: dict[str, Any] | None = None, partial: dict[str, Any] | None = None
+    root: str,
+    state: JobState,
+    request: dict[str, Any] | None = None,
+    partial: dict[str, Any] | None = None,
+    queue: dict[str, int] | None = None,
 ) -> bytes:
     """Return a job as JSON."""
-    return orjson.dumps(to_job(root, state, request, partial), option=orjson.OPT_UTC_Z)
+    return orjson.dumps(to_job(root, state, request, partial, queue), option=orjson.OPT_UTC_Z)
 
 
 def to_job(
-    root: str, state: JobState, request: dict[str, Any] | None = None, partial: dict[str, Any] | None = None
+    root: str,
+    state: JobState,
+    request: dict[str, Any] | None = None,
+    partial: dict[str, Any] | None = None,
+    queue: dict[str, int] | None = None,
 ) -> dict[str, Any]:
-    """Return a job as JSON data of the contract, with its request or partial answer if given."""
+    """Return a job as JSON data of the contract, with its request, partial answer or place in the queue if given."""
     path = f"{root}/jobs/{state.id}"
     times = {name: getattr(state, name) for name in ("created", "started", "finished", "expires")}
     problem = None if state.problem is None else {**state.problem, "instance": path}
@@ -385,6 +401,7 @@ def to_job(
         "status": state.status,
         "counts": {name: getattr(state, name) for name in ("total", "done", "cached", "failed")},
         **{k: v for k, v in {"title": state.title, **times, "problem": problem}.items() if v is not None},
+        **({"queue": queue} if queue else {}),
         **({"axes": state.axes} if state.axes else {}),
         **({"request": request} if request else {}),
         **({"progress": state.progress} if state.progress else {}),

@@ -12,7 +12,7 @@ from fastapi import APIRouter, Depends, Header, HTTPException, Path, Query, Requ
 from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from service.api.batch_response import job_json, job_response, retry_after, root_of, to_job, until
+from service.api.batch_response import job_json, job_response, queue_of, retry_after, root_of, to_job, until
 from service.api.body import CheckedRoute
 from service.api.contract import RETRY_LATER, Responses, problems
 from service.api.job_models import Job, JobChange, JobResults, Jobs
@@ -125,7 +125,8 @@ async def list_jobs(
     owner, before = context.principal.visible_owner, read_cursor(cursor)
     # One job more than the page holds shows whether another page follows.
     states = await jobs.jobs(owner, before=before, limit=limit + 1)
-    content: dict[str, Any] = {"jobs": [to_job(root_of(request), state) for state in states[:limit]]}
+    root = root_of(request)
+    content: dict[str, Any] = {"jobs": [to_job(root, each, queue=queue_of(each, jobs)) for each in states[:limit]]}
     if len(states) > limit:
         content["next"] = write_cursor(states[limit - 1].number).decode()
     return Response(orjson.dumps(content, option=orjson.OPT_UTC_Z), media_type=JSON)
@@ -141,7 +142,12 @@ async def get_job(request: Request, job: RequestedJob, jobs: CurrentManager) -> 
     """Return a job with its progress, the request of a sweep or a study, and the answer of a study so far."""
     headers = {} if job.final else retry_after(job, jobs)
     return job_response(
-        root_of(request), job, headers=headers, request=await jobs.request(job), partial=await jobs.partial(job)
+        root_of(request),
+        job,
+        headers=headers,
+        request=await jobs.request(job),
+        partial=await jobs.partial(job),
+        queue=queue_of(job, jobs),
     )
 
 

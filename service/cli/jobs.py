@@ -88,20 +88,28 @@ def _print_all(jobs: list[dict[str, Any]], *, as_json: bool) -> None:
     if as_json:
         print(json.dumps({"jobs": jobs}))
         return
-    rows = [list(_summary(job).values()) for job in jobs]
-    print_table(["id", "operation", "status", "done", "total", "cached", "failed", "created"], rows)
+    rows = [[*_summary(job).values(), *_queue(job).values()] for job in jobs]
+    names = ("id", "operation", "status", "done", "total", "cached", "failed", "created", "jobs ahead", "remaining s")
+    print_table(list(names), rows)
 
 
 def _print_one(job: dict[str, Any], *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(job))
         return
-    print_values(_summary(job) | {name: job[name] for name in ("started", "finished", "expires") if name in job})
+    times = {name: job[name] for name in ("started", "finished", "expires") if name in job}
+    print_values(_summary(job) | times | (_queue(job) if "queue" in job else {}))
 
 
 def _summary(job: Mapping[str, Any]) -> dict[str, Any]:
     counts = {name: job["counts"][name] for name in ("done", "total", "cached", "failed")}
     return {name: job[name] for name in ("id", "operation", "status")} | counts | {"created": job["created"]}
+
+
+def _queue(job: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the place of a job and the time that is left of it, both empty if it has ended."""
+    queue = job.get("queue", {})
+    return {"jobs ahead": queue.get("jobs_ahead", ""), "remaining s": queue.get("remaining_s", "")}
 
 
 def print_results(client: "Client", args: argparse.Namespace) -> int:

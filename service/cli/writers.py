@@ -8,7 +8,7 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import Any, TextIO, TypeAlias
 
@@ -76,12 +76,15 @@ class Inputs:
         Items with the problems of the other rows, by number.
     headers, cells
         Headers of the table, and the cells of every row.
+    errors
+        Errors of the rows that are not sent, by the headers of the table.
     """
 
     sent: Sequence[int]
     left_out: Mapping[int, Item]
     headers: Sequence[str] = ()
     cells: Sequence[Sequence[str]] = ()
+    errors: Mapping[int, str] = field(default_factory=dict)
 
     def placed(self, items: Iterable[Item]) -> Iterator[Item]:
         """Yield results with their numbers among all rows, each preceded by the problems of rows that were not sent."""
@@ -150,6 +153,7 @@ class Rows:
             return list(found.values())
         errors = "; ".join(": ".join(filter(None, each.values())) for each in item.get("problem", {}).get("errors", ()))
         error = errors or (problem_text(item["problem"]) if "problem" in item else None)
+        error = self._inputs.errors.get(index, error)
         return [*self._inputs.cells[index], *(found[name] for name in without_name(found)), error]
 
 

@@ -116,18 +116,19 @@ class JobManager:
         """Rate of completed cases over the last half minute. [1/s]"""
         return self._rate.per_second
 
+    def jobs_ahead(self, state: JobState) -> int:
+        """Number of jobs of the same owner that go before a job."""
+        return len(self._scheduler.ahead(state))
+
     def seconds_until_done(self, state: JobState) -> int:
         """Return the estimated time until a job has ended, in whole seconds. [s]
 
-        The estimate assumes that all waiting cases are computed first, and that a study takes all its samples. It uses
-        the measured rate or, before there is one, the cost of the cases.
+        The estimate counts the cases that are computed before its end, and all samples of a study. It uses the measured
+        rate or, before there is one, the cost of the cases.
         """
-        # Other jobs may come first, and at least the job's own cases remain.
-        left = max(self.queued_cases, state.total - state.done)
-        if state.progress is not None:
-            left = max(left, int(state.progress["max_samples"]) - int(state.progress["samples"]))
         operation = self._queries.operations.get(state.operation)
-        return self._rate.seconds_for(left, 1 if operation is None else operation.weight)
+        weight = 1 if operation is None else operation.weight
+        return self._rate.seconds_for(self._scheduler.cases_until_done(state), weight)
 
     async def start(self) -> None:
         """Continue unfinished jobs. If the store cannot be read, the service runs without jobs and retries."""

@@ -221,9 +221,10 @@ class CaseRunner:
         """
         capacity = self._queries.executor.capacity
         try:
-            async with aclosing(blocks), create_task_group() as group:
-                run = Run(operation, blocks, take, owner, urgent, traced, group, remaining, capacity)
-                self._begin_chunk(run)
+            with self._rate.working():
+                async with aclosing(blocks), create_task_group() as group:
+                    run = Run(operation, blocks, take, owner, urgent, traced, group, remaining, capacity)
+                    self._begin_chunk(run)
         except ExceptionGroup as errors:  # The first error has cancelled the other chunks, and is the cause.
             raise errors.exceptions[0] from None
 

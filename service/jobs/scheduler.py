@@ -132,6 +132,30 @@ class Scheduler:
         job = self.active[state.id] = ActiveJob(state, queue or state.owner, self._settle_charge)
         self._begin_jobs(job.queue)
 
+    def ahead(self, state: JobState) -> list[ActiveJob]:
+        """Return the jobs of the same owner that go before a job: those with fewer cases left, or as many and older."""
+        own = self.active.get(state.id)
+        if own is None:
+            return []
+        place = (own.left, state.number)
+        return [job for job in self.active.values() if job.queue == own.queue and (job.left, job.state.number) < place]
+
+    def cases_until_done(self, state: JobState) -> int:
+        """Return how many cases are likely to be done by the end of a job, its own among them.
+
+        Its owner's jobs with fewer cases go first; in the turns of another owner as many cases are done as in those of
+        this one, unless that owner has fewer.
+        """
+        own = self.active.get(state.id)
+        if own is None:
+            return 0
+        mine = own.left + sum(job.left for job in self.ahead(state))
+        others = Counter[str]()
+        for job in self.active.values():
+            if job.queue != own.queue:
+                others[job.queue] += job.left
+        return mine + sum(min(mine, theirs) for theirs in others.values())
+
     async def stop(self) -> None:
         """Cancel the running jobs, which the next start continues."""
         self._stopping = True
