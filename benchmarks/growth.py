@@ -116,7 +116,7 @@ def asleep(sizes: Sequence[int]) -> list[Curve]:
 
 
 async def seconds_asleep(address: str, workers: int) -> float:
-    """Time that all workers of a cluster take for this many chunks each. [s]"""
+    """Time in which every worker of a cluster completes this many chunks that only sleep. [s]"""
     executor = DaskExecutor(address=address, workers=1, task_seconds=60.0)
     await executor.start()
     try:

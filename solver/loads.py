@@ -94,7 +94,7 @@ class Rule(NamedTuple):
     size: int
     """Number of stations."""
     table: FloatArray
-    """(2, n) nodes and weights, padded with zeros to whole vectors."""
+    """(2, n) nodes and weights, padded with zeros to a multiple of the SIMD width."""
 
 
 class Quadrature(NamedTuple):
@@ -178,8 +178,8 @@ def accelerate_by_gauss(
         at = 6 * k
         if k == 0 or states[at + 2] != states[at - 4]:
             c, s = math.cos(states[at + 2]), math.sin(states[at + 2])
-        # The order of the arcs on a ring holds for axis angles of 0 to 180° only. Other states are mirrored in the
-        # normal of the face, and the accelerations mirrored back.
+        # The order of the arcs on a ring holds for axis angles of 0 to 180° only. Other states are reflected about the
+        # normal of the face, and their accelerations reflected back.
         mirror = math.copysign(1.0, s)
         depth, lateral_speed, spin = states[at], mirror * states[at + 4], mirror * states[at + 5]
         forward, sideways = states[at + 3] * c + lateral_speed * abs(s), lateral_speed * c - states[at + 3] * abs(s)

@@ -140,8 +140,8 @@ def integrate_fixed(
 
 
 STAGES = 4
-# With this value the method is A(89.3°)-stable (Kaps and Rentrop 1979). GRK4A and ROS4 rejected more steps at the kinks
-# of nose entry or erred two to six times as much.
+# With this value the method is A(89.3°)-stable (Kaps and Rentrop 1979). The similar methods GRK4A and ROS4 stepped over
+# the kinks of nose entry, chattered, or erred two to six times as much (`benchmarks/NOTES.md`).
 GAMMA = 0.231
 """Diagonal coefficient γ of GRK4T. [1]"""
 

@@ -427,7 +427,7 @@ def _share(energy: float, least: float) -> str:
 
 
 IMPLAUSIBLE = "implausible"
-"""Code of the warnings about answers that no strike can have."""
+"""Code of warnings about physically impossible results."""
 
 
 def implausible(what: str) -> ModelWarning:

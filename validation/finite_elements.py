@@ -33,7 +33,7 @@ SEPARATE_ANGLES: Mapping[tuple[str, Mesh, str], float] = {
     ("elastic_plastic", "coarse", TO_45): 51.4,
     ("elastic_plastic", "fine", TO_45): 49.1,
 }
-"""Calibrated critical angles, from a separate calculation. [°]"""
+"""Calibrated critical angles computed independently of this module, as a cross-check. [°]"""
 
 
 def section(progress: Progress) -> Section:

@@ -55,7 +55,7 @@ def check(without: Collection[int] = ()) -> tuple[Coverage, ...]:
 
 
 def series_misses(without: Collection[int] = ()) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
-    """Return ln S minus that of the law of the solver, for the shots of each series. [ln]"""
+    """Return the residuals of ln S, measured minus the law of the solver, for the shots of each series. [1]"""
     shots, law = counted_rows(without), PublishedTests.law
     exponents = (math.log(law.coefficient), law.exponent, law.diameter_exponent)
     misses = logarithms(shots) - design(shots, CHOSEN) @ np.array(exponents)

@@ -351,7 +351,7 @@ def _print_motion(inputs: Sequence[_Input], answer: Mapping[str, Any], args: arg
 
 
 def _print_quantities(run: Mapping[str, Any]) -> None:
-    """Print the root mean squares of a single run."""
+    """Print the root-mean-square residual of each measured quantity, for a single run."""
     rows = []
     for name, value in run["root_mean_square"].items():
         scatter = f"{value:.2f}°" if name == "rotation_deg" else f"{1e3 * value:.1f} mm"

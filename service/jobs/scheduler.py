@@ -38,7 +38,7 @@ STORED = "stored"
 
 GiveBack: TypeAlias = Callable[[str, int, int], None]
 """Function that gives cases back to a quota. Its arguments are the id of the API key, the number of cases, and the
-begin of the entry that counts them."""
+start time of the entry that counts them."""
 log = logging.getLogger(__name__)
 
 

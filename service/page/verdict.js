@@ -211,7 +211,7 @@ export class Verdict {
 
 /** Return the decimals of a critical angle as the sentence of a verdict has them: one more than its range, at most 2; 1 without. */
 function decimalsOf(judged) {
-  return judged?.range_text.includes(".") ? 2 : 1;
+  return judged?.range_text?.includes(".") ? 2 : 1;
 }
 
 /** Return where a run has ended in a sentence. */

@@ -27,6 +27,14 @@ SETTINGS: dict[Any, Any] = {
     "legend.fontsize": 7,
     "svg.fonttype": "path",
 }
+ONE_LINE: dict[str, Any] = {
+    "ncols": 4,
+    "handlelength": 1.2,
+    "columnspacing": 0.9,
+    "handletextpad": 0.4,
+    "borderpad": 0.2,
+}
+"""A legend below a picture, so narrow that its entries fit beside each other."""
 PAGE = 7.2
 """Width of the page between its margins. [in]"""
 
@@ -164,8 +172,9 @@ def curves(
     speed, angle, judged
         Speed of the case [m/s], its critical angle if there is one, and the angle to judge if given [°].
     """
-    figure = Figure(figsize=(PAGE, 1.55), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure = Figure(figsize=(PAGE, 1.6), layout="constrained")
+    halves = figure.subfigures(1, 2)
+    left = halves[0].subplots()
     _draw_speeds(left, speeds)
     left.axvline(speed, color=style.HINT, linewidth=0.8, linestyle="--")
     if angle is not None:
@@ -175,10 +184,10 @@ def curves(
     left.set(title="Critical angle over the speed", xlabel="speed [m/s]", ylabel="angle from the normal [°]")
     left.set_ylim(0.0, 90.0)
     if left.get_legend_handles_labels()[1]:
-        left.legend(loc="best")
+        halves[0].legend(loc="outside lower center", **ONE_LINE)  # No place within the axes is free for every case.
     if uncertainty is None:
-        right.remove()
         return figure
+    right = halves[1].subplots()
     curve = uncertainty["probability"]
     angles = curve["oblique_angle_deg"]
     right.fill_between(
@@ -191,7 +200,7 @@ def curves(
         right.axvline(judged, color=TIP_PATH, linewidth=0.8, linestyle=":", label="angle to judge")
     right.set(title="Probability of ricochet", xlabel="oblique angle θ from the normal [°]", ylabel="probability")
     right.set(xlim=(angles[0], angles[-1]), ylim=(0.0, 1.02))
-    right.legend(loc="best")
+    halves[1].legend(loc="outside lower center", **ONE_LINE)
     return figure
 
 

@@ -170,7 +170,7 @@ def draw_concrete(
 
 
 def embedded(picture: bytes) -> str:
-    """Return an SVG as the address of an image.
+    """Return an SVG as a data URI, for the `src` of an `<img>`.
 
     Inline SVGs would share the identifiers of the page, and clip paths of one could act on another.
     """

@@ -190,7 +190,7 @@ class StudyProgress(Part):
     max_samples: Count
     """Largest number of searches or runs. The study ends earlier if it reaches the half width."""
     half_width: Num | MISSING = MISSING
-    """Half width reached, the largest of the intervals of probabilities. [1]"""
+    """Largest half-width of the confidence intervals of the probabilities when sampling stopped. [1]"""
     requested_half_width: Num
     """Half width at which the study ends. [1]"""
 

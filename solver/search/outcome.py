@@ -59,8 +59,8 @@ PATIENCE = 3
 # The slope of the margin may be wrong by much, but a stride without limit would leave the range of the change.
 GROWTH = 4.0
 """Largest ratio of two consecutive strides towards a change. [1]"""
-# The error of a root is estimated by SHIFTED × (shift between two levels) + MARGIN_ERROR / (growth of the margin). Both
-# coefficients were fitted to the errors of random strikes.
+# The error of a root is estimated by SHIFTED × (shift between two levels) + MARGIN_ERROR / (growth of the margin). With
+# these coefficients the estimate is above `DOUBT` for every strike that needs the last level.
 SHIFTED = 0.12
 """Error of a root over its shift between the last two levels. [1]"""
 # Levels that err alike agree on a wrong root. An error of the margin moves a root by that error over the growth.

@@ -221,7 +221,7 @@ class AngleStudy:
         correction = self._turned(tables.critical) - self._turned(unseen_by_fit)
         # With one change of outcome per sample the probability rises with the angle; the correction may fall.
         middle = np.clip(np.maximum.accumulate(shares.mean(axis=0) + correction.mean(axis=0)), 0.0, 1.0)
-        # Points of a sequence scatter less than independent ones, so the interval of the correction is not too narrow.
+        # Points of a low-discrepancy sequence scatter less than independent ones: the interval is conservative.
         error = sampling.normal_quantile * correction.std(axis=0, ddof=1) / math.sqrt(len(correction))
         half = np.hypot(share_half_width(shares, sampling, tables.base_samples), error)
         beyond = self._beyond.mean()

@@ -242,7 +242,7 @@ class Lognormal:
 
     @property
     def wide(self) -> bool:
-        """True if the number spans a factor so large that smooth functions of it need high orders."""
+        """True if the range of the variable spans so large a ratio that polynomials in it need a high order."""
         return self._logarithm[1] >= WIDE
 
     def standard(self, u: FloatArray) -> FloatArray:
@@ -320,7 +320,7 @@ class LogStudentT:
 
     @property
     def wide(self) -> bool:
-        """True if the number spans a factor so large that smooth functions of it need high orders."""
+        """True if the range of the variable spans so large a ratio that polynomials in it need a high order."""
         return self.dispersion >= WIDE
 
     def scales(self, u: FloatArray) -> FloatArray:

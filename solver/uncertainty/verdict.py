@@ -294,7 +294,7 @@ def probability_text(probability: Estimate) -> str:
 
 
 def next_shot_advice(now: tuple[float, float], after: Sequence[AfterShots]) -> str:
-    """Return a sentence on the effect of further own shots on the range of the critical angle.
+    """Return a sentence on how much shots of the user's own would narrow the range of the critical angle.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ from solver.warnings import ModelWarning
 
 Question: TypeAlias = Literal["perforation", "scabbing"]
 MARGINS: dict[Question, float] = {"perforation": PERFORATION_MARGIN, "scabbing": SCABBING_MARGIN}
-"""Factors on the limits in a design, DOE-STD-3014-2006. [1]"""
+"""Safety factors on the limits against perforation and scabbing (DOE-STD-3014-2006). [1]"""
 THIS_MODEL = "this_model"
 """Name in place of a formula where the model, with a plug and a crater, needs more than the formulas require."""
 PROBABILITY = 0.9

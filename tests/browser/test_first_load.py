@@ -102,19 +102,39 @@ def test_verdict_and_picture_are_above_the_fold(
         expect(page.locator(".side-view .drawing")).to_be_in_viewport(ratio=1.0)
 
 
-def test_second_load_fetches_nothing_anew(page: Page) -> None:
+def test_second_load_asks_for_two_files_and_fetches_neither_anew(page: Page) -> None:
     page.goto("/")
     expect(page.locator(".histories .scatterlayer .trace").first).to_be_visible()
-    statuses: dict[str, int] = {}
+    sizes: dict[str, int] = {}
+    kept: set[str] = set()
     session = page.context.new_cdp_session(page)
     session.send("Network.enable")
-    session.on(
-        "Network.responseReceived",
-        lambda event: statuses.update({event["response"]["url"]: event["response"]["encodedDataLength"]}),
-    )
+
+    def note(event: dict[str, Any]) -> None:
+        response = event["response"]
+        if response["fromDiskCache"] or event["requestId"] in kept:
+            return
+        sizes[response["url"]] = response["encodedDataLength"]
+
+    session.on("Network.requestServedFromCache", lambda event: kept.add(event["requestId"]))
+    session.on("Network.responseReceived", note)
     page.reload()
     expect(page.locator(".histories .scatterlayer .trace").first).to_be_visible()
-    files = {url: size for url, size in statuses.items() if "/page/" in url}
-    assert any(url.endswith("contract.json") for url in files)
-    assert any(url.endswith("plotly.min.js") for url in files)
-    assert sum(files.values()) < 100_000, "headers alone"
+    files = {url.rpartition("/")[2]: size for url, size in sizes.items() if "/page/" in url}
+    assert files.keys() <= {"contract.json", "plotly.min.js"}
+    assert sum(files.values()) < 2000, "headers alone"
+
+
+@pytest.mark.parametrize(("width", "height"), [(1440, 900), (390, 844)])
+def test_nothing_moves_as_the_page_fills(new_page: NewPage, width: int, height: int) -> None:
+    """Cumulative layout shift, of which 0.1 counts as good."""
+    page = new_page(width=width, height=height)
+    page.add_init_script("""
+        window.shift = 0;
+        const add = (list) => list.getEntries().forEach((entry) => (window.shift += entry.value));
+        new PerformanceObserver(add).observe({type: "layout-shift", buffered: true});
+    """)
+    page.goto("/")
+    page.wait_for_function(IDLE)
+    expect(page.get_by_label("Spread", exact=True)).to_contain_text("usual scatter")
+    assert page.evaluate("window.shift") < 0.05

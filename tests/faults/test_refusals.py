@@ -1,4 +1,4 @@
-"""File systems with free space that refuse new files, shared memory maps or permissions."""
+"""File systems that have free space but reject new files, shared memory maps or changes of permissions."""
 
 import os
 import subprocess

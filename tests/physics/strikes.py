@@ -39,7 +39,7 @@ CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
 """The paper's projectile and concrete."""
 LI_CHEN = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.0269, length=0.242, mass=0.906)
 LI_CHEN_TARGET = Target(compressive_strength=35.2e6, density=2370.0)
-"""Test of Forrestal et al. (1994) at 277 m/s, 173 mm deep; Li and Chen (2003) compute it with S 12."""
+"""Target of a test by Forrestal et al. (1994): 173 mm deep at 277 m/s. Li and Chen (2003) calculate it with S = 12."""
 STEEL = 7850.0
 """Density of steel. [kg/m³]"""
 DIAMETER = 0.08

@@ -241,7 +241,7 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 
 
 def damages(*first: str) -> list[Any]:
-    """Kinds of damage to a file; all but the first ones are marked `system`."""
+    """Ways to corrupt a file, as test parameters. Those that take long have the mark `system`."""
     return [pytest.param(name, marks=() if name in first else pytest.mark.system) for name in DAMAGES]
 
 

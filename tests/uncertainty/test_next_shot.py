@@ -63,7 +63,7 @@ def test_more_shots_narrow_the_range_more(usual: AngleUncertainty) -> None:
 
 @pytest.mark.parametrize("place", [0, 1])
 def test_dispersion_is_that_of_the_posterior_of_so_many_shots(usual: AngleUncertainty, place: int) -> None:
-    """The shots deviate from the law by the scales between and within series."""
+    """Simulated shots scatter about the law by the standard deviations between and within series."""
     expected = after_shots(usual)[place]
     distance = math.hypot(math.sqrt(expected.shots) * BETWEEN, WITHIN)
     factor = PublishedTests().polynomial(**CASE)[0] * math.exp(distance)
