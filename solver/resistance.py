@@ -672,6 +672,7 @@ def shaped_as_finite_elements(model: "StrengthFactor") -> "StrengthFactor":
     return replace(model, obliquity_shape="finite_elements")
 
 
+# docs/explanation/architecture.md lists the functions that distinguish the laws; not all of them fail for a new one.
 StrengthFactor: TypeAlias = ConstantStrengthFactor | ObliquityPolynomial | StrengthPowerLaw | PublishedTests | OwnTests
 
 
