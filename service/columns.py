@@ -138,6 +138,7 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     row |= {f"bending_{name}": value for name, value in bending.items() if name != "history"}
     flight: dict[str, Any] = row.pop("exit_flight", {})
     row |= {f"exit_flight_{name}": value for name, value in flight.items()}
+    # The ends are sorted, as a bracket may be listed from either side.
     for unit in ("deg", "m", "m_s"):
         if bracket := answer.get(f"bracket_{unit}"):
             row[f"bracket_low_{unit}"], row[f"bracket_high_{unit}"] = min(bracket), max(bracket)
@@ -155,7 +156,9 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
         row["confidence_low"], row["confidence_high"] = interval
     angle = answer.get("critical_angle", {})
     row |= {name: angle[name]["value"] for name in ("mean_deg", "standard_deviation_deg") if name in angle}
+    # Probabilities have their outcomes as names of columns.
     row |= {each["outcome"]: each["value"] for each in answer.get("outcomes", ()) if "value" in each}
+    # Each code is listed once, in the order of the warnings; codes have no spaces.
     row["warnings"] = " ".join(dict.fromkeys(warning["code"] for warning in answer.get("warnings", ())))
     return row
 

@@ -149,7 +149,8 @@ ALIASES: Final[Mapping[str, tuple[str, ...]]] = {
     "target.poissons_ratio": ("poissons_ratio", "poisson_ratio", "poisson", "nu"),
     "target.thickness_m": ("thickness", "wall_thickness", "wall", "target_thickness"),
     "resistance.strength_factor.value": ("strength_factor", "s"),
-    "custom_id": ("id", "name", "label", "case", "case_id", "shot", "test"),
+    "target.characteristic_strength_pa": ("characteristic_strength", "fck", "f_ck"),
+    "custom_id": ("id", "name", "label", "case", "case_id", "shot", "test", "no", "nr", "number"),
 }
 """Common names of inputs, without units, by the dotted path of the input. Headers of tables are matched against them,
 and suggestions made from them. They are lower-case, with an underscore for any character that is no letter or digit."""

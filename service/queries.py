@@ -6,8 +6,8 @@ import math
 import secrets
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar, TypeVarTuple
 
@@ -29,6 +29,8 @@ from solver.warnings import IMPLAUSIBLE
 
 MEMORY_SECONDS = 30.0
 """Window over which the rate is measured [s]: it covers a few chunks of slow work, yet forgets other work before."""
+SHORTEST_SECONDS = 0.05
+"""Shortest window [s]. The first chunk of a job may take less, and its rate would be nearly infinite."""
 STEP_SECONDS = 0.5
 """Cases done within this time share one entry of the window, so that the window has at most 60 entries. [s]"""
 LONGEST_WAIT_SECONDS = 3600
@@ -57,22 +59,42 @@ def check_work(case: Any, most: float) -> None:
 
 
 class Rate:
-    """Rate at which cases are completed, measured over a sliding window.
+    """Rate at which cases are completed, measured over a sliding window of working time; idle time does not count.
 
     Parameters
     ----------
     cores
         Returns the number of cases that are computed at the same time.
+    clock
+        Returns the time. [s]
     """
 
-    def __init__(self, cores: Callable[[], int]) -> None:
+    def __init__(self, cores: Callable[[], int], clock: Callable[[], float] = time.monotonic) -> None:
         self._cores = cores
+        self._clock = clock
         self._entries: deque[tuple[float, int]] = deque()
         self._count = 0
+        self._begin = 0.0
+        """Time since which the entries count. [s]"""
+        self._at_work = 0
+        self._paused = self._idle = clock()
+        """When work ended, and time without any. [s]"""
+
+    @contextmanager
+    def working(self) -> Iterator[None]:
+        """Let time count, as long as this or another piece of work lasts."""
+        if not self._at_work:
+            self._idle += self._clock() - self._paused
+        self._at_work += 1
+        try:
+            yield
+        finally:
+            self._at_work -= 1
+            self._paused = self._clock()
 
     def add(self, count: int) -> None:
         """Count cases that have just been completed."""
-        now = time.monotonic()
+        now = self._now()
         self._count += count
         if self._entries and now - self._entries[-1][0] < STEP_SECONDS:
             began, before = self._entries.pop()
@@ -83,13 +105,12 @@ class Rate:
 
     @property
     def per_second(self) -> float:
-        """Mean rate over the last `MEMORY_SECONDS`; 0 if no case was completed. [1/s]"""
-        now = time.monotonic()
+        """Mean rate over the last `MEMORY_SECONDS` of work; 0 if no case was completed. [1/s]"""
+        now = self._now()
         self._forget(now)
         if not self._entries:
             return 0.0
-        # The first case has taken some time too: without a floor its rate would be nearly infinite.
-        return self._count / max(now - self._entries[0][0], STEP_SECONDS)
+        return self._count / max(now - self._begin, SHORTEST_SECONDS)
 
     def seconds_for(self, count: int, weight: int = 1) -> int:
         """Return the estimated time until `count` more cases are done, in whole seconds and at least 1. [s]
@@ -99,9 +120,14 @@ class Rate:
         rate = self.per_second or self._cores() / (CASE_SECONDS * weight)
         return min(LONGEST_WAIT_SECONDS, max(1, math.ceil(count / rate)))
 
+    def _now(self) -> float:
+        """Time that has been worked. [s]"""
+        return (self._clock() if self._at_work else self._paused) - self._idle
+
     def _forget(self, now: float) -> None:
         while self._entries and now - self._entries[0][0] > MEMORY_SECONDS:
-            self._count -= self._entries.popleft()[1]
+            self._begin, count = self._entries.popleft()
+            self._count -= count
 
 
 Arguments = TypeVarTuple("Arguments")
@@ -367,9 +393,10 @@ class QueryService:
         self._work += cost
         self._submitted += 1
         try:
-            return await self.executor.submit(
-                function, *arguments, owner=owner, cost=cost, begun=begun, longest_wait=self._queue_seconds
-            )
+            with self._rate.working():
+                return await self.executor.submit(
+                    function, *arguments, owner=owner, cost=cost, begun=begun, longest_wait=self._queue_seconds
+                )
         except QueueTimeoutError:
             # The query has waited this long behind cheaper work of its owner, such as jobs, that `_work` does not
             # count. Nothing suggests that another attempt would wait less.

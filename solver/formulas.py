@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, get_args
 
-from solver.checks import ParameterError, require_positive
+from solver.checks import BOUNDS, ParameterError, require_positive
 from solver.projectile import Projectile
 from solver.resistance import StrengthPowerLaw, nose_factor
 from solver.strike import Impact
@@ -42,8 +42,8 @@ NAMES: Mapping[str, str] = {
     "whiffen": "Whiffen",
 }
 """Names of the formulas in sentences."""
-LIMIT_SPEEDS = (0.1, 1e4)
-"""Range of the normal speed in the search for a limit speed: the bounds of `impact.velocity`. [m/s]"""
+LIMIT_SPEEDS = (BOUNDS["impact.velocity"].lower, BOUNDS["impact.velocity"].upper)
+"""Range of the normal speed in the search for a limit speed. [m/s]"""
 AGGREGATE_SIZE = 0.02
 """Largest aggregate of usual concrete. [m]"""
 POUND, INCH, FOOT, PSI = 0.45359237, 0.0254, 0.3048, 6894.757
@@ -515,7 +515,7 @@ def limit_speeds(
     Returns
     -------
     tuple of FormulaResult
-        A result for each formula by which some speed up to 10 km/s along the normal perforates the wall.
+        A result for each formula by which some speed within `LIMIT_SPEEDS`, along the normal, perforates the wall.
 
     Raises
     ------

@@ -140,7 +140,11 @@ def least_thickness_many(
     *,
     projectile: OneOrMany[Projectile],
     target: OneOrMany[Target],
-    impact: OneOrMany[Impact],
+    impact: OneOrMany[Impact] | None = None,
+    velocity: OneOrMany[float] | None = None,
+    oblique_angle: OneOrMany[float] | None = None,
+    angle_of_attack: OneOrMany[float] = 0.0,
+    angular_velocity: OneOrMany[float] = 0.0,
     resistance: OneOrMany[Resistance] | None = None,
     numerics: Numerics | None = None,
     tolerance: float = TOLERANCE,
@@ -150,8 +154,8 @@ def least_thickness_many(
 
     Parameters
     ----------
-    projectile, target, impact, resistance
-        As for `least_thickness`: one for all strikes, or a sequence with one for each.
+    projectile, target, impact, velocity, oblique_angle, angle_of_attack, angular_velocity, resistance
+        As for `least_thickness`: one for all strikes, or a sequence, array, Series or DataArray with one for each.
     numerics, tolerance
         As for `least_thickness`, the same for all strikes.
     threads
@@ -167,15 +171,26 @@ def least_thickness_many(
     ParameterError
         If the sequences differ in length.
     """
-    run = partial(least_thickness, numerics=numerics, tolerance=tolerance)
-    return Answers(run, threads, projectile=projectile, target=target, impact=impact, resistance=resistance)
+    return Answers(
+        partial(least_thickness, numerics=numerics, tolerance=tolerance),
+        threads,
+        projectile=projectile,
+        target=target,
+        impact=impact,
+        velocity=velocity,
+        oblique_angle=oblique_angle,
+        angle_of_attack=angle_of_attack,
+        angular_velocity=angular_velocity,
+        resistance=resistance,
+    )
 
 
 def limit_velocity_many(
     *,
     projectile: OneOrMany[Projectile],
     target: OneOrMany[Target],
-    oblique_angle: OneOrMany[float],
+    impact: OneOrMany[Impact] | None = None,
+    oblique_angle: OneOrMany[float] | None = None,
     angle_of_attack: OneOrMany[float] = 0.0,
     angular_velocity: OneOrMany[float] = 0.0,
     resistance: OneOrMany[Resistance] | None = None,
@@ -187,7 +202,7 @@ def limit_velocity_many(
 
     Parameters
     ----------
-    projectile, target, oblique_angle, angle_of_attack, angular_velocity, resistance
+    projectile, target, impact, oblique_angle, angle_of_attack, angular_velocity, resistance
         As for `limit_velocity`: one for all walls, or a sequence, array, Series or DataArray with one for each.
     numerics, tolerance
         As for `limit_velocity`, the same for all walls.
@@ -209,6 +224,7 @@ def limit_velocity_many(
         threads,
         projectile=projectile,
         target=target,
+        impact=impact,
         oblique_angle=oblique_angle,
         angle_of_attack=angle_of_attack,
         angular_velocity=angular_velocity,
@@ -373,9 +389,13 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
     ParameterError
         If there are answers of several kinds.
     """
+    if not isinstance(answers, Iterable):
+        raise ParameterError("answers", f"must be a sequence of answers, got {type(answers).__name__}")
     given = list(answers)
     found: list[Any] = [getattr(each, "answer", each) for each in given]
     kinds = {type(answer) for answer in found if not isinstance(answer, RicochetError)}
+    if unknown := sorted(kind.__name__ for kind in kinds if not hasattr(kind, "row")):
+        raise ParameterError("answers", f"must have trajectories, critical angles or limits, got {unknown[0]}")
     if len(kinds) > 1:
         raise ParameterError("answers", "must be of one kind, trajectories, critical angles or limits of perforation")
     rows: list[Row] = [{} if isinstance(answer, RicochetError) else answer.row() for answer in found]
@@ -402,7 +422,6 @@ def to_dataframe(
     """
     if hasattr(answers, "to_dataframe"):
         return answers.to_dataframe()
-    answers = answers if isinstance(answers, Answers) else list(answers)
     return dataframe(columns(answers), *ANSWERS, *INPUTS)
 
 

@@ -126,7 +126,7 @@ class PerforationLimit:
         return dataframe(self.columns(), PerforationTrial)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
-        """Plot the residual speed of each trial on the given axes, or on those of a new figure, and return the axes."""
+        """Plot the residual speed of each trial on the given axes, or on those of a new figure. Return the figure."""
         behind = [trial.exit if trial.outcome is Outcome.PERFORATED else None for trial in self.iterations]
         trials = self.columns() | {"speed": np.array([0.0 if each is None else each.speed for each in behind])}
         label = "thickness of the wall [m]" if self.quantity == "thickness" else "velocity at first contact [m/s]"

@@ -672,6 +672,7 @@ def shaped_as_finite_elements(model: "StrengthFactor") -> "StrengthFactor":
     return replace(model, obliquity_shape="finite_elements")
 
 
+# docs/explanation/architecture.md lists the functions that distinguish the laws; not all of them fail for a new one.
 StrengthFactor: TypeAlias = ConstantStrengthFactor | ObliquityPolynomial | StrengthPowerLaw | PublishedTests | OwnTests
 
 
@@ -796,6 +797,7 @@ def strength_factor(*, resistance: Resistance, oblique_angle: float, target: Tar
     ParameterError
         If the law gives a value that is not above zero at this angle.
     """
+    resistance = usual_unless_given(resistance)
     degrees, value = math.degrees(min(abs(oblique_angle), resistance.held_from)), 0.0
     for coefficient in reversed(resistance.strength_polynomial(target=target, projectile=projectile)):
         value = value * degrees + coefficient

@@ -399,6 +399,7 @@ def alternatives(
 
 def alternative_resistances(resistance: Resistance = EQUATION_9) -> tuple[Resistance, ...]:
     """Return each decay law with each strength law, with the inertia of the given resistance."""
+    resistance = usual_unless_given(resistance)
     inertia = getattr(resistance.free_surface, "inertia", False)
     return tuple(
         replace(resistance, free_surface=decay, strength_factor=strength)

@@ -122,6 +122,11 @@ def reinforcement_warnings(target: Target) -> tuple[ModelWarning, ...]:
     )
 
 
+def in_degrees(angle: float, form: str) -> str:
+    """Return an angle in degrees for a sentence, with a minus sign rather than a hyphen."""
+    return f"{math.degrees(angle):{form}}°".replace("-", "\N{MINUS SIGN}")
+
+
 def input_warnings(
     *,
     projectile: Projectile,
@@ -142,7 +147,7 @@ def input_warnings(
         found.append(
             ModelWarning(
                 "large_angle_of_attack",
-                f"angle of attack {math.degrees(angle_of_attack):g}° is beyond {math.degrees(SMALL_ATTACK):g}°, "
+                f"angle of attack {in_degrees(angle_of_attack, 'g')} is beyond {math.degrees(SMALL_ATTACK):g}°, "
                 "where bodies bend and break; the body is taken as rigid",
             )
         )
@@ -163,7 +168,7 @@ def _mass_properties_assumed(projectile: Projectile, angle_shift: float | None) 
     bore = "" if projectile.inner_diameter is None else " with the bore along its shank"
     detail = f"{' and '.join(missing)} not given: those of a homogeneous solid of the outer shape{bore} are used"
     if angle_shift is not None:
-        detail += f"; a moment of inertia 10 % larger moves the angle by about {math.degrees(angle_shift):+.1g}°"
+        detail += f"; a moment of inertia 10 % larger moves the angle by about {in_degrees(angle_shift, '+.1g')}"
     return (ModelWarning("mass_properties_assumed", detail, standing=True, angle_shift=angle_shift),)
 
 
@@ -449,7 +454,7 @@ def tumbling(*, turned: float, oblique_angle: float) -> tuple[ModelWarning, ...]
     return (
         ModelWarning(
             TUMBLING,
-            f"at {math.degrees(oblique_angle):.4g}° the projectile turns by {math.degrees(turned):.0f}° in the "
+            f"at {in_degrees(oblique_angle, '.4g')} the projectile turns by {math.degrees(turned):.0f}° in the "
             "target: the model takes concrete that is broken already for intact, the outcomes of such strikes change "
             "within fractions of a degree, and a search may miss them" + ends,
         ),

@@ -107,6 +107,8 @@ class BatchReader:
         media_type = require_type(self._request, JSON, JSONL)
         digest = hashlib.sha256(f"{path_of(self._request.scope)} {media_type}\n".encode())
         if media_type == JSONL:
+            # JSON lines are read as a stream: such a body may be far larger than one of JSON, which has to be parsed
+            # whole.
             chunks = stream_up_to(self._request, self._limits.max_jsonl_bytes)
             lines = split_lines(chunks, self._limits.max_body_bytes, digest)
             return BatchBody(self._read_lines(lines), digest, estimate=self._estimate)
@@ -139,6 +141,7 @@ class BatchReader:
         body = await read_body(self._request, limits)
         digest.update(body)
         outline, grid = await run_sync(self._lay_grid, body, limits, limiter=self._services.reading)
+        # The sweep is stored as the client sent it, so that the job can be shown and repeated as it was asked for.
         sent = {"base": outline.base, "axes": [axis.model_dump(mode="json") for axis in outline.axes]}
         sweep = StoredSweep(sent, tuple(grid.fields), tuple(grid.values))
         return BatchBody(self._read_points(grid), digest, grid.count, sweep)
@@ -168,6 +171,7 @@ class BatchReader:
                 errors[number] = validation_errors(errors_found(error), place)
             except ParameterError as error:
                 errors[number] = behind(place, field_errors(error))
+            # No more errors are sent than this, so that the rest of the part need not be validated.
             if sum(map(len, errors.values())) > MAX_ERRORS:
                 break
         return cases, errors
@@ -182,6 +186,7 @@ class BatchReader:
         for first in range(0, len(numbers), CHECKED_AT_ONCE):
             some = numbers[first : first + CHECKED_AT_ONCE]
             requests = [cases[number].request.json for number in some]
+            # A worker does the check, as it takes some milliseconds, during which the event loop could not answer.
             checking = self._services.executor.submit(
                 check_requests,
                 canonical,
@@ -206,6 +211,7 @@ class BatchReader:
             raise InvalidBodyError([{"pointer": "", "detail": "the body has no line"}])
 
     def _estimate(self) -> int:
+        # A body with chunked transfer coding has no length, and then there is no estimate.
         length = int(self._request.headers.get("content-length", 0))
         return length * self._read_count // max(1, self._read_bytes)
 
@@ -277,6 +283,7 @@ async def split_lines(
     lines, size, rest = list[bytes](), 0, b""
     async for chunk in chunks:
         digest.update(chunk)
+        # The last part is a line that may go on in the next chunk.
         *whole, rest = (rest + chunk).split(b"\n")
         for line in whole:
             lines.append(line)

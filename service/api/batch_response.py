@@ -165,6 +165,8 @@ class JobResponse:
         headers
             Headers with the preferences that were applied.
         """
+        # A connection that waits longer than this may be closed by a proxy in between, so that the service bounds the
+        # wait.
         waited = None if self.preference.wait is None else min(self.preference.wait, self._settings.most_wait_seconds)
         if waited:
             changes = until(self._stopping, self._jobs.changes(state.id))
@@ -178,7 +180,7 @@ class JobResponse:
     def accepted(self, state: JobState, headers: dict[str, str]) -> Response:
         """Return the response 202 with the job and its location."""
         headers = headers | {"Location": f"{self.root}/jobs/{state.id}"} | retry_after(state, self._jobs)
-        return job_response(self.root, state, HTTPStatus.ACCEPTED, headers)
+        return job_response(self.root, state, HTTPStatus.ACCEPTED, headers, queue=queue_of(state, self._jobs))
 
 
 class BatchResponse(JobResponse):
@@ -227,6 +229,7 @@ class BatchResponse(JobResponse):
             lines = (to_lines([result], self.path, sweep) async for result in begun)
             return StreamingResponse(closing(lines, results), media_type=JSONL, headers=VARY)
         found = await unless_left(self._request, all_of(results))
+        # The header has one value for the whole response, a hit only if no case was computed.
         status = "ricochet; hit" if all(result.cached for result in found) else "ricochet; fwd=miss"
         if self.form == CSV:
             content = csv_head(self.operation, sweep) + csv_rows(found, self.operation, sweep)
@@ -314,6 +317,7 @@ async def until(stopping: asyncio.Event, changes: AsyncGenerator[JobState, None]
                 try:
                     await asyncio.wait({change, stopped}, return_when=asyncio.FIRST_COMPLETED)
                 finally:
+                    # A generator must not be closed while its next item is awaited.
                     await settle(change)
                 if change.cancelled() or (state := change.result()) is None:
                     return
@@ -326,6 +330,7 @@ async def settle(task: asyncio.Future[Any]) -> None:
     """Cancel a task unless it is done, and wait until it has ended."""
     if not task.done():
         task.cancel()
+        # The wait is shielded: this runs while the request is being cancelled.
         with CancelScope(shield=True):
             await asyncio.wait({task})
 
@@ -342,6 +347,13 @@ def retry_after(state: JobState, jobs: JobManager) -> dict[str, str]:
     return {"Retry-After": str(min(LONGEST_RETRY, jobs.seconds_until_done(state)))}
 
 
+def queue_of(state: JobState, jobs: JobManager) -> dict[str, int] | None:
+    """Return the place of a job and the time that is left of it; None if it has ended."""
+    if state.final:
+        return None
+    return {"jobs_ahead": jobs.jobs_ahead(state), "remaining_s": jobs.seconds_until_done(state)}
+
+
 def root_of(request: Request) -> str:
     """Return the path prefix under which a proxy publishes the service; empty without a proxy."""
     root: str = request.scope.get("root_path", "")
@@ -355,22 +367,31 @@ def job_response(
     headers: dict[str, str] | None = None,
     request: dict[str, Any] | None = None,
     partial: dict[str, Any] | None = None,
+    queue: dict[str, int] | None = None,
 ) -> Response:
     """Return a response with a job."""
-    return Response(job_json(root, state, request, partial), status, media_type=JSON, headers=headers)
+    return Response(job_json(root, state, request, partial, queue), status, media_type=JSON, headers=headers)
 
 
 def job_json(
-    root: str, state: JobState, request: dict[str, Any] | None = None, partial: dict[str, Any] | None = None
+    root: str,
+    state: JobState,
+    request: dict[str, Any] | None = None,
+    partial: dict[str, Any] | None = None,
+    queue: dict[str, int] | None = None,
 ) -> bytes:
     """Return a job as JSON."""
-    return orjson.dumps(to_job(root, state, request, partial), option=orjson.OPT_UTC_Z)
+    return orjson.dumps(to_job(root, state, request, partial, queue), option=orjson.OPT_UTC_Z)
 
 
 def to_job(
-    root: str, state: JobState, request: dict[str, Any] | None = None, partial: dict[str, Any] | None = None
+    root: str,
+    state: JobState,
+    request: dict[str, Any] | None = None,
+    partial: dict[str, Any] | None = None,
+    queue: dict[str, int] | None = None,
 ) -> dict[str, Any]:
-    """Return a job as JSON data of the contract, with its request or partial answer if given."""
+    """Return a job as JSON data of the contract, with its request, partial answer or place in the queue if given."""
     path = f"{root}/jobs/{state.id}"
     times = {name: getattr(state, name) for name in ("created", "started", "finished", "expires")}
     problem = None if state.problem is None else {**state.problem, "instance": path}
@@ -380,6 +401,7 @@ def to_job(
         "status": state.status,
         "counts": {name: getattr(state, name) for name in ("total", "done", "cached", "failed")},
         **{k: v for k, v in {"title": state.title, **times, "problem": problem}.items() if v is not None},
+        **({"queue": queue} if queue else {}),
         **({"axes": state.axes} if state.axes else {}),
         **({"request": request} if request else {}),
         **({"progress": state.progress} if state.progress else {}),

@@ -129,6 +129,17 @@ class JobLinks(Part):
     cancel: Path
 
 
+class JobQueue(Part):
+    """Place of a job that has not ended, and when it is likely to have."""
+
+    model_config = with_examples({"jobs_ahead": 1, "remaining_s": 12})
+
+    jobs_ahead: Number
+    """Jobs of the same owner that are computed first, because they have fewer cases left."""
+    remaining_s: Number
+    """Time until the job is likely to have ended, at the rate of the last half minute; 3600 is an hour or more."""
+
+
 UNSHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 """Characters removed from titles: control characters, line ends and changes of the writing direction. They could forge
 the display of a title in a terminal or a list of jobs."""
@@ -168,6 +179,8 @@ class Job(Part):
     """Time at which the job ended."""
     expires: AwareDatetime | MISSING = MISSING
     """Time at which the job will be removed. Its results may be kept longer under their keys."""
+    queue: JobQueue | MISSING = MISSING
+    """Place and remaining time of a job that has not ended; absent in events."""
     problem: Problem | MISSING = MISSING
     """Reason why the job failed."""
     axes: list[str] | MISSING = MISSING

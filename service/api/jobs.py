@@ -12,7 +12,7 @@ from fastapi import APIRouter, Depends, Header, HTTPException, Path, Query, Requ
 from fastapi.responses import StreamingResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from service.api.batch_response import job_json, job_response, retry_after, root_of, to_job, until
+from service.api.batch_response import job_json, job_response, queue_of, retry_after, root_of, to_job, until
 from service.api.body import CheckedRoute
 from service.api.contract import RETRY_LATER, Responses, problems
 from service.api.job_models import Job, JobChange, JobResults, Jobs
@@ -125,7 +125,8 @@ async def list_jobs(
     owner, before = context.principal.visible_owner, read_cursor(cursor)
     # One job more than the page holds shows whether another page follows.
     states = await jobs.jobs(owner, before=before, limit=limit + 1)
-    content: dict[str, Any] = {"jobs": [to_job(root_of(request), state) for state in states[:limit]]}
+    root = root_of(request)
+    content: dict[str, Any] = {"jobs": [to_job(root, each, queue=queue_of(each, jobs)) for each in states[:limit]]}
     if len(states) > limit:
         content["next"] = write_cursor(states[limit - 1].number).decode()
     return Response(orjson.dumps(content, option=orjson.OPT_UTC_Z), media_type=JSON)
@@ -141,7 +142,12 @@ async def get_job(request: Request, job: RequestedJob, jobs: CurrentManager) -> 
     """Return a job with its progress, the request of a sweep or a study, and the answer of a study so far."""
     headers = {} if job.final else retry_after(job, jobs)
     return job_response(
-        root_of(request), job, headers=headers, request=await jobs.request(job), partial=await jobs.partial(job)
+        root_of(request),
+        job,
+        headers=headers,
+        request=await jobs.request(job),
+        partial=await jobs.partial(job),
+        queue=queue_of(job, jobs),
     )
 
 
@@ -159,11 +165,13 @@ async def get_job_results(
     JSON comes in pages. JSON lines, HDF5, CSV and Parquet (one row per case, with its summary) have all available
     results from the cursor on, unless a limit is given. Parquet is refused by a service without the extra `parquet`.
     """
+    # Parquet is the last form, and needs an optional package.
     forms = FORMS if has_parquet() else FORMS[:-1]
     form = choose(request.headers.get("accept", "*/*"), forms)
     if form is None:
         more = "" if has_parquet() else f"; {missing_package('Parquet', 'pyarrow', 'parquet')}"
         raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"results are given as {', '.join(forms)}{more}")
+    # A file is wanted whole; only JSON, which clients read into memory, is cut into pages by default.
     most = limit if form == JSON or "limit" in request.query_params else None
     ready = ReadyResults(jobs, job, await jobs.sweep(job), read_cursor(cursor), most, context.take)
     if form in FILES:
@@ -176,6 +184,7 @@ async def get_job_results(
     else:
         page = Page(job, ready.start, limit)
         content = as_array(ready, path, page.note, page.end)
+    # `Vary` keeps a shared cache from answering one form with another.
     return StreamingResponse(content, media_type=form, headers={"Vary": "Accept"})
 
 
@@ -206,6 +215,7 @@ class Page:
     def end(self) -> bytes:
         """Return the JSON after the results: the cursor of the next page, or nothing if there will be none."""
         complete = self._job.status != "damaged" and self._next >= self._job.total
+        # The state from before the results is used: a job that ended meanwhile may have more results than were read.
         if complete or (self._job.final and self._count < self._limit):
             return b""
         return b',"next":"%b"' % write_cursor(self._next)
@@ -228,6 +238,7 @@ def read_cursor(cursor: str) -> int:
         text = urlsafe_b64decode(cursor.encode("ascii") + b"=" * (-len(cursor) % 4)) or b"0"
     except (binascii.Error, UnicodeEncodeError):
         text = b""
+    # A cursor is encoded again and compared, as base64 has several texts for the same bytes.
     if not text.isdigit() or len(text) > MOST_DIGITS or (cursor and write_cursor(int(text)) != cursor.encode()):
         raise HTTPException(HTTPStatus.UNPROCESSABLE_ENTITY, "`cursor` must be one that this service has given")
     return int(text)
@@ -252,6 +263,7 @@ async def follow_job(
         async for state in changes:
             if context.principal.key and not keys.holds(context.principal.key):
                 return  # The key has been revoked.
+            # The end is sent even to a client that has seen it: a stream without events would not tell it to stop.
             if state.final or str(state.revision) != last_event_id:
                 content = job_json(root_of(request), state, partial=await jobs.partial(state))
                 yield ServerSentEvent(raw_data=content.decode(), id=str(state.revision))
@@ -295,5 +307,6 @@ async def delete_job(request: Request, job_id: JobId, jobs: CurrentManager, cont
     """Cancel and delete a job. Its results stay under their keys until they are evicted."""
     if not await jobs.delete(job_id, context.principal.visible_owner):
         known(None)
+    # Files of the job are removed now rather than at their expiry: the user wants its results gone.
     await services_of(request).downloads.remove_of(job_id)
     context.job = job_id

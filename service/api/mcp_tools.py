@@ -203,6 +203,7 @@ def server_of(compute: Compute) -> Server[Any]:
     compute
         Function that answers requests, or raises ToolError.
     """
+    # The tools share the set, so that each model is described only once in the whole list.
     described: set[str] = set()
     tools = tools_of(OPERATIONS.values())
     listed = ListToolsResult(tools=[tool.to_tool(described) for tool in tools.values()])
@@ -212,6 +213,7 @@ def server_of(compute: Compute) -> Server[Any]:
 
     async def call_tool(context: ServerRequestContext[Any], params: CallToolRequestParams) -> CallToolResult:
         if params.name not in tools:
+            # A refusal is a result rather than an error of the protocol, as language models see only results.
             return refusal(ProblemType.of_status(HTTPStatus.NOT_FOUND).content(f"there is no tool {params.name!r}"))
         before = ""
         try:
@@ -239,6 +241,7 @@ def to_result(operation: str, answer: dict[str, Any]) -> CallToolResult:
     The columns of a history are removed: thousands of numbers would fill the context of a language model.
     """
     for motion in (answer, answer.get("trajectory", {})):
+        # The answer belongs to this call alone and may be changed.
         motion.pop("history", None)
     lines = [
         operation.replace("_", " of "),

@@ -58,6 +58,7 @@ def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
         query = KeyedRequest.of(operation.name, case)
         read = time.perf_counter()
         most = case.sampling.max_samples
+        # A study in the cache is answered at once, whatever its size.
         large = most > services.settings.small_samples and await services.queries.result(query.key) is None
         if preference.respond_async or large:
             study = study_of(operation.name)
@@ -86,8 +87,10 @@ async def answer_with_job(
     await run_sync(case.study)  # Making the study refuses inconsistent inputs now, instead of as a failed job.
     read = time.perf_counter()
     try:
+        # All samples are charged beforehand, so that two studies at once cannot exceed the quota together.
         charge = context.charge(most)
         state = await response.accept(one_block(JobCase(query)), digest, charge=charge)
+    # Cancellation, which is no `Exception`, gives the charge back as well.
     except BaseException:
         context.give_back()
         raise
@@ -154,6 +157,7 @@ async def make_report(request: Request, strike: ReportRequest) -> HTMLResponse:
     A report costs some 550 cases, most of them samples of the usual scatter. Each is stored and counted like any other.
     With `impact.oblique_angle_deg` the strike at that angle is judged as well.
     """
+    # A missing package is reported before the answers are computed for a page that cannot be drawn.
     require_extra()
     strike.check()
     given, limit = await request.json(), 2.0 * services_of(request).settings.study_seconds
@@ -194,6 +198,8 @@ async def answer_query(request: Request, name: str, query: Query) -> Any:
         case = validated(query.body, operation, services_of(request))
         return orjson.loads((await resolve(request, operation, case, watched=False)).content)
     except Exception as error:
+        # A query that is impossible for this strike is a part of the answer; a busy or failed service is an error of
+        # the whole request.
         if name == NEEDED or ProblemType.of(error).status != HTTPStatus.UNPROCESSABLE_ENTITY:
             raise
         return {"problem": problem_of(error)}

@@ -176,9 +176,11 @@ class ApiKeyStore:
     def reload(self) -> None:
         """Read the keys again if the file has changed."""
         now = self._clock.monotonic()
+        # Every request calls this, and thousands a second must not read the file as often.
         if now - self._checked < RELOAD_SECONDS:
             return
         self._checked = now
+        # The file is polled, as another process, `ricochet keys`, changes it.
         stamp = _stamp(self._folder / FILE)
         if stamp == self._seen and not self._failed:
             return
@@ -188,7 +190,9 @@ class ApiKeyStore:
         except KeysUnreadableError as error:
             if not self._failed:
                 self._on_error(f"all keys are refused: {error}")
+            # An unreadable file must not open the service to everyone.
             self._keys, self._failed, self.required = {}, True, True
+        # Keys stay required even if all of them are removed from the file.
         self.required = self.required or bool(self._keys)
 
     def find(self, token: str) -> ApiKey | None:
@@ -197,6 +201,7 @@ class ApiKeyStore:
         match = TOKEN.fullmatch(token)
         key = self._keys.get(match[1]) if match else None
         if key is None:
+            # The result is ignored; the comparison only takes the time that a known key would take.
             hmac.compare_digest(UNKNOWN_DIGEST, digest_of(token))
             return None
         return key if key.fits(token) and key.usable_at(self._clock.now()) else None
@@ -245,6 +250,7 @@ def revoke_key(folder: Path, key_id: str) -> ApiKey | None:
     if key_id not in read_keys(folder):
         return None
     with _readable(), connected(folder) as connection:
+        # The first revocation counts: a repeated one must not change the date in the audit.
         connection.execute("UPDATE api_keys SET revoked = coalesce(revoked, ?) WHERE id = ?", (time.time(), key_id))
     return read_keys(folder).get(key_id)
 
@@ -283,10 +289,14 @@ def _insert(folder: Path, key: ApiKey) -> None:
     """
     make_private_folder(folder)
     with open_private(folder / LOCK, "ab") as lock:
+        # The lock file is never removed: it also shows that keys were configured once.
         fcntl.flock(lock, fcntl.LOCK_EX)
         is_new = not (folder / FILE).exists()
+        # The file gets its permissions before SQLite writes hashes into it.
         make_private(folder / FILE)
         with _readable(), connected(folder) as connection:
+            # The write lock is taken at once, as a read lock that has to be upgraded can fail when another process
+            # writes.
             connection.execute("BEGIN IMMEDIATE")
             if is_new:  # An existing file without tables is damaged, and must not be repaired to a store without keys.
                 for statement in filter(str.strip, TABLES.split(";")):

@@ -124,6 +124,7 @@ class Record:
     @property
     def history(self) -> FloatColumns | None:
         """Columns of the history; None if there is none."""
+        # With any other part present, the record was made from its parts and has no history to split off.
         if self._history is None and self._json is not None and self._answer_json is None and self._answer is None:
             self._answer = self._split()
         return self._history
@@ -184,10 +185,12 @@ class Record:
         text, history = self.answer_json, self._history
         more: dict[str, Any] = {"key": self.key, "engine_version": self.engine_version}
         if history is not None:
+            # orjson encodes only contiguous arrays, and a column may be a view of another array.
             columns = {name: np.ascontiguousarray(column) for name, column in history.items()}
             if self.operation == "trajectory":
                 more["history"] = columns
             elif self.motion is not None:
+                # The history lies within another part of the answer, so that the answer has to be encoded anew.
                 text = _dumps({**self.answer, "trajectory": {**self.motion, "history": columns}})
         return text[:-1] + b"," * (len(text) > len(b"{}")) + _dumps(more)[1:]
 

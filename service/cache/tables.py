@@ -41,6 +41,7 @@ def fill(column: Column, values: Sequence[Any]) -> Rows:
     if dtype.kind != "S":
         return np.array(values, dtype)
     texts = [b"" if value is None else value.encode() for value in values]
+    # Lengths are compared in bytes, since the column holds UTF-8.
     if max(map(len, texts), default=0) > dtype.itemsize:
         raise ValueError(f"a text of column {column.name} is longer than {dtype.itemsize} bytes")
     return np.array(texts, dtype)

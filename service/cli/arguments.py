@@ -432,6 +432,7 @@ def read_settings(**fixed: Any) -> "Settings":
         lines = []
         for each in error.errors():
             name = str(each["loc"][0]) if each["loc"] else ""
+            # The message names the flag or the variable that the user has set, not the field of the model.
             origin = f"--{name.replace('_', '-')}" if name in fixed else f"RICOCHET_{name.upper()}"
             lines.append(f"{origin}: {worded(each)}")
         raise UsageError("\n".join(lines)) from None

@@ -34,6 +34,8 @@ READ_SIZE = 256 * 1024
 JSONL = "application/jsonl"
 TABLES = frozenset({".csv", ".tsv", ".xlsx"})
 """File extensions of tables of cases."""
+OTHER_SPREADSHEETS = frozenset({".xls", ".xlsb", ".xlsm", ".ods", ".numbers", ".parquet"})
+"""File extensions of tables that are not read."""
 MAX_LISTED = 50
 """Largest number of errors that are listed, a judgement: nobody corrects more at once."""
 MAX_PLOT_AXES = 2
@@ -119,19 +121,26 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 
 def run_file(args: argparse.Namespace) -> int:
     """Compute the cases of a file; return 3 if some of them have a problem."""
-    is_table = Path(args.file).suffix.lower() in TABLES
+    ending = Path(args.file).suffix.lower()
+    is_table = ending in TABLES
+    if ending in OTHER_SPREADSHEETS:
+        raise UsageError(f"{args.file}: is a table of a kind that is not read; save it as .xlsx or .csv")
     if not is_table and (args.case or args.keep):
-        raise UsageError(f"{'--case' if args.case else '--keep'}: goes with a table of cases, .csv, .tsv or .xlsx")
+        flag = "--case" if args.case else "--keep"
+        raise UsageError(f"{flag}: goes with a table of cases, .csv, .tsv or .xlsx; {args.file} is read as JSON lines")
+    # A missing package is reported before the cases are computed, as a workbook is only written at the end.
     if args.xlsx:
-        require_excel("--output")
+        require_excel(f"--output {args.output}")
     if is_table:
         return run_batch(args, _request(args, *_cases_of_table(args)))
     if args.skip_bad:
         return run_batch(args, _request(args, *_cases_of_lines(args)))
     if args.file == STDIN:
+        # A pipe can be read only once, but its content may have to be sent again or checked.
         text = sys.stdin.buffer.read()
         return _run_lines(args, lambda: text)
     file = Path(args.file)
+    # An unreadable file is reported now rather than from within the request that streams it.
     _check_readable(file)
     return _run_lines(args, lambda: _read_pieces(file))
 
@@ -149,15 +158,7 @@ def _path(args: argparse.Namespace) -> str:
 
 
 def _request(args: argparse.Namespace, cases: Sequence[bytes], inputs: Inputs) -> BatchRequest:
-    """Return the request of the valid cases.
-
-    Raises
-    ------
-    CommandError
-        If there is no valid case.
-    """
-    if not cases:
-        raise CommandError(f"{args.file}: has no case to compute")
+    """Return the request of the valid cases."""
     return BatchRequest(_path(args), lambda: b"\n".join(cases), JSONL, inputs=inputs)
 
 
@@ -167,7 +168,7 @@ def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
     Raises
     ------
     CommandError
-        If the file is no table, or a row is not valid and `--skip-bad` is not given.
+        If the file is no table, no row is valid, or one is not and `--skip-bad` is not given.
     """
     from service.cli.case_table import CUSTOM_ID, UnknownColumnsError, read_cases
     from service.cli.local import wrong_cases
@@ -181,40 +182,58 @@ def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
     wrong = wrong_cases(args.operation, (dict(table.rows[number].case) for number in numbers))
     errors = {number: [{"pointer": "", "detail": row.error}] for number, row in enumerate(table.rows) if row.error}
     errors |= {numbers[place]: found for place, found in wrong.items()}
-    if errors and not args.skip_bad:
+    if errors and (not args.skip_bad or len(errors) == len(table.rows)):
         raise bad_rows(_described(table, errors, base), some_good=len(errors) < len(table.rows))
     names = {number: str(table.rows[number].case.get(CUSTOM_ID, "")) for number in errors}
     sent = [number for number in range(len(table.rows)) if number not in errors]
     headers = [column.header for column in table.columns]
-    inputs = Inputs(sent, _left_out(errors, names, _path(args)), headers, [row.cells for row in table.rows])
+    cells, texts = [row.cells for row in table.rows], dict[int, str]()
+    for number, found in errors.items():
+        place = f"{table.path}:{table.rows[number].line}: "
+        described = (_describe(table, number, each, base).removeprefix(place) for each in found)
+        texts[number] = "; ".join(described)
+    inputs = Inputs(sent, _left_out(errors, names, _path(args)), headers, cells, texts)
     return [json.dumps(table.rows[number].case).encode() for number in sent], inputs
 
 
 def _described(
     table: "CaseTable", errors: Mapping[int, Sequence[Mapping[str, str]]], base: RequestBody
 ) -> Iterator[str]:
-    """Yield the errors of a table and of the file of `--case`. Fields that all rows lack are reported once."""
-    lacking = [{each["pointer"] for each in found if each["detail"] == MISSING} for found in errors.values()]
-    everywhere = set.intersection(*lacking) if len(errors) == len(table.rows) else set()
+    """Yield the errors of a table and of the file of `--case`. Fields that no column gives are reported once."""
+    missing = {each["pointer"] for found in errors.values() for each in found if each["detail"] == MISSING}
+    everywhere = {pointer for pointer in missing if not table.gives(pointer)}
     for pointer in sorted(everywhere):
         yield f"{table.path}: {pointer}: is missing in every row; add a column of it, or a file with it by --case"
     for number in sorted(errors):
         for each in errors[number]:
-            pointer, detail = each["pointer"], each["detail"]
-            if pointer not in everywhere:
-                row = table.rows[number]
-                in_file = base.describe(pointer, detail) if pointer and base.value_at(pointer) is not None else ""
-                place = f"{table.path}:{row.line}: {pointer}".removesuffix(": ")
-                yield table.described(row, pointer, detail) or in_file or f"{place}: {detail}"
+            if each["pointer"] not in everywhere:
+                yield _describe(table, number, each, base)
+
+
+def _describe(table: "CaseTable", number: int, error: Mapping[str, str], base: RequestBody) -> str:
+    """Return what is wrong with a row of a table or with the file beside it, beginning with the place."""
+    pointer, detail, row = error["pointer"], error["detail"], table.rows[number]
+    in_file = base.describe(pointer, detail) if pointer and base.value_at(pointer) is not None else ""
+    place = f"{table.path}:{row.line}: {pointer}".removesuffix(": ")
+    return table.described(row, pointer, detail) or in_file or f"{place}: {detail}"
 
 
 def _cases_of_lines(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
-    """Return the valid cases of a file of JSON lines, and the problems of the other lines."""
+    """Return the valid cases of a file of JSON lines, and the problems of the other lines.
+
+    Raises
+    ------
+    CommandError
+        If no line is valid.
+    """
     from service.cli.local import wrong_cases
 
+    # Empty lines at the end are no cases; within the file they are errors, as for a service.
     lines = read_text(args.file).rstrip("\n").encode().split(b"\n")
     errors = wrong_cases(args.operation, lines)
     sent = [number for number in range(len(lines)) if number not in errors]
+    if not sent:
+        raise bad_rows(_describe_lines(args.file, errors), some_good=False)
     return [lines[number] for number in sent], Inputs(sent, _left_out(errors, {}, _path(args)))
 
 
@@ -262,21 +281,26 @@ def _explain_lines(args: argparse.Namespace, error: RefusedError, read: "Content
     from service.cli.local import wrong_cases
 
     content = read()
+    # A pipe has been kept as bytes; a file is read once more.
     text = content if isinstance(content, bytes) else b"".join(content)
     texts = text.rstrip(b"\n").split(b"\n")
     wrong = wrong_cases(args.operation, texts)
-    found = [(number, each["pointer"], each["detail"]) for number, errors in sorted(wrong.items()) for each in errors]
-    if not found:
+    if not wrong:
         for each in error.errors:
             index, _, pointer = each["pointer"].removeprefix("/").partition("/")
-            found.append((int(index) if index.isdigit() else -1, pointer and f"/{pointer}", each["detail"]))
-    if not found:
+            number = int(index) if index.isdigit() else -1
+            wrong.setdefault(number, []).append({**each, "pointer": pointer and f"/{pointer}"})
+    if not wrong:
         return error
-    lines = (
-        ": ".join(filter(None, (args.file if number < 0 else f"{args.file}:{number + 1}", pointer, detail)))
-        for number, pointer, detail in found
-    )
-    return bad_rows(lines, some_good=len(wrong) < len(texts))
+    return bad_rows(_describe_lines(args.file, wrong), some_good=len(wrong) < len(texts))
+
+
+def _describe_lines(file: str, errors: Mapping[int, Sequence[Mapping[str, str]]]) -> Iterator[str]:
+    """Yield what is wrong with lines, by their places from 0, or with the file as a whole, at -1."""
+    for number, found in sorted(errors.items()):
+        place = file if number < 0 else f"{file}:{number + 1}"
+        for each in found:
+            yield ": ".join(filter(None, (place, each["pointer"], each["detail"])))
 
 
 def run_sweep(args: argparse.Namespace) -> int:
@@ -304,6 +328,7 @@ def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: S
         from service.cli import local
 
         count = math.prod(len(axis.values) for axis in args.axis)
+        # Parquet files are written by a service, so that a sweep with such an output is a job.
         if local.is_small(args.operation, count) and not args.parquet:
             return write_results(args, local.compute_sweep(args.operation, content), count, content, writers)
     from service.cli.client import JSON, dumps

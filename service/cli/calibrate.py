@@ -90,6 +90,7 @@ def calibrate_depth(args: argparse.Namespace) -> None:
         grouped=args.group,
     )
     tests = [_fields(asdict(test)) for test in found]
+    # The first request is only the fit, whose factor the second one then compares.
     body.content.pop("compare_strength_factors", None)
     answer = body.answer("calibration_depth", args.url, tests=tests)
     if args.curves or args.strength_factors:  # A second request, as the fitted factor is known now and has a curve too.
@@ -191,6 +192,7 @@ def _table_inputs(args: argparse.Namespace) -> list[_Input]:
         cells = {f"impact/{name}": value for name, value in _fields(row.impact).items()}
         until = args.until if row.until is None else row.until
         own = argparse.Namespace(**(vars(args) | cells | {"history": InputFile(row.file), "until": until}))
+        # The files of the runs are checked too, so that an output does not overwrite one of them.
         check_outputs(own)
         try:
             inputs.append(replace(_single_input(own), name=row.name))
@@ -297,6 +299,7 @@ def _write_csv(output: OutputFile, tables: Iterable[Mapping[str, Any]]) -> None:
         columns = {name: values for name, values in table.items() if isinstance(values, list)}
         for row in zip(*columns.values(), strict=True):
             numbers = {**table, **dict(zip(columns, row, strict=True))}
+            # Nine digits are far more than a fit is accurate to, and few enough to read.
             writer.writerow({name: f"{value:.9g}" for name, value in numbers.items()})
     output.write(text.getvalue().encode())
 

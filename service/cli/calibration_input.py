@@ -289,10 +289,12 @@ def calibration_body(
         If the file holds no JSON object or a field is invalid; it names the flag or the pointer.
     """
     case = read_body(args.case, args, flags)
+    # These fields are ignored rather than refused, so that the file of a strike serves for its calibration too.
     content = {name: value for name, value in case.content.items() if name not in NOT_USED}
     if "impact" not in model.model_fields:
         content.pop("impact", None)
     if isinstance(content.get("resistance"), dict):
+        # The strength factor is what the fit seeks, so that the one of the case does not count.
         content["resistance"] = {k: v for k, v in content["resistance"].items() if k != "strength_factor"}
     content["confidence_level"] = args.confidence
     given = {**case.given, "/confidence_level": "--confidence", "/weights": "--weight"}
@@ -310,6 +312,7 @@ def calibration_body(
     try:
         with refusals():
             valid = validated_as(model, content)
+            # The conversion to the solver checks how the fields fit together.
             valid.model_arguments()
     except RefusedError as error:
         raise body.explain(error) from None

@@ -45,8 +45,23 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "_kg_m2": INERTIA,
 }
 """Accepted units of a column with their factors to the unit of the contract, by suffix of the field."""
+GREEK = str.maketrans({"ρ": "rho", "ψ": "psi", "θ": "theta", "ω": "omega", "ν": "nu"})
 APOSTROPHES = re.compile("['\N{PRIME}\N{RIGHT SINGLE QUOTATION MARK}]")
 NO_WORD = re.compile(r"[^a-z0-9]+")
+SOUGHT = ("impact.oblique_angle_deg", "impact.velocity_m_s", "target.thickness_m")
+"""Fields that a search finds, which its cases do not have."""
+NEEDED = frozenset(
+    (
+        "projectile.diameter_m",
+        "projectile.length_m",
+        "projectile.mass_kg",
+        "target.compressive_strength_pa",
+        "target.density_kg_m3",
+        "impact.velocity_m_s",
+        "impact.oblique_angle_deg",
+    )
+)
+"""Fields whose column has no empty cell: a gap is more likely an error than a wish for the number of `--case`."""
 MAX_SHOWN = 40
 """Largest number of characters of a header that an error quotes or a suggestion is searched for."""
 MAX_COLUMNS = 10
@@ -74,6 +89,11 @@ class Column(NamedTuple):
     def pointer(self) -> str:
         """JSON pointer of the field."""
         return "".join(f"/{step}" for step in self.steps)
+
+
+def is_needed(column: Column) -> bool:
+    """Return whether a column has no empty cell."""
+    return ".".join(column.steps) in NEEDED
 
 
 class Row(NamedTuple):
@@ -105,8 +125,15 @@ class CaseTable:
     columns: Sequence[Column]
     rows: Sequence[Row]
 
+    def gives(self, pointer: str) -> bool:
+        """Return whether a column gives a field or a part of it."""
+        return any(f"{column.pointer}/".startswith(f"{pointer}/") for column in self.columns if column.steps)
+
     def described(self, row: Row, pointer: str, detail: str) -> str:
         """Return the message of an error, beginning with the cell; empty if no cell sets the field."""
+        name, _, of_model = detail.removeprefix("`").partition("` ")
+        if of_model:  # An unknown model is an error of the part; the cell is that of its name.
+            pointer, detail = f"{pointer}/{name}", of_model
         for column, cell in zip(self.columns, row.cells, strict=True):
             if column.steps and column.pointer == pointer:
                 place = f"{self.path}:{row.line}: {column.header}"
@@ -115,6 +142,10 @@ class CaseTable:
                     return f"{place}: {detail}{typed}{decimal_hint(cell)}"
                 if detail == MISSING:
                     return f"{place}: the cell is empty"
+        if detail == MISSING:  # Without its cell, the part that it would be in may be missing as a whole.
+            for column, cell in zip(self.columns, row.cells, strict=True):
+                if column.pointer.startswith(f"{pointer}/") and is_needed(column) and not cell:
+                    return f"{self.path}:{row.line}: {column.header}: the cell is empty"
         return ""
 
 
@@ -184,7 +215,9 @@ def _columns(table: Table, fields: Sequence[str], keep: Collection[str]) -> list
     for header in table.header:
         field, factor, problem = "", 1.0, ""
         stem = BRACKETED.fullmatch(header)
-        if header not in keep and (stem["stem"] if stem else header) not in keep:
+        if not header:
+            problem = "without a name: has cells"
+        elif header not in keep and (stem["stem"] if stem else header) not in keep:
             field, factor, problem = _field_of(header, fields)
         if problem:
             unknown.append(problem)
@@ -210,15 +243,17 @@ def _field_of(header: str, fields: Sequence[str]) -> tuple[str, float, str]:
     bracketed = BRACKETED.fullmatch(header)
     stem, unit = (bracketed["stem"].strip(), spelled(bracketed["unit"])) if bracketed else (header.strip(), "")
     found = {field: unit for field in fields if field == stem or field.endswith(f".{stem}")}
+    name = "number" if stem == "#" else NO_WORD.sub("_", APOSTROPHES.sub("", stem.lower().translate(GREEK))).strip("_")
     if not found:
-        name = NO_WORD.sub("_", APOSTROPHES.sub("", stem.lower())).strip("_")
         found = {field: unit or given for field in fields if (given := _unit_in(name, field)) is not None}
     # A field closer to the top takes precedence: the length of a projectile before that of its boat-tail.
     nearest = min((field.count(".") for field in found), default=0)
     found = {field: unit for field, unit in found.items() if field.count(".") == nearest}
-    if not stem or len(found) > 1:
-        return "", 1.0, f"{shown}: must be one of {', '.join(found) or 'the fields of a case'}"
+    if len(found) > 1:
+        return "", 1.0, f"{shown}: must be one of {', '.join(found)}"
     if not found:
+        if any(_unit_in(name, field) is not None for field in SOUGHT if field not in fields):
+            return "", 1.0, f"{shown}: is what is searched for"
         meant = meant_as(stem[:MAX_SHOWN], fields)
         return "", 1.0, f"{shown}: is no field of a case" + (f", did you mean {meant}?" if meant else "")
     [(field, unit)] = found.items()
@@ -229,6 +264,15 @@ def _field_of(header: str, fields: Sequence[str]) -> tuple[str, float, str]:
         known = f"unknown unit of {field}, known are {', '.join(units)}" if units else f"{field} has no unit"
         return "", 1.0, f"{shown}: {known}"
     return field, units[unit], ""
+
+
+def _remove_field(body: dict[str, Any], steps: Sequence[str]) -> None:
+    """Remove a field of a body, if it is there."""
+    holder: Any = body
+    for step in steps[:-1]:
+        holder = holder.get(step) if isinstance(holder, dict) else None
+    if isinstance(holder, dict):
+        holder.pop(steps[-1], None)
 
 
 def _unit_in(name: str, field: str) -> str | None:
@@ -246,11 +290,15 @@ def _with_case(row: Row, columns: Sequence[Column], base: Mapping[str, Any]) -> 
     case, chosen = deepcopy(dict(base)), list[tuple[Flag, Any]]()
     try:
         for column, cell in zip(columns, row.cells, strict=True):
+            if is_needed(column) and not cell:
+                _remove_field(case, column.steps)
             if not (column.steps and cell):
                 continue
             value = cell if column.steps == (CUSTOM_ID,) else _value(cell, column.factor)
+            if isinstance(value, str) and MODEL_NAMES.get(column.steps[:-1]) == column.steps[-1]:
+                value = NO_WORD.sub("_", cell.lower())
             if column.steps in flags:
-                chosen.append((flags[column.steps], value))
+                chosen.append((flags[column.steps]._replace(name=column.header), value))
             else:
                 put_field(case, column.steps, value, column.header)
         for part in MODEL_NAMES:

@@ -57,6 +57,7 @@ def connect(address: str, *, socket: str | None = None, **options: Any) -> Itera
     CommandError
         If the address is not an HTTP address, no header can hold the API key, or a variable is wrong.
     """
+    # A key that was read from a file often ends with a line break, which no header may contain.
     key = os.environ.get(API_KEY, "").strip()
     if stray := NOT_IN_KEYS.search(key):
         raise CommandError(f"{API_KEY}: character {stray.start() + 1} cannot be part of a key; copy the key anew")
@@ -64,6 +65,7 @@ def connect(address: str, *, socket: str | None = None, **options: Any) -> Itera
     try:
         url = httpx.URL(address)
     except httpx.InvalidURL:
+        # An empty address is refused by the check below, with the message for all wrong ones.
         url = httpx.URL()
     if url.scheme not in {"http", "https"} or not url.host:
         raise CommandError(f"{without_secrets(address)}: not the address of a service: must be http://HOST:PORT")
@@ -207,8 +209,10 @@ class Client:
         CommandError
             If there is no response.
         """
+        # The last attempt has no pause after it, and its error is final.
         for pause in (*RETRY_PAUSES, None):
             try:
+                # A repeated request is safe: computations have no side effects, and jobs have an idempotency key.
                 response = self._http.request(method, path, content=content() if content else None, headers=headers)
             except httpx.TransportError as error:
                 # A service that has never answered is more likely absent than restarting, so that waiting is in vain.
@@ -216,6 +220,7 @@ class Client:
                     raise self._unreachable(error) from None
                 time.sleep(pause)
                 continue
+            # Any response, a refusal too, shows that a service is there.
             self._reached = True
             if response.is_success:
                 return response
@@ -236,6 +241,7 @@ class Client:
 
 def without_secrets(address: str) -> str:
     """Return an address without the parts that may contain a password or a key."""
+    # Only these parts of an address can carry a password or a key; any other address is shown as it was typed.
     if not any(mark in address for mark in "@?#"):
         return address
     try:
@@ -283,6 +289,7 @@ def refusal(response: httpx.Response) -> RefusedError:
     if response.headers.get("content-type", "").startswith("application/problem+json"):
         problem = parse(response)
     problem = problem or {"type": "about:blank", "title": f"{response.status_code} {response.reason_phrase}"}
+    # The message names the variable, which is where the user has to change the key.
     if response.status_code == HTTPStatus.UNAUTHORIZED:
         reason = problem.get("detail", "another API key") if os.environ.get(API_KEY) else "not set"
         problem = {**problem, "status": response.status_code, "detail": f"{API_KEY}: {reason}"}
@@ -292,4 +299,5 @@ def refusal(response: httpx.Response) -> RefusedError:
 def retry_pause(response: httpx.Response) -> float:
     """Return the time to wait before a request is repeated. [s]"""
     seconds = response.headers.get("Retry-After", "")
+    # `Retry-After` may also be a date, which this service does not send; then one second is waited.
     return min(float(seconds) if seconds.isdigit() else 1.0, LONGEST_PAUSE)

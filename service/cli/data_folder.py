@@ -120,7 +120,7 @@ def _owner(text: str) -> str:
 
 def _cases(text: str) -> int:
     if not (text.isascii() and text.isdigit() and 0 < int(text) <= MAX_CASES):
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to {MAX_CASES:,}, got {text}")
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to {MAX_CASES:,}, got {text!r}")
     return int(text)
 
 
@@ -130,7 +130,7 @@ def _days(text: str) -> float:
     except ValueError:
         days = 0.0
     if not 0.0 < days <= MAX_DAYS:
-        raise argparse.ArgumentTypeError(f"must be a number of days above 0, at most {MAX_DAYS:,.0f}, got {text}")
+        raise argparse.ArgumentTypeError(f"must be a number of days above 0, at most {MAX_DAYS:,.0f}, got {text!r}")
     return days
 
 

@@ -80,7 +80,10 @@ def run_init(args: argparse.Namespace) -> int:
     file, command, content = args.file, "cra", STRIKE.encode()
     if args.table:
         file, command = args.table, "batch"
-        content = as_workbook(TABLE) if file.ending() == ".xlsx" else TABLE.encode()
+        content = TABLE.encode()
+        if file.ending() == ".xlsx":
+            require_excel(f"--table {file}")
+            content = as_workbook(TABLE)
     if os.path.lexists(file.path):
         raise CommandError(f"{file}: is there already; name another file")
     file.write(content)
@@ -90,7 +93,6 @@ def run_init(args: argparse.Namespace) -> int:
 
 def as_workbook(table: str) -> bytes:
     """Return a CSV table as an Excel workbook."""
-    require_excel("--table")
     from openpyxl import Workbook
 
     book, content = Workbook(write_only=True), io.BytesIO()

@@ -88,20 +88,28 @@ def _print_all(jobs: list[dict[str, Any]], *, as_json: bool) -> None:
     if as_json:
         print(json.dumps({"jobs": jobs}))
         return
-    rows = [list(_summary(job).values()) for job in jobs]
-    print_table(["id", "operation", "status", "done", "total", "cached", "failed", "created"], rows)
+    rows = [[*_summary(job).values(), *_queue(job).values()] for job in jobs]
+    names = ("id", "operation", "status", "done", "total", "cached", "failed", "created", "jobs ahead", "remaining s")
+    print_table(list(names), rows)
 
 
 def _print_one(job: dict[str, Any], *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(job))
         return
-    print_values(_summary(job) | {name: job[name] for name in ("started", "finished", "expires") if name in job})
+    times = {name: job[name] for name in ("started", "finished", "expires") if name in job}
+    print_values(_summary(job) | times | (_queue(job) if "queue" in job else {}))
 
 
 def _summary(job: Mapping[str, Any]) -> dict[str, Any]:
     counts = {name: job["counts"][name] for name in ("done", "total", "cached", "failed")}
     return {name: job[name] for name in ("id", "operation", "status")} | counts | {"created": job["created"]}
+
+
+def _queue(job: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the place of a job and the time that is left of it, both empty if it has ended."""
+    queue = job.get("queue", {})
+    return {"jobs ahead": queue.get("jobs_ahead", ""), "remaining s": queue.get("remaining_s", "")}
 
 
 def print_results(client: "Client", args: argparse.Namespace) -> int:
@@ -137,6 +145,7 @@ class BatchRequest:
 def run_batch(args: argparse.Namespace, request: BatchRequest) -> int:
     """Compute cases as a job, write their results, and return the exit status."""
     with service_for(args) as client, open_output(args) as stream:
+        # The random idempotency key makes a repeated submission safe, and two equal batches two jobs.
         job = client.submit(request.path, request.content, request.media_type, uuid4().hex)
         if args.url:
             return follow(client, job, args, stream, request)
@@ -253,6 +262,7 @@ def follow(
                     for writer in writers:
                         writer.write(items)
         except KeyboardInterrupt:
+            # The hint is printed for Ctrl-C only: a job of a service goes on without this command.
             print(how_to_continue(job, args), file=sys.stderr)
             raise
         if args.parquet:
@@ -281,6 +291,7 @@ def pages(client: "Client", job_id: str, report: ProgressReport) -> Iterator[Seq
             return
         counts = client.job(job_id)["counts"]
         report(counts["done"], counts["total"])
+        # The cursor has not moved, so that there is nothing new; only then is a pause made.
         if page["next"] == cursor:
             time.sleep(pause)
             pause = min(2.0 * pause, LONGEST_PAUSE)

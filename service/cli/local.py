@@ -57,6 +57,7 @@ def wrong_cases(operation: str, cases: Iterable[Any]) -> dict[int, list[dict[str
 
     many, canonical = OPERATIONS[operation].many, OPERATIONS[operation].request
     assert many is not None  # noqa: S101 (a choice of the command)
+    # The limit is read from the settings, so that the errors are those of a service with the same settings.
     most = Settings().max_panel_steps
     found: dict[int, list[dict[str, str]]] = {}
     for number, case in enumerate(cases):
@@ -193,6 +194,7 @@ def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
 
     with refusals():
         points = _points(operation, content)
+    # All points were validated before the first is computed, so that a wrong one does not come to light after minutes.
     for number, (point, request) in enumerate(points):
         item: dict[str, Any] = {"index": number, "point": point}
         try:

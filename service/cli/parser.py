@@ -17,6 +17,8 @@ NEGATIVE = re.compile(r"-\.?\d")
 FLAG_COLUMN = re.compile(r"^  (-.*)$", re.MULTILINE)
 """Pattern of the lines of a help text that begin with a flag."""
 FLAG = re.compile(r"(?<![\w-])--?[a-z][a-z-]*")
+SIMILAR = 0.7
+"""Similarity above which a misspelt flag gets a suggestion, by difflib, the hyphens before it aside. [1]"""
 WORDING: Sequence[tuple[str, Callable[[re.Match[str]], str]]] = (
     (
         r"argument (?P<flag>-.*?): invalid choice: '?(?P<word>.*?)'? \(choose from (?P<known>.*)\)",
@@ -84,8 +86,10 @@ class Parser(argparse.ArgumentParser):
         for flag in STRIKE:
             if flag.name in known and quantity in ALIASES.get(".".join(flag.steps), ()):
                 return f"; did you mean {flag.name}?"
-        close = difflib.get_close_matches(name, sorted(known), 1)
-        return f"; did you mean {close[0]}?" if close else ""
+        words = {flag.lstrip("-"): flag for flag in sorted(known)}
+        begun = sorted((word for word in words if word.startswith(name.lstrip("-"))), key=len)
+        found = begun or difflib.get_close_matches(name.lstrip("-"), words, 1, SIMILAR)
+        return f"; did you mean {words[found[0]]}?" if found else ""
 
 
 def _listed(known: str) -> str:

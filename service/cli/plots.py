@@ -39,6 +39,7 @@ def check_plot() -> None:
         If matplotlib is not installed, or cannot read its settings in the working folder.
     """
     try:
+        # The import itself reads a matplotlibrc of the working folder, and fails if that is damaged.
         import_module("matplotlib")
     except UnicodeDecodeError:
         raise CommandError("matplotlibrc: the file of matplotlib in this folder is not UTF-8", FAILED) from None
@@ -135,6 +136,7 @@ class SweepPlot(Writer):
                 panel.set(xlabel=labels[0], ylabel=labels[1])
 
     def _draw_line(self, panel: "Panel") -> None:
+        # The values of an axis may be given in any order, and a line through them must not go back.
         points = sorted(point for point, values in self._values.items() if self._name in values)
         heights = [self._values[point][self._name] for point in points]
         errors = [self._values[point].get(ERROR, 0.0) for point in points]

@@ -126,6 +126,7 @@ def run_cra(args: argparse.Namespace) -> int:
 
 def announce(answer: Mapping[str, Any]) -> None:
     """Print the critical angle on a terminal before its range is sampled, which takes seconds."""
+    # A script that reads the output needs no preview, and must not receive the angle twice.
     if sys.stdout.isatty() and sys.stderr.isatty() and "critical_angle_deg" in answer:
         print(f"Critical angle {answer['critical_angle_deg']:.2f}°; its range follows", file=sys.stderr)
 
@@ -194,6 +195,7 @@ def history_of(answer: Mapping[str, Any]) -> Mapping[str, Sequence[float]]:
 
 def print_json(answer: bytes) -> None:
     """Print an answer as received, on one line."""
+    # Bytes are written, as JSON is UTF-8 whatever the encoding of the terminal.
     sys.stdout.buffer.write(answer + b"\n")
     sys.stdout.buffer.flush()
 

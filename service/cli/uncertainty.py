@@ -211,6 +211,7 @@ def estimate(operation: str, body: RequestBody, url: str) -> bytes:
         if job["status"] != "successful":
             reason = problem_text(job["problem"]) if "problem" in job else "it was cancelled"
             raise CommandError(f"job {job['id']} ended early: {reason}", FAILED)
+        # A study is the single case of its job; the answer is read by its key, as the service sends it.
         [item] = client.page(job["id"], "")["results"]
         return client.result(key_of(item))
 

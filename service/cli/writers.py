@@ -8,7 +8,7 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import Any, TextIO, TypeAlias
 
@@ -76,12 +76,15 @@ class Inputs:
         Items with the problems of the other rows, by number.
     headers, cells
         Headers of the table, and the cells of every row.
+    errors
+        Errors of the rows that are not sent, by the headers of the table.
     """
 
     sent: Sequence[int]
     left_out: Mapping[int, Item]
     headers: Sequence[str] = ()
     cells: Sequence[Sequence[str]] = ()
+    errors: Mapping[int, str] = field(default_factory=dict)
 
     def placed(self, items: Iterable[Item]) -> Iterator[Item]:
         """Yield results with their numbers among all rows, each preceded by the problems of rows that were not sent."""
@@ -141,6 +144,7 @@ class Rows:
         if self._inputs is None:
             return list(names)
         found = without_name(names)
+        # A column of the input may have the name of a result, and a table must not have two of the same name.
         given = (f"input {name}" if name in found else name for name in self._inputs.headers)
         return [*given, *found, "error"]
 
@@ -149,6 +153,7 @@ class Rows:
             return list(found.values())
         errors = "; ".join(": ".join(filter(None, each.values())) for each in item.get("problem", {}).get("errors", ()))
         error = errors or (problem_text(item["problem"]) if "problem" in item else None)
+        error = self._inputs.errors.get(index, error)
         return [*self._inputs.cells[index], *(found[name] for name in without_name(found)), error]
 
 
@@ -183,6 +188,7 @@ class Workbook(Writer):
 
         self._stream = stream
         self._rows = rows
+        # A write-only workbook keeps finished rows in a temporary file, so that a large batch does not fill the memory.
         self._book = Book(write_only=True)
         self._sheet = self._book.create_sheet("results")
         self._begun = False
@@ -300,6 +306,7 @@ def cell(value: Any) -> str:
     if isinstance(value, float):
         text = f"{value:.{DIGITS}g}"
         return f"{float(text):.0f}" if 10.0**DIGITS <= abs(float(text)) < MOST_WRITTEN_OUT else text
+    # Texts of a request could otherwise send escape sequences to the terminal.
     return "" if value is None else str(value).replace("\x1b", "")
 
 

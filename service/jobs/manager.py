@@ -91,6 +91,8 @@ class JobManager:
         self._reader = ResultReader(queries, jobs, self._runner, self._studies)
         self._accepting: set[tuple[str, str]] = set()
         """Owners and idempotency keys of requests that are being read."""
+        # Cases are counted while a body is being read, as several large bodies at once could otherwise exceed the limit
+        # together.
         self._received: Counter[str] = Counter()
         """Numbers of cases of jobs that are being read, by owner."""
         self._going_on = False
@@ -114,17 +116,19 @@ class JobManager:
         """Rate of completed cases over the last half minute. [1/s]"""
         return self._rate.per_second
 
+    def jobs_ahead(self, state: JobState) -> int:
+        """Number of jobs of the same owner that go before a job."""
+        return len(self._scheduler.ahead(state))
+
     def seconds_until_done(self, state: JobState) -> int:
         """Return the estimated time until a job has ended, in whole seconds. [s]
 
-        The estimate assumes that all waiting cases are computed first, and that a study takes all its samples. It uses
-        the measured rate or, before there is one, the cost of the cases.
+        The estimate counts the cases that are computed before its end, and all samples of a study. It uses the measured
+        rate or, before there is one, the cost of the cases.
         """
-        left = max(self.queued_cases, state.total - state.done)
-        if state.progress is not None:
-            left = max(left, int(state.progress["max_samples"]) - int(state.progress["samples"]))
         operation = self._queries.operations.get(state.operation)
-        return self._rate.seconds_for(left, 1 if operation is None else operation.weight)
+        weight = 1 if operation is None else operation.weight
+        return self._rate.seconds_for(self._scheduler.cases_until_done(state), weight)
 
     async def start(self) -> None:
         """Continue unfinished jobs. If the store cannot be read, the service runs without jobs and retries."""
@@ -171,6 +175,8 @@ class JobManager:
         PoolUnavailableError
             During the iteration, if no worker can take the cases.
         """
+        # The check is made before the generator starts, so that a route can refuse with a status instead of in the
+        # middle of a response.
         self._admit(owner, len(cases))
         return self._counted(operation, self._runner.results(operation, cases, more, owner=owner))
 
@@ -258,6 +264,7 @@ class JobManager:
         )
         if idempotency is None:
             return await receive(), True
+        # Two owners may use the same idempotency key without knowing of each other.
         token = owner, idempotency.token
         if token in self._accepting:
             raise IdempotencyBusyError("the request with this idempotency key is still being accepted; try again")
@@ -287,6 +294,7 @@ class JobManager:
 
     async def tally(self) -> Counter[Status]:
         """Return the numbers of jobs of all owners by status."""
+        # The state in memory is newer than the file: an end may not have been written yet.
         present = self._scheduler.unwritten | {name: job.state for name, job in self._scheduler.active.items()}
         return await run_sync(self._jobs.tally, present) + Counter(state.status for state in present.values())
 
@@ -372,6 +380,7 @@ class JobManager:
             if state.final or changed is None:
                 return
             await changed.wait()
+            # The pause limits the rate of events; all changes during it become one.
             await asyncio.sleep(CHANGE_SECONDS)
 
     def _run_samples(
@@ -412,6 +421,7 @@ class JobManager:
     ) -> JobState:
         self._admit(queue, count)
         await self._go_on()
+        # The span is read here, as the thread that stores the job has no context of the request.
         traceparent = current_traceparent()
         job = await run_sync(lambda: self._jobs.create(operation, owner, sweep, traceparent=traceparent))
         received = 0
@@ -482,6 +492,7 @@ class JobManager:
 
     async def _expire(self) -> None:
         while True:
+            # Until the jobs could be read, the same task retries to read them.
             await asyncio.sleep(EXPIRY_SECONDS if self._going_on else REOPEN_SECONDS)
             await self._scheduler.write_ends()
             with suppress(StorageError):

@@ -191,6 +191,7 @@ class JobState:
             return 0
         if self.cached or self.progress is None:
             return self.charge.cases - 1
+        # At least one case is charged, as an answer from the cache costs one too.
         taken, most = max(1, int(self.progress["samples"])), int(self.progress["max_samples"])
         return max(0, self.charge.cases * (most - taken) // most)
 

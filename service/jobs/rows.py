@@ -102,6 +102,7 @@ def read_job(row: Sequence[Any], operations: Container[str]) -> JobState:
     if len(str(found["versions"]).split()) != VERSIONS_KEPT:
         wrong.add("versions")
     job = _validated({**found, **{name: WITHOUT.get(name) for name in wrong}}, wrong)
+    # Each number may be valid by itself and yet contradict the others.
     if not wrong and not 0 <= max(job.cached, job.failed) <= job.done <= job.total:
         wrong.add("done")
     if not wrong:

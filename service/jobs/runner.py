@@ -77,6 +77,7 @@ class Run:
     @property
     def may_begin(self) -> bool:
         """True if another chunk should be prepared now."""
+        # Only one chunk is prepared at a time, as all read from the same generator of blocks.
         if self.preparing or (self.read and not self.waiting):
             return False
         return len(self.queued) <= self.capacity // AHEAD_SHARE and self.underway < 2 * self.capacity + CHUNKS_KEPT
@@ -96,6 +97,7 @@ class Run:
                 self.cases.setdefault(key, {})[number] = case
         size = min(self.sizer.cases, len(self.waiting))
         if self.read:
+            # Computed anew for each chunk, the share would shrink with the cases left, and the chunks with it.
             self.share = max(self.share, math.ceil(len(self.waiting) / self.capacity))
             size = min(size, self.share)
         return [next(iter(self.cases[self.waiting.popleft()].values())) for _ in range(size)]
@@ -219,9 +221,10 @@ class CaseRunner:
         """
         capacity = self._queries.executor.capacity
         try:
-            async with aclosing(blocks), create_task_group() as group:
-                run = Run(operation, blocks, take, owner, urgent, traced, group, remaining, capacity)
-                self._begin_chunk(run)
+            with self._rate.working():
+                async with aclosing(blocks), create_task_group() as group:
+                    run = Run(operation, blocks, take, owner, urgent, traced, group, remaining, capacity)
+                    self._begin_chunk(run)
         except ExceptionGroup as errors:  # The first error has cancelled the other chunks, and is the cause.
             raise errors.exceptions[0] from None
 
@@ -256,6 +259,7 @@ class CaseRunner:
             run.queued.discard(token)
             self._begin_chunk(run)
 
+        # Another run may have computed some of the cases since they were read.
         known = await run_sync(self._queries.cache.get_many, [case.request.key for case in cases])
         found = [result for key, record in known.items() for result in run.results(key, record, None, own=False)]
         if found:
@@ -298,8 +302,10 @@ class CaseRunner:
         if unavailable is not None:
             if run.urgent:
                 raise unavailable
+            # A job has no client that waits for it, and can wait for a worker.
             await asyncio.sleep(NO_WORKER_SECONDS)
         if again:
+            # The cases go to the front, in their order, so that the first results of a job come first.
             run.waiting.extendleft(reversed(again))
             self._begin_chunk(run)
 

@@ -68,10 +68,12 @@ class ActiveJob:
 
     def update(self, state: JobState) -> None:
         """Set a newer state, and wake the followers of the job."""
+        # Results are marked in threads, which may finish in another order than they began.
         if state.revision > self.state.revision:
             before, self.state = self.state, state
             if state.final and not before.final:
                 self.ended(state)
+        # The event is replaced before it is set, so that a follower that wakes at once waits for the next change.
         changed, self.changed = self.changed, asyncio.Event()
         changed.set()
 
@@ -130,6 +132,30 @@ class Scheduler:
         job = self.active[state.id] = ActiveJob(state, queue or state.owner, self._settle_charge)
         self._begin_jobs(job.queue)
 
+    def ahead(self, state: JobState) -> list[ActiveJob]:
+        """Return the jobs of the same owner that go before a job: those with fewer cases left, or as many and older."""
+        own = self.active.get(state.id)
+        if own is None:
+            return []
+        place = (own.left, state.number)
+        return [job for job in self.active.values() if job.queue == own.queue and (job.left, job.state.number) < place]
+
+    def cases_until_done(self, state: JobState) -> int:
+        """Return how many cases are likely to be done by the end of a job, its own among them.
+
+        Its owner's jobs with fewer cases go first; in the turns of another owner as many cases are done as in those of
+        this one, unless that owner has fewer.
+        """
+        own = self.active.get(state.id)
+        if own is None:
+            return 0
+        mine = own.left + sum(job.left for job in self.ahead(state))
+        others = Counter[str]()
+        for job in self.active.values():
+            if job.queue != own.queue:
+                others[job.queue] += job.left
+        return mine + sum(min(mine, theirs) for theirs in others.values())
+
     async def stop(self) -> None:
         """Cancel the running jobs, which the next start continues."""
         self._stopping = True
@@ -141,6 +167,7 @@ class Scheduler:
     async def halt(self, job: ActiveJob) -> None:
         """Cancel the work of a job, and wait until it has ended."""
         job.scope.cancel()
+        # A task that ends its own job would wait for itself.
         if job.work is not None and job.work is not asyncio.current_task():
             await asyncio.wait([job.work])
 
@@ -154,6 +181,7 @@ class Scheduler:
             job.update(job.state)
             return None
         except StorageError:
+            # The disk is full or gone. Clients are told of the end nevertheless, and it is written later.
             now, revision = datetime.now(UTC), job.state.revision + 1
             state = replace(job.state, status=status, finished=now, problem=problem, revision=revision)
             self.unwritten[state.id] = state
@@ -209,6 +237,7 @@ class Scheduler:
                         traced=traced,
                     )
         except Exception as error:
+            # A cancelled job is ended by the one who cancelled it.
             if not job.scope.cancel_called:
                 log.error("job %s failed", state.id, exc_info=error)
                 await self.end(job, "failed", case_problem(error))
@@ -263,6 +292,7 @@ class Scheduler:
         """Mark the cases of the next blocks that are in the cache; return the others, and the number marked."""
         waiting = self._jobs.waiting(state, first, AHEAD)
         known = self._queries.cache.known([row.key for row in waiting])
+        # Only keys are compared: reading the records would take far longer, and nobody has asked for them yet.
         cached = {row.number: CaseState.CACHED for row in waiting if row.key in known}
         marked = self._jobs.mark(state.number, cached) if cached else None
         return [row for row in waiting if row.key not in known], len(cached), marked
@@ -295,6 +325,7 @@ class Scheduler:
         StorageError
             If the disk has refused a result: a job must not succeed with results that are missing.
         """
+        # The results are stored before the cases are marked; see the docstring of the module.
         if any(result.record is not None and not result.record.stored for result in results):
             raise StorageError(f"results cannot be stored: {self._queries.cache.last_error or 'the disk refused them'}")
         states: dict[int, CaseState] = {}

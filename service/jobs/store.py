@@ -126,6 +126,7 @@ class JobStore:
         """Create an invisible job, and return its number."""
         columns = "id, owner, operation, versions, status, created, title, traceparent"
         title = None if sweep is None else title_of(sweep)
+        # The id is random, so that a client cannot guess the job of another.
         row = (secrets.token_hex(16), owner, operation, VERSIONS, "accepting", self._clock.now(), title, traceparent)
         with self._database.writing() as database:
             statement = f"INSERT INTO jobs ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)"  # noqa: S608 (of this file)
@@ -159,6 +160,7 @@ class JobStore:
             If the unfinished jobs of its owner would exceed their disk space.
         """
         with self._database.writing() as database:
+            # Room is made in the same transaction, so that a refused job removes nothing.
             self._make_room(database, job, total)
             if idempotency is not None:
                 statement = "INSERT INTO idempotency SELECT owner, ?, ?, number FROM jobs WHERE number = ?"
@@ -194,6 +196,7 @@ class JobStore:
                 for case in cases:
                     if case % BLOCK_SIZE >= len(stored):
                         raise DamagedCasesError(case, case)
+                    # After a crash or a retry a case may be marked twice, and must be counted once.
                     if stored[case % BLOCK_SIZE] == CaseState.WAITING:
                         stored[case % BLOCK_SIZE] = states[case]
                         counts[states[case]] += 1
@@ -255,6 +258,7 @@ class JobStore:
         limit
             Largest number of jobs; None for all.
         """
+        # A page begins below a number rather than at an offset, so that new and removed jobs do not shift the pages.
         condition = "number < ? AND status != 'accepting' ORDER BY number DESC LIMIT ?"
         values = (before or LARGEST, -1 if limit is None else limit)
         if owner is None:
@@ -271,6 +275,7 @@ class JobStore:
             found = database.execute(statement, (orjson.dumps(list(others)).decode(),)).fetchall()
         counts: Counter[Status] = Counter()
         for status, count in found:
+            # A status that this version does not know is shown as `damaged`, as it is in `read_job`.
             counts[status if status in STATUSES else "damaged"] += count
         return counts
 
@@ -370,7 +375,10 @@ class JobStore:
             "+ coalesce(length(custom_ids), 0)), 0) FROM slices WHERE job = ?) WHERE number = ? RETURNING owner, bytes",
             (job, job),
         ).fetchall()
+        # Each case may yet fail and have a problem stored, which is counted beforehand.
         most = size + PROBLEM_BYTES * total
+        # The sizes of all jobs are added up only if the bound, which counts removed jobs too, reaches the limit: the
+        # sum takes a time proportional to the number of jobs.
         if owner in self._most_taken and self._most_taken[owner] + most <= self._owner_bytes:
             self._most_taken[owner] += most
             return
@@ -384,6 +392,7 @@ class JobStore:
     def _end(self, database: sqlite3.Connection, job: int, status: Status, problem: dict[str, Any] | None) -> JobState:
         now = self._clock.now()
         text = None if problem is None else orjson.dumps(problem).decode()
+        # The expiry counts from the end of a job, as the job itself may take long.
         values = (status, now, now + self._kept_seconds, text)
         changes = "status = ?, finished = ?, expires = ?, problem = ?, revision = revision + 1"
         return self._changed(database, job, changes, values, "AND status IN ('accepted', 'running')")

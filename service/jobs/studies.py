@@ -84,6 +84,8 @@ class StudyService:
             As for `run_study`.
         """
         key, reports = request.key, [report] if report is not None else []
+        # The loop looks again after each wait: when a study ends without an answer, another one may have taken its
+        # place.
         while (other := self._in_flight.get(key)) is not None and (other.urgent or not urgent):
             record = await self._follow(other, reports)
             if record is not None:
@@ -101,6 +103,7 @@ class StudyService:
         finally:
             if self._in_flight.get(key) is own:
                 del self._in_flight[key]
+            # The followers are woken even after a failure, and then compute the study themselves.
             own.done.set_result(record)
 
     async def _follow(self, other: RunningStudy, reports: Sequence[Report]) -> Record | None:
@@ -152,6 +155,7 @@ async def run_study(
         results: list[Any] = []
         for begin in range(0, len(batch.points), PART):
             points = batch.points[begin : begin + PART]
+            # `list` makes the lazy `map` validate the samples in the thread.
             requests = await run_sync(list, map(sample, points), limiter=limiter)
             cases = {number: JobCase(each) for number, each in enumerate(requests) if each is not None}
             take(sum(case.request.work for case in cases.values()))

@@ -40,10 +40,11 @@ export class JobRow {
     this.update(job);
   }
 
-  /** Show what has changed; `ahead` is how many jobs began to wait before it, if it waits. */
-  update(job, ahead = 0) {
+  /** Show what has changed. */
+  update(job) {
     this.job = job;
     const { total, done } = job.counts;
+    const ahead = job.queue?.jobs_ahead;
     const [, , status, , , finished, expires] = this.cells;
     this.title.textContent = titleOf(job);
     status.textContent = names.job_statuses[job.status] + (job.problem ? `: ${job.problem.detail}` : "") + (job.status === "accepted" && ahead ? `, ${ahead} ahead` : "");

@@ -40,13 +40,14 @@ from solver.arrays import FloatArray
 from solver.calibration import DepthTest, MotionHistory, ObliquityPoint
 from solver.checks import BOUNDS
 
+VELOCITY_NAMES = ("striking_velocity", "impact_velocity", "speed", "impact_speed", "striking_speed")
 TEST_NUMBERS = (
-    Quantity("velocity", SPEED, ("striking_velocity", "impact_velocity"), required=True),
-    Quantity("depth", LENGTH, ("penetration_depth",), required=True),
+    Quantity("velocity", SPEED, (*VELOCITY_NAMES, "v", "v0", "vs"), required=True),
+    Quantity("depth", LENGTH, ("penetration_depth", "depth_of_penetration", "penetration", "p"), required=True),
     Quantity("mass", MASS, ("projectile_mass",)),
     Quantity("weight", PURE),
 )
-SHOT_NUMBERS = (*TEST_NUMBERS[:3], Quantity("diameter", LENGTH))
+SHOT_NUMBERS = (*TEST_NUMBERS[:3], Quantity("diameter", LENGTH, ("projectile_diameter", "caliber", "calibre")))
 GROUP = Quantity("group", None, required=True)
 DEPTH_TESTS = (*TEST_NUMBERS, GROUP)
 SI_UNIT = {
@@ -59,8 +60,9 @@ SI_UNIT = {
     "lateral_displacement": "m",
     "rotation": "rad",
 }
+ANGLE_NAMES = ("obliquity", "angle_of_incidence", "incidence")
 OBLIQUITY_POINTS = (
-    Quantity("oblique_angle", ANGLE, required=True),
+    Quantity("oblique_angle", ANGLE, ANGLE_NAMES, required=True),
     Quantity("strength_factor", PURE, required=True),
     Quantity("standard_error", PURE),
 )
@@ -71,8 +73,8 @@ depths in a wrong unit are mostly off by a factor of 1000."""
 FILE = Quantity("file", None, ("history",), required=True)
 MOTION_RUNS = (
     FILE,
-    Quantity("oblique_angle", ANGLE),
-    Quantity("velocity", SPEED, ("striking_velocity", "impact_velocity")),
+    Quantity("oblique_angle", ANGLE, ANGLE_NAMES),
+    Quantity("velocity", SPEED, VELOCITY_NAMES),
     Quantity("angle_of_attack", ANGLE),
     Quantity("angular_velocity", ANGULAR_VELOCITY),
     Quantity("until", TIME),

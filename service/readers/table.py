@@ -133,6 +133,10 @@ SEPARATORS = ",;\t"
 SEPARATOR_LINE = re.compile(r"\s*sep=(?P<separator>[,;\t|])\s*", re.IGNORECASE)
 """First line in which spreadsheets name the separator."""
 COMMENTS = ("#", "%")
+NUMBER_SIGN = re.compile(r"# *(?=[,;\t])")
+"""Begin of a header whose first column is named #, as that of a number often is."""
+NUMBERED = re.compile(r"#[^\s,;\t]+(?=([,;\t]))")
+"""Begin of a row whose first cell is a number such as #17."""
 MAX_NAMES = 20
 """Largest number of column names listed in an error, which should stay readable (a judgement)."""
 MAX_COLUMNS = 10_000
@@ -199,7 +203,8 @@ def read_table(path: str | Path, content: bytes | None = None, *, gaps: bool = F
     Parameters
     ----------
     gaps
-        True if lines may be empty, and rows may lack cells at their ends.
+        True if lines may be empty, and rows may lack cells at their ends. A line with all cells that begins with a
+        number such as #17 is then a row, and a column without a name or a cell is ignored.
 
     Raises
     ------
@@ -215,6 +220,7 @@ def read_table(path: str | Path, content: bytes | None = None, *, gaps: bool = F
     if named:
         lines[0] = ""
     lines = _with_header(lines)
+    lines = _with_numbers(lines) if gaps else lines
     head = next((line for line in lines if line.strip() and not line.startswith(COMMENTS)), None)
     if head is None:
         raise FileError(path, "the file holds comments only")
@@ -243,7 +249,25 @@ def read_table(path: str | Path, content: bytes | None = None, *, gaps: bool = F
             raise FileError(path, "the line is empty", line)
     if not rows:
         raise FileError(path, "there are no rows below the header", header_line)
-    return Table(path, header, header_line, rows, starts)
+    used = [place for place, name in enumerate(header) if name or not gaps or any(row[place] for row in rows)]
+    rows = [[row[place] for place in used] for row in rows]
+    return Table(path, [header[place] for place in used], header_line, rows, starts)
+
+
+def _with_numbers(lines: list[str]) -> list[str]:
+    """Return lines with quotes around a column # and around numbers such as #17, which are then no comments.
+
+    A line that begins with such a number is a row if it has as many cells as the header.
+    """
+    lines = [NUMBER_SIGN.sub('"#"', line) if NUMBER_SIGN.match(line) else line for line in lines]
+    head = next((line for line in lines if line.strip() and not line.startswith(COMMENTS)), "")
+
+    def quoted(line: str) -> str:
+        found = NUMBERED.match(line)
+        is_row = found is not None and line.count(found[1]) >= head.count(found[1]) > 0
+        return f'"{found[0]}"{line[found.end() :]}' if found and is_row else line
+
+    return list(map(quoted, lines))
 
 
 def _of_length(path: str | Path, line: int, row: Sequence[str], count: int, *, gaps: bool) -> list[str]:
@@ -291,7 +315,8 @@ def read_columns(
 def _with_header(lines: list[str]) -> list[str]:
     """Return the lines with the last comment turned into the header, if only numbers follow, as in files of numpy."""
     first = next((n for n, line in enumerate(lines) if line.strip() and not line.startswith(COMMENTS)), 0)
-    if first and lines[first - 1].startswith(COMMENTS) and _has_numbers_only(lines[first]):
+    comment = lines[first - 1] if first else ""
+    if comment.startswith(COMMENTS) and not NUMBER_SIGN.match(comment) and _has_numbers_only(lines[first]):
         return [*lines[: first - 1], lines[first - 1].lstrip("#% \t"), *lines[first:]]
     return lines
 

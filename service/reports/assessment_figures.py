@@ -173,7 +173,8 @@ def curves(
         Speed of the case [m/s], its critical angle if there is one, and the angle to judge if given [°].
     """
     figure = Figure(figsize=(PAGE, 1.6), layout="constrained")
-    halves = figure.subfigures(1, 2)
+    grid = figure.add_gridspec(1, 2)
+    halves = [figure.add_subfigure(grid[column]) for column in range(2)]
     left = halves[0].subplots()
     _draw_speeds(left, speeds)
     left.axvline(speed, color=style.HINT, linewidth=0.8, linestyle="--")

@@ -68,7 +68,7 @@ class Calibration(Part):
         return self.model_dump(mode="json")
 
     def model_arguments(self) -> dict[str, Any]:
-        """Return the arguments that the functions of the solver share which run the model."""
+        """Return the arguments that all functions of the solver that run the model have in common."""
         return {
             "projectile": self.projectile.to_solver(),
             "target": self.target.to_solver(),
@@ -248,6 +248,7 @@ class MotionCalibrationRequest(Calibration):
     def _run(self, index: int, run: CalibrationRun) -> MotionRun:
         """Return one of several runs."""
         until, greatest = run.until_s, run.until_greatest_depth
+        # The two exclude each other, so that a run that sets one must not inherit the other.
         if until is MISSING and greatest is MISSING:
             until, greatest = self.until_s, self.until_greatest_depth
         weights = self.weights if run.weights is MISSING else run.weights
@@ -303,6 +304,7 @@ def _used(record: MotionRecord, until_s: Any, until_greatest_depth: bool) -> Mot
         return history.until(history.time_of_greatest_depth)
     if until_s is MISSING:
         return history
+    # A fit needs at least one instant after first contact.
     if until_s < history.time[1]:
         raise ParameterError("until", f"must leave two rows or more, got {until_s:g} s")
     return history.until(until_s)
@@ -310,6 +312,7 @@ def _used(record: MotionRecord, until_s: Any, until_greatest_depth: bool) -> Mot
 
 def _thinned(times: FloatArray) -> FloatArray:
     """Return at most `COMPARED_ROWS` times, evenly chosen, for a motion that is only compared."""
+    # A short motion has fewer rows than are chosen, and repeats are removed.
     rows = np.unique(np.linspace(0, times.size - 1, COMPARED_ROWS).round().astype(int))
     thinned: FloatArray = times[rows]
     return thinned

@@ -161,7 +161,9 @@ class Case(Part):
             return None
         end, interval = self.numerics.termination_time_s, output.sample_interval_s
         if interval is MISSING:
+            # The default is widened for a long run, so that no run is refused for an interval that it did not set.
             return SAMPLE_INTERVAL if end is MISSING else max(SAMPLE_INTERVAL, end / MOST_ROWS)
+        # An interval that the client gave is refused rather than changed, as the key covers it.
         if end is not MISSING and end > MOST_ROWS * interval:
             raise ParameterError(
                 "output.sample_interval",
@@ -287,6 +289,7 @@ def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request
     found = []
     for each in alternative_resistances(request.resistance.to_solver()):
         laws = {"free_surface": each.free_surface.name, "strength_factor": each.strength_factor.name}
+        # The inertia of the free surface is a choice of the case, not of the law.
         decay = {"model": each.free_surface.name, "inertia": getattr(each.free_surface, "inertia", False)}
         strength = walk(
             STRENGTH_FACTORS[each.strength_factor.name], each.strength_factor, model=laws["strength_factor"]
@@ -307,6 +310,7 @@ def answered_alternative(laws: Mapping[str, Any], answer: Mapping[str, Any]) -> 
 
 def with_alternatives(answer: bytes, alternatives: list[dict[str, Any]]) -> bytes:
     """Append alternatives to the JSON of an answer, without parsing it."""
+    # The last byte of the answer is its closing brace, which is replaced.
     return b'%b,"alternatives":%b}' % (answer[:-1], orjson.dumps(alternatives))
 
 

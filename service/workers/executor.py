@@ -121,8 +121,10 @@ class Executor(ABC):
                 waiting.cancel()
             begun()
 
+        # A single call is its own whole job, so that both costs are the same.
         work = Work(Kind.SINGLE, [(function, arguments)], owner, cost, cost, taken)
         if longest_wait is not None:
+            # The timer covers only the time in the queue: a call that has begun has the timeout of the worker.
             waiting = asyncio.get_running_loop().call_later(longest_wait, work.fail, QueueTimeoutError())
         try:
             (finished,) = await self._finished(work)
@@ -172,6 +174,7 @@ class Executor(ABC):
         A probe passes all waiting work, and running chunks between two of their calls.
         """
         with suppress(ExecutorError, TimeoutError):
+            # `getpid` is the cheapest call that only a living worker can answer.
             work = Work(Kind.PROBE, [(os.getpid, ())])
             (finished,) = await asyncio.wait_for(self._finished(work), seconds)
             return finished.error is None
@@ -180,11 +183,13 @@ class Executor(ABC):
     async def stop(self, grace: float) -> None:
         """Refuse new work, let accepted work finish, and cancel the rest at the end of the grace period. [s]"""
         self.stopping = True
+        # `asyncio.wait` refuses an empty set.
         if self._unfinished:
             await asyncio.wait([work.future for work in self._unfinished], timeout=max(0.0, grace - KILL_SECONDS))
         error = PoolUnavailableError("the service is stopping")
         self.queue.fail_all(error)
         await self.close(min(grace, KILL_SECONDS))
+        # Running work does not fail with the queue, and its callers still wait.
         for work in list(self._unfinished):
             work.fail(error)
 

@@ -8,7 +8,7 @@ from solver.calibration.motion import MotionsFit, fit_motions
 from solver.calibration.strength_factor import UndeterminedError
 from solver.free_surface import FreeSurface, decay_laws
 from solver.projectile import Projectile
-from solver.resistance import Resistance
+from solver.resistance import Resistance, usual_unless_given
 from solver.strike import Numerics
 from solver.target import Target
 from solver.warnings import ModelWarning
@@ -69,7 +69,7 @@ def fit_decay_laws(
     >>> {name: fit.normalized_root_mean_square for name, fit in found.laws.items() if fit}
     >>> found.best
     """
-    resistance = resistance or Resistance()
+    resistance = usual_unless_given(resistance)
 
     def fitted(law: FreeSurface) -> MotionsFit:
         return fit_motions(

@@ -31,6 +31,7 @@ from solver.resistance import (
     Resistance,
     Shot,
     StrengthPosterior,
+    usual_unless_given,
 )
 from solver.strike import Impact, Numerics
 from solver.target import Target
@@ -112,7 +113,7 @@ class _Shots:
         self, projectile: Projectile, target: Target, resistance: Resistance | None, numerics: Numerics | None
     ) -> None:
         self.projectile, self.target = projectile, target
-        self.resistance = resistance or Resistance()
+        self.resistance = usual_unless_given(resistance)
         self.numerics = (numerics or Numerics()).resolved()
         self.shots: dict[float, PreparedCase] = {}
 

@@ -10,7 +10,7 @@ from solver.arrays import ComparedByFields, FloatArray
 from solver.checks import ParameterError, require, require_positive
 from solver.prepared import initial_state, integrate, positions_at, prepare
 from solver.projectile import Projectile, mass_properties
-from solver.resistance import ConstantStrengthFactor, Resistance
+from solver.resistance import ConstantStrengthFactor, Resistance, usual_unless_given
 from solver.strike import Impact, Numerics, ResolvedNumerics
 from solver.target import Target
 
@@ -196,7 +196,7 @@ class FittedStrike:
         self.prepared = prepare(
             projectile=projectile,
             target=target,
-            resistance=resistance or Resistance(),
+            resistance=usual_unless_given(resistance),
             numerics=replace(numerics, termination_time=float(times[-1])),
         )
 

@@ -24,7 +24,7 @@ from solver.calibration.strength_factor import (
 from solver.checks import ParameterError, require
 from solver.free_surface import FreeSurface
 from solver.projectile import Projectile
-from solver.resistance import Resistance
+from solver.resistance import Resistance, usual_unless_given
 from solver.strike import Impact, Numerics
 from solver.target import Target
 from solver.warnings import ModelWarning
@@ -272,7 +272,7 @@ def fit_motions(
         alone = tuple(_fit_alone(run, cost, confidence_level) for run, cost in zip(prepared, costs, strict=True))
     squares = [fit.normalized_root_mean_square**2 for fit in fits]
     return MotionsFit(
-        free_surface=(resistance or Resistance()).free_surface,
+        free_surface=usual_unless_given(resistance).free_surface,
         estimate=estimate,
         normalized_root_mean_square=math.sqrt(sum(squares) / len(squares)),
         runs=fits,

@@ -10,7 +10,7 @@ from solver.projectile import Projectile
 from solver.resistance import HELD_FROM, ConstantStrengthFactor, ObliquityPolynomial, Resistance, strength_factor
 from solver.strike import RETENTION_BOUNDS, Numerics
 from solver.target import Target
-from solver.warnings import RETENTION_DECIDES, RETENTION_RANGE, ModelWarning
+from solver.warnings import RETENTION_DECIDES, RETENTION_RANGE, ModelWarning, in_degrees
 
 EXTRAPOLATED = "strength_fit_extrapolated"
 """Code of the warning about a fit of S that is extrapolated."""
@@ -131,7 +131,7 @@ def _weighed(
     shift, detail = warning.angle_shift, warning.detail
     if shifts and len(shifts) == len(moved):
         shift = max(shifts, key=abs)
-        by = " and ".join(f"{math.degrees(each):+.1f}°" for each in shifts)
+        by = " and ".join(in_degrees(each, "+.1f") for each in shifts)
         detail += f"; {MOVES[warning.code]} {by}"
     if shift is None:
         return warning

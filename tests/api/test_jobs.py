@@ -43,6 +43,24 @@ def test_finished_job_gives_its_times_and_counts(client: httpx.Client, job: dict
     assert job in client.get("/jobs", params={"limit": 1000}).json()["jobs"]
 
 
+def test_waiting_job_says_its_place_and_when_it_is_likely_to_have_ended(client: httpx.Client) -> None:
+    """A small one passes the large ones, and its `Retry-After` does not count them."""
+    sent = [client.post("/trajectory/batch", json={"cases": slow_strikes(n)}, headers=ASYNC) for n in (400, 600, 2)]
+    jobs = [answer.json() for answer in sent]
+    try:
+        large, largest, small = (job["queue"] for job in jobs)
+        assert (large["jobs_ahead"], largest["jobs_ahead"], small["jobs_ahead"]) == (0, 1, 0)
+        assert small["remaining_s"] < large["remaining_s"] < largest["remaining_s"]
+        assert sent[2].headers["Retry-After"] == str(small["remaining_s"])
+        place = client.get(jobs[1]["links"]["self"]).json()["queue"]
+        assert place["jobs_ahead"] >= 1
+        listed = {job["id"]: job for job in client.get("/jobs").json()["jobs"]}
+        assert listed[jobs[1]["id"]]["queue"]["remaining_s"] >= 1
+    finally:
+        ended = [client.post(f"{job['links']['self']}/cancel").json() for job in jobs]
+    assert all("queue" not in job for job in ended)
+
+
 def test_pages_hold_every_result_once(client: httpx.Client, job: dict[str, Any], items: list[dict[str, Any]]) -> None:
     found, cursor = [], ""
     while True:

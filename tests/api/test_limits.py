@@ -192,5 +192,24 @@ def test_wait_for_a_job_goes_by_the_cost_of_its_cases_until_a_rate_is_measured(
     assert Rate(lambda: 2).seconds_for(count, weight) == seconds
 
 
+def test_time_without_work_does_not_lower_a_rate() -> None:
+    """A service that has done three cases in a quiet minute would else announce minutes for a job of seconds."""
+    now = 100.0
+    rate = Rate(lambda: 1, clock=lambda: now)
+    now += 60.0
+    with rate.working():
+        now += 0.1
+        rate.add(4)
+        assert rate.per_second == pytest.approx(40.0)
+    now += 25.0
+    assert rate.per_second == pytest.approx(40.0)
+    with rate.working(), rate.working():
+        now += 0.9
+        rate.add(36)
+        assert rate.seconds_for(400) == 10
+        now += 40.0
+        assert rate.per_second == 0.0  # Nothing was done in the last half minute: the assumed rate counts.
+
+
 def test_probes_may_have_what_a_monitor_adds(client: httpx.Client) -> None:
     assert client.get("/livez?time=1").status_code == 200

@@ -132,6 +132,18 @@ def test_requests_refuse_unknown_fields_and_bound_every_number() -> None:
                 assert "maxItems" in node, place
 
 
+def test_recipes_of_go_and_java_have_the_names_that_the_contract_gives() -> None:
+    """openapi-generator makes a class of each tag and a method of each operation."""
+    page = (COMMITTED.parents[1] / "docs" / "how-to" / "clients.md").read_text(encoding="utf-8")
+    operation = OPERATIONS["POST /cra"]
+    tag, words = operation["tags"][0].title().replace(" ", ""), operation["operationId"].title().replace("_", "")
+    body = operation["requestBody"]["content"]["application/json"]["schema"]["$ref"].rpartition("/")[2]
+    assert "openapi-generator-cli generate -i contract.json -g go " in page
+    assert "openapi-generator-cli generate -i contract.json -g java " in page
+    assert f"client.{tag}API.{words}(ctx).{body}(strike).Execute()" in page
+    assert f"new {tag}Api().{words[0].lower()}{words[1:]}({body}.fromJson(body))" in page
+
+
 def test_answers_may_have_more_fields_than_a_client_knows() -> None:
     for name in SCHEMAS.keys() - REQUESTED:
         assert SCHEMAS[name].get("additionalProperties") is not False, name

@@ -84,6 +84,7 @@ def test_job_that_runs_says_how_long_it_takes_and_one_that_waits_how_many_are_ah
     counts = {"total": 100, "done": 0, "cached": 0, "failed": 0}
     started = (datetime.now(UTC) - timedelta(seconds=60)).isoformat()
     waits = job | {"id": "a" * 32, "status": "accepted", "created": "2026-01-02T00:00:00Z", "counts": counts}
+    waits["queue"] = {"jobs_ahead": 1, "remaining_s": 40}
     runs = job | {"id": "b" * 32, "status": "running", "created": "2026-01-01T00:00:00Z", "started": started}
     runs["counts"] = counts | {"done": 20}
     page.route("**/jobs?*", lambda route: route.fulfill(json={"jobs": [waits, runs]}))

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -217,7 +218,11 @@ def test_jobs_are_listed_shown_cancelled_and_deleted(
     body = {"cases": slow_strikes(300)}
     name = client.post("/trajectory/batch", json=body, headers={"Prefer": "respond-async"}).json()["id"]
     assert cli.main(["jobs", "list"]) == 0
-    assert any(line.startswith(f"{name}  trajectory") for line in capsys.readouterr().out.splitlines())
+    header, *rows = capsys.readouterr().out.splitlines()
+    assert header.endswith("jobs ahead  remaining s")
+    assert any(line.startswith(f"{name}  trajectory") for line in rows)
+    assert cli.main(["jobs", "show", name]) == 0
+    assert re.search(r"jobs ahead +0\nremaining s +\d+\n", capsys.readouterr().out)
     assert cli.main(["jobs", "cancel", name]) == 0
     assert "dismissed" in capsys.readouterr().out
     assert cli.main(["jobs", "show", name, "--json"]) == 0

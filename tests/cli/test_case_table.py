@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,14 @@ WHOLE = (
             [case_at(238.0, projectile={**case_at(238.0)["projectile"], "nose": CONE})],
         ),
         ("upper_deg,search.lower_deg\n70,30\n", True, [case_at(238.0, search={"lower_deg": 30.0, "upper_deg": 70.0})]),
+        ("#,velocity\n1,238\n2,240\n", True, [case_at(238.0, custom_id="1"), case_at(240.0, custom_id="2")]),
+        ("# ;velocity;free_surface.model\n1;238;None\n", True, [case_at(238.0, custom_id="1", resistance=NONE)]),
+        ("No.;velocity\n7;238\n", True, [case_at(238.0, custom_id="7")]),
+        (
+            "id,velocity,free_surface.model\n#1,238,\n# a note, of two parts\n#2,240,None\n",
+            True,
+            [case_at(238.0, custom_id="#1"), case_at(240.0, custom_id="#2", resistance=NONE)],
+        ),
     ],
 )
 def test_rows_are_cases(
@@ -66,6 +75,8 @@ def with_speed(header: str, cell: str, *, unit: str = "") -> str:
         with_speed("Velocity", "238", unit="[m/s]"),
         "Speed (m/s);CRH;Diameter (mm);Length [cm];Mass (g);f'c [N/mm²];Density [g/cm³]\n238;3;80;53;13000;39;2.25\n",
         "# May\nspeed\tpsi\tcalibre\tlength\tweight\tstrength [GPa]\trho\n238\t3\t0.08\t0.53\t13\t0.039\t2250\n",
+        "V [m/s];ψ;D [mm];L [mm];m [kg];f_c [MPa];;ρ [kg/m³]\n238;3;80;530;13;39;;2250\n",
+        with_speed("Speed (m/s)", "238").replace("crh", "CRH,Nose").replace(",3,", ",3,Ogive,"),
     ],
 )
 def test_headers_are_as_people_write_them(served: Path, capsys: pytest.CaptureFixture[str], table: str) -> None:
@@ -94,6 +105,18 @@ def test_headers_are_as_people_write_them(served: Path, capsys: pytest.CaptureFi
                 "\nfields of a case: custom_id, impact.angle_of_attack_deg, ",
             ],
         ),
+        ("angle\n30\n", ["cases.csv:1: column 'angle': is what is searched for; --keep HEADER carries"]),
+        ("velocity,,mass\n238,3,13\n", ["cases.csv:1: column without a name: has cells; --keep"]),
+        ("velocity;mass\n238;13\n;13\n", ["cases.csv:3: velocity: the cell is empty\n"]),
+        (
+            "velocity,mass\n238,0.01\n-1,13\n",
+            [
+                "cases.csv: /impact/oblique_angle_deg: is missing in every row; add a column of it",
+                "cases.csv:3: velocity:",
+            ],
+        ),
+        (WHOLE + "8,0.08,0.53,13,3,39e6,2250,\n", ["cases.csv:3: velocity_m_s: the cell is empty\n"]),
+        ("velocity;Nose shape\n238;Cube\n", ["cases.csv:2: Nose shape: must be one of 'ogive', ", "got 'cube'\n"]),
         ("model\nnone\n", ["must be one of resistance.free_surface.model, resistance.strength_factor.model"]),
         ("velocity_m_s\n238,5\n", ["cases.csv:2: the line has 2 cells, the header 1"]),
         (
@@ -109,7 +132,7 @@ def test_headers_are_as_people_write_them(served: Path, capsys: pytest.CaptureFi
         ("Length (mm)\n50\n", ["cases.csv:2: Length (mm): must be at least the length of the nose"]),
         (
             "nose.shape,caliber_radius_head\nconical,3\n",
-            ["cases.csv:2: --caliber-radius-head: is of ogive or spherical"],
+            ["cases.csv:2: caliber_radius_head: is of ogive or spherical, not of conical"],
         ),
         ("velocity_m_s\n" + "-1\n" * 60, ["cases.csv:51: velocity_m_s", "\nand 10 more\n"]),
         ("", ["cases.csv: the file is empty"]),
@@ -120,7 +143,8 @@ def test_errors_name_the_line_and_the_column(
     served: Path, capsys: pytest.CaptureFixture[str], table: str, reasons: list[str]
 ) -> None:
     (served / "cases.csv").write_text(table)
-    assert cli.main(["batch", "cases.csv", "--case", "strike.toml"]) == 2
+    operation = ["--operation", "trajectory"] if "oblique_angle" in reasons[0] else []
+    assert cli.main(["batch", "cases.csv", "--case", "strike.toml", *operation]) == 2
     error = capsys.readouterr().err
     assert [reason for reason in reasons if reason not in error] == []
 
@@ -150,8 +174,8 @@ def test_good_rows_are_computed_and_the_others_have_their_error(
     ]
     assert [bool(row["critical_angle_deg"]) for row in rows] == [True, False, False, True]
     assert rows[0]["remark"] == "'=1+1"  # the apostrophe keeps spreadsheets from evaluating it
-    assert rows[1]["error"].startswith("/impact/velocity_m_s: must be 0.1 to 10000 m/s, got -238")
-    assert rows[2]["error"].startswith("/projectile/length_m: must be at least the length of the nose")
+    assert rows[1]["error"] == "Speed (m/s): must be 0.1 to 10000 m/s, got -238 m/s"
+    assert rows[2]["error"].startswith("Length (mm): must be at least the length of the nose")
     assert cli.main([*command, "-o", "out.xlsx"]) == 3
     sheet = load_workbook(served / "out.xlsx").worksheets[0]
     header, *cells = ([cell.value for cell in row] for row in sheet.rows)
@@ -181,6 +205,26 @@ def test_a_workbook_is_read_as_the_table_that_it_shows(served: Path, capsys: pyt
     assert "cases.xlsx: not an Excel workbook" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "begin"),
+    [
+        ("batch cases.xlsx", "ricochet batch: cases.xlsx: an Excel workbook needs openpyxl"),
+        ("batch cases.jsonl -o angles.xlsx", "ricochet batch: --output angles.xlsx needs openpyxl"),
+        ("init --table cases.xlsx", "ricochet init: --table cases.xlsx needs openpyxl"),
+    ],
+)
+def test_excel_without_its_package_names_the_extra(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: str, begin: str
+) -> None:
+    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    (here / "cases.jsonl").write_text(json.dumps(case_at(238.0)))
+    assert cli.main(words.split()) in {1, 2}
+    error = capsys.readouterr().err
+    assert error.startswith(begin)
+    assert "[excel]" in error
+    assert not (here / "angles.xlsx").exists()
+
+
 def test_every_bad_line_is_named_and_can_be_left_out(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
     good, bad = case_at(238.0), json.dumps(case_at(-1.0))
     (served / "cases.jsonl").write_text(f"{bad}\n{json.dumps(good)}\noops\n{bad}\n")
@@ -197,6 +241,23 @@ def test_every_bad_line_is_named_and_can_be_left_out(served: Path, capsys: pytes
     assert [(item["index"], "result" in item) for item in items] == [(0, False), (1, True), (2, False), (3, False)]
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "reasons"),
+    [
+        ("cases.csv", "v;name\n-1;a\n;b\n", ["cases.csv:2: v: must be 0.1 to ", "cases.csv:3: v: the cell is empty"]),
+        ("cases.jsonl", "{}\noops\n", ["cases.jsonl:1: /projectile: is missing", "cases.jsonl:2: not JSON"]),
+    ],
+)
+def test_rows_of_which_none_is_good_are_named_though_they_may_be_skipped(
+    served: Path, capsys: pytest.CaptureFixture[str], name: str, text: str, reasons: list[str]
+) -> None:
+    (served / name).write_text(text)
+    case = ["--case", "strike.toml"] if name.endswith(".csv") else []
+    assert cli.main(["batch", name, *case, "--skip-bad"]) == 2
+    error = capsys.readouterr().err
+    assert [reason for reason in reasons if reason not in error] == []
+
+
 def test_walls_omit_the_sought_quantity(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (served / "cases.csv").write_text("oblique_angle_deg,relative_tolerance\n0,1e-3\n20,1e-3\n")
     words = ["batch", "cases.csv", "--operation", "thickness", "--case", "strike.toml", "--csv"]
@@ -204,7 +265,21 @@ def test_walls_omit_the_sought_quantity(served: Path, capsys: pytest.CaptureFixt
     assert capsys.readouterr().out.count("converged") == 2
 
 
-def test_a_case_beside_json_lines_is_refused(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_cases(served / "cases.jsonl", case_at(238.0))
-    assert cli.main(["batch", "cases.jsonl", "--case", "strike.toml"]) == 2
-    assert "--case: goes with a table of cases" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (
+            "a.jsonl --case strike.toml",
+            "--case: goes with a table of cases, .csv, .tsv or .xlsx; a.jsonl is read",
+        ),
+        (
+            "cases.txt --keep remark",
+            "--keep: goes with a table of cases, .csv, .tsv or .xlsx; cases.txt is read as JSON",
+        ),
+        ("cases.xls", "cases.xls: is a table of a kind that is not read; save it as .xlsx or .csv"),
+        ("cases.ods --case strike.toml", "cases.ods: is a table of a kind that is not read; save it as .xlsx or .csv"),
+    ],
+)
+def test_a_table_is_known_by_its_name(here: Path, capsys: pytest.CaptureFixture[str], words: str, reason: str) -> None:
+    assert cli.main(["batch", *words.split()]) == 2
+    assert capsys.readouterr().err.startswith(f"ricochet batch: {reason}")

@@ -38,12 +38,21 @@ ACTIONS = {
 ALL = [(command.name,) for command in cli.COMMANDS] + [
     (name, action) for name, actions in ACTIONS.items() for action in actions
 ]
-SINGLE = {"trajectory", "cra", "formulas", "thickness", "limit-speed"}
+SINGLE = {"trajectory", "cra", "formulas", "thickness", "limit-speed", "flight"}
 LOCAL = [
     words for words in ALL if words[0] in SINGLE | {"calibrate", "cache", "completion", "init", "openapi", "version"}
 ]
 SERVED = [words for words in ALL if words[0] in {"batch", "sweep", "jobs"}]
-"""Examples that need a service. A fixture starts `serve`; `report` takes long and is tested in tests/reports."""
+"""Examples that need a service."""
+NOT_RUN = {
+    "report": "takes long; tests/reports has it",
+    "uncertainty": "takes long; tests/cli/test_uncertainty.py has others",
+    "serve": "runs until it is stopped; a fixture starts it",
+    "mcp": "runs until it is stopped; tests/api/test_mcp.py starts it",
+    "keys": "needs a data folder with a key; tests/api/test_auth.py runs it",
+    "help": "ends the process, as --help does",
+}
+"""Commands whose examples are not run here, with the reason."""
 TESTS_CSV = "velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n314.0,0.45\n369.5,0.53\n"
 POINTS_CSV = "oblique_angle_deg,strength_factor\n0,8.52\n15,8.25\n30,7.91\n45,6.48\n"
 
@@ -82,6 +91,12 @@ for words in {[[], *([name] for name in LIGHT)]}:
 def test_help_ends_with_an_example_of_the_command(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
     text = help_of(*words, capsys=capsys)
     assert f"ricochet {' '.join(words)}" in text[text.rindex("example") :]
+
+
+def test_examples_of_every_command_are_run_or_on_the_list_of_those_that_are_not() -> None:
+    run_here = {words[0] for words in (*LOCAL, *SERVED)}
+    assert run_here | NOT_RUN.keys() == {command.name for command in cli.COMMANDS}
+    assert not run_here & NOT_RUN.keys()
 
 
 @pytest.mark.parametrize("words", LOCAL, ids=" ".join)

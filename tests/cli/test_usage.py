@@ -117,6 +117,8 @@ def test_a_refused_request_leaves_an_earlier_file_alone(here: Path) -> None:
             "ricochet cra",
             "--nose: unknown value 'ogiv'; expected ogive, ... did you mean ogive?",
         ),
+        ("cra --out x", "ricochet cra", "--out: unknown flag; did you mean --output?"),
+        ("cra --unit mm", "ricochet cra", "--unit: unknown flag"),
         ("serve --prt 3", "ricochet serve", "--prt: unknown flag; did you mean --port?"),
         ("calibrate dept", "ricochet calibrate", "dept: unknown kind; expected depth, ... did you mean depth?"),
         (

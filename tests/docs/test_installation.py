@@ -22,11 +22,16 @@ def test_no_page_installs_by_a_name_that_is_another_projects(page: Path) -> None
 
 def test_readme_installs_the_package_from_the_copy_and_names_the_distribution() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    name = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["name"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    name = project["name"]
+    assert "ricochet" in project["scripts"]
     assert "\npip install ." in text
     assert "`import solver`" in text
     assert f"called `{name}`" in text
     assert name != "ricochet"
+    assert "`ricochet` of the package index is another project" in " ".join(text.split())
+    assert "solver.warm_up(print)" in text
+    assert "some minutes on a slow one" in text
 
 
 @pytest.mark.parametrize("package", ["service", "solver"])

@@ -4,12 +4,15 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from inspect import isfunction, signature
 from typing import Any
 
 import numpy as np
 import pytest
 
 import solver
+import solver.calibration
+import solver.uncertainty
 from service.schemas import FlightRequest, TrajectoryRequest
 from solver import (
     BoatTail,
@@ -36,13 +39,12 @@ from solver import (
     Target,
     closed_form_depth,
     critical_angle,
-    least_thickness,
-    limit_velocity,
     simulate,
 )
+from solver.calibration import DepthTest, MotionHistory, MotionRun
 from solver.checks import BOUNDS
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
-from solver.uncertainty import judge_wall, verdict
+from solver.uncertainty import Normal, Uncertain
 
 from .strikes import CASE, paper_run
 
@@ -322,30 +324,55 @@ def test_bounds_are_those_of_the_contract() -> None:
     assert found == len([path for path in BOUNDS if path.count(".") == 1])
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
+HISTORY = MotionHistory(time=[0.0, 1e-3, 2e-3], rotation=[0.0, 0.01, 0.03])  # type: ignore[arg-type] # a sequence will do
+STRIKE = Impact(velocity=238.0, oblique_angle=0.5)
+GIVEN: dict[str, Any] = CASE | {
+    "target": replace(PAPER_TARGET, thickness=0.2),
+    "impact": STRIKE,
+    "velocity": 238.0,
+    "oblique_angle": 0.5,
+    "axes": {"velocity": [238.0]},
+    "uncertain": [Uncertain("velocity", Normal(mean=238.0, standard_deviation=2.0))],
+    "tests": [DepthTest(velocity=238.0, depth=0.1)],
+    "history": HISTORY,
+    "runs": [MotionRun(impact=STRIKE, history=HISTORY)],
+    "velocities": [238.0],
+    "strength_factor": 8.0,
+    "times": [0.0, 1e-3],
+    "function": critical_angle,
+}
+"""A value for each argument without a default of the functions below."""
+CASES_OF = {"alternatives": {**CASE, "velocity": 238.0}, "least_thickness": {"impact": STRIKE, "target": PAPER_TARGET}}
+CASES_OF |= {"thickness_spread": {"target": PAPER_TARGET}, "limit_velocity": {"oblique_angle": 0.0}}
+MANY = ("critical_angle_many", "simulate_many", "least_thickness_many", "limit_velocity_many")
+"""Functions whose answers hold the errors of their cases."""
+RESISTED: dict[str, Callable[..., Any]] = {
+    name: function
+    for package in (solver, solver.uncertainty, solver.calibration)
+    for name, function in vars(package).items()
+    if name in package.__all__ and isfunction(function) and "resistance" in signature(function).parameters
+}
+
+
+@pytest.mark.parametrize("name", sorted(RESISTED))
+def test_what_is_no_resistance_is_refused_with_what_to_give(name: str) -> None:
+    """By every function that takes one."""
+    given: list[tuple[Any, str]] = [
         (MohrCoulomb(), r"give Resistance\(free_surface=MohrCoulomb\(\.\.\.\)\)"),
         (PublishedTests(), r"give Resistance\(strength_factor=PublishedTests\(\.\.\.\)\)"),
-        ("mohr_coulomb", "must be a Resistance, got str"),
-        ([Resistance()], "must be a Resistance, got list"),
-    ],
-)
-def test_invalid_resistance_is_refused_with_what_is_accepted(given: Any, message: str) -> None:
-    case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "resistance": given}
-    impact = Impact(velocity=238.0, oblique_angle=0.5)
-    wall = case | {"target": replace(PAPER_TARGET, thickness=0.2)}
-    calls: list[Callable[[], object]] = [
-        lambda: critical_angle(**case, velocity=238.0),
-        lambda: simulate(**case, impact=impact),
-        lambda: least_thickness(**case, impact=impact),
-        lambda: limit_velocity(**wall, oblique_angle=0.0),
-        lambda: judge_wall(**wall, impact=impact),
-        lambda: verdict(**case, velocity=238.0),
+        ("mohr_coulomb", "got str"),
+        (3.0, "got float"),
     ]
-    for call in calls:
-        with pytest.raises(ParameterError, match=f"resistance: {message}|resistance: must be a Resistance: {message}"):
-            call()
+    needed = [each.name for each in signature(RESISTED[name]).parameters.values() if each.default is each.empty]
+    arguments = {each: GIVEN[each] for each in needed if each in GIVEN} | CASES_OF.get(name.removesuffix("_many"), {})
+    for resistance, message in given:
+        try:
+            found = RESISTED[name](**arguments | {"resistance": resistance})
+        except ParameterError as error:
+            assert name not in MANY
+            found = [error]
+        assert isinstance(found[0], ParameterError)
+        assert re.fullmatch(f"resistance: must be a Resistance(: |, ){message}", str(found[0]))
 
 
 def test_spherical_nose_is_a_hemisphere_unless_given() -> None:

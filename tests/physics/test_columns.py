@@ -1,5 +1,8 @@
 """Answers as columns and as tables of pandas."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,7 +18,7 @@ from solver import (
     simulate,
     simulate_many,
 )
-from solver.strike import PAPER_VELOCITY, paper_impact
+from solver.strike import PAPER_TARGET, PAPER_VELOCITY, paper_impact
 
 from .strikes import CASE, known, paper_run
 
@@ -76,6 +79,13 @@ def test_answers_of_both_kinds_are_no_table() -> None:
     ]
     with pytest.raises(ParameterError, match="must be of one kind"):
         solver.columns(answers)
+
+
+@pytest.mark.parametrize("table", [solver.columns, solver.to_dataframe])
+@pytest.mark.parametrize("given", [[PAPER_TARGET], PAPER_TARGET])
+def test_what_is_no_answer_is_no_table(table: Callable[[Any], Any], given: Any) -> None:
+    with pytest.raises(ParameterError, match=r"^answers: must .*, got Target"):
+        table(given)
 
 
 def test_no_answers_are_an_empty_table() -> None:

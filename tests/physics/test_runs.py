@@ -1,6 +1,7 @@
 """The end, the results and the warnings of a run."""
 
 import math
+import re
 from dataclasses import fields, replace
 from typing import Any
 
@@ -196,6 +197,7 @@ def test_warnings_that_an_assessor_needs_are_in_the_result(code: str, changes: d
     found = paper_run(30.0, **{"projectile": PLAIN, **changes})
     assert code in codes(found)
     assert all(warning.detail for warning in found.warnings)
+    assert not any(re.search(r"-\d[\d.]*°", each.detail) for each in found.warnings)  # A minus sign is no hyphen.
 
 
 def test_mean_density_is_the_mass_over_the_volume_of_the_outline() -> None:

@@ -27,7 +27,9 @@ from solver import (
     Trajectory,
     critical_angle,
     least_thickness,
+    least_thickness_many,
     limit_velocity,
+    limit_velocity_many,
     simulate,
 )
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, paper_impact
@@ -103,6 +105,10 @@ def test_walls_take_an_impact_or_its_numbers() -> None:
         **solid, velocity=PAPER_VELOCITY, oblique_angle=angle
     )
     assert limit_velocity(**wall, impact=impact) == limit_velocity(**wall, oblique_angle=angle)
+    assert list(least_thickness_many(**solid, velocity=[PAPER_VELOCITY], oblique_angle=angle)) == list(
+        least_thickness_many(**solid, impact=[impact])
+    )
+    assert list(limit_velocity_many(**wall, impact=impact)) == list(limit_velocity_many(**wall, oblique_angle=[angle]))
     wrong: list[tuple[Any, dict[str, Any], str]] = [
         (least_thickness, solid, "velocity"),
         (least_thickness, solid | {"velocity": 238.0}, "oblique_angle"),

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.readers.calibration import Expected, read_depth_tests, read_motion, read_obliquity_points
+from service.readers.calibration import Expected, read_depth_tests, read_motion, read_obliquity_points, read_shots
 from service.readers.files import FileError
-from solver import Impact
+from solver import Impact, Shot
 from solver.strike import PAPER_PROJECTILE
 
 STRIKE = Expected(impact=Impact(velocity=238.0, oblique_angle=math.radians(30.0)), projectile=PAPER_PROJECTILE)
@@ -36,6 +36,22 @@ def test_depth_tests_of_published_tables_need_no_flags(file: Path) -> None:
 def test_mass_of_the_projectile_is_recognized(file: Path, head: str) -> None:
     file.write_text(f"velocity_m_s,depth_m,{head}\n200,0.2,12.9\n300,0.4,13\n")
     assert [test.mass for test in read_depth_tests(file)] == [12.9, 13.0]
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        "Speed (m/s),Penetration depth (mm)\n200,200\n300,400\n",
+        "v0 [m/s];P [cm]\n200;20\n300;40\n",
+        "shot,Impact speed (km/s),Penetration,remark\na,0.2,0.2,\nb,0.3,0.4,deep\n",
+        "Striking speed\tDepth\nm/s\tmm\n200\t200\n300\t400\n",
+    ],
+)
+def test_headers_are_as_people_write_them(file: Path, table: str) -> None:
+    file.write_text(table)
+    shots = [Shot(velocity=200.0, depth=0.2), Shot(velocity=300.0, depth=0.4)]
+    assert read_shots(file) == shots
+    assert [Shot(velocity=test.velocity, depth=test.depth) for test in read_depth_tests(file)] == shots
 
 
 def test_numbers_in_columns_that_are_not_read_are_not_looked_at(file: Path) -> None:

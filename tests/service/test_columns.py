@@ -1,12 +1,14 @@
 """Columns of tables agree with the contract."""
 
+from typing import Any, get_origin
+
 import pytest
 
 from service.cli.writers import heading
-from service.columns import UNITS, Column
+from service.columns import UNITS, Column, summarize
 from service.operations import OPERATIONS, Operation
 from service.schemas.answers import Exit, MotionState
-from service.schemas.fields import columns_of, part_of
+from service.schemas.fields import columns_of, kind_of, part_of
 from service.schemas.quantities import Part
 
 SYMBOLS = {"deg": "°"}
@@ -39,6 +41,21 @@ def test_columns_of_an_operation_are_described_and_differ(operation: Operation) 
     names = [column.name for column in operation.columns]
     assert len(set(names)) == len(names)
     assert all(column.description for column in operation.columns)
+
+
+def filled(model: type[Part]) -> dict[str, Any]:
+    """Return an answer with a value in every field, optional ones and parts included."""
+    found: dict[str, Any] = {}
+    for name, info in model.model_fields.items():
+        kind, part = kind_of(info.annotation), part_of(model, name)
+        value: Any = filled(part) if part else "x" if isinstance(kind, type) and issubclass(kind, str) else 1.0
+        found[name] = value if get_origin(kind) is not list else [value] if part else [1.0, 2.0]
+    return found
+
+
+@pytest.mark.parametrize("operation", [each for each in OPERATIONS.values() if each.many], ids=lambda each: each.name)
+def test_every_column_of_a_batch_is_filled_from_an_answer(operation: Operation) -> None:
+    assert {column.name for column in operation.columns} <= summarize(filled(operation.answer)).keys()
 
 
 def test_headings_have_units_as_people_write_them() -> None:

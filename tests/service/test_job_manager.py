@@ -310,6 +310,23 @@ async def test_small_job_of_an_owner_passes_a_large_one(pool: ProcessPool, tmp_p
         await manager.cancel(large.id)
 
 
+async def test_place_and_time_of_a_job_count_what_goes_before_it(pool: ProcessPool, tmp_path: Path) -> None:
+    """A small job waits neither for the large ones of its owner nor for more of another owner than its turns take."""
+    async with running(tmp_path, pool) as manager:
+        sizes = (("anna", 4000), ("anna", 2000), ("bert", 4000), ("anna", 20))
+        jobs = []
+        for number, (owner, size) in enumerate(sizes):
+            first = 10_000 * number
+            jobs.append(await accepted(manager, cases(range(first, first + size), seconds=0.02), owner))
+        assert [manager.jobs_ahead(job) for job in jobs] == [2, 1, 0, 0]
+        large, medium, other, small = map(manager.seconds_until_done, jobs)
+        assert small < medium / 10
+        assert medium < other < large
+        for job in jobs:
+            await manager.cancel(job.id, job.owner)
+        assert [manager.jobs_ahead(job) for job in jobs] == [0] * len(jobs)
+
+
 async def test_no_owner_fills_the_queue(pool: ProcessPool, tmp_path: Path) -> None:
     """An owner may use half of what the others leave, so that there is room for the next owner."""
     async with running(tmp_path, pool, max_queued_cases=800) as manager:

@@ -225,6 +225,7 @@ def test_warning_stands_alone_if_it_moves_the_angle_by_more_than_a_quarter_of_th
     assert found.angle is not None
     assert found.spread is not None
     assert {each.code for each in found.warnings if not each.standing} == special
+    assert not re.search(r"-\d[\d.]*°", " ".join(each.detail for each in found.warnings))  # A minus sign is no hyphen.
     shifts = {each.code: each.angle_shift for each in found.warnings if each.angle_shift is not None}
     for code, shift in shifts.items():
         assert (abs(shift) > 0.25 * (found.spread[1] - found.spread[0])) is (code in special)

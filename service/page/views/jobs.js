@@ -146,7 +146,7 @@ class JobsView {
     let after = null;
     for (const job of [...jobs].reverse()) {
       const row = this.#rows.get(job.id);
-      row.update(job, jobs.filter((other) => !isFinal(other) && other.created < job.created).length);
+      row.update(job);
       if (!row.root.isConnected) this.body.insertBefore(row.root, after);
       after = row.root;
     }
