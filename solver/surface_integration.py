@@ -21,8 +21,8 @@ from solver.compilation import VECTOR_WIDTH, exact, lean, vectorised
 from solver.free_surface import TINY, Decay, inertial_factor, static_factor
 from solver.surface import ARC, BodyMotion
 
-# A wall stores each ring twice, so half of the rows must hold one stretch with the most stations there may be, 256. That
-# half must be whole vectors, of 8 numbers at most: loops run over whole vectors, and would overwrite the other half.
+# A wall stores each ring twice, so half of the rows must hold one stretch with the most stations, 256. Half of the rows
+# must be whole vectors, of 8 numbers at most: loops over whole vectors would otherwise overwrite the other half.
 ROOM = 528
 """Largest number of rings of either kind in a batch."""
 FULL = ROOM

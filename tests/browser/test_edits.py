@@ -101,7 +101,7 @@ def check_shown(page: Page, client: httpx.Client) -> None:
     found = client.post("/cra", json=body | {"impact": impact}).json()
     angle = found.get("critical_angle_deg")
     figures = page.locator(".figures").inner_text()
-    shown = ["none"] if angle is None else [f"{angle:.{decimals}f}°" for decimals in (1, 2)]
+    shown = ["none", "No critical angle"] if angle is None else [f"{angle:.{decimals}f}°" for decimals in (1, 2)]
     assert any(each in figures for each in shown), (page.url, figures)
     assert f"{body['impact']['oblique_angle_deg']:g}°" in figures
 

@@ -344,7 +344,7 @@ GIVEN: dict[str, Any] = CASE | {
 """A value for each argument without a default of the functions below."""
 CASES_OF = {"alternatives": {**CASE, "velocity": 238.0}, "least_thickness": {"impact": STRIKE, "target": PAPER_TARGET}}
 CASES_OF |= {"thickness_spread": {"target": PAPER_TARGET}, "limit_velocity": {"oblique_angle": 0.0}}
-MANY = ("critical_angle_many", "simulate_many", "least_thickness_many", "limit_velocity_many")
+OF_MANY = ("critical_angle_many", "simulate_many", "least_thickness_many", "limit_velocity_many")
 """Functions whose answers hold the errors of their cases."""
 RESISTED: dict[str, Callable[..., Any]] = {
     name: function
@@ -369,7 +369,7 @@ def test_what_is_no_resistance_is_refused_with_what_to_give(name: str) -> None:
         try:
             found = RESISTED[name](**arguments | {"resistance": resistance})
         except ParameterError as error:
-            assert name not in MANY
+            assert name not in OF_MANY
             found = [error]
         assert isinstance(found[0], ParameterError)
         assert re.fullmatch(f"resistance: must be a Resistance(: |, ){message}", str(found[0]))

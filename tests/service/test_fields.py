@@ -144,12 +144,12 @@ def test_columns_are_the_numbers_and_texts_of_an_answer() -> None:
         Column("ending", "", "S32"),
         Column("fastest_m_s", ""),
         Column("steps", ""),
-        Column("first_m", "as it was first"),
+        Column("first_m", "length at first"),
         Column("seconds_s", ""),
     )
     assert columns_of(TryAnswer, "try_", "; rough") == (
         Column("try_speed_m_s", "speed that was tried; rough"),
-        Column("try_ending", "how it ended; rough", "S32"),
+        Column("try_ending", "ending of a try; rough", "S32"),
     )
 
 
