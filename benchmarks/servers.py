@@ -47,7 +47,7 @@ class Server:
 
     @property
     def pid(self) -> int:
-        """Process id."""
+        """Process id of the server."""
         if self._process is None:
             raise RuntimeError("the server is not started")
         return self._process.pid

@@ -79,7 +79,7 @@ class FormulaResult:
     range_known: bool = True
     """True if a source states the range of the formula."""
     note: str = ""
-    """Doubts about the formula, and assumptions; empty without any."""
+    """Caveats and assumptions of the formula; empty if there are none."""
     source: str
     """Authors and year."""
     verified: bool

@@ -347,7 +347,7 @@ def _members(given: Any) -> tuple[Any, ...] | None:
 
 
 def _inside(start: Point, middle: Point, end: Point) -> float:
-    """Return the distance of a point inside the line between two others; negative for a point outside. [m]"""
+    """Return the signed distance of a point from the line through two others, positive on the inner side. [m]"""
     x, r = end[0] - start[0], end[1] - start[1]
     return ((middle[0] - start[0]) * r - (middle[1] - start[1]) * x) / math.hypot(x, r)
 

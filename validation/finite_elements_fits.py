@@ -377,7 +377,7 @@ def _of_mesh(law: str, mesh: Mesh, calibration: Calibration, shared: Sequence[fl
 
 
 def _only(factors: Mapping[float, Estimate], angles: Sequence[float]) -> dict[float, Estimate]:
-    """Strength factors at some of the angles. [°]"""
+    """Return the strength factors at the given angles, which are in degrees."""
     return {angle: factor for angle, factor in factors.items() if angle in angles}
 
 

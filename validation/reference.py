@@ -361,7 +361,7 @@ def path_of_run(run: FiniteElementRun) -> TipPath:
 def motion_of(
     impact: Impact, *, strength_factor: float, times: FloatArray, free_surface: FreeSurface | None = None
 ) -> MotionHistory:
-    """Motion of the paper's projectile by the adaptive route, elastic-plastic unless given; times in seconds."""
+    """Return the motion of the paper's projectile by the adaptive route, with elastic-plastic decay by default."""
     return predict_motion(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,

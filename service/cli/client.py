@@ -29,7 +29,7 @@ BUSY = frozenset({429, 503})
 """Statuses after which a request is retried."""
 NOT_IN_KEYS = re.compile(r"[^!-~]|[\"']")
 """Characters that a key must not contain: all but printable ASCII, because it is sent in a header, and quotes, which
-are left over from a file of variables."""
+are usually copied by mistake from an environment file."""
 PROXIES = ("ALL_PROXY", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY")
 """Environment variables of proxies that httpx reads."""
 CERTIFICATES = ("SSL_CERT_FILE", "SSL_CERT_DIR")

@@ -29,7 +29,7 @@ def test_readme_installs_the_package_from_the_copy_and_names_the_distribution() 
     assert "`import solver`" in text
     assert f"called `{name}`" in text
     assert name != "ricochet"
-    assert "`ricochet` of the package index is another project" in " ".join(text.split())
+    assert "`ricochet` on the package index is another project" in " ".join(text.split())
     assert "solver.warm_up(print)" in text
     assert "some minutes on a slow one" in text
 

@@ -23,7 +23,7 @@ class Ending(StrEnum):
 
 @dataclass
 class Try:
-    """One of several tries."""
+    """One attempt of a search, with its input and outcome."""
 
     value: float
     """Speed that was tried. [m/s] Two at least."""
@@ -56,7 +56,7 @@ class EndingPart(Part):
 
 
 class TryAnswer(EndingPart):
-    """One of several tries."""
+    """One attempt of a search, with its input and outcome."""
 
     solved = Try
 
