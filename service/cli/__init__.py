@@ -33,7 +33,7 @@ from service.cli.outputs import check_outputs, one_answer
 from service.cli.parser import Parser, with_values
 from service.version import VERSION
 
-PLAIN = {"°": "deg", "θ": "theta", "±": "+/-", "×": "x", "–": "-", "…": "..."}
+PLAIN = {"°": "deg", "−": "-", "θ": "theta", "±": "+/-", "×": "x", "–": "-", "…": "..."}
 """Replacements for characters that the encoding of a terminal lacks and that Unicode does not decompose."""
 
 

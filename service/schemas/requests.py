@@ -64,8 +64,8 @@ class StrengthScatter(StrEnum):
 Alternatives = Annotated[
     Flag,
     Field(
-        description="Include results with other laws: each decay near the face with each strength factor. Each of them "
-        "is a case like any other, and is stored under a key of its own."
+        description="Include results with other laws: each decay near the face with each strength factor. Each is a "
+        "case of its own, with its key."
     ),
 ]
 
@@ -106,9 +106,8 @@ class Case(Part):
     resistance: Annotated[Resistance, Field(default_factory=Resistance)]
     numerics: Annotated[Numerics, Field(default_factory=Numerics)]
     strength_scatter: StrengthScatter = StrengthScatter.LAW
-    """Source of the scatter of S. With `law` it comes from the published tests behind the law, or from own tests in the
-    resistance. With `paper_table_1` S is taken to be known as well as after the four shots of the paper, in any
-    strike."""
+    """Source of the scatter of S: the published tests, or own tests in the resistance (`law`); or the four shots of the
+    paper, as if they were into this concrete (`paper_table_1`)."""
 
     def shared_arguments(self) -> dict[str, Any]:
         """Return the arguments that all functions of the solver share."""

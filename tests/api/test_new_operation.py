@@ -117,4 +117,4 @@ def test_tables_of_a_new_operation_have_the_fields_of_its_answer(client: TestCli
         summary = file["summary"]
         assert summary["kinetic_energy_j"][()].tolist() == energies
         attributes = summary["kinetic_energy_j"].attrs
-        assert (attributes["units"], attributes["description"]) == ("J", "at first contact")
+        assert (attributes["units"], attributes["description"]) == ("J", "kinetic energy at first contact")
