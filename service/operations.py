@@ -539,8 +539,8 @@ TRAJECTORY = Operation(
     tool=ToolText(
         "trajectory",
         "Trajectory of one impact",
-        "Compute how one impact ends: outcome, greatest depth, state at the end and as the projectile leaves. The "
-        "columns over time are not in the answer: `GET /results/{key}` of the service has them.",
+        "Compute how one impact ends: outcome, greatest depth, state at the end and as the projectile leaves. For the "
+        "columns over time, `GET /results/{key}` of the service.",
     ),
 )
 CRITICAL_ANGLE_UNCERTAINTY = Operation(
