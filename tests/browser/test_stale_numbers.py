@@ -31,7 +31,7 @@ LOOK = """() => {
         window.samples += 1;
     }, 20);
 }"""
-IDLE = """() => document.querySelector('.verdict [data-outcome]')
+IDLE = """() => document.querySelector('.figures')
     && !document.querySelector('.sides > :last-child [aria-busy=true]:not(details:not([open]) *)')"""
 
 
