@@ -31,8 +31,8 @@ SLIDE = """async (value) => {
     slider.dispatchEvent(new Event("input", {bubbles: true}));
     await new Promise((next) => setTimeout(next, 400));
 }"""
-PROBABILITY = """() => [...document.querySelectorAll(".figures div")].some(
-    (part) => part.textContent.startsWith("Probability") && /\\d %/.test(part.textContent))"""
+PROBABILITY = """(speed) => document.querySelector('#field-impact-velocity_m_s')?.value === speed
+    && /probability/.test(document.querySelector(".outcome:not([aria-busy=true] *)")?.textContent)"""
 WALL = "/#/explore?target.thickness_m=0.5&impact.velocity_m_s="
 MAP = "/#/map?x=impact.velocity_m_s,100,400,60&y=projectile.mass_kg,8,20,60"
 
@@ -74,7 +74,7 @@ def main() -> None:
         for number in range(3):
             page.goto(f"{WALL}{231 + number}")
             begun = perf_counter()
-            page.wait_for_function(PROBABILITY, timeout=120_000)
+            page.wait_for_function(PROBABILITY, arg=str(231 + number), timeout=120_000)
             times.append(perf_counter() - begun)
         rows.append(["probability of a wall, slowest of 3", f"{max(times):.1f} s", "5 s"])
         page.goto(MAP)
