@@ -65,7 +65,7 @@ class Comparison:
     wrong_deg: list[float] | None = None
     """Angles of a scan at which the outcome of a strike on a wall differs from that of the interval."""
     confirmed: bool | None = None
-    """Whether a fine trajectory 0.02° above the angle is turned away, and one 0.02° below the bracket is not."""
+    """Return whether a fine trajectory 0.02° above the angle is turned away, and one 0.02° below the bracket is not."""
     cpu_s: float
     paper_cpu_s: float
     """CPU time of the paper's strike right after, in the same process."""
@@ -147,7 +147,7 @@ def compare_walls(numbered: tuple[int, Case]) -> Comparison:
 
 
 def _holds(interval: OutcomeInterval, angle_deg: float) -> bool:
-    """Whether an angle is in an interval, or within the tolerance of it."""
+    """Return whether an angle is in an interval, or within the tolerance of it."""
     lower, upper = math.degrees(interval.lower), math.degrees(interval.upper)
     return lower - TOLERATED_DEG <= angle_deg <= upper + TOLERATED_DEG
 

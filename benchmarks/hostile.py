@@ -1,4 +1,4 @@
-"""What is the longest time that hostile headers and bodies block the event loop?
+"""Longest time for which hostile headers and bodies block the event loop.
 
     python benchmarks/hostile.py [--requests 2000] [--seed 1]
 

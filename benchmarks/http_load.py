@@ -1,4 +1,4 @@
-"""What is the overhead of HTTP compared with the bare solver?
+"""Overhead of HTTP compared with the bare solver.
 
     python benchmarks/http_load.py [--cases 20000 2000] [--quick]
 

@@ -1,4 +1,4 @@
-"""How fast is the page: a warm reload on a slow line, the probability of a wall, a map, and its longest task?
+"""Speed of the page: a warm reload on a slow line, the probability of a wall, a map, and the longest task.
 
     python -m benchmarks.page
 

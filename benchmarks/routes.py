@@ -1,4 +1,4 @@
-"""How much faster is the adaptive route than the paper's method in plain NumPy, and what is the error of each?
+"""Speed and error of the adaptive route, compared with the paper's method in plain NumPy.
 
     python benchmarks/routes.py [--quick] [--repetitions 5]
 

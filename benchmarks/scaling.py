@@ -1,4 +1,4 @@
-"""What is the gain of a second core: how many random strikes a second do two workers compute, compared with one?
+"""Gain of a second core: random strikes computed in a second by two workers, compared with one.
 
     python benchmarks/scaling.py [--quick] [--cases 1000] [--turns 5]
 

@@ -1,4 +1,4 @@
-"""How long does a step of a slider in the page take, from the event to the picture and the right angle, in Chromium?
+"""Time of a step of a slider in the page, from the event to the picture and the right angle, in Chromium.
 
     python benchmarks/slider.py [--quick]
 

@@ -1,4 +1,4 @@
-"""Does the service lose, repeat or change a result, or grow, under a mixed load with kills and restarts?
+"""Soak test: no result is lost or changed and memory does not grow, under a mixed load with kills and restarts.
 
     python benchmarks/soak.py [--minutes 20]
 

@@ -1,4 +1,4 @@
-"""How much time, compilation and memory does a new process need for its first critical angle?
+"""Time, compilation and memory that a new process needs for its first critical angle.
 
     python benchmarks/startup.py [--quick] [--repetitions 5]
 

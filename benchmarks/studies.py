@@ -1,4 +1,4 @@
-"""How long do the maps of the page take, and a study of uncertainty as a job with each method?
+"""Time of the maps of the page, and of a study of uncertainty as a job with each method.
 
     python benchmarks/studies.py [--maps]
 

@@ -1,4 +1,4 @@
-"""What is the CPU time for an error of the critical angle, for both routes and many settings?
+"""CPU time against error of the critical angle, for both routes and many settings.
 
     python benchmarks/work_precision.py [--quick]
 

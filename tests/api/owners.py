@@ -54,7 +54,7 @@ class Guarded:
 
 
 def is_known(client: httpx.Client) -> bool:
-    """Whether the service accepts the key of this client; it reads new keys periodically."""
+    """Return whether the service accepts the key of this client; it reads new keys periodically."""
     return client.get("/jobs").status_code != httpx.codes.UNAUTHORIZED
 
 

@@ -421,7 +421,7 @@ def test_event_streams_of_an_owner_are_limited(guarded: Guarded) -> None:
 
 
 def opens(client: httpx.Client, path: str) -> bool:
-    """Whether another stream is accepted."""
+    """Return whether another stream is accepted."""
     with client.stream("GET", path) as stream:
         return stream.status_code == 200
 
@@ -528,7 +528,7 @@ def test_keys_that_are_damaged_let_nobody_in(tmp_path: Path, monkeypatch: pytest
 def test_start_after_the_keys_are_lost_is_refused_with_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """If it started without keys, anybody on this machine could list the jobs of owners."""
+    """A service that started without keys would let anybody on this machine list the jobs of owners."""
     key_in(tmp_path, "anna")
     jobs_of("anna")(tmp_path)
     (tmp_path / "auth.sqlite").unlink()

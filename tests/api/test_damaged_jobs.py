@@ -1,4 +1,4 @@
-"""With any stored column of a job damaged, the service starts, and all other jobs are answered."""
+"""A damaged column of one job keeps neither the service from starting nor the other jobs from being answered."""
 
 import csv
 import io

@@ -60,7 +60,7 @@ def send(url: str, line: bytes, *headers: bytes, body: bytes = BODY) -> tuple[in
 
 @pytest.mark.parametrize("name", NAMES)
 def test_header_may_be_as_long_as_the_limit(live_url: str, name: str) -> None:
-    """For every kind of value: a longer one is refused, a shorter one is answered, or refused for its content."""
+    """Headers longer than their bound are refused; shorter ones are answered, or refused for their content."""
     for line, body in ((b"POST /cra/batch HTTP/1.1", BODY), (b"GET /page/main.js HTTP/1.1", b"")):
         for kind, value in VALUES.items():
             within, beyond = (
@@ -147,7 +147,7 @@ def test_unchanged_file_is_answered_with_the_headers_of_a_full_answer(
 
 
 def test_id_of_a_request_that_looks_like_a_key_is_replaced(client: httpx.Client) -> None:
-    """If a client sends its key in the wrong header, the key is not logged."""
+    """A key that a client sends in the wrong header is not logged."""
     for given in ("ricochet_5f0c21d9_" + "a" * 43, "Ricochet_5f0c21d9", "of:ricochet_5f0c21d9_x"):
         assert client.get("/livez", headers={"X-Request-ID": given}).headers["X-Request-ID"] != given
     assert client.get("/livez", headers={"X-Request-ID": "ricochet-17"}).headers["X-Request-ID"] == "ricochet-17"

@@ -89,7 +89,7 @@ def test_own_name_on_the_loopback_interface_is_answered(client: httpx.Client, ho
 
 
 def test_other_name_is_refused_on_any_address_of_an_open_service(tmp_path: Path) -> None:
-    """For example in a container whose port is published on the loopback interface of its host."""
+    """An example is a container whose port is published on the loopback interface of its host."""
     settings = Settings(data_dir=tmp_path, host="0.0.0.0", access="open", executor="in-process")  # noqa: S104
     with TestClient(create_app(settings), "http://192.0.2.7:8000") as client:
         for host in ("evil.example", "192.0.2.7:8000"):

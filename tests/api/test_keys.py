@@ -186,7 +186,7 @@ PINNED = PAPER | {
 
 
 def test_keys_are_those_of_earlier_releases(monkeypatch: pytest.MonkeyPatch) -> None:
-    """If these keys change, every stored result becomes unreachable: raise a version instead."""
+    """A change of these keys makes every stored result unreachable: raise a version instead."""
     monkeypatch.setattr("service.operations.ENGINE_VERSION", "pinned")
     monkeypatch.setattr("service.operations.SCHEMA_VERSION", "pinned")
     plain = {"b": [1, -0.0, 0.1], "a": {"x": True, "y": "text"}}

@@ -45,7 +45,7 @@ def written(client: httpx.Client, path: str, body: Any, folder: Path) -> tuple[P
 
 
 def in_base(name: str) -> bool:
-    """Whether a column is a field of the base of a sweep, which Parquet stores in its metadata."""
+    """Return whether a column is a field of the base of a sweep, which Parquet stores in its metadata."""
     return "." in name and name not in (STRENGTH, MASS)
 
 

@@ -96,7 +96,7 @@ def test_blocks_of_the_manual_compile_and_run(built: Path, live_url: str) -> Non
 
 
 def test_body_of_the_readme_has_the_types_of_the_contract(built: Path) -> None:
-    """With the default flags of openapi-typescript, optional fields are optional."""
+    """Optional fields are optional with the default flags of openapi-typescript."""
     found = re.search(r"localhost:8000/cra .*? -d '(\{.*?\})'", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
     assert found
     settings = json.loads((built / "tsconfig.conversation.json").read_text(encoding="utf-8"))

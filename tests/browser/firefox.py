@@ -40,7 +40,7 @@ class Tab:
         self._connection, self._numbers = connection, itertools.count(1)
         self._call("session.new", capabilities={})
         self.errors: list[str] = []
-        """What scripts threw and the console was told as an error."""
+        """Exceptions of scripts and errors in the console."""
         self._call("session.subscribe", events=["log.entryAdded"])
         self._context = self._call("browsingContext.getTree")["contexts"][0]["context"]
 

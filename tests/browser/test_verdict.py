@@ -23,7 +23,7 @@ def judged(page: Page) -> Locator:
 
 
 def boxes(parts: Locator) -> list[dict[str, float]]:
-    """Where parts stand in the window."""
+    """Return the positions of parts in the window. [px]"""
     found: list[dict[str, float]] = parts.evaluate_all("all => all.map(each => each.getBoundingClientRect().toJSON())")
     return found
 

@@ -127,7 +127,7 @@ def test_table_of_a_job_is_that_of_the_service(
     monkeypatch: pytest.MonkeyPatch,
     swept: str,
 ) -> None:
-    """With several pages the header is printed once."""
+    """The header is printed once, however many pages there are."""
     monkeypatch.setattr("service.cli.client.PAGE_SIZE", 2)
     assert cli.main(["jobs", "results", swept, "--csv", "--digits", "all"]) == 0
     table = client.get(f"/jobs/{swept}/results", headers={"Accept": "text/csv"}).text

@@ -18,7 +18,7 @@ COMMANDS = {
 
 
 def begins_as(kind: str, content: bytes) -> bool:
-    """Whether a file begins like its format."""
+    """Return whether a file begins like its format."""
     if kind == "parquet":
         return content.startswith(b"PAR1")
     if kind == "xlsx":

@@ -127,7 +127,7 @@ def test_every_block_of_commands_is_run_or_on_the_list_of_those_that_are_not(pag
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_no_command_is_in_a_block_of_another_language(page: Path) -> None:
-    """For example `text`, which is for output and drawings."""
+    """An example is `text`, which is for output and drawings."""
     for block in blocks(page):
         if block.language not in COMMANDS:
             lines = [line for line in block.text.splitlines() if COMMAND_LINE.match(line)]

@@ -106,7 +106,7 @@ def test_law_without_an_answer_gives_its_error_and_the_others_their_answers() ->
 
 
 def test_each_theory_occurs_with_eq_9_and_with_its_own_strength_factor() -> None:
-    """With the S fitted to finite element motions, the angles of the two theories are closer to each other."""
+    """The angles of the two theories are closer to each other with the S fitted to finite element motions."""
     found: dict[tuple[str, str], float] = {
         (each.free_surface, each.obliquity_shape): math.degrees(each.answer.angle)  # type: ignore[union-attr,arg-type]
         for each in alternatives(critical_angle, **CASE)

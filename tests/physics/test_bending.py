@@ -120,7 +120,7 @@ def test_beam_that_is_struck_at_its_end_has_the_moment_of_the_closed_form(route:
 
 @pytest.mark.parametrize("factor", [0.25, 4.0])
 def test_stress_goes_with_the_strength_and_the_square_of_the_speed(factor: float) -> None:
-    """If strength, modulus and the square of the speed are multiplied by one factor, the path does not change."""
+    """The path does not change when strength, modulus and the square of the speed are multiplied by one factor."""
     resistance = Resistance(strength_factor=ConstantStrengthFactor(value=8.5))
     target = replace(PAPER_TARGET, youngs_modulus=30e9)
     scaled = replace(

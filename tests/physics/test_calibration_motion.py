@@ -96,7 +96,7 @@ def test_95_percent_intervals_hold_the_true_value_in_93_percent_of_300_trials() 
 
 
 def test_errors_that_neighbours_share_make_a_wider_interval() -> None:
-    """With an autocorrelation of 0.9 the same scatter has fewer independent samples than white noise."""
+    """Scatter with an autocorrelation of 0.9 has fewer independent samples than white noise."""
     random, history = np.random.default_rng(3), motion(30.0, 8.0)
     noise = white(random, TIMES.size)
     alike = {name: values.copy() for name, values in noise.items()}

@@ -126,7 +126,7 @@ def test_closed_form_equals_the_integrated_momentum_equation(name: str, velocity
 
 
 def test_plastic_zone_ends_where_the_elastic_shell_yields() -> None:
-    """For an incompressible solid around a cavity of radius 1, 2E u/r = Y at r = c, with u = 1/(3c²)."""
+    """An incompressible solid around a cavity of radius 1 has 2E u/r = Y at r = c, with u = 1/(3c²)."""
     target = concrete()
     for model, strength in ((ElasticPlastic(), 39e6), (MohrCoulomb(), (3.0 - 2.0 / 3.0) * 39e6 / 3.0)):
         c = model.plastic_ratio(target)

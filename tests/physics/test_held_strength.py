@@ -58,7 +58,7 @@ def test_critical_angles_are_those_of_an_independent_program(held: float, veloci
 
 @pytest.mark.parametrize("velocity", [238.0, 400.0, 600.0])
 def test_equation_9_is_held_from_60_degrees_unless_told_otherwise(velocity: float) -> None:
-    """Whether the default is written out or not; beyond 60° it equals a constant S."""
+    """The default is the same written out or omitted; beyond 60° it equals a constant S."""
     plain = angle_of(ObliquityPolynomial(), velocity)
     assert plain == angle_of(ObliquityPolynomial(coefficients=EQUATION_9_COEFFICIENTS), velocity)
     assert plain == angle_of(ObliquityPolynomial(held_from=math.radians(60.0)), velocity)
@@ -95,7 +95,7 @@ def test_search_and_run_use_the_same_strength_factor_beyond() -> None:
 
 
 def test_half_the_default_search_lies_above_without_being_cut() -> None:
-    """If it is not held, eq. 9 is zero from 86.6° on, and the search ends there."""
+    """Eq. 9 that is not held is zero from 86.6° on, and the search ends there."""
     search = Search(lower=math.radians(5.0), upper=math.radians(89.0))
     assert "range_clipped" not in codes(critical_angle(**CASE, velocity=PAPER_VELOCITY, search=search))
     unheld = Resistance(strength_factor=ObliquityPolynomial(held_from=math.pi / 2.0))
@@ -105,7 +105,7 @@ def test_half_the_default_search_lies_above_without_being_cut() -> None:
 
 
 def test_flat_body_along_the_face_meets_concrete() -> None:
-    """With the extrapolated S of 0.34 at 85° the body went 435 mm deep."""
+    """The extrapolated S of 0.34 at 85° let the body go 435 mm deep."""
     flat = Projectile(nose=Flat(), diameter=0.08, length=0.53, mass=13.0)
     strike = CASE | {"projectile": flat, "impact": paper_impact(oblique_angle_degrees=85.0), "sample_interval": None}
     held = known(simulate(**strike).maximum_depth)

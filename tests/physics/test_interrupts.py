@@ -210,7 +210,7 @@ def test_computation_that_is_begun_again_in_another_thread_gives_the_same() -> N
 
 
 def test_compiled_code_hands_only_numbers_and_plain_tuples_of_them_to_python() -> None:
-    """For any other object numba runs Python code, in which it does not expect the exception of a signal handler."""
+    """Other objects make numba run Python code, in which it does not expect the exception of a signal handler."""
     solver.warm_up()
     entry_points = [function.dispatcher for function in compilation.FUNCTIONS if function.is_entry_point]
     assert entry_points

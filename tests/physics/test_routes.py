@@ -185,7 +185,7 @@ def body_and_panels(name: str) -> tuple[Projectile, Panels]:
 def test_load_is_that_on_panels_however_a_projectile_lies_and_moves(
     body: str, thickness: float | None, decay: str
 ) -> None:
-    """For any attitude and motion they agree within 0.3 % of the largest load, or 0.4 %
+    """Loads in any attitude and motion agree within 0.3 % of the largest load, or 0.4 %
     for tapering bodies.
 
     This is the accuracy of that many panels where the face or the boundary of the loaded part cuts them.

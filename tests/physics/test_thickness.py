@@ -275,7 +275,7 @@ def test_run_ends_in_motion_after_a_full_turn_in_the_target() -> None:
 
 
 def test_run_that_gains_energy_between_the_faces_diverges_at_once() -> None:
-    """With few stations such a run once took 100,000 ever shorter steps, so that searches took seconds."""
+    """Such a run with few stations once took 100,000 ever shorter steps, so that searches took seconds."""
     nose = Ogive(caliber_radius_head=5.690303148099852)
     body = Projectile(nose=nose, diameter=0.12287467948546833, length=0.7013633683649022, mass=56.95403029714366)
     wall = Target(compressive_strength=38067137.271900564, density=2238.9669610416436, thickness=0.06518926882855638)
@@ -289,7 +289,7 @@ def test_run_that_gains_energy_between_the_faces_diverges_at_once() -> None:
 
 
 def test_rough_trial_that_gains_energy_is_done_again() -> None:
-    """With rough steps the shank of this strike hits the rear of its hole ever harder, and the run does not end."""
+    """The shank of this strike in rough steps hits the rear of its hole ever harder, and the run does not end."""
     wall = replace(PAPER_TARGET, compressive_strength=78451171.59555532, thickness=0.15)
     found = critical_angle(projectile=PAPER_PROJECTILE, target=wall, velocity=262.67797193455965)
     assert found.angle is not None

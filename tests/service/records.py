@@ -100,7 +100,7 @@ def without_angle() -> Record:
 
 
 def same(one: Record | None, other: Record) -> bool:
-    """Whether two records are equal, bit for bit."""
+    """Return whether two records are equal, bit for bit."""
     return (
         one is not None
         and (one.key, one.json, one.request, one.answer) == (other.key, other.json, other.request, other.answer)

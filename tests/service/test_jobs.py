@@ -54,7 +54,7 @@ def stored_job(store: JobStore, count: int = 450, owner: str = "local", token: I
 
 
 def test_jobs_of_an_owner_have_a_bound_on_disk(tmp_path: Path) -> None:
-    """For a new job, the jobs that ended first are deleted; unfinished jobs stay, and then no more are accepted."""
+    """A new job deletes the jobs that ended first; unfinished jobs stay, and then no more are accepted."""
     store = JobStore(tmp_path, job_days=7.0, owner_bytes=100_000, operations={"square"})  # space for three jobs
     other = stored_job(store, owner="bert")
     first, second, third = (stored_job(store, owner="anna") for _ in range(3))

@@ -74,7 +74,7 @@ def test_850_mm_are_not_enough_for_the_155_mm_body(strength: float, angle: float
 
 
 def test_design_value_is_not_below_what_the_model_needs_with_plug_and_crater() -> None:
-    """If eq. 9 is not held beyond 60° the model needs 427 mm; held, it needs less than 1.2 times Hughes."""
+    """The model needs 427 mm if eq. 9 is not held beyond 60°; held, it needs less than 1.2 times Hughes."""
     wall = Target(compressive_strength=27e6, density=2300.0, thickness=0.4)
     falling = Resistance(strength_factor=ObliquityPolynomial(held_from=math.radians(90.0)))
     found = judge(LONG_OGIVE, wall, 242.0, 67.1, resistance=falling)

@@ -84,7 +84,7 @@ def test_every_row_but_the_outlier_is_counted(assessment: Assessment) -> None:
 
 
 def test_outlier_enters_no_fit(assessment: Assessment) -> None:
-    """If its depth is doubled, no strength factor changes; with a counted test it would."""
+    """No strength factor changes when its depth is doubled; with a counted test it would."""
     place = outlier_place(assessment)
     curves = [depth_curve(strike, CLOSED_FORM) for strike in assessment.strikes]
     moved = with_depth(assessment.strikes, place, factor=2.0)

@@ -102,7 +102,7 @@ def test_mixed_model_finds_the_scatter_that_made_the_data() -> None:
 
 
 def test_mixed_model_of_balanced_groups_is_the_analysis_of_variance() -> None:
-    """For balanced groups and a mean only, restricted maximum likelihood has a closed form."""
+    """Restricted maximum likelihood has a closed form for balanced groups and a mean only."""
     values = np.array([[2.0, 2.1, 1.9], [2.6, 2.5, 2.7], [1.5, 1.7, 1.6], [2.2, 2.0, 2.4]])
     found = fit_mixed(values.ravel(), np.ones((12, 1)), np.repeat(range(4), 3).tolist())
     within = float(np.mean(values.var(axis=1, ddof=1)))
