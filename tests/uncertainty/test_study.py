@@ -68,7 +68,7 @@ def test_samples_correct_a_surrogate_whose_error_does_not_go_away(half_width: fl
 
 
 def test_surrogate_gives_way_once_counting_is_more_exact() -> None:
-    """Steps in one input are estimated more exactly by counting points of the sequence than by the surrogate's bound."""
+    """Counting points estimates steps in one input more exactly than the bound on the surrogate's error."""
 
     class Stairs(Linear):
         distributions = (Uniform(lower=-1.0, upper=1.0),)
