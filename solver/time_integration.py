@@ -14,7 +14,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.cancellation import may_step
-from solver.compilation import compiled, lean, once
+from solver.compilation import compiled, lean
 from solver.loads import MOST_STATES
 from solver.motion import (
     Model,
@@ -43,7 +43,7 @@ MOST_ENERGY = 2.0
 """Kinetic energy, over its initial value, above which a run counts as diverged. [1]"""
 
 
-@once
+@lean
 def _attempt_fixed_step(state: FloatArray, step: float, model: Model, work: Workspace) -> None:
     """Write the state after one Runge-Kutta step to ``work.trial``."""
     rate, point = work.stages, work.point
@@ -199,7 +199,7 @@ def make_linearisation() -> Linearisation:
     return Linearisation(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
-@once
+@lean
 def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearisation) -> None:
     """Compute the Jacobian of the accelerations at `state` by forward difference quotients.
 
@@ -282,7 +282,7 @@ def _solve_stage(
         drift[i] = g * (drift[i] + push[i])
 
 
-@once
+@lean
 def attempt_step(
     state: FloatArray, step: float, model: Model, work: Workspace, linear: Linearisation, scale: FloatArray
 ) -> float:
