@@ -21,7 +21,7 @@ from solver.trajectory import simulate
 from solver.uncertainty.results import RANGE, AfterShots
 from solver.uncertainty.sampling import Estimate, Sampling
 from solver.uncertainty.strikes import THEORY, critical_angle_uncertainty
-from solver.uncertainty.usual import THEORIES, has_own_law, usual_scatter
+from solver.uncertainty.usual import has_own_law, usual_scatter
 from solver.uncertainty.walls import WallVerdict, embedded_words, judge_wall
 from solver.uncertainty.weighed_warnings import (
     HELD,
@@ -66,8 +66,6 @@ RANGE_FAILED = "the 90 % range could not be computed"
 """Clause of a verdict whose study failed or took too long."""
 NO_RANGE_BY_PANELS = "no 90 % range by panels"
 """Clause of a verdict by panels, whose study would take minutes."""
-THEORY_NAMES = ("elastic-plastic", "Mohr-Coulomb")
-"""Names of the theories of the decay in sentences."""
 
 
 class Question(NamedTuple):
@@ -248,31 +246,18 @@ class Verdict:
         return text
 
     def _more(self) -> list[str]:
-        found = [self._by_theory()] if self.theories and not self.own_law else []
+        found = []
         if self.held_angle is not None:
             found.append(f"{self._fine(self.held_angle)} with S held from {math.degrees(HELD_EARLIER):g}°")
         if self.other_crossings:
             found.append(f"the outcome also changes at {', '.join(map(self._fine, self.other_crossings))}")
-        return list(filter(None, found))
-
-    def _by_theory(self) -> str:
-        weighed = zip(THEORY_NAMES, THEORIES, self.theories, strict=True)
-        return ", ".join(
-            f"{name} decay (weight {weight:g}) {self._fine(angle)}"
-            for name, weight, angle in weighed
-            if angle is not None
-        )
+        return found
 
     def _over_theories(self) -> str:
         """Return a sentence on the range over the theories, if the resistance has another law."""
         if self.theory_spread is None:
             return "The range over the theories could not be computed." if self.theory_range_failed else ""
-        return (
-            "; ".join(
-                filter(None, (f"Over the theories: 90 % range {_range_text(self.theory_spread)}", self._by_theory()))
-            )
-            + "."
-        )
+        return f"Over the theories: 90 % range {_range_text(self.theory_spread)}."
 
     def _wall(self) -> str:
         if self.wall is not None:
