@@ -1,4 +1,4 @@
-"""Strikes that are compared: pinned, drawn over one another, tabled, in the address."""
+"""Comparison of pinned strikes: in the picture, the plots, the table and the address."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Critical angle: the searches, trial by trial, and what happens just below and above."""
+"""The view "Critical angle": every trial of the searches, and strikes just below and just above the angle."""
 
 import re
 from collections.abc import Callable
@@ -31,7 +31,7 @@ def cells(page: Page, caption: str) -> list[list[str]]:
 
 
 def drawn(page: Page, plot: int) -> list[list[float]]:
-    """What is drawn upwards in the first or second plot of the trials, a list for each search."""
+    """Return the y values of each search in one of the two plots of the trials (0 or 1)."""
     plots = page.locator(".trials .drawing")
     found: list[list[float]] = plots.nth(plot).evaluate("plot => plot.data.map(({ y }) => [...y])")
     return found
@@ -111,7 +111,7 @@ def test_verdict_is_that_of_the_service_once_it_is_there(page: Page, client: htt
     card = page.locator("[data-outcome=ricochet]")
     expect(card.locator("strong").first).to_have_text(first)
     for sentence in others:
-        plain, _, _ = sentence.partition(";")  # The theories stand on the strip.
+        plain, _, _ = sentence.partition(";")  # The rest of the sentence, about the theories, is shown on the strip.
         expect(card.locator(".rest")).to_contain_text(plain.rstrip("."))
     expect(card).to_contain_text(f"90 % range {answer['range_text']}")
     theories = [each["critical_angle_deg"] for each in answer["theories"]]

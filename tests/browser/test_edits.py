@@ -1,4 +1,4 @@
-"""Editing a case: never an error on the way to a value, in the units of who types it, and undone step by step."""
+"""Editing a case: no error while a value is being typed, input in other units, and undo."""
 
 import random
 import re
@@ -26,7 +26,8 @@ FIELDS: dict[str, tuple[tuple[str, ...], float, float, dict[str, float]]] = {
     "Length": (("projectile", "length_m"), 300.0, 900.0, {"mm": 1.0, "cm": 10.0}),
     "Angle of attack": (("impact", "angle_of_attack_deg"), -9.0, 9.0, {"°": 1.0}),
 }
-"""Fields with what is typed into them: least and most in the unit shown, and other units in that."""
+"""Fields by label: path in the request, smallest and largest typed value in the unit shown, and the accepted units
+with their size in the unit shown."""
 LISTEN = """() => {
     window.errors = [];
     const look = () => {
@@ -43,7 +44,7 @@ def field(page: Page, label: str) -> Locator:
 
 
 def type_into(page: Page, label: str, text: str, leave: bool = True) -> None:
-    """Replace what a field holds, key by key."""
+    """Replace the content of a field by pressing keys."""
     field(page, label).focus()
     page.keyboard.press("ControlOrMeta+a")
     if not text:
@@ -54,7 +55,7 @@ def type_into(page: Page, label: str, text: str, leave: bool = True) -> None:
 
 
 def drop_refusals(faults: list[str]) -> None:
-    """Browsers put every answer from 400 on into the console: those to what is half typed are expected."""
+    """Drop recorded refusals of incomplete input: browsers log every answer with a status of 400 or more."""
     faults[:] = [fault for fault in faults if "422" not in fault]
 
 
@@ -90,9 +91,9 @@ def test_values_inside_their_bounds_are_never_an_error_however_they_are_typed(
 
 
 def check_shown(page: Page, client: httpx.Client) -> None:
-    """Compare what is shown with what the service answers to the address, which has every value in SI."""
+    """Check the figures shown against the service's answer to the case in the address, which is in SI units."""
     expect(page.locator("[aria-invalid=true]")).to_have_count(0)
-    page.wait_for_timeout(400)  # the address follows
+    page.wait_for_timeout(400)  # The address is updated after a delay.
     body: dict[str, Any] = {part: dict(content) for part, content in PAPER_AT_45.items()}
     for name, text in re.findall(r"([a-z_.]+)=([-\d.e]+)", page.url):
         part, _, key = name.partition(".")
@@ -259,7 +260,7 @@ def test_own_shots_narrow_the_range(page: Page, shots: str) -> None:
     before = ninety_per_cent(page)
     unfold(page)
     page.get_by_label("Strength factor", exact=True).select_option("own_tests")
-    page.get_by_label("Shots: speed, depth").fill(shots)  # the second and last action
+    page.get_by_label("Shots: speed, depth").fill(shots)  # This is the second and last action.
     fit = page.get_by_label("Own depth tests", exact=True)
     expect(fit).to_contain_text(f"With {3 if 'cm' in shots else 4} depth tests: S ")
     expect(fit).to_be_visible()

@@ -1,4 +1,4 @@
-"""Explore, as one who sits before it sees it."""
+"""The view "Explore": numbers, pictures, fields and downloads."""
 
 import json
 import math
@@ -19,7 +19,7 @@ from .side_view import READY, points, transform
 
 STEPS = 12
 PATIENCE_MS = 2_000.0
-"""For a step of a slider on a machine that does much else; alone it takes some 60 ms."""
+"""Time limit for a step of a slider on a busy machine; it takes about 60 ms on an idle one. [ms]"""
 NOSE_FIELDS = {
     "conical": "Cone height over diameter",
     "spherical": "Caliber radius head",
@@ -49,7 +49,7 @@ def side_view(page: Page) -> Locator:
 
 
 def outline(page: Page) -> list[list[float]]:
-    """Where the outline that can be moved is."""
+    """Return the coordinates of the projectile's outline. [m]"""
     return points(page, "moving")
 
 
@@ -78,7 +78,7 @@ def test_papers_case_shows_its_critical_angle_and_the_picture(page: Page) -> Non
 
 
 def test_wall_that_is_too_thin_is_perforated(page: Page) -> None:
-    strong = "projectile.yield_strength_pa=2e9"  # Else the first warning is that it bends.
+    strong = "projectile.yield_strength_pa=2e9"  # With less strength the first warning would be about bending.
     open_explore(page, f"?target.thickness_m=0.2&impact.oblique_angle_deg=20&{strong}")
     expect(page.get_by_label("Thickness")).to_have_value("200")
     verdict = page.get_by_role("region", name="Verdict")
@@ -150,7 +150,7 @@ def test_error_of_the_service_is_shown_at_the_field(page: Page, faults: list[str
     refused = [fault for fault in faults if "422" in fault]
     assert refused
     for fault in refused:
-        faults.remove(fault)  # browsers put every answer from 400 on into the console
+        faults.remove(fault)  # Browsers log every answer with a status of 400 or more.
 
 
 def test_every_nose_has_its_fields_and_a_picture(page: Page) -> None:
@@ -191,7 +191,7 @@ def test_other_laws_include_this_strike_and_its_angle(page: Page) -> None:
     expect(rows).to_have_count(11)
     for degrees in ("45", "55"):
         page.get_by_label("Oblique angle", exact=True).fill(degrees)
-        expect(page.locator(".laws-table")).to_have_attribute("aria-busy", "true")  # until it is of this strike
+        expect(page.locator(".laws-table")).to_have_attribute("aria-busy", "true")  # while it shows the previous strike
         expect(page.locator(".laws-table")).not_to_have_attribute("aria-busy", "true")
         for row in rows.all():
             _, _, angle, outcome, fitted_to = row.locator("td").all_inner_texts()
@@ -303,7 +303,7 @@ def test_histories_have_the_acceleration_of_the_body_in_standard_gravity(page: P
 
 
 def test_bending_is_a_curve_and_a_mark(page: Page, client: httpx.Client) -> None:
-    """Both are of the answer: the curve has its peak where the mark says it is."""
+    """The curve peaks at the stress and time in the answer, and the side view marks the section that bends most."""
     open_explore(page)
     body = PAPER_AT_45 | {"output": {"history": True, "sample_interval_s": 1e-4}}
     bending = client.post("/trajectory", json=body).json()["bending"]

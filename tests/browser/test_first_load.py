@@ -1,4 +1,4 @@
-"""The first load over a slow line: words and the side view first, plots later, nothing moves."""
+"""The first load over a slow line: text and side view come first, plots later, and nothing shifts."""
 
 import re
 from pathlib import Path
@@ -54,14 +54,14 @@ def test_first_picture_takes_a_quarter_of_a_megabyte_at_most(page: Page) -> None
     session.send("Network.enable")
     sizes: list[float] = []
     session.on("Network.loadingFinished", lambda event: sizes.append(event["encodedDataLength"]))
-    throttle(session, SLOW_BYTES_PER_S)  # what comes later is seen to come later
+    throttle(session, SLOW_BYTES_PER_S)  # slow enough that files requested later also arrive later
     page.goto("/", wait_until="commit")
     page.locator(READY).wait_for()
     assert sum(sizes) <= 250_000
 
 
 def test_every_module_of_the_first_view_is_announced_to_the_browser() -> None:
-    """A chain of imports costs a round trip for each link, so the document names them all."""
+    """The document names them all, because each level of nested imports would cost a round trip."""
     found: set[Path] = set()
 
     def follow(module: Path) -> None:
@@ -91,7 +91,7 @@ def test_verdict_and_picture_are_above_the_fold(
     page.goto("/")
     page.wait_for_function(IDLE)
     for part in parts:
-        ratio = 0.5 if part == FORM else 1.0  # it is longer than any window
+        ratio = 0.5 if part == FORM else 1.0  # The form is longer than any window.
         box = page.locator(part).first.bounding_box()
         assert box is not None
         assert box["y"] >= 0
@@ -127,7 +127,7 @@ def test_second_load_asks_for_two_files_and_fetches_neither_anew(page: Page) -> 
 
 @pytest.mark.parametrize(("width", "height"), [(1440, 900), (390, 844)])
 def test_nothing_moves_as_the_page_fills(new_page: NewPage, width: int, height: int) -> None:
-    """Cumulative layout shift, of which 0.1 counts as good."""
+    """Cumulative layout shift is below 0.05; up to 0.1 is rated as good."""
     page = new_page(width=width, height=height)
     page.add_init_script("""
         window.shift = 0;

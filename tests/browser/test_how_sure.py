@@ -1,4 +1,4 @@
-"""How sure: the probability of ricochet of a case whose inputs scatter."""
+"""The view "How sure": the probability of ricochet of a case with scattering inputs."""
 
 import re
 from itertools import pairwise
@@ -35,7 +35,7 @@ def wait(page: Page) -> None:
 
 
 def answer_of(client: httpx.Client, **rest: Any) -> dict[str, Any]:
-    """What the service answers to the case of the page with two scatters."""
+    """Return the service's answer to the same case with the same two scattering inputs."""
     answer = client.post("/cra/uncertainty", json=PAPER | {"uncertain": TWO_INPUTS} | rest)
     answer.raise_for_status()
     found: dict[str, Any] = answer.json()
@@ -43,18 +43,18 @@ def answer_of(client: httpx.Client, **rest: Any) -> dict[str, Any]:
 
 
 def drawn(page: Page) -> list[list[float]]:
-    """The lower and the upper edge of the band, the curve, and the angle of the case."""
+    """Return the plotted probabilities: lower and upper limit of the band, the curve, and the point of the case."""
     plot = page.get_by_role("img", name=re.compile("Probability of ricochet"))
     found: list[list[float]] = plot.evaluate("plot => plot.data.map(({ y }) => [...y])")
     return found
 
 
 def curve_of(picture: Path) -> list[tuple[float, float]]:
-    """Points of the curve, read off the axes of an SVG picture."""
+    """Return the points of the curve in an SVG file, in the units of its axes."""
     root = ET.parse(picture).getroot()  # noqa: S314 (the page's own)
 
     def ticks(name: str, index: int) -> np.ndarray:
-        """Slope and offset from places to numbers of an axis."""
+        """Fit the straight line from positions to values of an axis; return its slope and offset."""
         marks = [
             (float(re.findall(r"-?[\d.]+", text.get("transform", ""))[index]), float("".join(text.itertext())))
             for group in root.iter(f"{SVG}g")

@@ -1,4 +1,4 @@
-"""The table of jobs."""
+"""The view "Jobs": progress, results, titles and deletion of jobs, and cases from a table."""
 
 import csv
 import io
@@ -79,7 +79,7 @@ def test_cases_of_a_dropped_table_have_the_rest_of_the_case_in_the_other_views(
 def test_job_that_runs_says_how_long_it_takes_and_one_that_waits_how_many_are_ahead(
     page: Page, client: httpx.Client
 ) -> None:
-    """The answer is altered, so that both are seen whatever the load."""
+    """The answer of the service is replaced, so that both states occur however busy the machine is."""
     job = client.post("/trajectory/batch", content=lines(searches(1)), headers=LINES | ASYNC).json() | {"counts": {}}
     counts = {"total": 100, "done": 0, "cached": 0, "failed": 0}
     started = (datetime.now(UTC) - timedelta(seconds=60)).isoformat()
@@ -142,7 +142,7 @@ def test_results_are_downloaded(page: Page, client: httpx.Client, tmp_path: Path
 
 
 def count_of(path: Path, form: str) -> int:
-    """Cases in a file."""
+    """Return the number of cases in a downloaded file."""
     if form == "HDF5":
         with h5py.File(path) as file:
             return int(file["summary/index"].shape[0])

@@ -1,4 +1,4 @@
-"""Maps: sweeps as jobs, drawn while they run."""
+"""The view "Map": sweeps that run as jobs and are drawn while they run."""
 
 import json
 import re
@@ -28,7 +28,7 @@ def job_of(page: Page) -> str:
 
 
 def heat(page: Page, trace: int) -> list[list[float | None]]:
-    """Colours of the heat map, as Plotly holds them."""
+    """Return the values of a heat map, row by row."""
     values: list[list[float | None]] = page.evaluate(
         "trace => document.querySelector('.map .drawing').data[trace].z.map(row => [...row])", trace
     )
@@ -131,7 +131,7 @@ def test_phase_diagram_has_the_case_as_a_point_that_is_dragged(page: Page) -> No
     page.mouse.move(x - 40, y - 120, steps=5)
     page.mouse.up()
     expect(page.locator("[data-outcome=ricochet]")).to_be_visible()
-    page.wait_for_timeout(400)  # the address follows
+    page.wait_for_timeout(400)  # The address is updated after a delay.
     angle = float(re.findall(r"oblique_angle_deg=([\d.]+)", page.url)[0])
     speed = float(re.findall(r"velocity_m_s=([\d.]+)", page.url)[0])
     assert angle > 48.63
@@ -358,7 +358,7 @@ def test_legend_is_as_wide_as_a_phone(new_page: NewPage) -> None:
 
 
 def test_phase_diagram_has_a_line_from_which_on_the_body_yields(page: Page) -> None:
-    """It parts the cells with the warning from those without."""
+    """The line separates cells with the warning about bending from cells without it."""
     axes = "x=impact.oblique_angle_deg,30,60,4&y=impact.velocity_m_s,100,300,5"
     run_map(page, f"operation=trajectory&{axes}", 20)
     line = page.locator(".map .drawing").evaluate(

@@ -1,4 +1,4 @@
-"""Numbers as they are read and as they are written."""
+"""Numbers typed into fields, and the format of numbers shown."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""No number stands beside inputs that it does not belong to, unless it is marked."""
+"""Numbers computed for earlier inputs are removed or marked as outdated."""
 
 import json
 import random
@@ -21,7 +21,7 @@ def test_field_that_is_not_accepted_takes_the_numbers_away(page: Page) -> None:
     speed(page).fill("-5")
     expect(page.locator(".angle")).to_have_count(0)
     expect(page.locator("[data-outcome]")).to_have_count(0)
-    picture = page.locator(".side-view.cleared[aria-busy=true]")  # of the inputs before
+    picture = page.locator(".side-view.cleared[aria-busy=true]")  # the picture of the previous inputs
     expect(picture.locator(".drawing")).to_be_visible()
     expect(page.locator("#status")).to_have_text("A field is not accepted. Nothing is computed.")
     speed(page).fill("250")
@@ -55,7 +55,7 @@ def test_nothing_is_pinned_reported_copied_or_exported_without_a_case(page: Page
 
 @pytest.mark.parametrize("edits", [25, pytest.param(300, marks=pytest.mark.slow)])
 def test_random_edits_never_leave_what_belongs_to_other_inputs(page: Page, faults: list[str], edits: int) -> None:
-    """After an edit that is not accepted all is grey and disabled; after others words and address have the inputs."""
+    """After an invalid edit results are grey and buttons disabled; after a valid one text and address match it."""
     chance = random.Random(51)  # noqa: S311 (not for secrets)
     fields = {
         "Speed": (["238", "310.5", "120"], ["-5", "", "fast"]),
@@ -83,7 +83,7 @@ def test_random_edits_never_leave_what_belongs_to_other_inputs(page: Page, fault
         expect(page.locator(".cleared")).to_have_count(0)
         angle = float(page.get_by_label("Oblique angle", exact=True).input_value())
         expect(page.locator("[data-outcome]").first).to_contain_text(f"{angle:g}°")
-        page.wait_for_timeout(300)  # the address follows
+        page.wait_for_timeout(300)  # The address is updated after a delay.
         link = page.url
         for name, key in (("Speed", "impact.velocity_m_s"), ("Mass", "projectile.mass_kg")):
             shown, usual = page.get_by_label(name, exact=True).input_value(), {"Speed": "238", "Mass": "13"}[name]
@@ -105,7 +105,7 @@ def test_shots_that_are_not_accepted_take_their_bars_away(page: Page) -> None:
 
 def test_page_is_not_up_to_date_while_a_study_or_a_map_is_computed(page: Page) -> None:
     status = page.locator("#status")
-    page.route("**/cra/uncertainty", lambda route: None)  # it never answers
+    page.route("**/cra/uncertainty", lambda route: None)  # The request gets no answer.
     with page.expect_response("**/verdict"):
         page.goto("/#/how-sure?scatter=impact.velocity_m_s,normal,coefficient_of_variation:0.02&sampling.seed=4")
     expect(page.locator(".verdict [aria-busy=true]")).to_have_count(0)
@@ -181,7 +181,7 @@ def test_papers_searches_wait_until_they_are_opened_and_end_with_the_inputs(page
 
     def hold_first(route: Route) -> None:
         if method(route.request) == "bisection" and not held:
-            held.append(route)  # without an answer until the page gives it up
+            held.append(route)  # not answered, so that it is pending until the page aborts it
         else:
             route.continue_()
 

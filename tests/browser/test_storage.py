@@ -1,4 +1,4 @@
-"""What the browser keeps for the page: it may keep nothing, or something damaged."""
+"""Browser storage that is blocked, disabled or damaged."""
 
 from pathlib import Path
 
@@ -71,7 +71,7 @@ def test_firefox_with_storage_off_shows_every_view(live_url: str, tmp_path: Path
 
 
 def shown(text: str, part: str) -> str:
-    """Script that waits for a text of the page to have this part, and returns it."""
+    """Return a script that waits until the value of an expression contains `part`, and returns the value."""
     return f"""new Promise((found) => {{
         const look = () => {{
             const text = {text};
