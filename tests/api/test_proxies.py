@@ -1,4 +1,4 @@
-"""Addresses of clients behind a proxy are accepted only from the proxies in the settings."""
+"""Headers with the address of the client count only if they come from a proxy in the settings."""
 
 import json
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ class Behind(NamedTuple):
     audit_log: Path
 
     def post(self, address: str, **headers: str) -> tuple[httpx.Response, dict[str, Any]]:
-        """Send a query from this address; return the answer and its entry in the audit log."""
+        """Send a query from a loopback address; return the answer and its entry in the audit log."""
         transport = httpx.HTTPTransport(local_address=address)
         named = {name.replace("_", "-"): value for name, value in headers.items()}
         with httpx.Client(base_url=self.url, transport=transport, timeout=180.0) as client:
@@ -45,7 +45,7 @@ def behind(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> 
 
 
 def test_client_of_a_trusted_proxy_is_the_one_it_names_last(behind: Behind) -> None:
-    """It needs a key, because it is not on this machine, although the proxy is."""
+    """A client on another machine needs a key, although the proxy is on this one."""
     answer, entry = behind.post(PROXY, X_Forwarded_For=f"{OTHER}, {CLIENT}")
     assert (answer.status_code, entry["client"]) == (401, CLIENT)
     answer, entry = behind.post(PROXY, X_Forwarded_For=OTHER)

@@ -130,7 +130,7 @@ def test_spread_for_a_strength_factor_within_ten_per_cent_takes_two_actions_at_m
 ) -> None:
     act.click(explore.get_by_role("link", name="How sure, input by input"))
     factor = explore.get_by_role("group", name="Factor on the strength factor")
-    with explore.expect_request(lambda request: request.url.endswith("/cra/uncertainty")):  # sent without a further action
+    with explore.expect_request(lambda request: request.url.endswith("/cra/uncertainty")):  # without a click
         act.fill(factor.get_by_label("Scale"), "0.1")
     expect(explore.locator("#study-progress")).to_have_text("Done.")
     expect(explore.locator(".range")).to_have_text(re.compile(r"\d"))
