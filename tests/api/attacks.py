@@ -260,7 +260,7 @@ def effect_of(attack: Attack, target: Target, token: str, attacker_token: str) -
 
 
 def query(target: Target, token: str, more: Callable[[], bool]) -> int:
-    """Request cached and new critical angles in turn while `more()` is true, at least `QUERIES`; return their number."""
+    """Request cached and new critical angles in turn while `more()` is true, at least `QUERIES`; return how many."""
     connection = HTTPConnection("127.0.0.1", target.port, timeout=60.0)
     headers = {"Content-Type": "application/json", "Authorization": f"Bearer {token}"}
     answered = 0

@@ -1,4 +1,4 @@
-"""The command with unusual environments: variables, encodings, closed streams."""
+"""The command in unusual environments: variables, encodings, closed streams."""
 
 import json
 import subprocess
@@ -44,7 +44,7 @@ def test_a_variable_that_does_not_work_is_named_and_does_not_matter_on_this_mach
     "address", ["http://127.0.0.1:1", "http://localhost:1", "http://[::1]:1", "http://127.9.9.9:1"]
 )
 def test_loopback_is_never_sought_through_a_proxy(folder: Path, live_url: str, address: str) -> None:
-    """The proxy in this test is a service, which would answer."""
+    """A running service is set as the proxy: if it were used, it would answer."""
     done = run(folder, "cra", "strike.toml", "--url", address, HTTP_PROXY=live_url, NO_PROXY="")
     assert (done.status, done.out) == (1, "")
     assert done.err.startswith(f"ricochet cra: no service answers at {address}: ")
@@ -81,7 +81,7 @@ def drawn(folder: Path, *words: str, **settings: str) -> bytes:
 
 
 def test_the_settings_of_matplotlib_change_no_plot(folder: Path) -> None:
-    """Neither a file in the working folder nor that of the user, which may have any encoding."""
+    """Plots ignore a `matplotlibrc` in the working folder and one of the user, even with an invalid encoding."""
     words = ("trajectory", "strike.toml", "--angle", "45", "--plot", "plot.svg")
     assert run(folder, *words, SOURCE_DATE_EPOCH="0").status == 0
     usual = (folder / "plot.svg").read_bytes()

@@ -8,7 +8,7 @@ import pytest
 
 from .blocks import PAGES, ROOT, blocks, name_of
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]  # the types of numpy and xarray are not cached
+pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]  # mypy has no cache here for the types of numpy and xarray.
 OPTIONAL = """
 import matplotlib.axes
 import matplotlib.figure
