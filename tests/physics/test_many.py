@@ -1,4 +1,4 @@
-"""Many strikes in one call: the same answers as single calls, in order, and failures that do not stop the others."""
+"""Many strikes in one call: answers equal those of single calls, in order, and a failure does not stop the others."""
 
 import math
 import threading
@@ -46,7 +46,7 @@ def test_many_critical_angles_are_those_of_one_by_one(threads: int) -> None:
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_many_trajectories_are_those_of_one_by_one(threads: int) -> None:
-    """There are more trajectories than the function computes ahead of its caller."""
+    """There are more trajectories than the function computes before its caller takes the first."""
     impacts = [Impact(velocity=238.0, oblique_angle=math.radians(0.5 * number)) for number in range(150)]
     numerics = Numerics(relative_tolerance=1e-2, stations=3)
     many = simulate_many(**CASE, impact=impacts, numerics=numerics, threads=threads)
@@ -91,7 +91,7 @@ def test_single_values_are_one_case() -> None:
 
 
 def test_answers_come_while_later_cases_still_run() -> None:
-    """The first of 100,000 cases is returned without waiting for the others, which are then abandoned."""
+    """The first of 100,000 answers are returned before the others are computed, and closing abandons the rest."""
     answers = critical_angle_many(
         **CASE,
         velocity=np.full(100_000, PAPER_VELOCITY),
@@ -134,7 +134,7 @@ def interrupted(*_: Any) -> None:
 
 
 def test_compiled_search_releases_the_interpreter_lock() -> None:
-    """A counting thread continues while another runs searches, which hold the lock for a tenth of their time."""
+    """A thread that counts continues while another computes searches, which hold the lock a tenth of the time."""
     counted, running = 0, True
 
     def search() -> None:

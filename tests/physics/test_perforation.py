@@ -1,4 +1,4 @@
-"""Least thickness and limit velocity, compared with an independent program and with runs on either side."""
+"""Least thickness and limit velocity, compared with an independent program and with runs just below and above them."""
 
 import math
 from dataclasses import replace
@@ -75,7 +75,7 @@ def test_warnings_are_those_of_the_wall_that_is_answered(angle: float) -> None:
 
 
 SHORT = Numerics(termination_time=4e-3)
-"""A termination time at which thick walls and slow projectiles are still in motion."""
+"""Numerics with a termination time at which slow projectiles, or any in thick walls, are still in motion."""
 
 
 def test_limit_next_to_a_trial_in_motion_is_uncertain() -> None:

@@ -53,7 +53,7 @@ def answers(trajectory: solver.Trajectory, found: solver.CriticalAngle) -> dict[
 
 @pytest.fixture
 def pyplot() -> Iterator[Any]:
-    """pyplot with a backend without a display; figures are closed at the end."""
+    """The module pyplot, with a backend that needs no display; figures are closed after the test."""
     found = pytest.importorskip("matplotlib.pyplot")
     found.switch_backend("agg")
     yield found
@@ -61,7 +61,7 @@ def pyplot() -> Iterator[Any]:
 
 
 class Balanced(HTMLParser):
-    """HTML parser that fails if tags are not closed in order."""
+    """HTML parser that fails if tags are not properly nested."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -142,7 +142,7 @@ LABELS = {
     "embedded": "greatest depth [m]",
     "depths": "measured depth [m]",
 }
-"""Answers with a plot, and a label in each plot."""
+"""A label that the plot of each answer must have, by name of the answer."""
 
 
 @pytest.mark.parametrize("words", LABELS)
