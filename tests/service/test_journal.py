@@ -1,4 +1,4 @@
-"""Results of single queries are written to a journal at once, and later to a segment together."""
+"""Results of single queries are written to a journal at once, and later moved to a segment together."""
 
 import os
 import signal
@@ -45,7 +45,7 @@ def journal_of(folder: Path) -> Path:
 
 
 def made_journal(folder: Path) -> Path:
-    """Path of a journal that can be created."""
+    """Make the folder of a journal; return the path of the journal."""
     path = journal_of(folder)
     path.parent.mkdir(parents=True)
     return path
@@ -67,7 +67,7 @@ def test_single_results_are_found_at_once_and_become_one_segment_as_large_as_tha
         assert keys_in_journal(tmp_path / "single") == {record.key for record in records[:-1]}
         assert stat(tmp_path / "single").cases == JOURNAL_RECORDS - 1
         cache.put(records[-1])
-        cache.flush()  # waits for the transfer that the last result has started
+        cache.flush()  # This waits for the transfer that the last result has started.
         single = cache.statistics()
         assert keys_in_journal(tmp_path / "single") == set()
         found = cache.get_many([record.key for record in records])
@@ -179,7 +179,8 @@ def test_answered_results_survive_a_kill_at_any_instant_and_are_stored_once(tmp_
             assert cache.known(wanted) == set(wanted)
             found = cache.get_many(wanted)
             assert all(found[key_of(i)].json == critical_angle(i).json for i in range(answered + 1))
-            assert cache.statistics().cases - (answered + 1) in {0, 1}  # the last one may not have been reported
+            # The last result may have been stored without being reported.
+            assert cache.statistics().cases - (answered + 1) in {0, 1}
             assert cache.verify() == []
 
 

@@ -1,6 +1,6 @@
-"""Cache lookup, shared computation and storing, with a real pool and folder.
+"""Queries: cache lookup, shared computation, storing and the queue, with a real pool and folder.
 
-A call that makes a folder fails if it runs twice.
+Some calls create a folder, so that they fail if they run twice.
 """
 
 import asyncio
@@ -131,7 +131,7 @@ async def test_work_everyone_has_left_is_kept_for_who_comes_back(service: QueryS
     first = asyncio.ensure_future(ask(service, "once", tmp_path))
     await asyncio.sleep(0)
     first.cancel()
-    record, _ = await ask(service, "once", tmp_path)  # a second run would raise FileExistsError
+    record, _ = await ask(service, "once", tmp_path)  # A second run would raise FileExistsError.
     assert record.answer["result"] is None
 
 
@@ -227,12 +227,13 @@ async def test_owner_with_most_waiting_gives_way_to_another(pool: ProcessPool, t
     others = [ask_as(10, "bert"), ask_as(11, "carla"), ask_as(12, "bert")]
     outcomes = await asyncio.gather(*crowd, *others, return_exceptions=True)
     refused = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, QueriesWaitingError)]
-    assert [number for number in refused if number >= 5] in ([5], [7])  # one of bert's, whichever was queued later
+    # This is one of bert's, whichever was queued later.
+    assert [number for number in refused if number >= 5] in ([5], [7])
     assert len(refused) == 3  # and two of the others
 
 
 async def test_waiting_time_of_a_query_is_limited(pool: ProcessPool, tmp_path: Path) -> None:
-    """The refusal states the expected time of the queued and running work, not a fixed time."""
+    """The refusal states the time expected for the queued and running work, not a constant."""
     cache = ResultCache(tmp_path / "data", memory_bytes=100_000_000, disk_bytes=10**9)
     service = QueryService(cache, pool, OPERATIONS, queue_seconds=0.2)
     heavy = [replace(KeyedRequest.of("slower", Question(tmp_path, number)), work=5000) for number in range(2)]
@@ -246,7 +247,7 @@ async def test_waiting_time_of_a_query_is_limited(pool: ProcessPool, tmp_path: P
 
 
 async def test_query_that_waited_in_vain_is_not_told_to_come_back_sooner(pool: ProcessPool, tmp_path: Path) -> None:
-    """It waits behind cheaper work, which may be jobs that do not count as queries."""
+    """The query waited for cheaper work of jobs, which its `retry_after` must include."""
     cache = ResultCache(tmp_path / "data", memory_bytes=100_000_000, disk_bytes=10**9)
     service = QueryService(cache, pool, OPERATIONS, queue_seconds=1.2)
     calls: list[Call] = [(time.sleep, (0.1,))] * 20
@@ -259,7 +260,7 @@ async def test_query_that_waited_in_vain_is_not_told_to_come_back_sooner(pool: P
 
 
 async def test_announced_wait_is_no_longer_than_all_queries_may_run(tmp_path: Path) -> None:
-    """Queries that end at the time limit do not count as finished work, whatever their cost."""
+    """Queries that are ended at the time limit do not count as finished work, however large their cost is."""
     executor = ProcessPool(workers=2, task_seconds=4.0)
     await executor.start()
     try:
@@ -278,9 +279,9 @@ async def test_announced_wait_is_no_longer_than_all_queries_may_run(tmp_path: Pa
 
 
 async def test_event_loop_stays_free_while_histories_are_made_and_kept(service: QueryService, tmp_path: Path) -> None:
-    """The limit is relative to the time to read and write the answers, so that it holds on a busy machine."""
+    """The time of the event loop is compared with that of parsing the answers, so the limit holds on any machine."""
     requests = [KeyedRequest.of("trajectory", Question(tmp_path, number)) for number in range(40)]
-    await ask(service, "trajectory", tmp_path, 99)  # The first call imports modules, which is not measured.
+    await ask(service, "trajectory", tmp_path, 99)  # The first call imports modules, and is not measured.
     begin = time.thread_time()
     found = await asyncio.gather(*(service.answer("trajectory", request) for request in requests))
     loop_seconds = time.thread_time() - begin
@@ -304,7 +305,7 @@ async def test_result_that_another_kept_after_the_look_up_is_not_kept_twice(
 
 
 class LosesFirstChunk(ProcessPool):
-    """Executor that loses the answer to its first chunk."""
+    """Process pool that loses the results of its first chunk."""
 
     lost = False
 
@@ -334,7 +335,7 @@ async def test_cases_whose_chunk_comes_back_without_answers_fail_and_are_answere
 async def test_implausible_answers_are_logged_and_counted(
     service: QueryService, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Single answers and those of a chunk count once each; a repeated query does not count again."""
+    """Answers to queries and in chunks count once each; a repeated query does not count again."""
     single, *chunk = keyed("implausible", [Question(tmp_path, number) for number in range(3)])
     await service.answer("implausible", single)
     await service.answer("implausible", single)

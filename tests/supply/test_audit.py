@@ -1,4 +1,4 @@
-"""`make audit` with databases of advisories that answer, do not answer, or cannot be reached."""
+"""`make audit` with an advisory database that answers, fails or cannot be reached."""
 
 import json
 import re
@@ -26,7 +26,7 @@ ADVISORY = {
 
 @contextmanager
 def database(status: int, vulnerable: str = "") -> Iterator[str]:
-    """A database with the interface of OSV and one vulnerable package."""
+    """Run a server with the interface of OSV that answers with this status and knows one vulnerable package."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self) -> None:

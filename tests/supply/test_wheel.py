@@ -1,4 +1,4 @@
-"""The wheel has the same bytes wherever and whenever it is built, and contains only the packages."""
+"""The wheel has the same bytes wherever and whenever it is built, and contains nothing but the packages."""
 
 import hashlib
 import os
@@ -18,7 +18,7 @@ SOURCES = ("pyproject.toml", "README.md", "LICENSE", "ricochet_command.py", "ser
 
 
 def built(folder: Path, *, seconds: int, umask: int, hidden: bool) -> Path:
-    """Build the wheel from a copy whose files have this age, with bytecode beside them."""
+    """Build the wheel from a copy of the sources with this file date and umask, optionally with bytecode files."""
     source = folder / "source"
     source.mkdir(parents=True)
     for name in SOURCES:

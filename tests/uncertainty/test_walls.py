@@ -1,4 +1,4 @@
-"""The verdict on a wall: perforation and scabbing by the formulas with margins, and never less than the model needs."""
+"""The verdict on a wall: formulas with margins for perforation and scabbing, and never less than the model needs."""
 
 import math
 import re
@@ -74,7 +74,7 @@ def test_850_mm_are_not_enough_for_the_155_mm_body(strength: float, angle: float
 
 
 def test_design_value_is_not_below_what_the_model_needs_with_plug_and_crater() -> None:
-    """The model needs 427 mm if eq. 9 is not held beyond 60°; held, it needs less than 1.2 times Hughes."""
+    """With eq. 9 not held beyond 60° the model needs 427 mm, more than 1.2 times Hughes; if it is held, less."""
     wall = Target(compressive_strength=27e6, density=2300.0, thickness=0.4)
     falling = Resistance(strength_factor=ObliquityPolynomial(held_from=math.radians(90.0)))
     found = judge(LONG_OGIVE, wall, 242.0, 67.1, resistance=falling)
