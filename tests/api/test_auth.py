@@ -178,7 +178,7 @@ def test_cases_of_a_key_are_limited(guarded: Guarded) -> None:
         assert guarded.anna.post("/cra", json=PAPER).status_code == 200
 
 
-def test_panel_steps_count_as_ordinary_cases(guarded: Guarded) -> None:
+def test_panel_steps_count_as_cases_in_the_quota(guarded: Guarded) -> None:
     """1,000 panels for 50,000 steps count as 50 ordinary cases, in a query, a batch, a sweep and by UM-Bridge."""
     numerics = {"method": "panels", "panels": 1000, "time_step_s": 1e-6, "termination_time_s": 0.05}
     strike = PAPER_AT_45 | {"numerics": numerics, "output": {"history": False}}

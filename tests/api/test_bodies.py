@@ -72,7 +72,7 @@ SPHERE = {"nose": {"shape": "sphere"}, "diameter_m": 0.08, "length_m": 0.08, "ma
 BOAT_TAIL = {"length_m": 0.1, "base_diameter_m": 0.06}
 
 
-def test_bodies_that_taper_are_answered_and_kept_apart(client: httpx.Client) -> None:
+def test_tapering_bodies_are_accepted_and_distinguished(client: httpx.Client) -> None:
     """Searches, trajectories and sweeps accept tapered bodies and tell them apart, and the report draws them."""
     plain = PAPER["projectile"]
     closed = {"shape": "profile", "points": [[0.0, 0.0], [0.2, 0.04], [0.53, 0.0]]}

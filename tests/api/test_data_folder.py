@@ -154,7 +154,7 @@ def test_jobs_that_are_gone_while_there_are_results_are_named(
 
 @pytest.mark.anyio
 @pytest.mark.parametrize("keep", [True, False], ids=["of ended jobs", "of running jobs"])
-async def test_downloads_that_slow_clients_hold_count_though_their_files_are_gone(keep: bool, tmp_path: Path) -> None:
+async def test_downloads_held_by_slow_clients_count_against_the_limit(keep: bool, tmp_path: Path) -> None:
     """Ten clients open downloads of 61 kB without reading them to the end; the limit for all of them is 100 kB."""
     downloads = Downloads(tmp_path / "downloads", 100_000, lambda: None)
 

@@ -156,7 +156,7 @@ def leaves(value: Any, steps: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any,
 @pytest.mark.parametrize(
     "operation", [each for each in OPERATIONS.values() if each.study is None], ids=lambda each: each.name
 )
-def test_example_of_an_answer_is_that_to_the_example_of_the_request(client: httpx.Client, operation: Operation) -> None:
+def test_example_answer_is_the_answer_to_the_example_request(client: httpx.Client, operation: Operation) -> None:
     """The contract shows the same example, which `make openapi` computes, for a single case and for a batch."""
     answer = client.post(operation.path, json=first_request(operation)).json()
     example = SCHEMAS[operation.answer.__name__]["examples"][0]

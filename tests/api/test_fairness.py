@@ -80,7 +80,7 @@ def test_abandoned_work_is_dropped(one_worker: str, path: str) -> None:
         assert gauge(other, "ricochet_queued_queries") == gauge(other, "ricochet_queued_cases") == 0.0
 
 
-def test_addresses_get_equal_shares(one_worker: str) -> None:
+def test_client_addresses_get_equal_shares_of_the_workers(one_worker: str) -> None:
     """A query of another client is computed before most of the 24 queries sent earlier."""
     with (
         client_at(one_worker, "127.0.0.2") as crowd,
@@ -103,7 +103,7 @@ def test_service_whose_workers_are_all_at_work_is_ready_and_says_so(one_worker: 
         until(lambda: bool(other.get("/readyz").json()["status"] == "ok"))
 
 
-def test_stop_refuses_work_that_cannot_be_finished_in_time(service_on: RunService, tmp_path: Path) -> None:
+def test_shutdown_refuses_work_that_cannot_be_finished_in_time(service_on: RunService, tmp_path: Path) -> None:
     """Running and queued queries and batches are answered with 503; the fixture checks that no failure is logged."""
     with service_on(tmp_path, workers="1", grace_seconds="3") as service, client_at(service.url, "127.0.0.1") as client:
         bodies = [search(number, **MINUTE) for number in range(5)]

@@ -43,7 +43,7 @@ def test_finished_job_gives_its_times_and_counts(client: httpx.Client, job: dict
     assert job in client.get("/jobs", params={"limit": 1000}).json()["jobs"]
 
 
-def test_waiting_job_says_its_place_and_when_it_is_likely_to_have_ended(client: httpx.Client) -> None:
+def test_queued_job_reports_its_place_and_expected_end(client: httpx.Client) -> None:
     """A small job overtakes the large ones of its owner, which its `Retry-After` does not include."""
     sent = [client.post("/trajectory/batch", json={"cases": slow_strikes(n)}, headers=ASYNC) for n in (400, 600, 2)]
     jobs = [answer.json() for answer in sent]
@@ -77,7 +77,7 @@ def test_pages_hold_every_result_once(client: httpx.Client, job: dict[str, Any],
     assert len(usual["results"]) == 200
 
 
-def test_pages_of_jobs_hold_every_job_once(client: httpx.Client) -> None:
+def test_pages_of_jobs_contain_every_job_once(client: httpx.Client) -> None:
     """Even if jobs are submitted and deleted between requests of two pages."""
     made = [client.post("/cra/batch", json={"cases": searches(1)}, headers=ASYNC).json()["id"] for _ in range(5)]
     page = client.get("/jobs", params={"limit": 2}).json()
@@ -228,7 +228,7 @@ def test_event_streams_of_an_address_are_limited_and_a_stop_does_not_wait_for_th
 
 
 @pytest.mark.slow
-def test_event_stream_of_a_job_that_does_not_change_shows_that_it_is_there(dedicated_service: Service) -> None:
+def test_event_stream_of_an_unchanged_job_is_kept_alive(dedicated_service: Service) -> None:
     """The service sends a comment every 15 s, because proxies close idle connections."""
     numerics = {"method": "panels", "panels": 96_000, "time_step_s": 1e-6}
     with httpx.Client(base_url=dedicated_service.url, timeout=20.0, trust_env=False) as client:

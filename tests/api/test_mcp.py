@@ -347,7 +347,7 @@ def test_message_too_long_is_refused(client: httpx.Client) -> None:
     assert client.post("/mcp", json=message, headers=headers).status_code == 413
 
 
-def test_client_that_leaves_within_its_message_is_no_failure(dedicated_service: Service) -> None:
+def test_client_that_disconnects_while_sending_causes_no_failure(dedicated_service: Service) -> None:
     """A client that disconnects while it sends a body causes no traceback in the log, whatever the route."""
     port = int(dedicated_service.url.rpartition(":")[2])
     paths = ["/mcp", "/umbridge/Evaluate", "/cra", "/cra/batch", "/cra/sweep", "/calibration/depth", "/verdict"]

@@ -87,7 +87,7 @@ def test_unions_are_named_and_their_discriminators_required_without_default() ->
                 assert "default" not in schema["properties"][name]
 
 
-def test_contract_keeps_the_rules_that_linters_and_openapi_typescript_have() -> None:
+def test_contract_follows_the_rules_of_linters_and_openapi_typescript() -> None:
     """The linters themselves run in `make check` if npm is installed."""
     assert CONTRACT["servers"] == [{"url": "/"}]
     assert CONTRACT["info"]["contact"]
@@ -133,7 +133,7 @@ def test_requests_refuse_unknown_fields_and_bound_every_number() -> None:
                 assert "maxItems" in node, place
 
 
-def test_recipes_of_go_and_java_have_the_names_that_the_contract_gives() -> None:
+def test_recipes_for_go_and_java_use_the_names_in_the_contract() -> None:
     """openapi-generator names a class after each tag and a method after each operation."""
     page = (COMMITTED.parents[1] / "docs" / "how-to" / "clients.md").read_text(encoding="utf-8")
     operation = OPERATIONS["POST /cra"]

@@ -44,7 +44,7 @@ def behind(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> 
         yield Behind(service.url, audit_log)
 
 
-def test_client_of_a_trusted_proxy_is_the_one_it_names_last(behind: Behind) -> None:
+def test_client_is_the_last_address_that_a_trusted_proxy_names(behind: Behind) -> None:
     """A client on another machine needs a key, although the proxy is on this one."""
     answer, entry = behind.post(PROXY, X_Forwarded_For=f"{OTHER}, {CLIENT}")
     assert (answer.status_code, entry["client"]) == (401, CLIENT)

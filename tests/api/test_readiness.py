@@ -175,7 +175,7 @@ def group() -> Iterator[Path]:
 
 @pytest.mark.timeout(240)
 @pytest.mark.parametrize("most", [2, 8])
-def test_limit_of_processes_is_named_in_a_sentence(most: int, group: Path, tmp_path: Path) -> None:
+def test_limit_on_processes_is_reported_in_a_sentence(most: int, group: Path, tmp_path: Path) -> None:
     """The limits allow the service to begin, but not to start eight workers."""
     (group / "pids.max").write_text(str(most))
     settings = {"RICOCHET_WORKERS": "8", "RICOCHET_PORT": "0", "RICOCHET_DATA_DIR": str(tmp_path / "data")}

@@ -121,7 +121,7 @@ def test_thickness_falls_and_limit_speed_rises_with_the_angle(client: httpx.Clie
     assert found["limit-speed"] == sorted(found["limit-speed"])
 
 
-def test_expensive_batch_becomes_a_job_sooner(client: httpx.Client) -> None:
+def test_expensive_batch_becomes_a_job_with_fewer_cases(client: httpx.Client) -> None:
     """A least thickness counts as 20 cases, and only up to 100 cases are answered directly."""
     strengths = {"field": "target.compressive_strength_pa", "start": 30e6, "stop": 50e6}
     base = BASES["thickness"] | {"impact": STRIKE["impact"] | {"oblique_angle_deg": 0.0}}

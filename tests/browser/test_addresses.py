@@ -69,7 +69,7 @@ def test_parameters_that_cannot_be_read_are_named(page: Page) -> None:
     ["projectile.nose.shape=bogus", "resistance.strength_factor.model=bogus", "resistance.free_surface.model=bogus"],
 )
 @pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "walls", "map"])
-def test_variant_that_there_is_not_is_that_of_the_paper_in_the_form_too(page: Page, view: str, part: str) -> None:
+def test_unknown_variant_is_replaced_by_that_of_the_paper(page: Page, view: str, part: str) -> None:
     page.goto(f"/#/{view}?{part}")
     note = page.get_by_role("alert").filter(has_text="Not understood in the address")
     expect(note).to_have_text(f"Not understood in the address, and left out: {part}.")

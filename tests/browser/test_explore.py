@@ -302,7 +302,7 @@ def test_histories_have_the_acceleration_of_the_body_in_standard_gravity(page: P
     assert -2e4 < min(axial) < -5e3
 
 
-def test_bending_is_a_curve_and_a_mark(page: Page, client: httpx.Client) -> None:
+def test_bending_stress_is_plotted_and_marked_in_the_side_view(page: Page, client: httpx.Client) -> None:
     """The curve peaks at the stress and time in the answer, and the side view marks the section that bends most."""
     open_explore(page)
     body = PAPER_AT_45 | {"output": {"history": True, "sample_interval_s": 1e-4}}

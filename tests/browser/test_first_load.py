@@ -60,7 +60,7 @@ def test_first_picture_takes_a_quarter_of_a_megabyte_at_most(page: Page) -> None
     assert sum(sizes) <= 250_000
 
 
-def test_every_module_of_the_first_view_is_announced_to_the_browser() -> None:
+def test_document_preloads_every_module_of_the_first_view() -> None:
     """The document names them all, because each level of nested imports would cost a round trip."""
     found: set[Path] = set()
 
@@ -126,7 +126,7 @@ def test_second_load_asks_for_two_files_and_fetches_neither_anew(page: Page) -> 
 
 
 @pytest.mark.parametrize(("width", "height"), [(1440, 900), (390, 844)])
-def test_nothing_moves_as_the_page_fills(new_page: NewPage, width: int, height: int) -> None:
+def test_layout_does_not_shift_while_the_page_loads(new_page: NewPage, width: int, height: int) -> None:
     """Cumulative layout shift is below 0.05; up to 0.1 is rated as good."""
     page = new_page(width=width, height=height)
     page.add_init_script("""

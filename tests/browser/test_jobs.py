@@ -76,9 +76,7 @@ def test_cases_of_a_dropped_table_have_the_rest_of_the_case_in_the_other_views(
     assert finished(client, response.value.json())["counts"]["total"] == 2
 
 
-def test_job_that_runs_says_how_long_it_takes_and_one_that_waits_how_many_are_ahead(
-    page: Page, client: httpx.Client
-) -> None:
+def test_running_job_shows_its_remaining_time_and_queued_job_its_place(page: Page, client: httpx.Client) -> None:
     """The answer of the service is replaced, so that both states occur however busy the machine is."""
     job = client.post("/trajectory/batch", content=lines(searches(1)), headers=LINES | ASYNC).json() | {"counts": {}}
     counts = {"total": 100, "done": 0, "cached": 0, "failed": 0}

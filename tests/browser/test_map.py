@@ -357,7 +357,7 @@ def test_legend_is_as_wide_as_a_phone(new_page: NewPage) -> None:
         assert box["x"] + box["width"] <= plot["x"] + plot["width"], text.text_content()
 
 
-def test_phase_diagram_has_a_line_from_which_on_the_body_yields(page: Page) -> None:
+def test_phase_diagram_has_a_line_above_which_the_body_yields(page: Page) -> None:
     """The line separates cells with the warning about bending from cells without it."""
     axes = "x=impact.oblique_angle_deg,30,60,4&y=impact.velocity_m_s,100,300,5"
     run_map(page, f"operation=trajectory&{axes}", 20)

@@ -54,7 +54,7 @@ def test_nothing_is_pinned_reported_copied_or_exported_without_a_case(page: Page
 
 
 @pytest.mark.parametrize("edits", [25, pytest.param(300, marks=pytest.mark.slow)])
-def test_random_edits_never_leave_what_belongs_to_other_inputs(page: Page, faults: list[str], edits: int) -> None:
+def test_random_edits_never_leave_outdated_results_unmarked(page: Page, faults: list[str], edits: int) -> None:
     """After an invalid edit results are grey and buttons disabled; after a valid one text and address match it."""
     chance = random.Random(51)  # noqa: S311 (not for secrets)
     fields = {

@@ -27,7 +27,7 @@ def items_of(text: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text.splitlines()]
 
 
-def test_batch_in_the_own_pool_is_that_of_a_service(folder: Path, live_url: str, client: httpx.Client) -> None:
+def test_local_batch_equals_that_of_a_service(folder: Path, live_url: str, client: httpx.Client) -> None:
     """Results have the order of the file and the same bytes. A case that the solver refuses does not stop others."""
     short = {**case_at(238.0)["projectile"], "length_m": 0.05}
     cases = [*searches(5), case_at(238.0, projectile=short, custom_id="short"), *searches(5)]
@@ -62,7 +62,7 @@ def test_sweep_fills_a_table_and_draws_it(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("form", ["--json", "--csv"])
-def test_small_sweep_is_that_of_a_service_and_starts_none(
+def test_small_sweep_equals_that_of_a_service_and_starts_none(
     here: Path, live_url: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], form: str
 ) -> None:
     """The second point is refused by the solver, which does not stop the first. No local service is started."""
@@ -98,7 +98,7 @@ def test_sweep_of_walls_omits_the_sought_quantity(served: Path, capsys: pytest.C
     assert "--thickness: must not be given" in capsys.readouterr().err
 
 
-def test_table_of_a_batch_is_that_of_the_service(
+def test_table_of_a_batch_equals_that_of_the_service(
     served: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cases = searches(3)
@@ -120,7 +120,7 @@ def swept(client: httpx.Client) -> str:
     return str(job.json()["id"])
 
 
-def test_table_of_a_job_is_that_of_the_service(
+def test_table_of_a_job_equals_that_of_the_service(
     served: Path,
     client: httpx.Client,
     capsys: pytest.CaptureFixture[str],
@@ -234,7 +234,7 @@ def test_jobs_are_listed_shown_cancelled_and_deleted(
     assert "there is no job with this id" in capsys.readouterr().err
 
 
-def test_batch_waits_for_the_end_of_a_job_whose_results_are_all_there(
+def test_batch_waits_until_a_job_with_all_its_results_has_ended(
     folder: Path, live_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The last result can be read shortly before the status changes to successful; here the old status is simulated."""
@@ -316,7 +316,7 @@ def test_interrupted_batch_goes_on_at_the_service(
     assert [item["index"] for item in items] == list(range(30))
 
 
-def test_interrupted_batch_of_the_own_pool_leaves_nothing_running(folder: Path, interrupted: Any) -> None:
+def test_interrupted_local_batch_leaves_no_process_running(folder: Path, interrupted: Any) -> None:
     """Its results so far are in the data folder, which is unlocked, and the same command reuses them."""
     write_cases(folder / "cases.jsonl", *slow_strikes(100))
     args = ("batch", "cases.jsonl", "--operation", "trajectory", "--data-dir", "kept")

@@ -157,7 +157,7 @@ d,fourth,250,530,fine
 """
 
 
-def test_good_rows_are_computed_and_the_others_have_their_error(
+def test_valid_rows_are_computed_and_the_others_have_their_error(
     served: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Outputs in CSV and Excel also contain every cell of the input; JSON lines are in the order of the rows."""

@@ -43,7 +43,7 @@ def test_a_variable_that_does_not_work_is_named_and_does_not_matter_on_this_mach
 @pytest.mark.parametrize(
     "address", ["http://127.0.0.1:1", "http://localhost:1", "http://[::1]:1", "http://127.9.9.9:1"]
 )
-def test_loopback_is_never_sought_through_a_proxy(folder: Path, live_url: str, address: str) -> None:
+def test_loopback_addresses_bypass_the_proxy(folder: Path, live_url: str, address: str) -> None:
     """A running service is set as the proxy: if it were used, it would answer."""
     done = run(folder, "cra", "strike.toml", "--url", address, HTTP_PROXY=live_url, NO_PROXY="")
     assert (done.status, done.out) == (1, "")
@@ -80,7 +80,7 @@ def drawn(folder: Path, *words: str, **settings: str) -> bytes:
     return (folder / words[-1]).read_bytes()
 
 
-def test_the_settings_of_matplotlib_change_no_plot(folder: Path) -> None:
+def test_settings_of_matplotlib_do_not_change_plots(folder: Path) -> None:
     """Plots ignore a `matplotlibrc` in the working folder and one of the user, even with an invalid encoding."""
     words = ("trajectory", "strike.toml", "--angle", "45", "--plot", "plot.svg")
     assert run(folder, *words, SOURCE_DATE_EPOCH="0").status == 0
@@ -92,7 +92,7 @@ def test_the_settings_of_matplotlib_change_no_plot(folder: Path) -> None:
     assert drawn(folder, *words, SOURCE_DATE_EPOCH="0", MATPLOTLIBRC="own") == usual
 
 
-def test_the_settings_of_matplotlib_change_no_report(folder: Path) -> None:
+def test_settings_of_matplotlib_do_not_change_reports(folder: Path) -> None:
     (folder / "matplotlibrc").write_text(STYLE)
     assert b"data:image/svg+xml" in drawn(folder, "report", "strike.toml", "-o", "report.html")
 

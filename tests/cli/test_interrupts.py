@@ -99,7 +99,7 @@ def test_ctrl_c_is_one_line(
     assert all("Traceback" not in line and "ignored" not in line for line in lines), lines
 
 
-def test_ctrl_c_at_a_service_is_one_line_and_how_to_go_on(
+def test_ctrl_c_with_a_service_prints_one_line_and_how_to_continue(
     live_url: str, pressed: Callable[..., tuple[int, list[str]]], folder: Path
 ) -> None:
     """A query is abandoned by the service, a job continues, and the command says how to get its results."""

@@ -185,7 +185,7 @@ def test_service_that_is_still_compiling_ends_on_sigterm(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("seconds", [0.5, 1.0, 2.0, 4.0])
-def test_interrupt_while_the_workers_start_is_no_traceback(seconds: float, tmp_path: Path) -> None:
+def test_interrupt_while_the_workers_start_prints_no_traceback(seconds: float, tmp_path: Path) -> None:
     """Ctrl-C signals every process of the terminal while the workers are being started.
 
     Warnings are not errors here, because a process interrupted during an import warns of a file that is still open.

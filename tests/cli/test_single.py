@@ -132,7 +132,7 @@ def test_any_field_can_be_set(here: Path, capsys: pytest.CaptureFixture[str]) ->
 @pytest.mark.parametrize(
     ("words", "body"), [("cra strike.toml", PAPER), ("trajectory strike.toml --angle 45", PAPER_AT_45)]
 )
-def test_answer_here_is_that_of_the_service_byte_for_byte(
+def test_local_answer_equals_that_of_the_service_byte_for_byte(
     folder: Path, client: httpx.Client, live_url: str, words: str, body: dict[str, Any], alternatives: bool
 ) -> None:
     """The outputs are equal including the key and the version."""

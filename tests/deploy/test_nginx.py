@@ -209,7 +209,7 @@ def test_requests_of_one_address_are_bounded(proxy: Proxy) -> None:
         assert client.get("/version").status_code == 200
 
 
-def test_addresses_hold_below_a_prefix(proxy: Proxy) -> None:
+def test_links_work_below_a_path_prefix(proxy: Proxy) -> None:
     """Links in answers can be followed from the address of the first request."""
     base = f"https://127.0.0.1:{proxy.port}"
     with proxy.client() as client:
@@ -235,7 +235,7 @@ def test_addresses_hold_below_a_prefix(proxy: Proxy) -> None:
         follow(page, client.get(f"{base}/ricochet/openapi.json").json()["servers"][0]["url"] + "/version")
 
 
-def test_bodies_are_refused_before_all_of_them_has_been_taken(proxy: Proxy) -> None:
+def test_bodies_are_refused_before_they_are_received_completely(proxy: Proxy) -> None:
     """nginx refuses bodies that are too long for their path; the service refuses a batch after its first bytes."""
     known = len(proxy.entries())
     for path in ("/nothing", "/cra", "/jobs", "/mcp"):

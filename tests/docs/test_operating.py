@@ -108,7 +108,7 @@ def test_every_metric_named_on_the_page_is_one(families: dict[str, Any]) -> None
     assert {name for name in NAME.findall(PAGE) if name not in samples} <= first_cells("metrics")
 
 
-def test_every_row_of_what_happens_when_is_held_by_tests_that_are_there() -> None:
+def test_every_row_of_what_happens_when_names_existing_tests() -> None:
     rows = [line for line in PAGE.partition("## What happens when")[2].splitlines() if line.startswith("| ")][2:]
     assert len(rows) >= 12
     for row in rows:

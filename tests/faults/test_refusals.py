@@ -71,7 +71,7 @@ def is_up(client: httpx.Client) -> bool:
         return False
 
 
-def test_job_whose_results_cannot_be_stored_does_not_end_well(start: Start, tmp_path: Path) -> None:
+def test_job_whose_results_cannot_be_stored_fails(start: Start, tmp_path: Path) -> None:
     """Without free inodes the existing database of jobs can be written, but no file of results can be created."""
     with start("inodes") as client:
         (tmp_path / "full").touch()

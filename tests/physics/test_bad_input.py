@@ -302,7 +302,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
         assert impact(velocity=value).velocity == 238.0
 
 
-def test_bounds_are_those_of_the_contract() -> None:
+def test_bounds_equal_those_of_the_contract() -> None:
     """Numbers in solver and contract have the same bounds, which both include or exclude."""
     schema = TrajectoryRequest.model_json_schema()["$defs"] | {"FlightRequest": FlightRequest.model_json_schema()}
     parts = {
@@ -355,7 +355,7 @@ RESISTED: dict[str, Callable[..., Any]] = {
 
 
 @pytest.mark.parametrize("name", sorted(RESISTED))
-def test_what_is_no_resistance_is_refused_with_what_to_give(name: str) -> None:
+def test_object_that_is_no_resistance_is_refused(name: str) -> None:
     """Every public function with the argument `resistance` refuses other objects, and says what to pass."""
     given: list[tuple[Any, str]] = [
         (MohrCoulomb(), r"give Resistance\(free_surface=MohrCoulomb\(\.\.\.\)\)"),

@@ -91,7 +91,7 @@ NEEDLE = Projectile(nose=Conical(length_to_diameter=0.5), diameter=0.02, length=
 
 
 @pytest.mark.parametrize("route", ROUTES)
-def test_beam_that_is_struck_at_its_end_has_the_moment_of_the_closed_form(route: str) -> None:
+def test_moment_in_a_beam_struck_at_its_end_equals_the_closed_form(route: str) -> None:
     """For a force F and a couple C at the end of a free beam: F x (1 - x/L)² + C (1 - 3 (x/L)² + 2 (x/L)³)."""
     impact = Impact(velocity=100.0, oblique_angle=math.radians(20.0))
     nose_only = replace(ROUTES[route], termination_time=1e-4)
@@ -119,7 +119,7 @@ def test_beam_that_is_struck_at_its_end_has_the_moment_of_the_closed_form(route:
 
 
 @pytest.mark.parametrize("factor", [0.25, 4.0])
-def test_stress_goes_with_the_strength_and_the_square_of_the_speed(factor: float) -> None:
+def test_stress_scales_with_strength_and_the_square_of_the_speed(factor: float) -> None:
     """The path does not change when strength, modulus and the square of the speed are multiplied by one factor."""
     resistance = Resistance(strength_factor=ConstantStrengthFactor(value=8.5))
     target = replace(PAPER_TARGET, youngs_modulus=30e9)
@@ -160,7 +160,7 @@ def test_body_in_normal_impact_does_not_bend() -> None:
     assert found.peak_stress < 1e3
 
 
-def test_nose_is_compressed_and_the_force_falls_to_nothing_at_the_base() -> None:
+def test_nose_is_compressed_and_the_force_falls_to_zero_at_the_base() -> None:
     """In normal impact the force in a section decelerates the part of the body behind it."""
     found = bending(run_paper(strike(238.0, 0.0)))
     assert found.normal_force <= 0.0
@@ -190,7 +190,7 @@ def test_history_has_the_peak() -> None:
     assert bending(run_paper(strike(238.0, 45.0), sample_interval=None)).history is None
 
 
-def test_stress_after_a_body_has_come_free_does_not_count() -> None:
+def test_stress_after_a_body_has_left_the_target_does_not_count() -> None:
     """At 100 m/s the tail would strike the broken face 5 ms after the nose has left the target."""
     assert bending(run_paper(strike(100.0, 45.0))).time < 1e-3
 

@@ -152,7 +152,7 @@ def steel_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, I
         yield projectile, target, Impact(velocity=30.0 * 30.0 ** random.uniform(), oblique_angle=oblique)
 
 
-def test_no_wall_has_to_be_much_thicker_than_a_body_goes_deep() -> None:
+def test_least_thickness_exceeds_the_depth_by_little() -> None:
     """The least thickness is at most 2.5 diameters more than the depth in a half-space."""
     for projectile, target, impact in steel_strikes(300, 11):
         strike: dict[str, Any] = {"projectile": projectile, "target": target, "impact": impact}

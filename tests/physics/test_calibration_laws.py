@@ -140,7 +140,7 @@ def test_inertia_of_the_requested_law_is_in_the_others_too() -> None:
     assert best.estimate.strength_factor == pytest.approx(6.0, rel=1e-4)
 
 
-def test_law_with_which_the_motion_leaves_the_factor_open_is_absent() -> None:
+def test_law_that_does_not_determine_the_factor_is_left_out() -> None:
     """Without decay the misfit to this motion falls with increasing S without limit, so that S is not determined."""
     found = compare(run(48.0, 8.0, law=MohrCoulomb()), resistance=Resistance(free_surface=MohrCoulomb()))
     assert found.laws[NoFreeSurface.name] is None
@@ -160,7 +160,7 @@ def test_every_run_keeps_its_own_weights() -> None:
     assert "poor_fit" in codes(found)
 
 
-def test_run_that_leaves_the_factor_open_takes_it_from_the_others() -> None:
+def test_run_that_does_not_determine_the_factor_uses_that_of_the_others() -> None:
     """The history of the second run ends before the contact has any effect."""
     still = MotionRun(
         impact=Impact(velocity=238.0, oblique_angle=0.0),

@@ -95,7 +95,7 @@ def test_95_percent_intervals_hold_the_true_value_in_93_percent_of_300_trials() 
     assert covered(300) >= 279
 
 
-def test_errors_that_neighbours_share_make_a_wider_interval() -> None:
+def test_correlated_errors_widen_the_interval() -> None:
     """Noise with an autocorrelation of 0.9 contains fewer independent samples than white noise."""
     random, history = np.random.default_rng(3), motion(30.0, 8.0)
     noise = white(random, TIMES.size)
@@ -241,7 +241,7 @@ def test_motion_beyond_the_energy_of_the_strike_is_refused(quantity: str, factor
     assert refused.value.field.startswith(f"history.{quantity}.")
 
 
-def test_history_that_does_not_give_the_strength_factor_is_refused() -> None:
+def test_history_that_does_not_determine_the_strength_factor_is_refused() -> None:
     """One history is of a projectile without resistance, the other ends before the contact has any effect."""
     impact = paper_impact(oblique_angle_degrees=30.0)
     on = MotionHistory(time=TIMES, depth_displacement=impact.velocity * math.cos(impact.oblique_angle) * TIMES)

@@ -111,7 +111,7 @@ def test_heavy_sphere_by_ndrc() -> None:
     assert 0.84 * (depth_in_diameters(answer, sphere) / 2.0) ** 2 == pytest.approx(0.0514, abs=5e-5)
 
 
-def test_spheres_scab_a_slab_where_tests_saw_it() -> None:
+def test_scabbing_by_spheres_agrees_with_tests() -> None:
     """Erkander and Pettersson (1985), 35.9 g on 140 mm of 29.7 MPa: 859 to 925 m/s. A factor of 0.84 gives 930 m/s."""
     sphere = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.0206, length=0.0206, mass=0.0359)
     target = Target(compressive_strength=29.7e6, density=2300.0)
@@ -126,7 +126,7 @@ def test_spheres_scab_a_slab_where_tests_saw_it() -> None:
 
 
 @pytest.mark.parametrize("formula", [modified_ndrc, degen, ukaea, kar])
-def test_disputed_nose_factor_is_said_where_it_is_used(formula: Formula) -> None:
+def test_disputed_nose_factor_is_stated_where_it_is_used(formula: Formula) -> None:
     """Kennedy: 0.84 for blunt, 1.0 for spherical noses. DOE-STD-3014: 0.84 for hemispherical, 1.0 for blunt noses."""
     for nose, disputed in NOSES.items():
         answer = formula(projectile=replace(PAPER, nose=nose), target=PAPER_TARGET, impact=normal(150.0))

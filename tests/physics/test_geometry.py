@@ -189,7 +189,7 @@ def test_sphere_has_the_properties_of_a_sphere() -> None:
     assert properties.moment_of_inertia == pytest.approx(0.4 * 0.0359 * radius**2, rel=1e-12)
 
 
-def test_textbook_solids_come_out_of_the_closed_forms_above() -> None:
+def test_closed_forms_reproduce_textbook_solids() -> None:
     """Cone: V = πa²h/3, centroid 3h/4, I/m = 3a²/20 + 3h²/80. Hemisphere: 5a/8 and 83a²/320. Cylinder: a²/4 + h²/12."""
     for solid, volume, centroid, inertia in (
         (frustum(0.0, 2.0, 3.0), 4 * math.pi, 9 / 4, 3 * 4 / 20 + 3 * 9 / 80),
@@ -244,7 +244,7 @@ def test_first_contact_is_the_deepest_point_of_the_surface(name: str) -> None:
             assert deepest_offset(body, angle) == pytest.approx(expected, abs=1e-8 * LENGTH)
 
 
-def test_a_pointed_nose_touches_with_its_tip_until_its_flank_lies_in_the_face() -> None:
+def test_pointed_nose_touches_with_its_tip_up_to_the_angle_of_its_flank() -> None:
     """The flank touches first beyond 90° less the half-angle of the tip, 90° - 33.56° for ψ = 3."""
     projectile = steel(NOSES["ogive"])
     properties = mass_properties(projectile)

@@ -94,7 +94,7 @@ def test_search_and_run_use_the_same_strength_factor_beyond() -> None:
     assert run.strength_factor == pytest.approx(4.683)
 
 
-def test_half_the_default_search_lies_above_without_being_cut() -> None:
+def test_range_up_to_89_degrees_is_not_cut_off_if_s_is_held() -> None:
     """If eq. 9 is not held, S falls to zero at 86.6°, where the search is cut off."""
     search = Search(lower=math.radians(5.0), upper=math.radians(89.0))
     assert "range_clipped" not in codes(critical_angle(**CASE, velocity=PAPER_VELOCITY, search=search))
@@ -104,7 +104,7 @@ def test_half_the_default_search_lies_above_without_being_cut() -> None:
     assert math.degrees(known(found.angle)) == pytest.approx(48.634, abs=0.01)
 
 
-def test_flat_body_along_the_face_meets_concrete() -> None:
+def test_flat_body_at_a_grazing_angle_is_resisted() -> None:
     """With the extrapolated S of 0.34 at 85° the body would go 435 mm deep."""
     flat = Projectile(nose=Flat(), diameter=0.08, length=0.53, mass=13.0)
     strike = CASE | {"projectile": flat, "impact": paper_impact(oblique_angle_degrees=85.0), "sample_interval": None}

@@ -197,7 +197,7 @@ def test_threads_of_a_computation_are_given_up_with_it() -> None:
         )
 
 
-def test_computation_that_is_begun_again_in_another_thread_gives_the_same() -> None:
+def test_computation_repeated_in_another_thread_gives_the_same_result() -> None:
     """A search of a few seconds is repeated in another thread if it was called in the main thread, otherwise not."""
     arguments: dict[str, Any] = {
         "projectile": PAPER_PROJECTILE,
@@ -209,7 +209,7 @@ def test_computation_that_is_begun_again_in_another_thread_gives_the_same() -> N
         assert solver.critical_angle(**arguments) == thread.submit(solver.critical_angle, **arguments).result()
 
 
-def test_compiled_code_hands_only_numbers_and_plain_tuples_of_them_to_python() -> None:
+def test_compiled_entry_points_return_only_numbers_and_plain_tuples() -> None:
     """To return other objects numba runs Python code, where an exception of a signal handler would crash it."""
     solver.warm_up()
     entry_points = [function.dispatcher for function in compilation.FUNCTIONS if function.is_entry_point]

@@ -36,7 +36,7 @@ NEAR = Search(lower=math.radians(35.0), upper=math.radians(60.0))
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_many_critical_angles_are_those_of_one_by_one(threads: int) -> None:
+def test_many_critical_angles_equal_single_ones(threads: int) -> None:
     velocities = np.linspace(150.0, 300.0, 40)
     resistances = [Resistance(), Resistance(free_surface=MohrCoulomb())] * 20
     many = critical_angle_many(**CASE, velocity=velocities, resistance=resistances, search=NEAR, threads=threads)
@@ -45,7 +45,7 @@ def test_many_critical_angles_are_those_of_one_by_one(threads: int) -> None:
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_many_trajectories_are_those_of_one_by_one(threads: int) -> None:
+def test_many_trajectories_equal_single_ones(threads: int) -> None:
     """There are more trajectories than the function computes before its caller takes the first."""
     impacts = [Impact(velocity=238.0, oblique_angle=math.radians(0.5 * number)) for number in range(150)]
     numerics = Numerics(relative_tolerance=1e-2, stations=3)
@@ -56,7 +56,7 @@ def test_many_trajectories_are_those_of_one_by_one(threads: int) -> None:
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_many_walls_are_those_of_one_by_one_beside_one_that_fails(threads: int) -> None:
+def test_many_walls_equal_single_ones_beside_one_that_fails(threads: int) -> None:
     numerics, tolerance = Numerics(relative_tolerance=1e-3), 1e-3
     angles = np.radians([0.0, 20.0, 40.0])
     impacts = [Impact(velocity=238.0, oblique_angle=float(angle)) for angle in angles]
@@ -90,7 +90,7 @@ def test_single_values_are_one_case() -> None:
     assert answer == critical_angle(**CASE, velocity=PAPER_VELOCITY)
 
 
-def test_answers_come_while_later_cases_still_run() -> None:
+def test_answers_are_returned_while_later_cases_still_run() -> None:
     """The first of 100,000 answers are returned before the others are computed, and closing abandons the rest."""
     answers = critical_angle_many(
         **CASE,

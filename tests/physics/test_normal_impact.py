@@ -111,7 +111,7 @@ def energy_left(depth: FloatArray, *, inertia_factor: float) -> FloatArray:
 
 
 @pytest.mark.parametrize("inertia_factor", [0.0, 1.0])
-def test_energy_falls_with_depth_as_its_integral_says(inertia_factor: float) -> None:
+def test_energy_over_depth_equals_the_integrated_resistance(inertia_factor: float) -> None:
     """They agree to 10⁻⁶ of the initial energy from first contact to rest, entry of the nose included."""
     run = li_chen_strike(inertia_factor=inertia_factor)
     assert run.history is not None
@@ -120,7 +120,7 @@ def test_energy_falls_with_depth_as_its_integral_says(inertia_factor: float) -> 
     np.testing.assert_allclose(energy, expected, rtol=0, atol=1e-6 * energy[0])
 
 
-def test_resistance_from_the_tip_on_stops_the_li_chen_projectile_shallower_than_a_crater_does() -> None:
+def test_li_chen_projectile_stops_at_a_smaller_depth_than_with_a_crater() -> None:
     """The depth is 155.6 mm instead of 167.2 mm, because a crater resists with half of the full force on average.
 
     With B = 0 both depths have closed forms, and this model's is less by k d / 2 - (nose length - nose volume / area) =

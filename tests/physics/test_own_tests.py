@@ -136,7 +136,7 @@ def test_many_identical_shots_leave_next_to_no_scatter_and_their_own_strength_fa
 
 
 @pytest.mark.parametrize("nose", [PAPER_PROJECTILE.nose, Profile(points=((0.0, 0.0), (0.1, 0.03), (0.16, 0.04)))])
-def test_shots_of_another_diameter_are_carried_by_the_exponent_of_the_law(nose: Any) -> None:
+def test_shots_of_another_diameter_are_scaled_by_the_exponent_of_the_law(nose: Any) -> None:
     """With the same S, a body of half the size goes half as deep at the same speed."""
     projectile = replace(PAPER_PROJECTILE, nose=nose)
     full = Shot(velocity=300.0, depth=0.4)
@@ -166,7 +166,7 @@ def test_strike_takes_the_median_and_follows_eq_9_over_the_angle_unless_constant
 @pytest.mark.parametrize(
     "other", [{"inertia_factor": 0.0}, {"inertia_factor": 1.5}, {"crater": Crater()}], ids=["B0", "B1.5", "crater"]
 )
-def test_shots_are_read_with_the_inertia_and_the_crater_of_the_strike(other: dict[str, Any]) -> None:
+def test_shots_are_evaluated_with_the_inertia_and_crater_of_the_strike(other: dict[str, Any]) -> None:
     """A strike equal to the shots goes as deep as they did, apart from the influence of the prior."""
     law = OwnTests(shots=(SHOTS[0],) * 1000)
     run = simulate(
@@ -208,7 +208,7 @@ def test_shot_far_off_is_warned_of_and_named() -> None:
     assert "own_tests_apart" in codes_of([shot_of(just_above)])
 
 
-def test_shots_within_the_front_crater_are_warned_of() -> None:
+def test_shots_within_the_front_crater_cause_a_warning() -> None:
     """The crater is two diameters deep: 160 mm for the paper's projectile, 80 mm for one of half its size."""
     deep, shallow = Shot(velocity=238.0, depth=0.17), Shot(velocity=150.0, depth=0.15)
     small = Shot(velocity=238.0, depth=0.15, mass=1.6, diameter=0.04)
@@ -236,7 +236,7 @@ def test_shot_that_no_strength_factor_explains_is_refused_with_the_likely_slip(s
     assert slip in refused.value.requirement
 
 
-def test_millimetres_given_as_metres_are_named() -> None:
+def test_millimetres_given_as_metres_are_recognised() -> None:
     """A depth of 30 mm is given as 30 m; a number above 100 would be refused by the bound of depths."""
     body = replace(PAPER_PROJECTILE, diameter=0.005, length=0.033, mass=0.003)
     with pytest.raises(ParameterError, match=r"millimetres given as metres: with a depth of 0\.03 m"):

@@ -473,7 +473,7 @@ MISSED = {
 @pytest.mark.parametrize(
     ("blocked", "used"), [(list(MISSED), ["matplotlib", "pandas", "xarray"]), (["matplotlib"], ["pandas", "xarray"])]
 )
-def test_each_package_is_missed_in_words_and_only_by_what_needs_it(blocked: list[str], used: list[str]) -> None:
+def test_missing_package_is_named_only_by_functions_that_need_it(blocked: list[str], used: list[str]) -> None:
     """Packages are unblocked one by one; each step works without those that are still blocked."""
     command = [sys.executable, "-W", "error", "-c", EVERYTHING.format(blocked=blocked, used=used)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {"MPLBACKEND": "agg"})

@@ -63,7 +63,7 @@ def test_thickness_and_velocity_are_each_the_inverse_of_the_other() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 30.0])
-def test_warnings_are_those_of_the_wall_that_is_answered(angle: float) -> None:
+def test_warnings_are_those_of_the_least_wall(angle: float) -> None:
     """The sphere stops within the crater, which causes a warning that perforating runs do not have."""
     sphere = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.08, length=0.08, mass=2.1)
     impact = replace(paper_impact(oblique_angle_degrees=angle), velocity=100.0)

@@ -113,7 +113,7 @@ def test_no_answer_of_the_model_is_implausible() -> None:
         assert "implausible" not in {warning.code for warning in run.warnings}, strike
 
 
-def test_lifeless_wall_is_named_in_the_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wall_without_resistance_causes_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wall without resistance causes the warning; an error in the loads once made such walls."""
     lost = PreparedCase.law_at
 
@@ -179,7 +179,7 @@ def odd_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, Imp
         yield body, target, impact, resistance
 
 
-def test_no_legal_input_is_implausible() -> None:
+def test_no_valid_input_gives_an_implausible_answer() -> None:
     """The numerics include the coarsest tolerance and fixed steps."""
     numerics = (None, Numerics(relative_tolerance=1e-2), Numerics(method="panels", panels=1000))
     finished = 0
@@ -194,7 +194,7 @@ def test_no_legal_input_is_implausible() -> None:
     assert finished > 300
 
 
-def test_no_legal_wall_is_implausible() -> None:
+def test_no_valid_wall_gives_an_implausible_answer() -> None:
     """One of the bodies, of 1 mm and 13 kg, perforates any wall."""
     rod = replace(PAPER_PROJECTILE, diameter=1e-3)
     odd = [(rod, PAPER_TARGET, HEAD_ON, Resistance()), *odd_strikes(25, 7)]

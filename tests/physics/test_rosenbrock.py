@@ -56,7 +56,7 @@ def test_difference_of_the_rates_over_a_step_is_of_order_3() -> None:
 
 @pytest.mark.parametrize("velocity", [50.0, 100.0, 200.0, 400.0])
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-6, 1e-7])
-def test_no_step_goes_beyond_an_abrupt_stop(velocity: float, tolerance: float) -> None:
+def test_no_step_continues_beyond_an_abrupt_stop(velocity: float, tolerance: float) -> None:
     """A flat nose in a half-space is at rest when its resistance vanishes abruptly; it must not be pushed back."""
     prepared = prepare(
         projectile=Projectile(nose=Flat(), diameter=0.05, length=0.3, mass=3.0),

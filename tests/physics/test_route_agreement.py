@@ -33,7 +33,7 @@ def comparisons() -> list[Comparison]:
     return [compare(number, strike) for number, strike in enumerate(random_strikes(COUNT, 1))]
 
 
-def test_routes_end_alike(comparisons: list[Comparison]) -> None:
+def test_routes_agree_on_the_end_of_a_run(comparisons: list[Comparison]) -> None:
     """Outcome, exit speed and depth agree, or do so with finer panels or a shorter ramp."""
     assert [(row.number, row.difference, row.strike) for row in comparisons if row.difference] == []
     explained = Counter(row.explained for row in comparisons)
@@ -59,7 +59,7 @@ def test_every_combination_comes_in_a_full_table() -> None:
     assert sum(table_of_combinations(list(random_strikes(60, 2))).values()) == 60
 
 
-def test_table_has_a_place_for_every_choice_of_the_model() -> None:
+def test_comparison_covers_every_choice_of_the_model() -> None:
     """The test fails until a new nose, decay law or field is added to the strikes that are compared."""
     strikes = list(random_strikes(FULL_TABLE // 4, 3))
     assert {type(strike.projectile.nose) for strike in strikes} == set(get_args(NoseShape))

@@ -61,7 +61,7 @@ def moving(history: Motion[FloatArray]) -> int:
 
 
 @pytest.mark.parametrize(("nose", "oblique", "attack", "velocity", "decay"), CASES)
-def test_both_routes_give_one_path(nose: str, oblique: float, attack: float, velocity: float, decay: str) -> None:
+def test_both_routes_give_the_same_path(nose: str, oblique: float, attack: float, velocity: float, decay: str) -> None:
     """The tip agrees within a millimetre or a hundredth of the depth, the axis within half a degree, up to `REST`.
 
     The difference comes from the fixed step: with steps of 1 µs it is a quarter of that with the 5 µs used here.
@@ -182,9 +182,7 @@ def body_and_panels(name: str) -> tuple[Projectile, Panels]:
 @pytest.mark.parametrize("decay", DECAYS)
 @pytest.mark.parametrize("thickness", [None, 0.4])
 @pytest.mark.parametrize("body", ["ogive", "cone", "blunt cone", "hemisphere", "truncated cone", *TAPERING])
-def test_load_is_that_on_panels_however_a_projectile_lies_and_moves(
-    body: str, thickness: float | None, decay: str
-) -> None:
+def test_loads_agree_with_panels_in_any_attitude_and_motion(body: str, thickness: float | None, decay: str) -> None:
     """Loads in any attitude and motion agree within 0.3 % of the largest load, or 0.4 % for tapering bodies.
 
     This is the accuracy of the panels where the face or the edge of the loaded part cuts them.
@@ -211,7 +209,7 @@ accelerations: Any = njit(call_accelerate)
 
 
 @pytest.mark.parametrize("stations", [3, 12, 256])
-def test_states_evaluated_together_are_as_each_alone(stations: int) -> None:
+def test_states_evaluated_together_equal_each_alone(stations: int) -> None:
     """With few rings, and with more than are evaluated at a time."""
     numerics, resistance = Numerics(stations=stations).resolved(), Resistance()
     prepared = prepare(projectile=steel(NOSES["ogive"]), target=PAPER_TARGET, resistance=resistance, numerics=numerics)

@@ -98,7 +98,7 @@ def test_rates_in_the_history_are_those_of_its_positions() -> None:
 
 
 @pytest.mark.parametrize(("degrees", "tolerance"), [(0.0, 1e-5), (30.0, 1e-5), (55.0, 1e-5)])
-def test_accelerations_add_up_to_the_change_of_velocity(degrees: float, tolerance: float) -> None:
+def test_accelerations_integrate_to_the_change_of_velocity(degrees: float, tolerance: float) -> None:
     """This includes 30°, where the body finally slides straight and a transverse speed of mm/s determines the force."""
     found = history(paper_run(degrees, sample_interval=2e-6))
     sine, cosine = np.sin(found.axis_angle), np.cos(found.axis_angle)
@@ -118,7 +118,7 @@ def test_body_that_flies_straight_is_slowed_along_its_axis_alone() -> None:
     np.testing.assert_allclose(found.transverse_acceleration, 0.0, atol=1e-9 * abs(found.axial_acceleration.min()))
 
 
-def test_body_that_slides_straight_has_no_acceleration_across_it_that_its_path_does_not_show() -> None:
+def test_body_that_slides_straight_has_little_transverse_acceleration() -> None:
     """At 320 m/s the body no longer turns after 1.6 ms, so its transverse acceleration must be small."""
     impact = Impact(velocity=320.0, oblique_angle=math.radians(45.0))
     found = history(paper_run(45.0, impact=impact, sample_interval=2e-5))

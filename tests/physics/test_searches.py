@@ -177,7 +177,7 @@ def test_ricochet_that_sets_in_ceases_and_returns_is_reported_in_full() -> None:
         assert (seen[nearest_below], seen[crossing]) == (not turned_away, turned_away)
 
 
-def test_range_that_starts_in_a_ricochet_has_its_angle_below_whatever_lies_above() -> None:
+def test_range_that_starts_in_a_ricochet_has_its_critical_angle_below() -> None:
     """The limits of the embedded band, at 50-55° and 60-65°, are changes of outcome, but not the critical angle."""
     found = find(lower=47.0, upper=70.0, strength_factor=COMES_AND_GOES)
     assert (found.status, found.angle, found.bracket) == (SearchStatus.ALWAYS_RICOCHET, None, None)

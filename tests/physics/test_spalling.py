@@ -87,7 +87,7 @@ def test_height_of_the_plug_is_that_of_the_formula() -> None:
     assert ShearPlug().height(strength_factor=8.52, diameter=0.08) == pytest.approx(1.0761 * 0.08, rel=1e-4)
 
 
-def test_plug_leaves_a_tenth_of_a_wall_and_says_so() -> None:
+def test_plug_is_at_most_nine_tenths_of_a_wall_with_a_warning() -> None:
     """The plug of the paper's strike would be 87 mm thick, 90 % of a wall of 97 mm; thinner walls cause a warning."""
     cases = ((0.05, True), (0.0969, True), (0.0972, False), (0.2, False))
     for thickness, bounded in cases:

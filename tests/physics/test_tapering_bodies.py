@@ -53,7 +53,7 @@ def center_depth(found: Trajectory) -> float:
 @ROUTES
 @pytest.mark.parametrize("thickness", [None, 0.05])
 @pytest.mark.parametrize("decay", DECAYS)
-def test_a_sphere_does_not_feel_where_its_axis_points(
+def test_motion_of_a_sphere_does_not_depend_on_its_axis(
     decay: str, thickness: float | None, numerics: Numerics | None
 ) -> None:
     """A sphere has no front, and normal stress cannot change its spin, so neither attitude nor spin matters."""
@@ -110,13 +110,13 @@ def with_tail(length: float, base: float) -> Projectile:
     [((0.1, DIAMETER), 0.001), ((0.1, 0.9999 * DIAMETER), 0.01), ((1e-6, 0.02), 0.01), ((1e-6, 0.0), 0.01)],
     ids=["no taper", "hardly any", "a short one", "a short one to a point"],
 )
-def test_a_taper_that_vanishes_leaves_the_plain_body(tail: tuple[float, float], agreement: float) -> None:
+def test_vanishing_taper_approaches_the_plain_body(tail: tuple[float, float], agreement: float) -> None:
     """Its critical angle approaches that of a body with a flat base."""
     assert angle(with_tail(*tail)) == pytest.approx(angle(PLAIN), abs=agreement)
 
 
 @pytest.mark.parametrize("thickness", [None, 0.15])
-def test_a_steep_taper_is_a_flat_base_tail_first_too(thickness: float | None) -> None:
+def test_steep_taper_approaches_a_flat_base(thickness: float | None) -> None:
     """This holds for bodies that strike or leave tail first, too."""
     for degrees, attack in ((0.0, 90.0), (30.0, 90.0), (60.0, 88.0), (80.0, -60.0)):
         given = {"thickness": thickness, "angle_of_attack": math.radians(attack), "angular_velocity": 300.0}
@@ -127,7 +127,7 @@ def test_a_steep_taper_is_a_flat_base_tail_first_too(thickness: float | None) ->
         assert steep.maximum_depth == pytest.approx(plain.maximum_depth, abs=2e-3)
 
 
-def test_a_boat_tail_takes_away_what_the_rear_of_the_shank_does() -> None:
+def test_boat_tail_reduces_the_effect_of_the_rear_of_the_shank() -> None:
     """The rear half of the shank raises the critical angle from 48.1° to 48.6°; a taper removes part of that effect."""
     angles = [angle(PLAIN), *(angle(with_tail(*tail)) for tail in ((0.1, 0.072), (0.1, 0.048), (0.25, 0.02)))]
     assert np.all(np.diff(angles) < 0.0)
@@ -153,7 +153,7 @@ def test_profile_through_points_of_a_sphere_approaches_it(degrees: float) -> Non
     assert errors[-1] < 2e-4
 
 
-def test_a_body_without_a_base_is_loaded_wherever_it_is_without_decay() -> None:
+def test_body_without_a_base_is_loaded_everywhere_without_decay() -> None:
     """Spheres and pointed tails have no base. Without decay their rear is loaded like any surface, and so is a base."""
     resistance = Resistance(free_surface=NoFreeSurface())
     for projectile in (BALL, TAPERING["double cone"], steel(Flat(), length=0.1)):

@@ -250,7 +250,7 @@ TUMBLING: dict[str, Any] = {
 """A strike with an S of nearly zero at grazing angles, as by eq. 9 where it is not held."""
 
 
-def test_projectile_that_turns_end_over_end_in_a_wall_is_warned_of() -> None:
+def test_tumbling_in_a_wall_causes_a_warning() -> None:
     """From 84.2 to 84.9°, between two angles of the search, the projectile would turn without end."""
     attack, velocity = 0.03895949452329724, 598.1511893212602
     found = critical_angle(**TUMBLING, velocity=velocity, angle_of_attack=attack)
@@ -289,7 +289,7 @@ def test_run_that_gains_energy_between_the_faces_diverges_at_once() -> None:
     assert simulate(**case, impact=impact, sample_interval=None).evaluations < 5000
 
 
-def test_rough_trial_that_gains_energy_is_done_again() -> None:
+def test_coarse_trial_that_gains_energy_is_repeated() -> None:
     """With coarse numerics this shank hits the rear of its hole harder and harder, and the run would not end."""
     wall = replace(PAPER_TARGET, compressive_strength=78451171.59555532, thickness=0.15)
     found = critical_angle(projectile=PAPER_PROJECTILE, target=wall, velocity=262.67797193455965)

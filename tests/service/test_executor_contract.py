@@ -156,7 +156,7 @@ async def test_answers_are_the_same_to_the_last_bit(executor: Executor) -> None:
     assert [outcome.value for outcome in finished] == expected
 
 
-async def test_call_past_its_time_says_so_and_the_others_run(make: Make) -> None:
+async def test_call_beyond_its_time_limit_fails_and_the_others_run(make: Make) -> None:
     """The time limit of a call in a chunk is counted from the end of the call before."""
     executor = await make(task_seconds=0.5)
     finished = await executor.run([nap(0.3), nap(0.3), nap(0.7), (operator.add, (1, 2))])

@@ -310,7 +310,7 @@ async def test_small_job_of_an_owner_passes_a_large_one(pool: ProcessPool, tmp_p
         await manager.cancel(large.id)
 
 
-async def test_place_and_time_of_a_job_count_what_goes_before_it(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_place_and_wait_of_a_job_include_the_work_before_it(pool: ProcessPool, tmp_path: Path) -> None:
     """A small job does not wait for large ones of its owner and, as owners take turns, little for those of others."""
     async with running(tmp_path, pool) as manager:
         sizes = (("anna", 4000), ("anna", 2000), ("bert", 4000), ("anna", 20))
@@ -327,7 +327,7 @@ async def test_place_and_time_of_a_job_count_what_goes_before_it(pool: ProcessPo
         assert [manager.jobs_ahead(job) for job in jobs] == [0] * len(jobs)
 
 
-async def test_no_owner_fills_the_queue(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_no_owner_can_fill_the_queue(pool: ProcessPool, tmp_path: Path) -> None:
     """An owner may use half of the space that others leave, so that there is space for the next owner."""
     async with running(tmp_path, pool, max_queued_cases=800) as manager:
         jobs = [await accepted(manager, cases(range(400), seconds=0.2), "anna")]

@@ -53,7 +53,7 @@ def stored_job(store: JobStore, count: int = 450, owner: str = "local", token: I
     return store.accept(job, count, token)
 
 
-def test_jobs_of_an_owner_have_a_bound_on_disk(tmp_path: Path) -> None:
+def test_disk_space_for_the_jobs_of_an_owner_is_limited(tmp_path: Path) -> None:
     """A new job deletes the jobs that ended first; if all are unfinished, it is refused."""
     store = JobStore(tmp_path, job_days=7.0, owner_bytes=100_000, operations={"square"})  # space for three jobs
     other = stored_job(store, owner="bert")

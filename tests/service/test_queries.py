@@ -246,7 +246,9 @@ async def test_waiting_time_of_a_query_is_limited(pool: ProcessPool, tmp_path: P
     await asyncio.gather(*running)
 
 
-async def test_query_that_waited_in_vain_is_not_told_to_come_back_sooner(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_retry_time_of_a_query_that_waited_in_vain_covers_the_queued_work(
+    pool: ProcessPool, tmp_path: Path
+) -> None:
     """The query waited for cheaper work of jobs, which its `retry_after` must include."""
     cache = ResultCache(tmp_path / "data", memory_bytes=100_000_000, disk_bytes=10**9)
     service = QueryService(cache, pool, OPERATIONS, queue_seconds=1.2)
@@ -259,7 +261,7 @@ async def test_query_that_waited_in_vain_is_not_told_to_come_back_sooner(pool: P
     await asyncio.gather(*chunks)
 
 
-async def test_announced_wait_is_no_longer_than_all_queries_may_run(tmp_path: Path) -> None:
+async def test_announced_wait_is_bounded_by_the_time_limits_of_queries(tmp_path: Path) -> None:
     """Queries that are ended at the time limit do not count as finished work, however large their cost is."""
     executor = ProcessPool(workers=2, task_seconds=4.0)
     await executor.start()
@@ -278,7 +280,7 @@ async def test_announced_wait_is_no_longer_than_all_queries_may_run(tmp_path: Pa
         await executor.stop(1.0)
 
 
-async def test_event_loop_stays_free_while_histories_are_made_and_kept(service: QueryService, tmp_path: Path) -> None:
+async def test_event_loop_is_not_blocked_by_large_histories(service: QueryService, tmp_path: Path) -> None:
     """The time of the event loop is compared with that of parsing the answers, so the limit holds on any machine."""
     requests = [KeyedRequest.of("trajectory", Question(tmp_path, number)) for number in range(40)]
     await ask(service, "trajectory", tmp_path, 99)  # The first call imports modules, and is not measured.

@@ -81,7 +81,7 @@ def no_other_settings(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NO_PROXY", "*")
 
 
-def test_each_request_is_one_span_that_goes_on_with_the_trace_of_its_client_and_leads_to_the_log(
+def test_each_request_is_a_span_in_the_trace_of_its_client(
     tmp_path: Path, service_on: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Spans of the chunks of a job are children of the request that submitted it."""
@@ -134,7 +134,7 @@ def test_each_request_is_one_span_that_goes_on_with_the_trace_of_its_client_and_
     assert by_id["batch"].parent_span_id.hex() == PARENT
 
 
-def test_collector_that_is_down_costs_no_answer_and_no_time_at_the_end(
+def test_unreachable_collector_delays_neither_answers_nor_the_end(
     tmp_path: Path, service_on: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nor is the key of the collector logged."""

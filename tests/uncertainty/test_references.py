@@ -78,7 +78,7 @@ def answer(method: str) -> AngleUncertainty:
 
 
 @pytest.mark.parametrize("method", ["auto", "direct"])
-def test_moments_are_those_of_plain_random_searches(method: str) -> None:
+def test_moments_are_those_of_random_searches(method: str) -> None:
     angles, found = plain(), answer(method)
     error = 1.96 * angles.std() / math.sqrt(COUNT)
     assert agree(known(found.mean), angles.mean(), error)
@@ -99,7 +99,7 @@ def test_moments_are_those_of_the_sample_of_salib(method: str) -> None:
 
 @pytest.mark.parametrize("method", ["auto", "direct"])
 @pytest.mark.parametrize("angle_deg", AT_DEG)
-def test_probability_is_within_the_interval_of_plain_random_searches(method: str, angle_deg: float) -> None:
+def test_probability_is_within_the_interval_of_random_searches(method: str, angle_deg: float) -> None:
     """The direct method has fewer samples than the random searches, so its wider interval must only overlap theirs."""
     found = answer(method)
     index = int(np.argmin(abs(ANGLES - math.radians(angle_deg))))

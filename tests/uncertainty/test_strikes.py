@@ -74,7 +74,7 @@ def test_models_and_scatter_are_seen_side_by_side() -> None:
     assert model > attack
 
 
-def test_profiles_are_models_of_a_study_and_of_its_strike() -> None:
+def test_nose_can_be_an_uncertain_input() -> None:
     """The nose is an uncertain input, with points as a tuple or as an array; each angle is that of a search."""
     cones = [Profile(points=((0.0, 0.0), (0.13, 0.04))), Profile(points=np.array([[0.0, 0.01], [0.12, 0.04]]))]  # type: ignore[arg-type]
     body = replace(PAPER_PROJECTILE, nose=cones[1])
@@ -113,7 +113,7 @@ def test_residual_scatters_the_angle() -> None:
     assert known(high) < known(low)  # Stronger concrete has a smaller critical angle.
 
 
-def test_surrogate_follows_a_strength_factor_that_nobody_has_tested() -> None:
+def test_surrogate_follows_a_widely_scattered_strength_factor() -> None:
     """S varies by a factor of five, beside the usual scatter and both theories; compared with 6,000 random searches."""
     theories = Discrete(values=[ElasticPlastic(), MohrCoulomb()], weights=[0.8, 0.2])
     uncertain = [
@@ -164,7 +164,7 @@ def test_distribution_of_values_that_the_model_does_not_accept_is_refused(
     assert requirement in error.value.requirement
 
 
-def test_points_of_the_surrogate_that_the_model_does_not_accept_count_as_not_known() -> None:
+def test_surrogate_points_out_of_bounds_count_as_unknown() -> None:
     """The lower bound is 3.3 standard deviations below the mean, so 0.05 % of the surrogate's points are below it."""
     deviation = (2250.0 - BOUNDS["target.density"].lower) / 3.3
     density = Uncertain("target.density", Normal(mean=2250.0, standard_deviation=deviation))

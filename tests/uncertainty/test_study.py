@@ -49,7 +49,7 @@ def test_surrogate_admits_the_share_that_its_samples_cannot_show() -> None:
 
 
 @pytest.mark.parametrize("half_width", [0.1, 0.01])
-def test_samples_correct_a_surrogate_whose_error_does_not_go_away(half_width: float) -> None:
+def test_samples_correct_a_surrogate_with_a_persistent_error(half_width: float) -> None:
     """The function has a small step, whose error in the surrogate more samples do not reduce."""
 
     class Stepped(Linear):
@@ -67,7 +67,7 @@ def test_samples_correct_a_surrogate_whose_error_does_not_go_away(half_width: fl
     assert inside.mean() >= 0.95
 
 
-def test_surrogate_gives_way_once_counting_is_more_exact() -> None:
+def test_counting_replaces_the_surrogate_where_it_is_more_exact() -> None:
     """For steps in one input, counting samples is more exact than the bound on the error of the surrogate."""
 
     class Stairs(Linear):
@@ -169,7 +169,7 @@ def test_more_samples_begin_with_the_same_ones() -> None:
     assert many[:512] == few
 
 
-def test_alternatives_are_an_input_of_their_own() -> None:
+def test_alternative_models_count_as_one_input() -> None:
     """y = x + z, where x is uniform in [-1, 1], and z is 0 or 3 with weights 0.8 and 0.2: Var x = 1/3, Var z = 1.44."""
 
     class Sum:
@@ -244,7 +244,7 @@ def test_samples_without_an_outcome_widen_the_interval() -> None:
     assert {"samples_outside", "samples_failed", "no_indices"} <= {warning.code for warning in answer.warnings}
 
 
-def test_flights_have_quantiles_by_outcome_if_they_are_wanted() -> None:
+def test_flights_have_quantiles_by_outcome_if_requested() -> None:
     """Turned away for x above 0.25, perforated below 0.1. The distance flown is 100 x, and at most 200 x."""
     inputs = [Uncertain("x", Uniform(lower=0.0, upper=1.0))]
     left = Exit(100.0, 0.8, 0.7, 0.1, 5.0, 1e3, 0.5)
@@ -266,7 +266,7 @@ def test_flights_have_quantiles_by_outcome_if_they_are_wanted() -> None:
     assert without.ricochet_flight == {}
 
 
-def test_outcomes_of_a_strike_and_quantiles_of_how_it_ends() -> None:
+def test_study_of_a_strike_has_outcomes_and_quantiles_of_its_end() -> None:
     """Turned away for x above 0.25, with a speed of 100 x. The depth is x."""
     inputs = [Uncertain("x", Uniform(lower=0.0, upper=1.0))]
 

@@ -79,7 +79,7 @@ def test_strength_factor_scatters_as_its_tests_do_and_strength_is_not_counted_tw
 
 
 @pytest.mark.parametrize("source", ["law", "paper_table_1"])
-def test_neighbouring_cases_have_neighbouring_scatter(source: Any) -> None:
+def test_similar_cases_have_similar_scatter(source: Any) -> None:
     """The scatter at 39.1 MPa is nearly that at 39 MPa, the strength in the paper's tests."""
     nearby = CASE | {"target": Target(compressive_strength=39.1e6, density=2250.0)}
     here, there = (
@@ -150,7 +150,7 @@ def test_a_law_of_ones_own_is_judged_by_itself_and_no_decay_is_no_theory(resista
     assert laws(theories=False) == []
 
 
-def test_verdict_on_no_decay_is_that_of_no_decay() -> None:
+def test_verdict_without_decay_is_consistent() -> None:
     """At 52° it was once "embedded (probability of ricochet above 0.99)", and the angle was outside its range."""
     found = verdict_of(
         PAPER_VELOCITY, oblique_angle=math.radians(52.0), resistance=Resistance(free_surface=NoFreeSurface())
@@ -216,7 +216,7 @@ def verdict_of(velocity: float, **changes: Any) -> Verdict:
         (500.0, "paper_table_1", {"strength_fit_extrapolated"}),
     ],
 )
-def test_warning_stands_alone_if_it_moves_the_angle_by_more_than_a_quarter_of_the_range(
+def test_warning_is_a_standing_note_if_it_moves_the_angle_little(
     velocity: float, scatter: str, special: set[str]
 ) -> None:
     """At 500 m/s S beyond 45° moves the angle by 3.2°: much beside the range by 4 tests, little beside that by 255."""

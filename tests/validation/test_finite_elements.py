@@ -53,7 +53,7 @@ def test_finite_elements_change_their_outcome_at_lower_angles_with_the_finer_mes
 
 
 @pytest.mark.parametrize("mesh", MESHES)
-def test_outcomes_are_those_of_the_last_rows(mesh: Mesh) -> None:
+def test_outcomes_follow_from_the_last_rows(mesh: Mesh) -> None:
     """A run counts as turned away if nose tip and centre of gravity move out with at least 1 % of the energy."""
     properties = mass_properties(PAPER_PROJECTILE)
     for run in finite_element_runs(mesh):
@@ -67,7 +67,7 @@ def test_outcomes_are_those_of_the_last_rows(mesh: Mesh) -> None:
         assert ending(run).tip_velocity == pytest.approx(velocity, rel=0.1, abs=1.0)
 
 
-def test_velocities_of_the_tip_are_those_of_the_verdict() -> None:
+def test_tip_leaves_with_the_expected_velocity_near_the_change_of_outcome() -> None:
     """The tip moves out with 9 m/s at 50° on the coarse mesh and with 19 m/s at 48° on the fine one."""
     for name, velocity in (("oblique-50", -9.0), ("fine-oblique-48", -19.0)):
         last = ending(finite_element_run(name))

@@ -83,7 +83,7 @@ def test_every_row_but_the_outlier_is_counted(assessment: Assessment) -> None:
     assert {assessment.agreement(method, model).number for method in METHODS for model in ALL_MODELS} == {54}
 
 
-def test_outlier_enters_no_fit(assessment: Assessment) -> None:
+def test_outlier_is_not_used_in_any_fit(assessment: Assessment) -> None:
     """No fitted strength factor changes when the depth of the outlier is doubled."""
     place = outlier_place(assessment)
     curves = [depth_curve(strike, CLOSED_FORM) for strike in assessment.strikes]
@@ -174,7 +174,7 @@ def test_constant_is_the_papers_at_normal_impact() -> None:
     assert FACTOR_MODELS[CONSTANT] == ConstantStrengthFactor(value=dict(table_2())[0.0])
 
 
-def test_depths_of_the_two_ways_differ_by_nearly_a_constant_of_the_nose(assessment: Assessment) -> None:
+def test_depths_of_both_methods_differ_by_nearly_a_constant_for_each_nose(assessment: Assessment) -> None:
     """Below 500 m/s the difference is that without inertia plus at most 0.05 diameters; it varies by at most 0.1."""
     for each in crater_differences(assessment):
         slow = np.array([strike.test.velocity < 500.0 for strike in each.strikes])

@@ -101,7 +101,7 @@ def test_mixed_model_finds_the_scatter_that_made_the_data() -> None:
     assert (found.between, found.within) == pytest.approx((0.4, 0.1), rel=0.06)
 
 
-def test_mixed_model_of_balanced_groups_is_the_analysis_of_variance() -> None:
+def test_mixed_model_of_balanced_groups_equals_the_analysis_of_variance() -> None:
     """For balanced groups and a constant mean, restricted maximum likelihood has this closed form."""
     values = np.array([[2.0, 2.1, 1.9], [2.6, 2.5, 2.7], [1.5, 1.7, 1.6], [2.2, 2.0, 2.4]])
     found = fit_mixed(values.ravel(), np.ones((12, 1)), np.repeat(range(4), 3).tolist())
@@ -219,7 +219,7 @@ def test_solver_has_the_constants_and_the_range_of_the_fit(section: Section) -> 
         assert limits == (min(values), max(values))
 
 
-def test_one_own_shot_in_the_solver_holds_the_others_of_its_series() -> None:
+def test_interval_after_one_own_shot_contains_the_others_of_its_series() -> None:
     """The law `OwnTests` gets one shot of a series at a time, and its 90 % interval is compared with the others."""
     shares, widths = [], []
     for name in {shot.series for shot in counted_shots()}:
