@@ -312,7 +312,7 @@ NEAR = 45.0
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """CPU time of one way to compute the critical angle."""
+    """CPU time of one method to compute the critical angle."""
 
     way: str
     seconds: float

@@ -221,11 +221,11 @@ def _fit_figure(run: FiniteElementRun, number: int) -> Figure:
 
 OBLIQUE_ANGLE = math.radians(45.0)
 STEPS = (1e-4, 5e-5, 2e-5, 1e-5, 5e-6)
-"""[s]"""
+"""Time steps that are compared. [s]"""
 ELEMENTS = (750, 1500, 3000, 6000, 12_000, 24_000)
 PAPER_STEP, PAPER_ELEMENTS = 1e-5, 12_000
 TIMES = np.linspace(0.0, 5e-3, 501)
-"""[s]"""
+"""Times at which histories are compared. [s]"""
 STRIKE = paper_strike(OBLIQUE_ANGLE)
 STRENGTH = strength_factor(
     resistance=Resistance(), oblique_angle=OBLIQUE_ANGLE, target=PAPER_TARGET, projectile=PAPER_PROJECTILE
@@ -253,7 +253,7 @@ class Grid:
 
     elements: int
     step: float
-    """[s]"""
+    """Time step. [s]"""
     history: MotionHistory
 
 

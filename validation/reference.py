@@ -53,11 +53,11 @@ class PublishedShot:
 
     name: str
     mass: float
-    """[kg]"""
+    """Mass of the projectile. [kg]"""
     velocity: float
-    """[m/s]"""
+    """Impact velocity. [m/s]"""
     depth: float
-    """[m]"""
+    """Depth of penetration. [m]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,22 +68,22 @@ class PenetrationTest:
     row: int
     """Row in the data set from which it was taken."""
     mass: float
-    """[kg]"""
+    """Mass of the projectile. [kg]"""
     diameter: float
-    """[m]"""
+    """Diameter of the projectile. [m]"""
     length: float | None
     """Length of the projectile; None if not known. [m]"""
     caliber_radius_head: float
     compressive_strength: float
-    """[Pa]"""
+    """Compressive strength of the concrete. [Pa]"""
     density: float
     """Density of the concrete. [kg/m³]"""
     target_diameter: float
-    """[m]"""
+    """Diameter of the target. [m]"""
     velocity: float
-    """[m/s]"""
+    """Impact velocity. [m/s]"""
     depth: float
-    """[m]"""
+    """Depth of penetration. [m]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +95,7 @@ class DepthShot:
     concrete: str
     """Name of the concrete in the compilation, often the label of a specimen."""
     compressive_strength: float
-    """[Pa]"""
+    """Compressive strength of the concrete. [Pa]"""
     density: float
     """Density of the concrete. [kg/m³]"""
     thickness: float | None
@@ -105,13 +105,13 @@ class DepthShot:
     mass: float
     """Mass of the projectile; nan if not known. [kg]"""
     diameter: float
-    """[m]"""
+    """Diameter of the projectile. [m]"""
     length: float
-    """[m]"""
+    """Length of the projectile. [m]"""
     caliber_radius_head: float | None
-    """None if not known, or if the nose has none. [1]"""
+    """Calibre-radius-head; None if not known, or if the nose has none. [1]"""
     projectile_density: float
-    """[kg/m³]"""
+    """Density of the projectile's material. [kg/m³]"""
     velocity: float
     """Impact velocity; nan if not known. [m/s]"""
     depth: float
@@ -130,17 +130,17 @@ class FiniteElementRun:
     name: str
     mesh: Mesh
     oblique_angle: float
-    """[rad]"""
+    """Oblique angle of the strike. [rad]"""
     velocity: float
-    """[m/s]"""
+    """Impact velocity. [m/s]"""
     greatest_tip_depth: float
-    """[m]"""
+    """Greatest depth of the nose tip. [m]"""
     outcome: str
     """Name of the outcome in the solver; `in_motion` if the run ends before the outcome is decided."""
     cpu_seconds: float | None
     """CPU time; None if it was not recorded. [s]"""
     time: FloatArray
-    """[s]"""
+    """Time since first contact. [s]"""
     depth_displacement: FloatArray
     """Displacement of the centre of gravity along the inward normal. [m]"""
     lateral_displacement: FloatArray
@@ -148,11 +148,11 @@ class FiniteElementRun:
     rotation: FloatArray
     """Rotation, positive if the nose turns toward the face. [rad]"""
     depth_velocity: FloatArray
-    """[m/s]"""
+    """Velocity of the centre of gravity along the inward normal. [m/s]"""
     lateral_velocity: FloatArray
-    """[m/s]"""
+    """Velocity of the centre of gravity along the face. [m/s]"""
     angular_velocity: FloatArray
-    """[rad/s]"""
+    """Rate of the rotation. [rad/s]"""
 
     @property
     def degrees(self) -> float:

@@ -194,7 +194,7 @@ def fit_mixed(values: FloatArray, matrix: FloatArray, groups: Sequence[object]) 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeriesScatter:
-    """Scatter of ln S about a law, as in `PublishedTests`: Student's distribution between and within series."""
+    """Scatter of ln S about a law, as in `PublishedTests`: Student's distributions between and within series."""
 
     between: float
     """Scale between series. [ln]"""
@@ -204,7 +204,7 @@ class SeriesScatter:
     """Degrees of freedom of the distribution. [1]"""
 
     def log_density(self, series: Sequence[FloatArray]) -> FloatArray:
-        """Return the logarithm of the joint density of all shots of each series, given their misses."""
+        """Return the logarithm of the joint density of the residuals of each series."""
         count = np.array([len(each) for each in series], float)
         mean = np.array([each.mean() for each in series])
         squares = np.array([float(((each - each.mean()) ** 2).sum()) for each in series])
@@ -217,7 +217,7 @@ class SeriesScatter:
 
 
 def fit_scatter(series: Sequence[FloatArray], degrees_of_freedom: float = FREEDOM) -> SeriesScatter:
-    """Fit the scales to the misses of series by maximum likelihood."""
+    """Fit the scales to the residuals of each series by maximum likelihood."""
 
     def scatter(logarithms: FloatArray) -> SeriesScatter:
         between, within = np.exp(logarithms).tolist()
@@ -237,10 +237,10 @@ def fit_scatter(series: Sequence[FloatArray], degrees_of_freedom: float = FREEDO
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenSeries:
-    """Prediction for the shots of a series by a model fitted without it."""
+    """Residuals of a series about a law fitted without it, and the scatter of that law."""
 
     misses: FloatArray
-    """ln S of each shot minus that of the law, (n,)."""
+    """Residuals: ln S of each shot minus that of the law, (n,)."""
     scatter: SeriesScatter
 
     def after(self, given: Sequence[int]) -> ShotPrediction:
@@ -289,7 +289,7 @@ def unseen_series(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
-    """Share of shots of unseen series in their 90 % interval, after some shots of the same series."""
+    """How often the 90 % interval contains shots of unseen series, given some other shots of the series."""
 
     shots_given: int
     series: int
@@ -297,7 +297,7 @@ class Coverage:
     covered: float
     """Mean over these series of the share of their other shots in the interval. [1]"""
     covered_shots: float
-    """Share of all other shots in the interval. [1]"""
+    """Share of the other shots of all series in the interval. [1]"""
     half_width: float
     """Mean half width of the interval, over these series. [ln]"""
 
@@ -331,7 +331,7 @@ def chosen_scatter(degrees_of_freedom: float = FREEDOM) -> SeriesScatter:
 
 @cache
 def chosen_misses() -> tuple[FloatArray, ...]:
-    """Return ln S minus that of `chosen_law` for the shots of each series."""
+    """Return the residuals of `chosen_law`, i.e. measured minus fitted ln S, for the shots of each series."""
     shots = counted_shots()
     misses = logarithms(shots) - design(shots, CHOSEN) @ chosen_law().coefficients
     return tuple(in_series(misses, [shot.series for shot in shots]))

@@ -168,7 +168,7 @@ def forms(attacker: Attacker) -> None:
 
 
 def slow_heads(attacker: Attacker) -> None:
-    """Hold connections whose heads never end."""
+    """Hold connections on which the request head never ends."""
     attacker.hold(b"GET /livez HTTP/1.1\r\nHost: localhost\r\nX-Slow: ")
     attacker.drip(b"x")
 

@@ -200,7 +200,7 @@ def test_panel_steps_count_as_cases_in_the_quota(guarded: Guarded) -> None:
 
 
 class SetClock:
-    """A clock that a test sets."""
+    """A clock that shows the time set by a test."""
 
     def __init__(self) -> None:
         self.date, self.passed = 1.8e9, 1000.0

@@ -29,7 +29,7 @@ SHORT = 100_000
 
 
 class Route(NamedTuple):
-    """A route that takes a body, with a valid body."""
+    """A route that takes a body, and a valid body for it."""
 
     method: str
     path: str

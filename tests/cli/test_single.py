@@ -343,7 +343,7 @@ class Moody(BaseHTTPRequestHandler):
         self.wfile.write(b'{"mood": "good"}')
 
     def log_message(self, *_: object) -> None:
-        """Log nothing."""
+        """Discard the log line that the base class would print."""
 
 
 @pytest.fixture

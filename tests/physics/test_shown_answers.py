@@ -175,7 +175,7 @@ def test_figure_that_is_the_result_of_a_cell_of_a_notebook_is_shown_once(
 ) -> None:
     figure = found.plot()
     monkeypatch.setattr(pyplot, "get_backend", lambda: backend)
-    with pytest.raises(NotImplementedError):  # IPython then shows the figure
+    with pytest.raises(NotImplementedError):  # IPython shows the figure itself after this error.
         figure._ipython_display_()  # type: ignore[attr-defined]
     assert pyplot.fignum_exists(figure.number) is stays
     pickle.loads(pickle.dumps(figure))  # noqa: S301

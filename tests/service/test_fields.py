@@ -28,7 +28,7 @@ class Try:
     value: float
     """Speed that was tried. [m/s] Two at least."""
     ending: Ending = Ending.DONE
-    """How the attempt ended."""
+    """Ending of a try."""
     slope: float | None = None
     """Slope. [rad]"""
 

@@ -39,7 +39,7 @@ def database(status: int, vulnerable: str = "") -> Iterator[str]:
             self.wfile.write(body)
 
         def log_message(self, format: str, *arguments: Any) -> None:  # noqa: A002 (its name there)
-            """Log nothing."""
+            """Discard the log line that the base class would print."""
 
     with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
         threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
