@@ -258,26 +258,26 @@ def agreement(ratios: FloatArray) -> Agreement:
 
 
 Choice: TypeAlias = Callable[[PublishedStrike], bool]
-"""Predicate that selects tests."""
+"""Predicate that selects tests for statistics."""
 
 
 def every(_: PublishedStrike) -> bool:
-    """Return true: a choice of all tests."""
+    """Predicate that selects every test."""
     return True
 
 
 def of_series(series: str) -> Choice:
-    """Return a choice of the tests of one series."""
+    """Return a predicate that selects the tests of one series."""
     return lambda strike: strike.test.series == series
 
 
 def of_group(group: str) -> Choice:
-    """Return a choice of the tests of one series and grade of concrete."""
+    """Return a predicate that selects the tests of one series and grade of concrete."""
     return lambda strike: strike.group == group
 
 
 def of_diameter(diameter: float) -> Choice:
-    """Return a choice of the tests of one calibre. [m]"""
+    """Return a predicate that selects the tests of one calibre. [m]"""
     return lambda strike: strike.test.diameter == diameter
 
 

@@ -110,7 +110,7 @@ STRIDE = 5
 """Step in `EXTRAS` from one round of cells to the next. It is coprime to their number, so that all occur in turn."""
 COMBINATIONS = tuple(Combination(*cell, *extras) for cell in CELLS for extras in EXTRAS[cell[1]])
 FULL_TABLE = len(CELLS) * len(EXTRAS[True])
-"""Number of strikes that includes every combination."""
+"""Number of strikes after which every combination has been generated."""
 
 
 class End(NamedTuple):
