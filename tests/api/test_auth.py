@@ -63,7 +63,7 @@ def job_of(client: httpx.Client, count: int = 3, **headers: str) -> dict[str, An
     return job
 
 
-def test_key_opens_what_nobody_else_may_see(guarded: Guarded) -> None:
+def test_key_gives_access_to_protected_paths(guarded: Guarded) -> None:
     with holder(guarded.url) as nobody:
         for path in ("/jobs", "/results/" + "0" * 64, "/metrics", "/nothing"):
             found = nobody.get(path)
@@ -76,14 +76,14 @@ def test_key_opens_what_nobody_else_may_see(guarded: Guarded) -> None:
     assert guarded.anna.get("/metrics").status_code == 200
 
 
-def test_query_that_is_known_takes_a_key_too(guarded: Guarded) -> None:
+def test_cached_query_requires_a_key_too(guarded: Guarded) -> None:
     body = {"content": json.dumps(PAPER), "headers": {"Content-Type": "application/json"}}
     assert [guarded.anna.post("/cra", **body).status_code for _ in range(3)] == [200] * 3  # type: ignore[arg-type]
     with holder(guarded.url) as nobody:
         problem_of(nobody.post("/cra", **body), 401)  # type: ignore[arg-type]
 
 
-def test_job_of_another_owner_is_not_there(guarded: Guarded) -> None:
+def test_job_of_another_owner_is_not_found(guarded: Guarded) -> None:
     job = job_of(guarded.anna)
     path = job["links"]["self"]
     for end in ("", "/results", "/events"):
@@ -97,7 +97,7 @@ def test_job_of_another_owner_is_not_there(guarded: Guarded) -> None:
     assert guarded.anna.get(path + "/results").status_code == 200
 
 
-def test_admin_sees_and_ends_the_jobs_of_all(guarded: Guarded) -> None:
+def test_admin_sees_and_cancels_the_jobs_of_all_owners(guarded: Guarded) -> None:
     jobs = [job_of(guarded.anna), job_of(guarded.bert)]
     seen = {job["id"] for job in guarded.chief.get("/jobs").json()["jobs"]}
     assert {job["id"] for job in jobs} <= seen
@@ -113,7 +113,7 @@ def test_keys_of_one_owner_share_the_jobs(guarded: Guarded) -> None:
         assert other.get(job["links"]["self"]).status_code == 200
 
 
-def test_idempotency_key_is_the_owners(guarded: Guarded) -> None:
+def test_idempotency_key_belongs_to_its_owner(guarded: Guarded) -> None:
     body, headers = lines(searches(2)), LINES | ASYNC | {"Idempotency-Key": "the same"}
     first, again, others = (
         client.post("/cra/batch", content=body, headers=headers).json()["id"]
@@ -640,7 +640,9 @@ def test_token_is_shown_once_and_kept_as_a_hash(
         ["--owner", "a", "--expires", "nan"],
     ],
 )
-def test_wrong_key_is_not_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]) -> None:
+def test_key_with_invalid_options_is_not_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
+) -> None:
     monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
     assert cli.main(["keys", "add", *arguments]) == 2
     assert not read_keys(tmp_path)

@@ -54,7 +54,7 @@ async def test_without_a_data_folder_it_answers_with_a_warning_and_is_not_ready(
     assert "result_not_cached" in {warning.code for warning in answer.warnings}
 
 
-async def test_without_workers_it_is_alive_and_not_ready(app: FastAPI, client: httpx.AsyncClient) -> None:
+async def test_service_without_workers_is_alive_and_not_ready(app: FastAPI, client: httpx.AsyncClient) -> None:
     await app.state.services.executor.stop(1.0)
     assert "worker" in assert_unavailable(await client.get("/readyz")).detail
     assert assert_unavailable(await client.post("/cra", json=PAPER)).type == "urn:ricochet:problem:unavailable"
@@ -148,7 +148,7 @@ async def test_folder_replaced_under_a_running_service_takes_no_jobs_any_more(
             assert (await on_disk.get("/readyz")).status_code == 503
 
 
-async def test_folder_that_is_put_back_is_used_again(on_disk: httpx.AsyncClient, tmp_path: Path) -> None:
+async def test_restored_folder_is_used_again(on_disk: httpx.AsyncClient, tmp_path: Path) -> None:
     remove(tmp_path / "data")
     assert_unavailable(await on_disk.get("/readyz"))
     (tmp_path / "elsewhere").rename(tmp_path / "data")

@@ -19,7 +19,7 @@ def test_critical_angle_is_reopened_from_its_address(new_page: NewPage) -> None:
     assert angle.inner_text() != "48.6°"
 
 
-def test_map_is_reopened_from_its_address_without_being_run_and_found_again_among_the_jobs(new_page: NewPage) -> None:
+def test_map_is_reopened_from_its_address_or_from_the_jobs_without_a_new_run(new_page: NewPage) -> None:
     page = new_page()
     run_map(page, "x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,3&target.density_kg_m3=2300", 6)
     expect(page).to_have_url(re.compile("job=[0-9a-f]{32}"))

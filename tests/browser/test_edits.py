@@ -61,7 +61,7 @@ def drop_refusals(faults: list[str]) -> None:
 
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("sequences", [60, pytest.param(400, marks=pytest.mark.slow)])
-def test_values_inside_their_bounds_are_never_an_error_however_they_are_typed(
+def test_typing_a_valid_value_never_shows_an_error(
     page: Page, client: httpx.Client, faults: list[str], sequences: int
 ) -> None:
     chance = random.Random(36)  # noqa: S311 (not for secrets)
@@ -108,7 +108,7 @@ def check_shown(page: Page, client: httpx.Client) -> None:
 
 
 @pytest.mark.parametrize("speeds", [("0.5", "3000", "0.5", "238"), ("3000", "1", "2500", "0.7")])
-def test_speeds_come_in_any_order(page: Page, faults: list[str], speeds: tuple[str, ...]) -> None:
+def test_speeds_can_be_entered_in_any_order(page: Page, faults: list[str], speeds: tuple[str, ...]) -> None:
     open_explore(page)
     page.evaluate(LISTEN)
     for speed in speeds:
@@ -131,7 +131,7 @@ def test_every_angle_of_the_slider_has_an_outcome(page: Page) -> None:
     assert f"EQUATION_9 = {list(EQUATION_9_COEFFICIENTS)}" in text
 
 
-def test_error_waits_until_the_field_is_left_and_is_said_once(page: Page) -> None:
+def test_error_appears_once_after_the_field_is_left(page: Page) -> None:
     open_explore(page)
     type_into(page, SPEED, "0", leave=False)
     expect(page.locator("[aria-busy=true]").filter(has=page.locator(".figures"))).to_have_count(1)
@@ -229,9 +229,7 @@ def test_case_is_saved_by_name_in_the_browser_and_its_link_copied(page: Page) ->
     expect(page.get_by_role("link", name="South wall")).to_have_count(0)
 
 
-def test_view_that_is_opened_while_the_service_is_away_shows_itself_once_it_is_back(
-    page: Page, faults: list[str]
-) -> None:
+def test_view_opened_while_the_service_is_down_recovers_with_it(page: Page, faults: list[str]) -> None:
     open_explore(page)
     page.route("**/*", lambda route: route.abort())
     page.get_by_role("link", name="Walls").click()
@@ -269,7 +267,7 @@ def test_own_shots_narrow_the_range(page: Page, shots: str) -> None:
     expect(page).to_have_url(re.compile("shots"))
 
 
-def test_shots_begin_empty_and_a_wrong_line_is_named_below_the_picture_before(page: Page) -> None:
+def test_shots_begin_empty_and_an_invalid_line_is_named(page: Page) -> None:
     open_explore(page)
     sent: list[str] = []
     page.on("request", lambda request: sent.append(request.post_data or ""))

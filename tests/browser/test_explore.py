@@ -123,7 +123,7 @@ def test_moving_a_slider_updates_the_picture_the_number_and_the_address(page: Pa
     expect(page.locator("[data-outcome=ricochet]")).to_contain_text("At 75° from the normal")
 
 
-def test_bad_value_is_refused_at_the_field_and_leaves_the_picture_before_greyed(page: Page) -> None:
+def test_invalid_value_is_refused_at_the_field_and_greys_the_previous_picture(page: Page) -> None:
     open_explore(page)
     before = outline(page)
     field = page.get_by_label("Speed", exact=True)
@@ -228,7 +228,7 @@ def test_shared_address_reopens_the_same_view(page: Page, new_page: Any) -> None
     assert outline(other) == [pytest.approx(each) for each in outline(page)]
 
 
-def test_case_goes_along_to_another_view_and_back(page: Page) -> None:
+def test_case_is_kept_in_another_view_and_back(page: Page) -> None:
     open_explore(page, "?projectile.mass_kg=15")
     page.get_by_role("link", name="Critical angle").click()
     expect(page).to_have_url(re.compile(r"#/critical-angle\?projectile\.mass_kg=15"))
@@ -261,7 +261,7 @@ def test_help_of_a_field_is_seen_while_it_is_used_or_on_request(page: Page) -> N
     expect(page.locator("form [title]")).to_have_count(0)
 
 
-def test_help_of_a_field_moves_no_other(page: Page) -> None:
+def test_help_of_a_field_does_not_move_other_fields(page: Page) -> None:
     open_explore(page)
     fields = page.locator("form .field input[type=text]")
     places = "inputs => inputs.map(input => input.getBoundingClientRect().top)"
@@ -273,7 +273,7 @@ def test_help_of_a_field_moves_no_other(page: Page) -> None:
         assert fields.evaluate_all(places) == before
 
 
-def test_no_unit_is_a_bare_one(page: Page) -> None:
+def test_no_field_has_the_unit_1(page: Page) -> None:
     open_explore(page)
     assert "1" not in page.locator(".unit").all_inner_texts()
 
@@ -347,7 +347,7 @@ def test_flight_after_a_ricochet_is_drawn_and_ends_where_the_service_says(page: 
     expect(panel).to_be_hidden()
 
 
-def test_play_goes_through_to_the_end_in_steps_where_less_motion_is_wanted(page: Page) -> None:
+def test_play_runs_in_steps_if_reduced_motion_is_preferred(page: Page) -> None:
     open_explore(page)
     page.get_by_label("Instant").fill("0")
     seen = page.evaluate(
@@ -413,7 +413,7 @@ def test_copied_command_and_program_request_what_is_shown(page: Page) -> None:
     expect(copied).to_be_hidden()
 
 
-def test_theme_chosen_is_kept(page: Page) -> None:
+def test_chosen_theme_is_kept(page: Page) -> None:
     open_explore(page)
     page.get_by_label("Theme").select_option("dark")
     page.reload()

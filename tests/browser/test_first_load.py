@@ -26,7 +26,7 @@ def throttle(session: CDPSession, speed: float) -> None:
     session.send("Network.emulateNetworkConditions", conditions)
 
 
-def test_answer_in_words_comes_before_the_plots_on_a_slow_line(page: Page) -> None:
+def test_text_of_the_answer_is_shown_before_the_plots_on_a_slow_line(page: Page) -> None:
     session = page.context.new_cdp_session(page)
     session.send("Network.enable")
     throttle(session, SLOW_BYTES_PER_S)
@@ -102,7 +102,7 @@ def test_verdict_and_picture_are_above_the_fold(
         expect(page.locator(".side-view .drawing")).to_be_in_viewport(ratio=1.0)
 
 
-def test_second_load_asks_for_two_files_and_fetches_neither_anew(page: Page) -> None:
+def test_second_load_revalidates_two_files_and_downloads_none(page: Page) -> None:
     page.goto("/")
     expect(page.locator(".histories .scatterlayer .trace").first).to_be_visible()
     sizes: dict[str, int] = {}

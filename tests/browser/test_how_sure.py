@@ -209,7 +209,7 @@ def test_study_that_is_stopped_while_it_is_submitted_leaves_no_job_running(page:
     assert cancelled.value.json()["status"] == "dismissed"
 
 
-def test_study_is_stopped_and_a_changed_form_gives_it_up(page: Page) -> None:
+def test_study_is_stopped_by_button_and_by_a_changed_form(page: Page) -> None:
     page.goto(f"/#/how-sure?{TWO}&sampling.half_width=0.0001&sampling.max_samples=1024&sampling.seed=3")
     stop = page.get_by_role("button", name="Stop")
     expect(stop).to_be_enabled()
@@ -241,7 +241,7 @@ def test_study_runs_again_by_itself_and_the_numbers_before_are_marked(page: Page
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
-def test_button_and_results_of_a_long_form_are_a_step_away(page: Page, size: tuple[int, int]) -> None:
+def test_button_and_results_of_a_long_form_are_easy_to_reach(page: Page, size: tuple[int, int]) -> None:
     width, height = size
     page.set_viewport_size({"width": width, "height": height})
     page.goto("/#/how-sure")

@@ -45,7 +45,7 @@ def test_job_is_seen_to_run_and_can_be_cancelled(page: Page, client: httpx.Clien
         ("velocity_m_s", "The table needs a header and a row for each case."),
     ],
 )
-def test_cell_of_a_table_that_is_not_right_is_named(page: Page, faults: list[str], table: str, problem: str) -> None:
+def test_invalid_cell_of_a_table_is_named(page: Page, faults: list[str], table: str, problem: str) -> None:
     page.goto("/#/jobs")
     page.get_by_label("Cases, pasted or dropped as CSV").fill(table)
     page.get_by_role("button", name="Compute").click()
@@ -148,7 +148,7 @@ def count_of(path: Path, form: str) -> int:
     return len(list(csv.DictReader(io.StringIO(text)))) if form == "CSV" else len([*map(json.loads, text.splitlines())])
 
 
-def test_job_is_deleted_only_once_that_is_confirmed(page: Page, client: httpx.Client) -> None:
+def test_job_is_deleted_only_after_confirmation(page: Page, client: httpx.Client) -> None:
     job = client.post("/cra/batch", content=lines(searches(1)), headers=LINES | ASYNC).json()
     finished(client, job)
     page.goto("/#/jobs")

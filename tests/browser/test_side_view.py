@@ -64,7 +64,7 @@ def test_projectile_is_dragged_through_the_critical_angle(page: Page) -> None:
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
-def test_picture_stays_where_it_is_while_it_is_dragged_in(new_page: NewPage, size: tuple[int, int]) -> None:
+def test_picture_does_not_move_while_the_projectile_is_dragged(new_page: NewPage, size: tuple[int, int]) -> None:
     page = new_page(width=size[0], height=size[1])
     open_explore(page)
     handle(page).scroll_into_view_if_needed()
@@ -124,7 +124,7 @@ def test_wall_has_a_hole_through_to_its_rear_face(page: Page) -> None:
         assert "rear face" not in words(page)
 
 
-def test_picture_comes_to_the_slider_on_a_phone(new_page: NewPage) -> None:
+def test_picture_stays_visible_while_a_slider_moves_on_a_phone(new_page: NewPage) -> None:
     page = new_page(width=390, height=844)
     open_explore(page)
     slider = page.get_by_label("Oblique angle, slider")

@@ -16,7 +16,7 @@ def speed(page: Page) -> Any:
     return page.get_by_label("Speed", exact=True)
 
 
-def test_field_that_is_not_accepted_takes_the_numbers_away(page: Page) -> None:
+def test_invalid_field_removes_the_numbers(page: Page) -> None:
     open_explore(page)
     speed(page).fill("-5")
     expect(page.locator(".angle")).to_have_count(0)
@@ -93,7 +93,7 @@ def test_random_edits_never_leave_outdated_results_unmarked(page: Page, faults: 
     faults[:] = [fault for fault in faults if "422" not in fault]
 
 
-def test_shots_that_are_not_accepted_take_their_bars_away(page: Page) -> None:
+def test_invalid_shots_remove_their_bars(page: Page) -> None:
     shots = '[{"velocity_m_s":250,"depth_m":0.31},{"velocity_m_s":300,"depth_m":0.42}]'
     open_explore(page, f"?resistance.strength_factor.model=own_tests&resistance.strength_factor.shots={shots}")
     bars = page.get_by_role("group", name="Own depth tests").locator("svg")
@@ -125,7 +125,7 @@ def test_warning_of_another_angle_says_so(page: Page) -> None:
         assert all(angle == "30" for angle in angles) or warning.startswith("At the critical angle"), warning
 
 
-def test_lost_service_is_said_beside_the_picture_and_tried_again(page: Page, faults: list[str]) -> None:
+def test_lost_service_is_reported_beside_the_picture_and_retried(page: Page, faults: list[str]) -> None:
     open_explore(page)
     before = page.locator(".angle").inner_text()
     lost = [0]
@@ -150,7 +150,7 @@ def test_lost_service_is_said_beside_the_picture_and_tried_again(page: Page, fau
 
 
 @pytest.mark.parametrize("path", ["**/verdict", "**/trajectory", "**/cra"])
-def test_message_on_a_lost_request_goes_with_its_answer(page: Page, faults: list[str], path: str) -> None:
+def test_message_about_a_lost_request_disappears_with_its_answer(page: Page, faults: list[str], path: str) -> None:
     open_explore(page)
     page.get_by_text("Under other laws").click()
     expect(page.get_by_role("table", name="Under other laws")).to_be_visible()

@@ -43,7 +43,7 @@ def test_every_view_works_with_what_the_browser_keeps(page: Page, script: str) -
             expect(page.locator("main .panel").first).to_be_visible()
 
 
-def test_damaged_values_are_dropped_and_the_rest_is_kept(page: Page) -> None:
+def test_damaged_stored_values_are_dropped_and_others_kept(page: Page) -> None:
     page.add_init_script("""localStorage.setItem("ricochet-cases", '{"Bad": 7, "Good": "projectile.mass_kg=15"}');""")
     open_explore(page)
     expect(page.get_by_label("Theme")).to_have_value("system")

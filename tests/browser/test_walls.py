@@ -42,7 +42,7 @@ def test_thicknesses_are_those_of_the_service(page: Page, client: httpx.Client) 
 
 
 @pytest.mark.parametrize("thickness_mm", [100, 450, 600])
-def test_thickness_gets_the_sentence_of_the_service_and_a_yes_or_no(
+def test_thickness_is_judged_with_the_sentence_of_the_service(
     page: Page, client: httpx.Client, thickness_mm: int
 ) -> None:
     page.goto("/#/walls")

@@ -116,7 +116,7 @@ def test_settings_of_matplotlib_that_cannot_be_read_are_named(folder: Path) -> N
     ],
     ids=" ".join,
 )
-def test_characters_that_an_encoding_lacks_are_replaced(folder: Path, encoding: str, words: list[str]) -> None:
+def test_characters_missing_from_an_encoding_are_replaced(folder: Path, encoding: str, words: list[str]) -> None:
     done = run(folder, *words, encoding=encoding)
     assert done.status == (2 if "100" in words else 0), done.err
     assert "Traceback" not in done.err

@@ -89,7 +89,7 @@ def pressed(folder: Path) -> Iterator[Callable[..., tuple[int, list[str]]]]:
         *((words, has_workers) for words in POOLS[:2]),
     ],
 )
-def test_ctrl_c_is_one_line(
+def test_ctrl_c_prints_one_line(
     folder: Path, pressed: Callable[..., tuple[int, list[str]]], words: str, claim: Callable[[int], bool]
 ) -> None:
     before = {path.name for path in folder.iterdir()} | {"kept", "err"}

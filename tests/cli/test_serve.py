@@ -153,7 +153,7 @@ def test_tilde_in_the_data_folder_is_the_home(folder: Path, words: list[str]) ->
     assert (folder / "home" / "x").is_dir() == (words[0] == "batch")
 
 
-def test_port_in_use_is_one_sentence(live_url: str, tmp_path: Path) -> None:
+def test_port_in_use_is_reported_in_one_sentence(live_url: str, tmp_path: Path) -> None:
     port = str(httpx.URL(live_url).port)
     done = run(tmp_path, "serve", RICOCHET_HOST="127.0.0.1", RICOCHET_PORT=port, RICOCHET_DATA_DIR="data")
     assert (done.status, done.out) == (3, "")

@@ -89,7 +89,7 @@ def test_folder_of_a_service_that_has_done_nothing_is_copied(tmp_path: Path, mis
     assert not (copy / "auth.sqlite").exists()
 
 
-def test_copy_that_fails_is_said(tmp_path: Path) -> None:
+def test_failed_copy_is_reported(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "jobs.sqlite").write_text("no database")
     command = ["sh", str(ROOT / "deploy" / "back-up.sh"), str(tmp_path / "data"), str(tmp_path / "backups")]

@@ -69,7 +69,7 @@ def test_systemd_finds_nothing_wrong_with_the_units(units: dict[str, Path], name
 
 
 @pytest.mark.parametrize("name", [name for name in UNITS if name.endswith(".service")])
-def test_units_expose_little_of_the_machine(units: dict[str, Path], name: str) -> None:
+def test_exposure_of_the_units_is_low(units: dict[str, Path], name: str) -> None:
     done = analyze("security", "--offline=yes", f"--threshold={EXPOSURE}", "--no-pager", str(units[name]))
     if "unrecognized option" in done.stderr:
         pytest.skip("this systemd-analyze does not look at files")
@@ -106,7 +106,7 @@ def kubernetes() -> Any:
 
 
 @pytest.mark.parametrize("manifest", MANIFESTS, ids=lambda manifest: manifest["kind"])
-def test_manifests_are_what_kubernetes_knows(kubernetes: Any, manifest: dict[str, Any]) -> None:
+def test_manifests_fit_the_schemas_of_kubernetes(kubernetes: Any, manifest: dict[str, Any]) -> None:
     kubernetes.validate(manifest, kubernetes.latest_version(), strict=True)
 
 

@@ -145,14 +145,14 @@ def test_answers_come_through_with_the_address_of_the_client(proxy: Proxy) -> No
     assert proxy.entries()[-1]["client"] == CROWD
 
 
-def test_a_thousand_silent_connections_hold_up_nobody(proxy: Proxy) -> None:
+def test_a_thousand_silent_connections_delay_nobody(proxy: Proxy) -> None:
     with ExitStack() as opened:
         for _ in range(1000):
             opened.enter_context(proxy.connection(CROWD, tls=False))
         assert slowest_probe(proxy) < LONGEST_S
 
 
-def test_slow_heads_and_bodies_hold_up_nobody_and_never_reach_the_service(proxy: Proxy) -> None:
+def test_slow_heads_and_bodies_delay_nobody_and_never_reach_the_service(proxy: Proxy) -> None:
     known = len(proxy.entries())
     with ExitStack() as opened:
         heads = [opened.enter_context(proxy.connection(SLOW)) for _ in range(50)]

@@ -53,7 +53,7 @@ def download(server: RestartableServer, job: dict[str, Any], form: str) -> bytes
 
 
 @pytest.mark.parametrize("form", [HDF5, PARQUET, "text/csv", JSONL])
-def test_many_downloads_at_once_take_memory_for_what_is_sent_alone(form: str, server: RestartableServer) -> None:
+def test_many_downloads_at_once_need_little_memory(form: str, server: RestartableServer) -> None:
     job = server.finished(server.submit(motions(300), path="/trajectory/batch"))
     server.stop()
     server.start()
@@ -77,7 +77,7 @@ def test_second_download_of_a_finished_job_is_the_file_of_the_first(form: str, s
     assert not [path for path in (server.data / "downloads").iterdir() if job["id"] in path.name]
 
 
-def test_file_that_nobody_waits_for_any_more_is_given_up(server: RestartableServer) -> None:
+def test_file_without_waiting_clients_is_abandoned(server: RestartableServer) -> None:
     job = server.finished(server.submit(jsonl(searches(2000))))
     assert job["status"] == "successful"
     server.stop()

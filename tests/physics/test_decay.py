@@ -59,7 +59,7 @@ def test_decay_equals_the_printed_table(name: str) -> None:
 
 
 @pytest.mark.parametrize("velocity", VELOCITIES)
-def test_decay_grows_from_nothing_at_the_face_to_one_deep_inside(model: FreeSurface, velocity: float) -> None:
+def test_decay_grows_from_zero_at_the_face_to_one_deep_inside(model: FreeSurface, velocity: float) -> None:
     ratios = np.concatenate((np.geomspace(1.0, 1e6, 2_000), [math.inf]))
     factor = decay_factor(model=model, target=concrete(), radius_ratio=ratios, normal_velocity=velocity)
     if isinstance(model, NoFreeSurface):

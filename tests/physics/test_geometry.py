@@ -171,7 +171,7 @@ BODY_SOLIDS: dict[str, tuple[Projectile, Solid]] = {
 
 
 @pytest.mark.parametrize("name", BODY_SOLIDS)
-def test_bodies_that_taper_equal_their_closed_forms(name: str) -> None:
+def test_tapering_bodies_equal_their_closed_forms(name: str) -> None:
     projectile, solid = BODY_SOLIDS[name]
     assert_properties_equal(projectile, solid)
     base = math.pi * projectile.base.r_start**2

@@ -36,7 +36,7 @@ def strike_of_the_paper(free_surface: FreeSurface | None = None) -> Trajectory:
     return paper_run(0.0, resistance=resistance, numerics=FINE)
 
 
-def test_nose_feels_no_free_surface() -> None:
+def test_free_surface_does_not_affect_the_nose() -> None:
     depths = [strike_of_the_paper(free_surface).final.nose_tip_depth for free_surface in DECAYS.values()]
     np.testing.assert_allclose(depths, depths[0], rtol=1e-9)
 

@@ -58,7 +58,7 @@ def test_defaults_find_the_angles_of_the_independent_program(expected: float, ch
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("expected", "changes"), ANGLES)
-def test_sums_over_elements_put_the_change_of_outcome_there(expected: float, changes: dict[str, Any]) -> None:
+def test_sums_over_elements_give_the_same_change_of_outcome(expected: float, changes: dict[str, Any]) -> None:
     case = PAPER | changes
     panels = Numerics(method="panels", panels=24_000, time_step=2e-6 if case["velocity"] < 200.0 else 1e-6)
 

@@ -146,9 +146,7 @@ LABELS = {
 
 
 @pytest.mark.parametrize("words", LABELS)
-def test_answers_draw_themselves_where_pyplot_finds_them(
-    drawn: dict[str, Any], words: str, pyplot: Any, tmp_path: Any
-) -> None:
+def test_plots_of_answers_are_pyplot_figures(drawn: dict[str, Any], words: str, pyplot: Any, tmp_path: Any) -> None:
     figure = drawn[words].plot()
     assert pyplot.gcf() is figure
     figure.savefig(tmp_path / "figure.svg")

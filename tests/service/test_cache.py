@@ -137,7 +137,7 @@ def test_segment_changed_after_it_was_seen_is_looked_at_again(tmp_path: Path) ->
         assert not cache.known([record.key])
 
 
-def test_any_damage_is_a_miss_set_aside_and_written_anew(tmp_path: Path) -> None:
+def test_damaged_segment_is_a_miss_and_is_set_aside_and_rewritten(tmp_path: Path) -> None:
     record = trajectory()
     stored(tmp_path, [record])
     path = path_of(tmp_path, record)
@@ -183,7 +183,7 @@ def test_unknown_or_malformed_key_is_a_miss(key: str, tmp_path: Path) -> None:
         assert cache.last_error is None
 
 
-def test_index_lost_or_damaged_is_made_anew(tmp_path: Path) -> None:
+def test_lost_or_damaged_index_is_rebuilt(tmp_path: Path) -> None:
     records = [critical_angle(number) for number in range(40)]
     stored(tmp_path, records[:30], [records[30]], records[31:])
     for damage in (None, Path.unlink, lambda path: path.write_bytes(os.urandom(20_000)), spoil):

@@ -66,7 +66,7 @@ def parent_of(pid: int) -> int:
     return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
 
 
-async def test_every_worker_takes_part(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_all_workers_are_used(pool: ProcessPool, tmp_path: Path) -> None:
     """A named pipe transfers bytes only if two calls run at the same time."""
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
@@ -249,7 +249,7 @@ async def test_probe_overtakes_waiting_tasks_and_sees_a_stuck_pool(pool: Process
     await asyncio.gather(*stuck, return_exceptions=True)
 
 
-async def test_call_that_was_merely_unlucky_is_tried_once_more(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_call_whose_worker_was_killed_is_retried_once(pool: ProcessPool, tmp_path: Path) -> None:
     unlucky = f"import os; os.path.exists({str(tmp_path / 'x')!r}) or (os.mkdir({str(tmp_path / 'x')!r}), os._exit(1))"
     finished = await pool.run([*folders(tmp_path, 2), (exec, (unlucky,)), (os.mkdir, (tmp_path / "after",))])
     assert [outcome.error for outcome in finished] == [None] * 4
@@ -274,7 +274,7 @@ async def test_chunks_finish_however_their_workers_are_killed(pool: ProcessPool)
 
 
 @linux
-async def test_worker_that_no_longer_moves_is_replaced() -> None:
+async def test_frozen_worker_is_replaced() -> None:
     pool = ProcessPool(workers=1, task_seconds=0.4)
     await pool.start()
     [stopped] = pool.worker_pids

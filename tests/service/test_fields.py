@@ -131,7 +131,7 @@ def test_fields_that_come_last_do_so_in_parts_too() -> None:
     assert [list(each) for each in walk(FoundAnswer, Found())["tries"]] == [["speed_m_s", "ending"]] * 2
 
 
-def test_attribute_that_is_not_there_is_an_error() -> None:
+def test_missing_attribute_is_an_error() -> None:
     with pytest.raises(AttributeError, match="angle"):
         walk(FoundAnswer, Try(1.0))
 

@@ -156,7 +156,7 @@ def test_result_that_no_segment_can_hold_is_set_aside_and_the_others_are_kept(
     assert (stat(tmp_path / "left").cases, stat(tmp_path / "left").segments) == (3, 1)
 
 
-def test_end_puts_all_that_is_left_into_segments(tmp_path: Path) -> None:
+def test_shutdown_moves_the_journal_into_segments(tmp_path: Path) -> None:
     with cache_in(tmp_path) as cache:
         cache.put(critical_angle(1))
     assert stat(tmp_path).cases == 1

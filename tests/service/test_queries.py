@@ -116,7 +116,7 @@ async def test_second_request_is_a_hit_from_memory_and_after_a_restart_from_disk
     assert await restarted.result("0" * 64) is None
 
 
-async def test_client_that_leaves_takes_nothing_from_those_who_wait(service: QueryService, tmp_path: Path) -> None:
+async def test_client_that_disconnects_does_not_affect_others_that_wait(service: QueryService, tmp_path: Path) -> None:
     first = asyncio.ensure_future(ask(service, "slow", tmp_path))
     await asyncio.sleep(0.05)
     second = asyncio.ensure_future(ask(service, "slow", tmp_path))
@@ -127,7 +127,7 @@ async def test_client_that_leaves_takes_nothing_from_those_who_wait(service: Que
     assert first.cancelled()
 
 
-async def test_work_everyone_has_left_is_kept_for_who_comes_back(service: QueryService, tmp_path: Path) -> None:
+async def test_work_whose_clients_have_left_is_kept_for_a_repeated_query(service: QueryService, tmp_path: Path) -> None:
     first = asyncio.ensure_future(ask(service, "once", tmp_path))
     await asyncio.sleep(0)
     first.cancel()
@@ -214,7 +214,9 @@ async def test_number_of_waiting_queries_is_limited(pool: ProcessPool, tmp_path:
     assert hit[1] == "hit"
 
 
-async def test_owner_with_most_waiting_gives_way_to_another(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_owner_with_the_most_waiting_queries_loses_one_to_another_owner(
+    pool: ProcessPool, tmp_path: Path
+) -> None:
     service = queries_on(tmp_path, pool, max_waiting=3)
 
     def ask_as(number: int, owner: str) -> "asyncio.Future[Answered]":

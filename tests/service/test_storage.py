@@ -64,7 +64,7 @@ def test_rebuild_finds_every_result(folder: Path) -> None:
         assert len(cache.known([key_of(number) for number in range(30)])) == 30
 
 
-def test_evict_makes_room(folder: Path) -> None:
+def test_evict_frees_space(folder: Path) -> None:
     left = evict(folder, stat(folder).bytes - 1)
     assert (left.segments, left.cases) == (2, 20)
     assert not segment(folder, 0).exists()

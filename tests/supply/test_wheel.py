@@ -51,7 +51,7 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return old, new
 
 
-def test_two_builds_from_copies_of_other_ages_in_other_places_are_byte_for_byte_the_same(
+def test_builds_at_other_times_and_places_have_the_same_bytes(
     wheels: tuple[Path, Path],
 ) -> None:
     old, new = wheels

@@ -139,7 +139,7 @@ def test_each_theory_has_the_strength_over_the_angle_that_belongs_to_it() -> Non
         (Resistance(strength_factor=StrengthPowerLaw(coefficient=72.0, exponent=-0.5)), True),
     ],
 )
-def test_a_law_of_ones_own_is_judged_by_itself_and_no_decay_is_no_theory(resistance: Resistance, own: bool) -> None:
+def test_usual_scatter_has_both_theories_unless_the_law_is_ones_own(resistance: Resistance, own: bool) -> None:
     def laws(**given: Any) -> list[Any]:
         *_, last = usual_scatter(**CASE, velocity=PAPER_VELOCITY, resistance=resistance, **given)
         return list(last.distribution.values) if isinstance(last.distribution, Discrete) else []
@@ -408,5 +408,5 @@ LANDED = Flight(
         ),
     ],
 )
-def test_decimals_follow_the_range_and_nothing_is_left_unsaid(changes: dict[str, Any], sentence: str) -> None:
+def test_decimals_of_a_verdict_follow_its_range(changes: dict[str, Any], sentence: str) -> None:
     assert str(replace(SEEN, **changes)) == sentence

@@ -49,7 +49,7 @@ def judge(projectile: Projectile, target: Target, velocity: float, angle: float 
     return judge_wall(projectile=projectile, target=target, impact=impact, **laws)
 
 
-def test_flat_strike_on_450_mm_is_not_enough_as_scabbing_asks_for_600() -> None:
+def test_450_mm_are_not_enough_where_scabbing_requires_600() -> None:
     wall = Target(compressive_strength=60.5e6, density=2300.0, thickness=0.45)
     found = judge(FLAT, wall, 136.0)
     assert found.enough is False
@@ -106,7 +106,7 @@ def test_where_no_formula_is_within_its_range_the_sentence_says_so(target: Targe
     assert ("not known to be enough" in str(found)) is (target.thickness is not None)
 
 
-def test_a_nose_out_of_the_rear_face_is_said_and_is_not_enough() -> None:
+def test_wall_with_a_nose_out_of_its_rear_face_is_not_enough() -> None:
     found = judge(PAPER_PROJECTILE, replace(PAPER_TARGET, thickness=0.25), 238.0, 20.0)
     assert found.outcome is Outcome.EMBEDDED
     assert found.protrusion is not None
