@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from pyarrow import DataType
 
 JSON_PIECE = 128 * 1024
-"""Size of the pieces of JSON that are sent. [bytes] A smaller piece costs as much to send as to encode; a larger one
-holds up other requests. The value is a judgement."""
+"""Size of the pieces of JSON that are sent [bytes]. A smaller piece costs as much to send as to encode; a larger one
+delays other requests. The value is chosen by judgement."""
 
 Value = TypeVar("Value")
 
@@ -132,7 +132,7 @@ async def as_array(
 
 
 def in_pieces(items: Iterable[bytes]) -> Iterator[bytes]:
-    """Join items to pieces of about `JSON_PIECE` bytes."""
+    """Join items into pieces of about `JSON_PIECE` bytes."""
     piece: list[bytes] = []
     size = 0
     for item in items:
