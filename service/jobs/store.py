@@ -47,14 +47,14 @@ from solver import ENGINE_VERSION
 
 DAY = 86_400.0  # [s]
 VERSIONS = f"{ENGINE_VERSION} {SCHEMA_VERSION}"
-"""Versions of solver and contract that the keys of new jobs are made with."""
+"""Versions of solver and contract that are hashed into the keys of new jobs."""
 OWNER_BYTES = 2**30
-"""Default of the disk space for the jobs of one owner: ten million cases [bytes]."""
+"""Default limit on the disk space for the jobs of one owner [bytes]. It holds some ten million cases."""
 JOB_BYTES = 10_000
 """Size charged for a job in addition to its cases [bytes]. It is more than a job takes, so that an owner has at most
 100,000 jobs."""
 CASE_BYTES, PROBLEM_BYTES = 100, 300
-"""Approximate sizes of a case, for jobs whose size was not recorded, and of a problem [bytes]."""
+"""Approximate sizes of a stored case, used for jobs whose size was not recorded, and of a stored problem [bytes]."""
 TAKEN = f"coalesce(bytes, {JOB_BYTES} + {CASE_BYTES} * total) + {PROBLEM_BYTES} * failed"
 """SQL expression for the disk space of a job. [bytes]"""
 BEYOND = f"""
@@ -67,8 +67,8 @@ SELECT number, finished IS NOT NULL FROM (
 )
 WHERE taken > ?
 """  # noqa: S608 (of this file)
-"""Selects the jobs that an owner has no space for, and whether they have ended. The parameters are the number of a job
-of the owner and the limit. Unfinished jobs and those that ended last are kept."""
+"""SQL query for the jobs that exceed the disk space of an owner, and whether they have ended. Its parameters are the
+number of a job of the owner and the limit. Unfinished jobs are counted first, then the jobs that ended last."""
 STATUSES = frozenset(get_args(Status))
 LARGEST = 2**63 - 1
 """Largest integer of SQLite."""
@@ -110,7 +110,7 @@ class JobStore:
         self._kept_seconds = job_days * DAY
         self._owner_bytes = owner_bytes
         self._most_taken: dict[str, int] = {}
-        """Upper bound of the disk space of each owner's jobs, which are added up only above the limit. [bytes]"""
+        """Upper bounds on the disk space of each owner's jobs [bytes]. Exact sizes are summed only above the limit."""
 
     def expire(self, *, at_start: bool = False) -> int:
         """Remove expired jobs and, at the start, jobs that were never accepted; return the number of jobs removed."""
@@ -160,7 +160,7 @@ class JobStore:
             If the unfinished jobs of its owner would exceed their disk space.
         """
         with self._database.writing() as database:
-            # Room is made in the same transaction, so that a refused job removes nothing.
+            # Older jobs are removed in the same transaction, so that none is removed for a job that is refused.
             self._make_room(database, job, total)
             if idempotency is not None:
                 statement = "INSERT INTO idempotency SELECT owner, ?, ?, number FROM jobs WHERE number = ?"
@@ -336,12 +336,12 @@ class JobStore:
         return found
 
     def renew_keys(self, job: int) -> None:
-        """Replace the keys of a job that was accepted by an earlier version by those of the present version."""
+        """Replace the keys of a job that was accepted by an earlier version with those of the present versions."""
         operation = self._jobs("number = ?", job)[0].operation
         with self._database.reading() as database:
             numbers = database.execute("SELECT slice FROM slices WHERE job = ?", (job,)).fetchall()
-        # One transaction per block, so that other jobs are not held up. After a crash in between, the job still has its
-        # earlier versions and is done again.
+        # One transaction per block, so that other jobs are not held up. If the service crashes in between, the job
+        # still has its earlier versions, and all its keys are replaced after the restart.
         for (number,) in numbers:
             with self._database.reading() as database:
                 requests = _requests_of(database, job, number)
@@ -352,7 +352,7 @@ class JobStore:
             self._changed(database, job, "versions = ?", (VERSIONS,))
 
     def check(self) -> None:
-        """Check that jobs are written to the file that the next start will open."""
+        """Check that the open file is still the one at its path; see `Database.check`."""
         self._database.check()
 
     @property
@@ -375,10 +375,10 @@ class JobStore:
             "+ coalesce(length(custom_ids), 0)), 0) FROM slices WHERE job = ?) WHERE number = ? RETURNING owner, bytes",
             (job, job),
         ).fetchall()
-        # Each case may yet fail and have a problem stored, which is counted beforehand.
+        # Each case may still fail and have a problem stored, so the space for it is counted in advance.
         most = size + PROBLEM_BYTES * total
-        # The sizes of all jobs are added up only if the bound, which counts removed jobs too, reaches the limit: the
-        # sum takes a time proportional to the number of jobs.
+        # The exact sum takes a time proportional to the number of jobs. It is computed only if the upper bound, which
+        # includes jobs that have been removed since, exceeds the limit.
         if owner in self._most_taken and self._most_taken[owner] + most <= self._owner_bytes:
             self._most_taken[owner] += most
             return
