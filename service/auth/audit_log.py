@@ -60,7 +60,7 @@ class AuditLog:
             "event": "audit",
             "timestamp": datetime.now(UTC).isoformat(),
             "request_id": get_contextvars().get("request_id"),
-            # Without a valid key the owner is only the default, which would name somebody who sent nothing.
+            # Without a valid key the owner is the default `local`, which did not send the request.
             "owner": principal.owner if status != 401 else None,
             "key": principal.key.id if principal.key else None,
             "client": client[0] if client else None,
