@@ -43,7 +43,7 @@ SCRIPT = Path(__file__).with_name("numpy_script.py")
 
 @dataclass(slots=True)
 class Contender:
-    """A call of the solver, its timings, and its last answer."""
+    """A call of the solver to be compared, its timings, and its last answer."""
 
     label: str
     call: Callable[[], Any]
@@ -59,7 +59,7 @@ class Contender:
 
 
 class Script(Contender):
-    """The NumPy script with an argument, which measures its own time."""
+    """The NumPy script with its arguments; it measures its own time."""
 
     def run(self) -> None:
         """Run the script once; its answer is the JSON that it prints."""

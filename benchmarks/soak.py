@@ -52,21 +52,21 @@ DISTURBANCES = ("server killed", "worker killed", "server stopped", "index remov
 JUDGED_MINUTES = 10.0
 GROWTH = 0.1
 MALLOC = {"MALLOC_ARENA_MAX": "2", "MALLOC_TRIM_THRESHOLD_": "131072"}
-"""Settings of malloc, as in the image and the systemd unit."""
+"""Settings of malloc, the same as in the container image and the systemd unit."""
 WARM_UP_SHARE = 0.2
-"""Share of the undisturbed rounds before memory is compared. [1]"""
+"""Fraction of the undisturbed rounds that pass before memory is compared. [1]"""
 ROUND_SECONDS, SETTLE_SECONDS = 30.0, 3.0
 PATIENCE_SECONDS = 120.0
 """Time allowed for an answer while the server restarts on a busy machine. [s]"""
 CASES_PER_SECOND = 20
 """Number of cases of a job for each second of a round."""
 NEW_SHARE = 0.4
-"""Share of new cases in a batch. [1]"""
+"""Fraction of the cases in a batch that are new. [1]"""
 SAMPLE = 300
 PAUSE_SECONDS = 0.1
 UNFINISHED = {"accepted", "running"}
 MEMORY_CACHE_BYTES = 4 * 1024 * 1024
-"""Memory cache, so small that it is full before memory is compared."""
+"""Size of the memory cache, so small that it is full before memory is compared. [bytes]"""
 STRIKE: dict[str, Any] = {
     "projectile": {"nose": {"shape": "ogive", "caliber_radius_head": 3.0}, "diameter_m": 0.08, "length_m": 0.53}
     | {"mass_kg": 13.0},
@@ -85,13 +85,13 @@ REFUSED = (
 
 
 def search(number: int) -> dict[str, Any]:
-    """Return a search by number, with a tolerance of 1°, or 0.01° for every fourth."""
+    """Return the request with this number. Its tolerance is 1°, but 0.01° in every fourth request."""
     rough = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
     return STRIKE | {"impact": {"velocity_m_s": 230.0 + 1e-3 * number}} | ({"search": rough} if number % 4 else {})
 
 
 def solve(number: int) -> float | None:
-    """Return the same angle computed by the solver. [rad]"""
+    """Return the answer of the solver to the request with this number. [rad]"""
     rough = Search(lower=math.radians(40.0), upper=math.radians(80.0), tolerance=math.radians(1.0))
     velocity, chosen = 230.0 + 1e-3 * number, rough if number % 4 else Search()
     return critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=velocity, search=chosen).angle

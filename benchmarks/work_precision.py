@@ -23,17 +23,17 @@ REPEATED_BELOW = 0.5
 FINEST = Numerics(method="adaptive", relative_tolerance=1e-8, stations=32, points=16)
 
 QUADRATURES = ((4, 3), (6, 4), (8, 4), (16, 8))
-"""Numbers of stations and points."""
+"""Numbers of stations on each stretch of the body, and of points on each arc around it."""
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 PANELS = (750, 3_000, 12_000, 48_000)
-"""Numbers of panels, with the paper's step."""
+"""Numbers of panels, each used with the paper's time step."""
 TIME_STEPS = (4e-5, 2e-5, 1e-5, 5e-6)
-"""Time steps, with the paper's panels. [s]"""
+"""Time steps, each used with the paper's number of panels. [s]"""
 
 
 @dataclass(slots=True)
 class Setting:
-    """A row of the table."""
+    """Settings of a search, with its times and its answer: a row of the table."""
 
     label: str
     numerics: Numerics
