@@ -51,7 +51,7 @@ class Contender:
     answer: Any = None
 
     def run(self) -> None:
-        """Time one call."""
+        """Make one call, and add its time to `timings`."""
         self.timings.append(time_call(self._call))
 
     def _call(self) -> None:

@@ -42,7 +42,7 @@ class Server:
 
     @property
     def url(self) -> str:
-        """Base URL."""
+        """URL of the server, without a path."""
         return f"http://127.0.0.1:{self.port}"
 
     @property

@@ -172,7 +172,7 @@ class Owner:
         raise TimeoutError(f"{method} {path}")
 
     def get(self, path: str, accept: str = "application/json") -> httpx.Response:
-        """Get a resource in this format."""
+        """Request a resource in the media type `accept`."""
         return self.send("GET", path, headers={"Accept": accept})
 
     def batch(self) -> Job:
@@ -208,7 +208,7 @@ class Owner:
         self.record.jobs.append((self, job))
 
     def wait(self, job: Job) -> None:
-        """Follow the job to its end."""
+        """Poll the state of a job until it has ended."""
         while job.state["status"] in UNFINISHED:
             time.sleep(3 * PAUSE_SECONDS)
             job.state = self.get(job.state["links"]["self"]).json()
@@ -227,7 +227,7 @@ class Owner:
         self.record.expect(index == len(job.names), f"{index} of {len(job.names)} results by cursor")
 
     def read_events(self, job: Job) -> None:
-        """Follow the events until the stream ends."""
+        """Read the events of a job until the stream ends, and count them."""
         path, headers = job.state["links"]["events"], {"Accept": "text/event-stream"}
         with suppress(httpx.TransportError), self.client.stream("GET", path, headers=headers) as stream:
             self.record.counts["events"] += sum(line.startswith("data:") for line in stream.iter_lines())

@@ -75,7 +75,6 @@ def study(client: httpx.Client, method: str, seed: int) -> list[object]:
 
 
 def main() -> None:
-    """Measure and print."""
     parser = argparse.ArgumentParser(description="Measure maps and studies.")
     parser.add_argument("--maps", action="store_true", help="maps alone")
     options = parser.parse_args()

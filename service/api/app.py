@@ -141,7 +141,7 @@ class Application(FastAPI):
             inner = CORSMiddleware(inner, settings.cors_origins, **CORS)
         if settings.gzip:
             inner = CompressionMiddleware(inner)
-        inner = HeadMiddleware(inner)  # Outside the compression, so that the headers equal those of `GET`.
+        inner = HeadMiddleware(inner)  # Wraps the compression, so that `HEAD` gets the same headers as `GET`.
         inner = RefusalMiddleware(HeaderLimits(inner))
         return telemetry.RequestLog(inner, services.metrics.observe, settings.log_level, secret=PREFIX)
 

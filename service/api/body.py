@@ -107,11 +107,11 @@ class BoundedRequest(Request):
         self._content = content
 
     async def body(self) -> bytes:
-        """Return the body."""
+        """Return the body, which has been read already. FastAPI calls this."""
         return self._text
 
     async def json(self) -> Any:
-        """Return the parsed content of the body."""
+        """Return the content of the body, which has been parsed already. FastAPI calls this."""
         return self._content
 
 
@@ -123,7 +123,7 @@ class CheckedRoute(APIRoute):
     """
 
     long = False
-    """True if the body may hold long lists."""
+    """True if the JSON body may hold long lists, as in a calibration."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Return FastAPI's handler, preceded by the checks."""
@@ -269,8 +269,8 @@ def parse_json(text: bytes, limits: BodyLimits) -> Any:
         raise HTTPException(HTTPStatus.BAD_REQUEST, f"the body {named}; send UTF-8 without one")
     if text[1:2] == b"\x00" or text[:1] == b"\x00":
         raise HTTPException(HTTPStatus.BAD_REQUEST, "the body is in UTF-16 or UTF-32; send UTF-8")
-    # Counting colons and commas bounds the time of parsing before it begins. Those in texts count too, which does not
-    # matter: no text of a request is long.
+    # Counting colons and commas limits the time of parsing before it begins. Those within texts are counted too, which
+    # does not matter, because no text of a request is long.
     fields = text.count(b":")
     if fields > limits.fields or text.count(b",") > limits.values:
         detail = f"the body may have {limits.fields:,} fields and {limits.values:,} values at most"
@@ -282,8 +282,8 @@ def parse_json(text: bytes, limits: BodyLimits) -> Any:
         deep = "recursion limit" in str(error)
         detail = too_deep(limits.depth) if deep else f"not JSON: {error}"
         raise HTTPException(HTTPStatus.BAD_REQUEST, detail) from error
-    # A difference means that the fast parser has dropped a repeated field, or that a text has a colon. Only the slow
-    # parser of the standard library reports repeated fields, so it runs in these cases alone.
+    # If the numbers of fields and colons differ, the fast parser has dropped a repeated field, or a text has a colon.
+    # Only the slow parser of the standard library reports repeated fields, so it runs in these cases alone.
     if count_fields(content, limits.depth) != fields:
         json.loads(text, object_pairs_hook=refuse_repeated)
     return content

@@ -173,7 +173,7 @@ def many_bodies(model: type[BaseModel], line: type[BaseModel]) -> dict[str, Any]
 
 
 def reference(model: type[BaseModel]) -> dict[str, str]:
-    """Return a reference to a model among the components."""
+    """Return a JSON reference to the schema of a model in the components of the document."""
     return {"$ref": f"#/components/schemas/{model.__name__}"}
 
 

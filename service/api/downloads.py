@@ -49,7 +49,7 @@ class Downloads:
         self._kept: OrderedDict[str, int] = OrderedDict()
         """Sizes of the files in the folder by name, the most recently used last. [bytes]"""
         self._open: WeakSet[BufferedReader] = WeakSet()
-        """Files that are being sent."""
+        """Open files that are being sent to clients."""
         self._turns = asyncio.Semaphore(WRITTEN_AT_ONCE)
         self._writing: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
         """Locks of the files that are being opened or written, by name; dropped when no request uses them."""

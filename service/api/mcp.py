@@ -53,7 +53,7 @@ class McpServer:
         self._running: asyncio.Task[None] | None = None
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one HTTP request."""
+        """Answer one HTTP request. The first one starts the server."""
         async with self._starting:
             manager = self._manager or await self._start()
         await manager.handle_request(scope, receive, send)
@@ -142,7 +142,7 @@ async def compute(operation: str, content: Mapping[str, Any], request: Request) 
     try:
         found: dict[str, Any] = orjson.loads(await _answer(operation, content, request))
     except Exception as error:
-        if isinstance(error, HTTPException):  # Raised when the client has left.
+        if isinstance(error, HTTPException):  # `unless_left` raises it when the client has left.
             raise ToolError(ProblemType.of_status(error.status_code).content(error.detail)) from error
         problem = case_problem(error)
         if isinstance(error, ServiceError) and error.status in {

@@ -192,7 +192,7 @@ class CompressionMiddleware:
                     headers["etag"] = "W/" + headers["etag"]
                 if "etag" in headers:  # A 304 must have the `Vary` header of the 200 (RFC 9110, section 15.4.5).
                     headers.add_vary_header("Accept-Encoding")
-                if "vary" in headers:  # Assets set it themselves, and the responder adds it again.
+                if "vary" in headers:  # Static files have set it as well, so it may name a header twice.
                     headers["vary"] = ", ".join(dict.fromkeys(headers["vary"].split(", ")))
             await send(message)
 

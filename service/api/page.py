@@ -158,7 +158,7 @@ PLOTLY = Assets(directory=plotly_folder())
 
 @router.get("/")
 async def page(request: Request) -> Response:
-    """Serve the start page."""
+    """Serve index.html, or 304 if the browser has the present version."""
     plain, packed, tag = await run_sync(index_content)
     headers = HEADERS | {"ETag": tag, "Vary": "Accept-Encoding"}
     if tag in request.headers.get("If-None-Match", ""):

@@ -168,7 +168,7 @@ async def write_hdf5(path: Path, ready: ReadyResults) -> None:
         ) as blocks:
             async for _ in blocks:
                 pass
-        await run_sync(batch.finish)  # In a thread, as it compresses the rest and reads the whole file for its hash.
+        await run_sync(batch.finish)  # Runs in a thread, because it compresses and writes the rest of the file.
 
 
 GROUP_ROWS = 4096
@@ -270,7 +270,7 @@ class ParquetTable:
         self._writer = parquet.ParquetWriter(path, self._schema)
 
     def write(self, results: Sequence[CaseResult]) -> None:
-        """Add the rows of these cases."""
+        """Add the rows of these cases, and write a row group when `GROUP_ROWS` have been added."""
         self._rows += (_row(result, self._operation, self._sweep) for result in results)
         if len(self._rows) >= GROUP_ROWS:
             self._write_group()
@@ -291,7 +291,7 @@ class ParquetTable:
 
 
 def _arrow_type(column: Column) -> "DataType":
-    """Return the type of a column in Arrow."""
+    """Return the Arrow type of a column."""
     import pyarrow as pa  # noqa: PLC0415 (an extra)
 
     return {"f": pa.float64(), "i": pa.int64(), "S": pa.string(), "?": pa.bool_()}[column.dtype.lstrip("<")[0]]

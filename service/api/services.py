@@ -102,7 +102,7 @@ class Metrics:
         Info("ricochet_build", "Versions of the service", registry=registry).info(build)
 
     def observe(self, method: str, route: str, status: int, seconds: float) -> None:
-        """Record the duration of a request."""
+        """Add the duration of a request to the histogram. [s]"""
         self._seconds.labels(method, route, status).observe(seconds)
 
     def count(self, operation: str, outcome: str, cache: str, count: int) -> None:

@@ -37,11 +37,11 @@ STATUSES = list(SearchStatus)
 OUTCOMES = [Outcome.EMBEDDED, Outcome.RICOCHET, Outcome.IN_MOTION, Outcome.PERFORATED]
 
 router = APIRouter(prefix="/umbridge", dependencies=[RUN], include_in_schema=False)
-"""Router outside the OpenAPI document: the protocol defines the routes, and its errors are not those of RFC 9457."""
+"""Router outside the OpenAPI document: the protocol defines the routes, and its errors are no problem documents."""
 
 
 class ModelInput(Part):
-    """One element of the input vector."""
+    """One element of the input vector: the number in `field` of the request, divided by `scale`."""
 
     field: Annotated[str, Field(max_length=100)]
     scale: Annotated[Num, Field(gt=0.0)] = 1.0
@@ -117,7 +117,7 @@ async def info() -> dict[str, Any]:
 
 @router.post("/{endpoint}")
 async def call(endpoint: str, request: Request) -> Response:
-    """Answer a call of the protocol."""
+    """Respond to a call of the protocol, with an error in its format if the call fails."""
     try:
         content = await answer(endpoint, request)
     except ProtocolError as error:

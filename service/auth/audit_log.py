@@ -48,13 +48,13 @@ class AuditLog:
             self._log.addHandler(logging.StreamHandler() if self._path is None else PrivateFileHandler(self._path))
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file, if there is one."""
         for handler in list(self._log.handlers):
             self._log.removeHandler(handler)
             handler.close()
 
     def record(self, scope: Mapping[str, Any], context: RequestContext, status: int) -> None:
-        """Write an entry for a request."""
+        """Write an entry for a request as one line of JSON."""
         principal, client = context.principal, scope.get("client")
         line = {
             "event": "audit",

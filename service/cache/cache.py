@@ -156,7 +156,7 @@ class ResultCache:
         with self._noting():
             self._lock = FolderLock(folder)
         try:
-            self._index = self._open_index()  # First, because a folder of another version must not be changed.
+            self._index = self._open_index()  # Raises FolderLayoutError before a folder of another version is changed.
             self._segments.sweep()
             self.writable()
             self._reconcile()

@@ -406,13 +406,13 @@ class GrowingText:
         self._count, self._longest = 0, 1
 
     def append(self, lines: Sequence[bytes]) -> None:
-        """Add lines."""
+        """Add lines, which are held until `finish` writes them."""
         self._lines.writelines(line + b"\n" for line in lines)
         self._count += len(lines)
         self._longest = max(self._longest, *map(len, lines))
 
     def finish(self) -> None:
-        """Write all lines."""
+        """Write all lines to the dataset, padded to the length of the longest one."""
         dtype, rows = h5py.string_dtype("utf-8", self._longest), max(1, CHUNK_BYTES // self._longest)
         chunks = (min(rows, max(1, self._count)),)
         dataset = self._file.create_dataset(

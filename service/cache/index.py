@@ -159,7 +159,7 @@ class Index:
             return self._connection.execute(OLDEST, (but, count)).fetchall()
 
     def names(self) -> set[str]:
-        """Return the names of all segments."""
+        """Return the names of all segments in the index."""
         with self._lock:
             return {name for (name,) in self._connection.execute("SELECT name FROM segments")}
 
@@ -271,7 +271,7 @@ class Journal:
         return records, len(rows) - len(records)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file. The next process takes over the results in it."""
         with self._lock:
             self._connection.close()
 

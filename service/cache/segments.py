@@ -58,7 +58,7 @@ class Segments:
             make_private_folder(self._segments)
 
     def names(self) -> set[str]:
-        """Return the names of all segments."""
+        """Return the names of all segments on the disk."""
         files = {name for _, _, names in os.walk(self._segments) for name in names}
         return {name.removesuffix(".h5") for name in files if FILE.fullmatch(name)}
 
@@ -149,7 +149,7 @@ class Segments:
         with self._decoding:  # One segment is decoded at a time, and readers of the same one share it.
             signature, latest = _signature(self.path(name)), self._latest
             if latest is None or latest[:2] != (name, signature):
-                latest = self._latest = None  # Frees the previous segment before the next one is loaded.
+                latest = self._latest = None  # Frees the memory of the previous segment before loading this one.
                 latest = self._latest = (name, signature, DecodedSegment(self.read(name)))
             return latest[2]
 

@@ -70,11 +70,11 @@ class StoredSweep:
 
     @property
     def count(self) -> int:
-        """Number of cases."""
+        """Number of cases, one for each combination of values."""
         return math.prod(map(len, self.values))
 
     def pack(self) -> bytes:
-        """Encode the sweep for the store."""
+        """Encode the sweep for the store, as compressed JSON."""
         content = orjson.dumps({"request": self.request, "fields": self.fields, "values": self.values})
         return zlib.compress(content, FASTEST)
 
@@ -87,7 +87,7 @@ class StoredSweep:
 
 @lru_cache(maxsize=64)
 def fields_of(packed: bytes) -> tuple[str, ...]:
-    """Return the fields of the axes of a stored sweep, cached because lists of jobs and each progress need them."""
+    """Return the fields of the axes of a stored sweep. They are cached, because every update of a job needs them."""
     return StoredSweep.unpack(packed).fields
 
 
@@ -231,7 +231,7 @@ class CaseBlock:
 
     @property
     def count(self) -> int:
-        """Number of cases."""
+        """Number of cases in the block."""
         return len(self.keys) // KEY_BYTES
 
 

@@ -68,7 +68,7 @@ class ActiveJob:
 
     def update(self, state: JobState) -> None:
         """Set a newer state, and wake the followers of the job."""
-        # Results are marked in threads, which may finish in any order, so the given state may be the older one.
+        # Cases are marked in threads, which may finish in any order, so the given state may be the older one.
         if state.revision > self.state.revision:
             before, self.state = self.state, state
             if state.final and not before.final:

@@ -71,7 +71,7 @@ WHERE taken > ?
 number of a job of the owner and the limit. Unfinished jobs are counted first, then the jobs that ended last."""
 STATUSES = frozenset(get_args(Status))
 LARGEST = 2**63 - 1
-"""Largest integer of SQLite."""
+"""Largest integer that SQLite can store."""
 SELECT = f"SELECT {COLUMNS} FROM jobs LEFT JOIN sweeps ON sweeps.job = jobs.number"  # noqa: S608 (of the package)
 
 
@@ -176,7 +176,7 @@ class JobStore:
             database.execute("DELETE FROM jobs WHERE number = ?", (job,))
 
     def begin(self, job: int) -> JobState:
-        """Mark a job as running."""
+        """Mark a job as running, and return its new state."""
         with self._database.writing() as database:
             changes = "status = 'running', started = coalesce(started, ?), revision = revision + 1"
             return self._changed(database, job, changes, (self._clock.now(),))
@@ -217,7 +217,7 @@ class JobStore:
             return self._changed(database, job, changes, values)
 
     def rename(self, job: int, title: str) -> JobState:
-        """Change the title of a job."""
+        """Change the title of a job, and return its new state."""
         with self._database.writing() as database:
             return self._changed(database, job, "title = ?", (title,))
 
@@ -365,7 +365,7 @@ class JobStore:
         self._database.checkpoint()
 
     def close(self) -> None:
-        """Close the file."""
+        """Move the write-ahead log into the file, and close the file. The next use opens it again."""
         self._database.close()
 
     def _make_room(self, database: sqlite3.Connection, job: int, total: int) -> None:

@@ -39,7 +39,7 @@ class RunningStudy:
     """Latest progress and partial answer."""
 
     async def report(self, progress: dict[str, Any], partial: dict[str, Any] | None) -> None:
-        """Pass progress on to all followers."""
+        """Record the progress, and report it to all requests and jobs that follow the study."""
         before = self.latest[1] if self.latest else None
         self.latest = progress, partial or before
         for report in list(self.reports):
@@ -103,7 +103,7 @@ class StudyService:
         finally:
             if self._in_flight.get(key) is own:
                 del self._in_flight[key]
-            # The followers are woken even after a failure, and then compute the study themselves.
+            # Followers are woken even after a failure. The first of them then computes the study itself.
             own.done.set_result(record)
 
     async def _follow(self, other: RunningStudy, reports: Sequence[Report]) -> Record | None:

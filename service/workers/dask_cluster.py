@@ -61,12 +61,12 @@ class WorkerPlugin(Plugin):
         self._running: dict[str, asyncio.Task[list[CallResult]]] = {}
 
     async def setup(self, worker: Worker) -> None:
-        """Start the pool."""
+        """Start the pool. Dask calls this when the plugin is added to a worker."""
         self._pool = ProcessPool(workers=worker.state.nthreads, task_seconds=self._task_seconds)
         await self._pool.start()
 
     async def teardown(self, worker: Worker) -> None:
-        """Stop the pool."""
+        """Stop the pool. Dask calls this when the worker closes."""
         await self._pool.stop(STOP_SECONDS)
 
     def transition(self, key: object, start: TaskStateState, finish: TaskStateState, **_: object) -> None:
@@ -163,7 +163,7 @@ class Cluster:
         self.changed = asyncio.Event()
         """Event that is set, and replaced by a new event, when a worker becomes usable or unusable."""
         self.lost = time.monotonic()
-        """Time at which the last worker was lost, on the monotonic clock [s]."""
+        """Time since which there has been no usable worker, if there is none now, on the monotonic clock. [s]"""
         self._task_seconds = task_seconds
         self._seen: dict[str, asyncio.Task[None]] = {}
         self._heartbeats: dict[str, tuple[float, float]] = {}
@@ -189,7 +189,7 @@ class Cluster:
         self._watching = asyncio.create_task(self._watch())
 
     async def stop(self) -> None:
-        """Close the connection."""
+        """Stop checking the workers, and close the connection."""
         if self._watching is not None:
             self._watching.cancel()
             await asyncio.wait([self._watching])

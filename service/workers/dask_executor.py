@@ -232,7 +232,8 @@ class DaskExecutor(Executor):
             )
         except Exception as error:
             raise LostError(str(error)) from error
-        result = asyncio.ensure_future(task.result())  # Not cancelled: Dask fetches several chunks in one request.
+        # Cancelling this future could cancel the request in which Dask fetches the results of other chunks too.
+        result = asyncio.ensure_future(task.result())
         try:
             longest = CHUNKS_A_THREAD * len(calls) * self.task_seconds + DELIVERY_SECONDS
             await asyncio.wait([result, work.future], timeout=longest, return_when=asyncio.FIRST_COMPLETED)
@@ -265,7 +266,7 @@ def replies_of(result: "asyncio.Future[list[CallResult]]", calls: int) -> list[C
 
 
 async def give_up(task: "Future[Any]") -> None:
-    """Cancel a chunk on the scheduler."""
+    """Cancel a chunk on the scheduler, and wait up to `CANCEL_SECONDS` for the acknowledgement."""
     with suppress(Exception):  # The scheduler may be gone, and the chunk with it.
         await in_time(task.cancel, CANCEL_SECONDS)
 

@@ -46,7 +46,7 @@ class WorkerServer:
     ) -> None:
         self.worker: WorkerProcess | None = None
         self.starts = 0
-        """Number of workers started."""
+        """Number of workers started so far, the first one included."""
         self._queue = queue
         self._accepts = accepts
         self._task_seconds = task_seconds
@@ -83,7 +83,7 @@ class WorkerServer:
                 worker = await self._live_worker()
 
     def close(self) -> None:
-        """Kill the worker."""
+        """Kill the worker, if there is one."""
         worker, self.worker = self.worker, None
         if worker is not None:
             worker.close()

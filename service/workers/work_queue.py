@@ -138,7 +138,7 @@ class WorkQueue:
 
     @property
     def waiting(self) -> list[Work]:
-        """All waiting work."""
+        """All waiting work: probes, and then the work of each owner."""
         return [*self._probes, *(work for line in self._lines.values() for work in line)]
 
     def put(self, work: Work) -> None:
@@ -261,6 +261,7 @@ class WorkQueue:
         """Advance the virtual time of the owner by the cost of the work."""
         self._now = max(self._now, self._times[work.owner])
         self._times[work.owner] += work.cost_left
-        # Owners behind the present time would start at it anyway, so they are removed to keep the table small.
+        # An owner without work whose time has passed would start at the present time anyway. Such owners are removed
+        # to keep the table small.
         for owner in [name for name, time in self._times.items() if time <= self._now and name not in self._lines]:
             del self._times[owner]

@@ -73,7 +73,7 @@ BEGUN = b"begun"
 """Message that a worker sends before it reads calls. A worker that dies without having sent it was not killed by a
 call."""
 LENGTH = struct.Struct("!Q")
-"""Header of a message with its length."""
+"""Header of every message: its length, without this header. [bytes]"""
 NUMBER = struct.Struct("!Q")
 """Header of a reply with the number of the list of calls that it belongs to, so that a late reply to a cancelled list
 is not mistaken for a reply to the next list."""

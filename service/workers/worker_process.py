@@ -168,7 +168,7 @@ class WorkerProcess:
         return False
 
     def send(self, calls: Sequence[Call]) -> None:
-        """Send a list of calls to the worker."""
+        """Send a list of calls to the worker, which replies to each call in turn."""
         self.begun = False
         self._number += 1
         self._write(pickle.dumps((self._number, [dumps(call) for call in calls])))
