@@ -192,14 +192,14 @@ def _status(answer: CriticalAngle | RicochetError) -> str:
 
 
 def _angles(answer: CriticalAngle | RicochetError) -> tuple[float | None, list[float]]:
-    """Critical angle and other changes of outcome. [°]"""
+    """Critical angle, and the other angles at which the outcome changes. [°]"""
     if isinstance(answer, RicochetError):
         return None, []
     return None if answer.angle is None else math.degrees(answer.angle), [*map(math.degrees, answer.other_crossings)]
 
 
 def summarize(rows: list[Comparison]) -> dict[str, Any]:
-    """Return the figures over all cases."""
+    """Return counts, differences and times over all cases, by name."""
     differences = [row.difference_deg for row in rows if row.difference_deg is not None]
     counts = Counter(row.disagreement for row in rows)
     paper_s = statistics.median(row.paper_cpu_s for row in rows)

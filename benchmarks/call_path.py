@@ -81,7 +81,7 @@ def query(port: int, number: int) -> None:
 
 
 def job(port: int, number: int) -> None:
-    """Submit a job of three cases, wait until it should have ended without sending requests, and read its results."""
+    """Submit a job of three cases, wait a second without sending requests, and read its results."""
     lines = b"\n".join(json.dumps(case(number + index)).encode() for index in range(3))
     answer = send(port, "POST", "/cra/batch", lines, Content_Type=JSONL, Prefer="respond-async")
     links = json.loads(answer)["links"]
@@ -141,7 +141,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         settings = {"HOST": "127.0.0.1", "PORT": str(port), "DATA_DIR": folder, "WORKERS": "2", "LOG_LEVEL": "error"}
         os.environ |= {f"RICOCHET_{name}": value for name, value in settings.items()}
-        client = threading.Thread(target=measure, args=(port, recorder, found))  # not profiled, as it starts before
+        # The client starts before the profiler is set, so that its calls are not recorded.
+        client = threading.Thread(target=measure, args=(port, recorder, found))
         client.start()
         serve(recorder)
         client.join()

@@ -9,7 +9,7 @@ connection, and after each the service reports how long its event loop was block
 and in processor time of its thread, which other processes on the machine do not affect.
 
 Prints a row for each kind, the longest time first, and the longest of all, which should be below 50 ms. Exits with 1 if
-an answer was a 500. About two minutes.
+an answer was a 500. Takes about two minutes.
 """
 
 import argparse
@@ -40,7 +40,7 @@ from service.telemetry import configure_log
 TARGET_SECONDS = 0.05
 TICK_SECONDS = 0.001
 PATIENCE_SECONDS = 30.0
-"""Time after which a service that does not answer its monitor is killed and started again. [s]"""
+"""Time after which a service that does not report its blocked time is killed and started again. [s]"""
 SHORT, LONG = 100 * 1024, 1_900_000
 """Lengths just below the limits on the body of a single request and on that of a batch. [bytes]"""
 HEADERS = {
@@ -117,7 +117,7 @@ LISTS: dict[str, Callable[[int], Any]] = {
     "an object for a list": lambda size: {str(number): number for number in range(size // 14)},
     "repeated items": lambda size: [1e300, "x", None, {}, []] * (size // 20),
 }
-"""Functions that make a replacement for a list or another value."""
+"""Functions that return a value of about a given size, to replace a list or another value of a body."""
 SCALARS: dict[str, Callable[[int], Any]] = {
     "a long text": lambda size: "x" * size,
     "a text of escapes": lambda size: "\0" * (size // 6),
@@ -267,7 +267,7 @@ def bodies_of(contract: dict[str, Any]) -> list[tuple[str, str, str, Any]]:
 
 
 def places_in(part: Any, steps: Steps = ()) -> Iterator[tuple[Steps, Any]]:
-    """Yield every value of a body with its place."""
+    """Yield every value of a body with the fields and indices that lead to it."""
     yield steps, part
     if isinstance(part, dict | list):
         for step, each in part.items() if isinstance(part, dict) else enumerate(part):
@@ -275,7 +275,7 @@ def places_in(part: Any, steps: Steps = ()) -> Iterator[tuple[Steps, Any]]:
 
 
 def put(part: Any, steps: Steps, value: Any) -> Any:
-    """Return a copy of a body with this value at this place."""
+    """Return a copy of a body in which these fields and indices lead to another value."""
     if not steps:
         return value
     changed = put(part[steps[0]], steps[1:], value)

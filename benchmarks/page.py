@@ -2,7 +2,7 @@
 
     python -m benchmarks.page
 
-Measured in Chromium, with a service with two workers on the same machine. About a minute.
+Measured in Chromium, with a service with two workers on the same machine. Takes about a minute.
 """
 
 from time import perf_counter

@@ -10,7 +10,7 @@ the same: threads of `critical_angle_many`, and processes. Losses have two cause
 - The same work takes more CPU time on two cores than on one. Multiply-adds in the first-level cache share neither
   memory nor interpreter, but use their whole core; a short loop in registers uses hardly any of it.
 
-About 25 s a turn for 1,000 cases; `--quick` is one turn of 20.
+Takes about 25 s a turn for 1,000 cases; `--quick` does one turn of 20.
 """
 
 import argparse

@@ -295,7 +295,7 @@ def processes_of(data: Path) -> dict[int, int]:
     """Return the processes of the service with this data folder, and their parents."""
     found = {}
     for path in Path("/proc").iterdir():
-        with suppress(OSError, ValueError, IndexError):  # it has ended, or belongs to another user
+        with suppress(OSError, ValueError, IndexError):  # the process has ended, or belongs to another user
             if f"RICOCHET_DATA_DIR={data}".encode() in (path / "environ").read_bytes().split(b"\0"):
                 found[int(path.name)] = int((path / "stat").read_text().rpartition(")")[2].split()[1])
     return found
@@ -314,7 +314,7 @@ def footprint(data: Path, server: int) -> tuple[float, float, int]:
 
 
 def disturb(server: Server, data: Path, choice: random.Random, record: Record, kind: str) -> None:
-    """Disturb the service in this way, and start it again."""
+    """Disturb the service in one of the ways of `DISTURBANCES`, and start it again."""
     record.counts[kind] += 1
     if kind == "worker killed":
         parents = processes_of(data)
@@ -361,7 +361,7 @@ def misses(owner: Owner) -> float:
 
 
 def read_everything(owners: list[Owner], record: Record) -> None:
-    """Read every job once more, check for missing and additional ones, and compute a sample by the solver."""
+    """Read every job once more, check for missing and additional ones, and compare a sample with the solver."""
     before = misses(owners[0])
     for owner, job in record.jobs:
         state = owner.get(job.state["links"]["self"]).json()

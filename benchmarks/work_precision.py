@@ -2,9 +2,9 @@
 
     python benchmarks/work_precision.py [--quick]
 
-Every setting answers the paper's strike by outcome, over the default range, to a bracket far below the errors, so that
-times and errors are those of the route. The reference is finer than all of them. About five minutes; `--quick` uses a
-few settings that are fast.
+With every setting, the critical angle of the paper's strike is searched by outcome over the default range, to a bracket
+far narrower than the errors, so that times and errors are those of the route. The reference is finer than all settings.
+Takes about five minutes; `--quick` uses a few fast settings.
 """
 
 import argparse

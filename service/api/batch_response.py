@@ -1,4 +1,4 @@
-"""Responses to batches and sweeps: the results if there are few cases, else a job, or as the client prefers."""
+"""Responses to batches and sweeps: the results if there are few cases, else a job, unless the client prefers a job."""
 
 import asyncio
 import re

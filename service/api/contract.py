@@ -99,8 +99,8 @@ def problems(*statuses: int) -> Responses:
 
 COMPUTED: Responses = {
     200: {
-        # CSV and HDF5 are named in words only: declared as media types, they would turn the answers of generated
-        # clients into unions with text.
+        # CSV and HDF5 are named in words only. If they were declared as media types, generated clients would return
+        # either a model or a text, and callers would have to tell which.
         "description": "The answer. `Accept` selects CSV or HDF5, as of `/results/{key}`.",
         "headers": CACHE_STATUS,
         "links": RESULT_LINK,

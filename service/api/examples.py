@@ -29,7 +29,7 @@ def computed() -> dict[str, Any]:
 
 
 def declare_examples(schemas: dict[str, Any], operations: Iterable[Operation]) -> None:
-    """Set the computed answers as the first examples of the models of answers, single and in batches."""
+    """Add the computed answers to the models of single answers and of batches, as their first examples."""
     for operation in operations:
         if (answer := computed().get(operation.name)) is None:
             continue

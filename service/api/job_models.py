@@ -204,7 +204,7 @@ class Jobs(Part):
 
 
 class JobItem(Item):
-    """One case of a job with its result, or with the problem that prevented one."""
+    """One case of a job, with its result or its problem."""
 
     model_config = with_examples({"index": 0, "custom_id": "paper", "result": FOUND | VERSIONED})
 

@@ -68,7 +68,7 @@ async def job_of(job_id: JobId, jobs: CurrentManager, context: ReadContext) -> J
 
 
 def known(state: JobState | None) -> JobState:
-    """Return the job, or raise if it is None.
+    """Return the job, or raise an error if it is None.
 
     Raises
     ------

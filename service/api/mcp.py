@@ -130,7 +130,7 @@ async def serve_mcp(request: Request) -> Response:
 
 
 async def compute(operation: str, content: Mapping[str, Any], request: Request) -> dict[str, Any]:
-    """Return the answer to a request of a tool, charged and counted like that of a route.
+    """Return the answer to a request of a tool, which is charged and counted like a request to a route.
 
     Raises
     ------

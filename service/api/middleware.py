@@ -136,7 +136,7 @@ class HeadMiddleware:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, a `HEAD` as `GET` with its body discarded."""
+        """Pass a request on. `HEAD` is passed on as `GET`, and the body of the response is discarded."""
         if scope["type"] != "http" or scope["method"] != "HEAD":
             await self._app(scope, receive, send)
             return
@@ -281,7 +281,7 @@ class AuthMiddleware:
                 await self._app(scope, receive, send)
             return
         status, key_required = 0, self._requires_key(scope)
-        tls = self._tls or scope.get("scheme") == "https"  # Behind a trusted proxy, the scheme that it reports.
+        tls = self._tls or scope.get("scheme") == "https"  # Behind a trusted proxy, uvicorn sets the scheme it reports.
         public = self._metrics_open and path_of(scope) == "/metrics"
         context = RequestContext(
             self._keys, self._quotas, key_required=key_required and not public, client=client_of(scope)
@@ -439,11 +439,11 @@ def refuse_other_sites(headers: Mapping[bytes, bytes], origins: frozenset[bytes]
         403.
     """
     origin, site = headers.get(b"origin"), headers.get(b"sec-fetch-site")
-    if origin is None and site is None:  # Every current browser sends one of them, so this is another program.
+    if origin is None and site is None:  # Every current browser sends one of the two, so the client is no browser.
         return
     if site in OWN_SITES or origin in origins:
         return
-    with suppress(ValueError):  # A malformed origin is refused like that of another site.
+    with suppress(ValueError):  # A malformed origin is refused like another site.
         if site is None and origin is not None and urlsplit(origin).netloc == headers.get(b"host"):
             return
     raise HTTPException(HTTPStatus.FORBIDDEN, "requests by pages of other sites are refused; see RICOCHET_CORS_ORIGINS")

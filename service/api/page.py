@@ -65,7 +65,7 @@ HEADERS = {
 IMMUTABLE = "public, max-age=31536000, immutable"
 """Cache-Control of files at an address with a version, which never change; no cache keeps anything beyond a year."""
 VERSION = re.compile("[0-9a-f]{16}")
-"""Pattern of the folder in the address of a file of the page that names the version."""
+"""Pattern of a version of the page, the first folder in the address of its files."""
 OWN_FILE = re.compile(rb'"page/(?!contract\.json)')
 """Pattern of the address of a file of the page in index.html, except for contract.json, which has no version."""
 
@@ -74,7 +74,7 @@ class Assets(StaticFiles):
     """Static files with the headers of the page, compressed for clients that accept it."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """Return a file, or 304 if the browser has it. A file at the address of the present version never expires."""
+        """Return a file, or 304 if the browser has it. A file under the present version may be cached for a year."""
         version, _, rest = path.partition("/")
         is_versioned = VERSION.fullmatch(version) is not None
         response = await super().get_response(rest if is_versioned else path, scope)
@@ -260,7 +260,7 @@ class Manual(StaticFiles):
         """Accept a missing folder, for which Starlette would raise an error."""
 
     def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
-        """Return the file at a path, and the first page for the path of the manual itself."""
+        """Find the file at a path. The path of the manual itself leads to its first page."""
         return super().lookup_path("index.html" if path == "." else path)
 
     async def get_response(self, path: str, scope: Scope) -> Response:

@@ -74,7 +74,7 @@ class ReadyResults:
 
 
 def to_item(result: CaseResult, instance: str, sweep: StoredSweep | None) -> bytes:
-    """Return the JSON of a case; `instance` is the path in its problem, if it has one."""
+    """Return the JSON of a case. `instance` is added to its problem, if it has one."""
     head: dict[str, Any] = {"index": result.number}
     if result.custom_id is not None:
         head["custom_id"] = result.custom_id
@@ -187,7 +187,7 @@ def csv_head(operation: str, sweep: StoredSweep | None) -> bytes:
 
 
 def csv_rows(results: Iterable[CaseResult], operation: str, sweep: StoredSweep | None) -> bytes:
-    """Return the CSV rows of these results."""
+    """Return the CSV rows of these results, without the header."""
     base = _base(sweep).values()
     return _lines([*_row(result, operation, sweep), *base] for result in results)
 

@@ -37,7 +37,7 @@ STATUSES = list(SearchStatus)
 OUTCOMES = [Outcome.EMBEDDED, Outcome.RICOCHET, Outcome.IN_MOTION, Outcome.PERFORATED]
 
 router = APIRouter(prefix="/umbridge", dependencies=[RUN], include_in_schema=False)
-"""Router outside the OpenAPI document: the protocol defines the routes, and its errors are no problem documents."""
+"""Router outside the OpenAPI document: the protocol defines the routes, and its errors are not problem documents."""
 
 
 class ModelInput(Part):

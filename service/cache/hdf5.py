@@ -63,7 +63,7 @@ CHUNK_ROWS = 4096
 """Number of rows of a chunk in a file that is written in blocks: few enough to be held in memory, and enough to be
 compressed well."""
 CHUNK_BYTES = 1024 * 1024
-"""Size of a chunk of texts, whose rows can be long [bytes]."""
+"""Size of a chunk of texts [bytes]. It is not a number of rows, because the rows of texts can be long."""
 CHUNK_CACHE_BYTES = 64 * 1024
 """Size of HDF5's chunk cache for each dataset [bytes]. Only whole chunks are written, which need no cache. The default
 of several megabytes would take hundreds of megabytes for some tens of datasets."""

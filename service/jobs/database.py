@@ -18,7 +18,7 @@ from service.errors import FolderReplacedError, StorageError, storage_error
 from service.private_files import make_private, make_private_folder
 
 BUSY_SECONDS = 10.0
-"""Timeout for a lock that another process, such as a backup, holds on the file; a judgement. [s]"""
+"""Timeout for a lock that another process, such as a backup, holds on the file; chosen by judgement [s]."""
 CHECKPOINT_SECONDS = 0.1
 """Longest wait of a checkpoint for a reader [s], during which writers have to wait. A failed one is repeated later."""
 

@@ -62,7 +62,7 @@ class StoredSweep:
     values: tuple[Sequence[float], ...]
 
     def point(self, number: int) -> tuple[float, ...]:
-        """Return the values of the axes at a case."""
+        """Return the values of the axes for the case with this number."""
         # The step of an axis is the number of combinations of all axes after it.
         later = itertools.accumulate(map(len, reversed(self.values)), lambda total, count: total * count, initial=1)
         steps = list(later)[-2::-1] if self.values else []
@@ -172,7 +172,7 @@ class JobState:
     """Title given by the client, or the default title of a sweep."""
     charge: Charge | None = field(default=None, repr=False)
     traceparent: str | None = field(default=None, repr=False)
-    """Span of the request that created the job, if it was traced."""
+    """Header `traceparent` (W3C) with the span of the request that created the job, if it was traced."""
 
     @property
     def final(self) -> bool:

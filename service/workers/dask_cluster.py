@@ -25,7 +25,7 @@ from solver import ENGINE_VERSION
 PACKAGES = ("h5py", "llvmlite", "numba", "numpy", "orjson", "pydantic", "scipy")
 """Packages whose version may change the last bit of a result, or its encoding."""
 STOP_SECONDS = 1.0
-"""Time allowed for the pool of a worker to stop, as for the pool of the service. [s]"""
+"""Time allowed for the pool of a worker to stop, the same as for the pool of the service. [s]"""
 
 
 class UnfitWorkerError(Exception):

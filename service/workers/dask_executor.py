@@ -32,7 +32,7 @@ PAUSE_SECONDS = 0.1
 PATIENCE_SECONDS = 5.0
 """Time that chunks wait for a lost cluster before the pool takes them. Most restarts of a scheduler take less. [s]"""
 CANCEL_SECONDS = 1.0
-"""Timeout for the scheduler to acknowledge a cancellation, chosen by judgement [s]. The chunk is then forgotten."""
+"""Timeout for the scheduler to acknowledge a cancellation, chosen by judgement [s]. Its reply is not needed."""
 CHUNKS_A_THREAD = 2
 """Number of chunks assigned to each thread of a worker: the next one is already there when it has finished one."""
 DELIVERY_SECONDS = 30.0

@@ -87,7 +87,7 @@ class Work:
         self.crashes = 0
 
     def fail(self, error: Exception) -> None:
-        """Set an error as the outcome of the work, unless it has one."""
+        """Set an error as the outcome of the work, unless it has an outcome already."""
         if not self.future.done():
             self.future.set_exception(error)
 

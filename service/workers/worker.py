@@ -40,7 +40,7 @@ def compute_single(compute: Compute, operation: str, key: str, request: bytes) -
 
 
 def compute_case(compute: Compute, operation: str, key: str, request: bytes, chunk: str) -> tuple[bytes, str]:
-    """Compute one case of a chunk, and return the JSON of the answer and its outcome. The record is kept."""
+    """Compute one case of a chunk, keep its record for `close_chunk`, and return the answer's JSON and outcome."""
     record = Record(key, operation, request, *compute(request))
     _chunks.setdefault(chunk, []).append(record)
     if len(_chunks) > MOST_CHUNKS:
@@ -87,7 +87,7 @@ class Hello(NamedTuple):
     Parameters
     ----------
     error
-        Reason why no worker could be started.
+        Reason why no worker could be started; empty if one was.
     """
 
     pid: int
