@@ -256,7 +256,7 @@ FROM jobs JOIN (SELECT * FROM {table} ORDER BY job LIMIT 1) WHERE jobs.number NO
 
 
 def copy_job(path: Path, size: int) -> None:
-    """Copy the first job with its cases until there are this many jobs."""
+    """Copy the first job with its cases until there are `size` jobs."""
     with closing(sqlite3.connect(path)) as database, database:
 
         def columns_of(table: str, *keys: str) -> str:

@@ -275,7 +275,7 @@ def places_in(part: Any, steps: Steps = ()) -> Iterator[tuple[Steps, Any]]:
 
 
 def put(part: Any, steps: Steps, value: Any) -> Any:
-    """Return a copy of a body in which these fields and indices lead to another value."""
+    """Return a copy of a body in which the value at the end of `steps` is replaced."""
     if not steps:
         return value
     changed = put(part[steps[0]], steps[1:], value)
@@ -346,7 +346,7 @@ def send(port: int, request: bytes) -> int:
 
 
 def attacks(contract: dict[str, Any], count: int, seed: int) -> Iterator[Attack]:
-    """Yield this many attacks, the same for the same seed and contract."""
+    """Yield `count` attacks, the same for the same seed and contract."""
     rng = random.Random(seed)  # noqa: S311 (no secret)
     bodies = bodies_of(contract)
     declared = {

@@ -93,7 +93,7 @@ PROBLEMS: Responses = {
 
 
 def problems(*statuses: int) -> Responses:
-    """Return the declarations of responses with these error statuses."""
+    """Return the declarations of responses with the given error statuses."""
     return {status: {"model": Problem, **PROBLEMS[status]} for status in statuses}
 
 

@@ -94,7 +94,7 @@ JobOperation.__doc__ = (
 
 
 class JobStatus(StrEnum):
-    """Status of a job: waiting, running, or finally all cases done, failed, cancelled (`dismissed`) or unreadable."""
+    """Status of a job: waiting, running, or ended: all cases done, failed, cancelled (`dismissed`) or unreadable."""
 
     ACCEPTED = "accepted"
     RUNNING = "running"

@@ -134,7 +134,7 @@ class ToolOperations:
 
 
 def tools_of(operations: Iterable[Operation]) -> dict[str, ToolOperations]:
-    """Return the tools of these operations by name."""
+    """Return the tools of the given operations by name."""
     found: dict[str, dict[str, Operation]] = {}
     texts: dict[str, ToolText] = {}
     for operation in operations:

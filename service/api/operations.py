@@ -33,7 +33,7 @@ STUDY_ANSWERED = (
 
 
 def add_routes(router: APIRouter, operations: Mapping[str, Operation]) -> None:
-    """Add the routes of these operations. Batch and sweep routes are sorted by the number of runs that a case takes.
+    """Add the routes of the given operations. Batch and sweep routes are sorted by the number of runs of a case.
 
     `router` is the application's own, because FastAPI matches the routes of an included router twice.
     """

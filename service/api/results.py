@@ -187,7 +187,7 @@ def csv_head(operation: str, sweep: StoredSweep | None) -> bytes:
 
 
 def csv_rows(results: Iterable[CaseResult], operation: str, sweep: StoredSweep | None) -> bytes:
-    """Return the CSV rows of these results, without the header."""
+    """Return the results as CSV rows, without the header."""
     base = _base(sweep).values()
     return _lines([*_row(result, operation, sweep), *base] for result in results)
 
@@ -270,7 +270,7 @@ class ParquetTable:
         self._writer = parquet.ParquetWriter(path, self._schema)
 
     def write(self, results: Sequence[CaseResult]) -> None:
-        """Add the rows of these cases, and write a row group when `GROUP_ROWS` have been added."""
+        """Add a row for each case, and write a row group when `GROUP_ROWS` have been added."""
         self._rows += (_row(result, self._operation, self._sweep) for result in results)
         if len(self._rows) >= GROUP_ROWS:
             self._write_group()

@@ -87,7 +87,7 @@ class RequestContext:
         return self.principal.owner if self.principal.key else f"address {network_of(self._client)}"
 
     def authorize(self, token: str | None, scopes: Iterable[str]) -> None:
-        """Identify the principal by its token, and check that its key has these scopes.
+        """Identify the principal by its token, and check that its key has the given scopes.
 
         Raises
         ------

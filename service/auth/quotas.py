@@ -20,7 +20,7 @@ STEP = 60
 """Length of the time steps in which cases are counted [s]. The cases of one step leave the window together, so that a
 key has at most 61 counts."""
 SAVE_SECONDS = 10
-"""Interval between writes of the counts to disk, chosen by judgement [s]. A crash loses the counts of this time."""
+"""Interval between writes of the counts to disk, chosen by judgement [s]. A crash loses the counts of one interval."""
 
 
 def steady(clock: Clock) -> Callable[[], float]:

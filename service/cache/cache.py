@@ -192,7 +192,7 @@ class ResultCache:
         return record
 
     def get_many(self, keys: Sequence[str]) -> dict[str, Record]:
-        """Return the records of these keys; missing ones are left out.
+        """Return the records of the given keys; missing ones are left out.
 
         Records from disk are not kept in memory, since those of one batch would evict everything else.
         """
@@ -450,7 +450,7 @@ class ResultCache:
             self._index.use(names)
 
     def _read(self, name: str, rows: Mapping[str, int]) -> dict[str, Record]:
-        """Return the results in these rows of a segment."""
+        """Return the results in the given rows of a segment."""
         with self._missing(name):
             records = self._segments.decoded(name).records(rows.values())
             if [record.key for record in records] != list(rows):

@@ -162,7 +162,7 @@ class DecodedSegment:
             raise DamagedFileError(f"no segment of this version: {error}") from error
 
     def records(self, rows: Iterable[int]) -> list[Record]:
-        """Return the results in these rows.
+        """Return the results in the given rows.
 
         Raises
         ------
@@ -430,7 +430,7 @@ class GrowingText:
 
 
 def _create(group: h5py.Group, name: str, values: Rows, *, grows: bool = False) -> h5py.Dataset:
-    """Create a one-dimensional dataset with these values, texts declared as UTF-8."""
+    """Create a one-dimensional dataset with the given values, texts declared as UTF-8."""
     is_text = values.dtype.kind == "S"
     if is_text:
         values = values.astype(h5py.string_dtype("utf-8", values.dtype.itemsize))

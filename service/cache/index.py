@@ -307,7 +307,7 @@ def discard_database(path: Path) -> None:
 
 
 def _opened(path: Path | None, tables: str, aside: Path | None = None) -> sqlite3.Connection:
-    """Open a SQLite file with these tables, and replace it if it is damaged.
+    """Open a SQLite file with the given tables, and replace it if it is damaged.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ def summary_of(record: Record) -> dict[str, Any]:
 
 
 def table_of(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Convert rows to a table with these columns."""
+    """Convert rows to a table with the given columns."""
     return {column.name: fill(column, [row.get(column.name) for row in rows]) for column in columns} if rows else {}
 
 
@@ -64,7 +64,7 @@ def trial_table_columns(answer: type[Part]) -> tuple[Column, ...]:
 
 
 def trials_of(columns: Iterable[Column], records: Sequence[Record | None], first: int) -> Table:
-    """Return all trials of these results with the row of each search in the summary, counted from `first`."""
+    """Return all trials of the given results with the row of each search in the summary, counted from `first`."""
     searches = [record.answer.get("iterations", ()) if record else () for record in records]
     trials = [trial for search in searches for trial in search]
     rows = np.repeat(np.arange(first, first + len(records)), list(map(len, searches)))
@@ -163,7 +163,7 @@ def residual_table(records: Sequence[Record | None], first: int) -> Table:
 
 
 def histories_of(records: Sequence[Record | None], first: int = 0) -> Table:
-    """Return all histories of these results with their row in the summary. All must have the same columns."""
+    """Return all histories of the given results with their row in the summary. All must have the same columns."""
     histories = [(row, record.history) for row, record in enumerate(records, first) if record and record.history]
     if not histories:
         return {}

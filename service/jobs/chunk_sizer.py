@@ -41,7 +41,7 @@ class ChunkSizer:
         return max(1, int(min(by_time, by_bytes, self._most)))
 
     def shrink(self, cases: int) -> None:
-        """Make the next chunks smaller, because one with this many cases exceeded its timeout."""
+        """Make the next chunks smaller, because a chunk of `cases` cases exceeded its timeout."""
         self._most = max(1, min(self._most, cases // SHRUNK))
 
     def note(self, seconds: Sequence[float], nbytes: int) -> None:

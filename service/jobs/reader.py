@@ -107,7 +107,7 @@ class ResultReader:
         *,
         whole: bool,
     ) -> tuple[int, Value]:
-        """Return the number of cases to read next, and the value of `use` for the results of these cases."""
+        """Return the number of cases to read next, and the value of `use` for the results of the given cases."""
         again: dict[int, CaseResult] = {}
 
         def gather() -> list[CaseRow] | tuple[int, Value]:
@@ -134,7 +134,7 @@ class ResultReader:
     async def _compute(
         self, state: JobState, rows: Sequence[CaseRow], take: Take, *, whole: bool
     ) -> dict[int, CaseResult]:
-        """Compute these cases again at the cost of the reader. Cases that cannot be computed have a problem."""
+        """Compute evicted cases again at the cost of the reader. Cases that cannot be computed have a problem."""
         cases = await run_sync(lambda: [again_of(state, row) for row in rows])
         found = {row.number: damaged(row) for row, case in zip(rows, cases, strict=True) if case is None}
         places = [(row, case) for row, case in zip(rows, cases, strict=True) if case is not None]
@@ -197,6 +197,6 @@ def rows_ready(rows: Sequence[CaseRow], *, final: bool) -> list[CaseRow]:
 
 
 def next_count(results: Sequence[CaseResult]) -> int:
-    """Return the number of cases to read next, from the size of these results."""
+    """Return the number of cases to read next, from the size of the results read last."""
     nbytes = sum(result.record.length for result in results if result.record is not None)
     return max(1, min(MOST_CASES, READ_BYTES * len(results) // max(nbytes, 1)))

@@ -197,7 +197,7 @@ class CaseRunner:
         urgent: bool = True,
         traced: Callable[[int], AbstractContextManager[object]] = nullcontext,
     ) -> None:
-        """Compute all cases of these blocks, except those found in the cache. Cancellation stops the work.
+        """Compute all cases of the given blocks, except those found in the cache. Cancellation stops the work.
 
         Parameters
         ----------
@@ -253,7 +253,7 @@ class CaseRunner:
         self._begin_chunk(run)
 
     async def _compute(self, run: Run, cases: Sequence[JobCase], token: object) -> None:
-        """Compute these cases, except those that are now in the cache or being computed for another request."""
+        """Compute the cases of a chunk, except those now in the cache or being computed for another request."""
 
         def begun() -> None:
             run.queued.discard(token)

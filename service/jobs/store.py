@@ -284,7 +284,7 @@ class JobStore:
         return self._jobs("status IN ('accepted', 'running') ORDER BY number")
 
     def waiting(self, job: JobState, first: int, count: int) -> list[CaseRow]:
-        """Return the unfinished cases in these blocks.
+        """Return the unfinished cases in `count` blocks, from block `first` on.
 
         Raises
         ------
@@ -321,7 +321,7 @@ class JobStore:
         ]
 
     def requests(self, job: int, cases: Collection[int]) -> dict[int, bytes]:
-        """Return the canonical requests of these cases as JSON.
+        """Return the canonical requests of the given cases as JSON.
 
         Raises
         ------
@@ -412,7 +412,7 @@ class JobStore:
             return [read_job(row, self._operations) for row in database.execute(f"{SELECT} WHERE {condition}", values)]
 
     def _blocks(self, job: int, numbers: range) -> dict[int, tuple[Any, ...] | None]:
-        """Return the rows of `BLOCK_COLUMNS` of these blocks, with None for missing ones."""
+        """Return the rows of `BLOCK_COLUMNS` of the given blocks, with None for missing ones."""
         statement = (
             f"SELECT slice, {BLOCK_COLUMNS} FROM slices JOIN states USING (job, slice) "  # noqa: S608 (of the package)
             "WHERE job = ? AND slice >= ? AND slice < ?"

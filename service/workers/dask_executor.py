@@ -117,7 +117,7 @@ class DaskExecutor(Executor):
         self._tending = asyncio.create_task(self._tend())
 
     async def probe(self, seconds: float) -> bool:
-        """Return True if a worker of the pool and the cluster answer within this time. [s]"""
+        """Return True if a worker of the pool and the cluster answer within `seconds`."""
         pool, cluster = await asyncio.gather(self._pool.probe(seconds), self.cluster.answers(seconds))
         self._busy = cluster and self._pool.busy
         self.last_error = "cluster unreachable: no worker of it can be used" if pool else self._pool.last_error

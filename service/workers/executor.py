@@ -80,7 +80,7 @@ class Executor(ABC):
 
     @abstractmethod
     async def close(self, seconds: float) -> None:
-        """Stop all workers, including those that are computing, within this time. [s]"""
+        """Stop all workers, including those that are computing, within `seconds`."""
 
     async def submit(
         self,
