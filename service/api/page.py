@@ -63,7 +63,7 @@ HEADERS = {
 }
 
 IMMUTABLE = "public, max-age=31536000, immutable"
-"""Cache-Control of files at an address with a version, which never change; no cache keeps anything beyond a year."""
+"""Cache-Control of files at an address with a version, which never change; a year is the usual maximum."""
 VERSION = re.compile("[0-9a-f]{16}")
 """Pattern of a version of the page, the first folder in the address of its files."""
 OWN_FILE = re.compile(rb'"page/(?!contract\.json)')

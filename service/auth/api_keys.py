@@ -174,7 +174,7 @@ class ApiKeyStore:
         return any(key.usable_at(self._clock.now()) for key in self._keys.values())
 
     def reload(self) -> None:
-        """Read the keys again if the file has changed, which is checked every `RELOAD_SECONDS` at most."""
+        """Read the keys again if the file has changed, which is checked at most once per `RELOAD_SECONDS`."""
         now = self._clock.monotonic()
         # Every request calls this, up to thousands of times a second, which is too often to look at the file.
         if now - self._checked < RELOAD_SECONDS:

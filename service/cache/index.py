@@ -23,7 +23,7 @@ from service.private_files import make_private
 KEYS_AT_ONCE = 1000
 """Number of keys looked up in one query. It takes a few milliseconds, during which no result can be stored."""
 FLUSH_SECONDS = 60.0
-"""Interval between writes of the times of last use [s]. Losing them in a crash only changes the order of eviction."""
+"""Shortest interval between writes of times of last use [s]. Losing some in a crash only changes the eviction order."""
 
 INDEX_TABLES = """
 CREATE TABLE segments (
