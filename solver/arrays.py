@@ -1,8 +1,8 @@
 """Array types, Gauss-Legendre rules, and polynomials for the sine and the arc cosine.
 
-A call of a library function keeps the compiler from processing several points of a loop at once; a polynomial does not.
-The polynomials are interpolated at Chebyshev nodes when the package is imported. The errors stated are the largest
-found on a fine grid.
+With a polynomial the compiler can process several points of a loop at once; with a call of a library function it
+cannot. The polynomials are interpolated at Chebyshev nodes when the package is imported. The errors stated are the
+largest found on a fine grid.
 """
 
 import math

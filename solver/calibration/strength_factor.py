@@ -29,13 +29,13 @@ FIT_TOLERANCE = 1e-6
 # smooth.
 MOST_STEPS = 50
 """Largest number of evaluations of a fit."""
-# The valleys have to be compared, not located: the fit itself starts from the deepest.
+# Valleys need only be compared, not located exactly: the fit itself starts from the deepest one.
 ROUGHLY = 1e-3
 """Tolerance of ln S in the comparison of valleys. [ln]"""
 # The square of a smaller slope underflows, and the normal equation would divide by zero.
 SMALLEST_SLOPE = 1e-30
 """Least slope of the residuals over ln S that determines a fit."""
-# On the coarse grid a deeper valley may look shallower than its neighbour. Three is a judgement.
+# On the coarse grid a deeper valley may look shallower than another. Three is a judgement.
 REFINED = 3
 """Largest number of valleys that are compared before the fit."""
 
@@ -60,7 +60,7 @@ class Estimate:
     confidence_level: float
     """Fraction of such intervals that contain the true value. [1]"""
     degrees_of_freedom: float
-    """Degrees of freedom of that distribution. [1]"""
+    """Degrees of freedom of Student's distribution for the interval. [1]"""
 
 
 def build_estimate(
@@ -101,7 +101,7 @@ def valleys(strengths: FloatArray, costs: FloatArray) -> list[tuple[float, float
 
 
 def refine(residuals: Residuals, lower: float, upper: float) -> tuple[float, float]:
-    """Return the strength factor of the least sum of squares between two others, roughly, and that sum."""
+    """Return the strength factor with the least sum of squares between two bounds, to `ROUGHLY`, and that sum."""
     # Brent's bounded minimisation needs no derivative, each of which takes two more runs.
     from scipy.optimize import minimize_scalar  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
 
@@ -115,12 +115,12 @@ def refine(residuals: Residuals, lower: float, upper: float) -> tuple[float, flo
 
 
 def minimise(residuals: Residuals, start: float, field: str) -> float:
-    """Return the strength factor of least squares, from a start.
+    """Return the strength factor with the least sum of squares, searched from `start`. [1]
 
     Raises
     ------
     UndeterminedError
-        For `field`, if the residuals do not change with S, or are least at an end of the range.
+        If the residuals do not change with S, or are least at an end of the range; the error is about `field`.
     """
     from scipy.optimize import least_squares  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
 
@@ -198,12 +198,13 @@ class ObliquityPoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ObliquityFit(ComparedByFields):
-    """Polynomial fitted to strength factors, in the oblique angle in degrees."""
+    """Polynomial in the oblique angle, in degrees, fitted to strength factors."""
 
     coefficients: tuple[float, ...]
     """Coefficients from the constant term upwards. [1, 1/°, 1/°², ...]"""
     covariance: tuple[tuple[float, ...], ...] | None
-    """Covariance of the coefficients; None if there are as many as points, and the points have no standard errors."""
+    """Covariance of the coefficients; None if there are as many coefficients as points, and these have no standard
+    errors."""
     residuals: FloatArray
     """(n,) given minus fitted strength factor. [1]"""
     degrees_of_freedom: int
@@ -224,8 +225,8 @@ def fit_obliquity(*, points: "Sequence[ObliquityPoint] | DataFrame", order: int 
     ----------
     points
         Points, or a DataFrame with their fields as columns. Either all points have a standard error or none has. With
-        standard errors a point has the inverse of its square as weight, and the covariance is absolute. Without them
-        all weights are equal, and the covariance follows from the scatter of the residuals.
+        standard errors, the weight of a point is the inverse square of its error, and the covariance is absolute.
+        Without them all weights are equal, and the covariance follows from the scatter of the residuals.
     order
         Highest power of the angle, 0 to 9.
 
