@@ -276,8 +276,7 @@ class _Slices(NamedTuple):
     accelerations: FloatArray
     """(3 `MOST_STATES`,) accelerations of the states."""
     loads: FloatArray
-    """(`MOST_STATES`, n, 3) forces along depth and face, and moments about the centre of gravity, of each slice. [N, N
-    m]"""
+    """(`MOST_STATES`, n, 3) forces on the slices along depth and face, moments about the centre of gravity. [N, N m]"""
     stages: FloatArray
     """(3, 6) state, rates and loads in the stages of a Runge-Kutta step."""
     change: FloatArray

@@ -4,11 +4,11 @@ The route of the paper sums over panels. The adaptive route integrates: the outl
 loaded arc changes smoothly, and each loaded stretch gets Gauss-Legendre stations. The rings at all stations, of several
 states at a time, are then summed in one loop.
 
-In a wall, an element that faces the rear is weakened by the rear face as one that faces out is by the impact face: by
-the same decay function of the distance to that face along the normal. Elements beyond the rear face carry no load, nor
-do those in a plug that shears out. A ring then has up to four arcs, in the order of rising cos β: near the rear face,
-deep before it, deep behind the impact face, and near the impact face. Each ring is stored twice: once with the arcs
-that face the impact face, once with those that face the rear.
+In a wall, the resistance to an element that faces the rear is weakened by the rear face, and to one that faces out by
+the impact face: by the same decay function of the distance to that face along the normal. Elements beyond the rear face
+carry no load, nor do those in a plug that shears out. A ring then has up to four arcs, in the order of rising cos β:
+near the rear face, deep before it, deep behind the impact face, and near the impact face. Each ring is stored twice:
+once with the arcs that face the impact face, once with those that face the rear.
 """
 
 import math
@@ -81,7 +81,8 @@ from solver.target import Target
 # A Jacobian needs five evaluations: one for each of depth, axis angle and three velocities.
 MOST_STATES = 5
 """Largest number of states evaluated in one call, so that their rings fill whole vectors."""
-# The integrand changes little on a short stretch. Halving its stations took 6 % off a search at the same angles.
+# The integrand changes little on a short stretch. With half of its stations a search was 6 % faster and found the same
+# angles.
 SHORT = 0.1
 """Length of a stretch, over that of its outline piece, below which it gets half of the stations. [1]"""
 REAR = np.uint64(ROOM // 2)
@@ -119,7 +120,7 @@ class Scratch(NamedTuple):
     attitudes: FloatArray
     """(`MOST_STATES`, 3) cosine of the axis angle, absolute value of its sine, and the sign of the sine."""
     ends: IntArray
-    """(`MOST_STATES`, 2) index behind the last ring of a state, and behind its last fully resisted ring."""
+    """(`MOST_STATES`, 2) index after the last ring of each state, and after its last fully resisted ring."""
 
 
 def build_law(
@@ -235,7 +236,7 @@ def _add_up(first: int, last: int, body: Body, scratch: Scratch, out: FloatArray
 
 @lean
 def weaken_in_crater(states: FloatArray, body: Body, crater_depth: float, out: FloatArray) -> None:
-    """Scale the accelerations of each state by its deepest point over the depth of the crater, at most 1."""
+    """Scale the accelerations of each state by the depth of its deepest point over that of the crater, at most 1."""
     for k in range(out.size // 3):
         depth = states[6 * k] + deepest_offset(body, states[6 * k + 2])
         share = min(max(depth / crater_depth, 0.0), 1.0)
@@ -354,7 +355,7 @@ def integrate_in_wall(rows: FloatArray, count: int, points: FloatArray, law: Law
 
 
 def _ring_loader(name: str, *, tapers: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
-    """Make the function that finds the arcs of rings in a wall, for bodies with or without a part that tapers.
+    """Return a function that finds the arcs of rings in a wall, for bodies with or without a part that tapers.
 
     Towards the impact face the cavity of a tapering part is unbounded, towards the rear face it is bounded. Bodies
     without such a part save the second evaluation. The cache of compiled code tells the two functions apart by `name`.

@@ -74,8 +74,8 @@ class Law(NamedTuple):
     that switch infinitely often. Below this velocity they go to zero smoothly instead, and the shank creeps at a
     fraction of it."""
     smooth_ramp: bool
-    """Selects a ramp whose slope at zero velocity is zero. Steps with a coarse tolerance need the other one: without
-    stiffness at rest they would find the body free to move."""
+    """True for a ramp whose slope at zero velocity is zero. Steps with a coarse tolerance need the other one, which is
+    linear: without stiffness at rest the body would seem free to move."""
     decay: Decay
     thickness: float
     """Depth of the rear face; infinite for a half-space. [m]"""
@@ -162,7 +162,7 @@ def add_rings(
 @exact
 def place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
     """Return sine and cosine of α, axial position and radius of a ring."""
-    # The half-angle formula gets the cosine from the polynomial of the sine, up to the angles where the sine has it.
+    # The half-angle formula gives the cosine from the polynomial of the sine, on the same range of angles.
     sine_, half = sine(rows[ALPHA + i]), sine(0.5 * rows[ALPHA + i])
     cosine = 1.0 - 2.0 * half * half
     return sine_, cosine, rows[AXIAL + i] + rows[SIZE + i] * sine_, rows[RADIUS + i] + rows[SIZE + i] * cosine
@@ -180,7 +180,7 @@ def cavity_scales(bound: float, cosine: float, radius: float) -> tuple[float, fl
 
 @exact
 def ring_motion(rows: FloatArray, i: int) -> BodyMotion:
-    """Return the motion of the body at the state to which a ring belongs."""
+    """Return the motion of the body in the state to which a ring belongs."""
     return (
         rows[DEPTH + i], rows[COSINE + i], rows[SINE + i], rows[FORWARD + i], rows[SIDEWAYS + i], rows[SPIN + i],
     )  # fmt: skip
@@ -208,7 +208,7 @@ def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
 
 
 def _ring_loader(name: str, *, bounded: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
-    """Make the function that finds the arcs of rings, for bodies with or without a bounded cavity.
+    """Return a function that finds the arcs of rings, for bodies with or without a bounded cavity.
 
     Bodies without one, such as ogives, save a selection for each ring. The cache of compiled code tells the two
     functions apart by `name`.

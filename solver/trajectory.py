@@ -215,9 +215,9 @@ def simulate(
     projectile, target, impact
         Projectile, the concrete that it strikes, and its motion at first contact.
     resistance
-        Resistance of the target; eq. 9 and elastic-plastic decay unless given.
+        Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics
-        Route and resolution; adaptive unless given.
+        Integration route and resolution; adaptive unless given.
     sample_interval
         Interval of the history; None for no history. [s]
     strength_scatter

@@ -234,7 +234,7 @@ def predict_motion(
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
-        Route and resolution; adaptive unless given. The termination time is the last of the times.
+        Integration route and resolution; adaptive unless given. The termination time is the last of the times.
 
     Returns
     -------

@@ -189,7 +189,7 @@ def fit_motion(
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
-        Route and resolution; adaptive unless given.
+        Integration route and resolution; adaptive unless given.
     confidence_level
         Confidence level of the interval. [1]
 
