@@ -28,7 +28,7 @@ CENTRED_WITHIN = 1e-9
 """Largest distance of the centre of a sphere from its centre of gravity to count as `CENTRED`, over its radius. [1]"""
 
 # Where the base faces the impact face, the channel that the body has cut is behind it: a cavity without bound, whose
-# decay is zero to the precision of its polynomials. A cosine of zero would divide by zero.
+# decay factor is zero to the precision of its polynomials. A cosine of zero would divide by zero.
 BEHIND = 1e-100
 """Cosine of α used for the base. [1]"""
 # This ratio gives 60 by 200 panels for the 12,000 of the paper.
@@ -72,7 +72,7 @@ class Body(NamedTuple):
 class Panels(NamedTuple):
     """Surface elements of one half of a projectile, the other being its mirror image in the plane of incidence.
 
-    All are (n,) arrays.
+    All fields but `radius` are (n,) arrays.
     """
 
     axial: FloatArray
@@ -117,9 +117,9 @@ def sections(pieces: tuple[OutlinePiece, ...], radius: float) -> Iterator[Sectio
     The decay law takes that distance as the radius of a cavity. On a blunt face the distance has no bound: the cavity
     would be wider than the hole that the body makes, and a distant rear face would weaken the resistance as if it were
     near. So the cavity is at most as wide as the shank. An ogive never reaches the bound; a cap exceeds it everywhere,
-    since its normals meet in its centre. Elements that look backwards, towards the impact face, have the channel of the
-    body behind them. There the distance is not bounded: the steeper a body tapers, the smaller the resistance of its
-    rear, down to zero at a flat base.
+    since its normals meet at its centre. Elements whose normals point backwards, towards the impact face, have the
+    channel of the body behind them. There the distance is not bounded: the steeper a body tapers, the smaller the
+    resistance of its rear, down to zero at a flat base.
     """
     for piece in pieces:
         if isinstance(piece, Arc):
@@ -156,7 +156,8 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
             for angle in (piece.angle_start, piece.angle_end):
                 x, r = piece.x_center - piece.radius * math.sin(angle), piece.r_center + piece.radius * math.cos(angle)
                 corners.append((center - x, r))
-    tip, mass, inertia = map(float, (center, properties.mass, properties.moment_of_inertia))  # an int is another type
+    # Compiled code accepts floats only, and a mass may be given as an int.
+    tip, mass, inertia = map(float, (center, properties.mass, properties.moment_of_inertia))
     bounded, tapered = (any(sign * cavity > 0.0 for _, cavity in outline) for sign in (1.0, -1.0))
     centred = all(
         isinstance(piece, Arc)
@@ -200,7 +201,7 @@ def deepest_point(body: Body, axis_angle: float) -> tuple[float, float]:
 
 
 def build_panels(projectile: Projectile, properties: MassProperties, count: int) -> Panels:
-    """Build the midpoint panels of the paper: half of the rings on the nose, half on the shank, and a base besides.
+    """Build the midpoint panels of the paper: half of the rings on the nose, half on the shank, and others on the base.
 
     Parameters
     ----------

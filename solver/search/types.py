@@ -156,8 +156,8 @@ class CriticalAngle:
     strength_factor: float | None = None
     """Strength factor used at the critical angle, if there is one. [1]"""
     strength_factor_dispersion: float | None = None
-    """Standard deviation of ln S of the next shot into the same concrete, by own shots or by the law of the published
-    tests; None without an angle. [ln]"""
+    """Standard deviation of ln S for the next shot into the same concrete, from own shots or from the published tests;
+    None without an angle. [ln]"""
     own_tests: StrengthPosterior | None = None
     """Posterior of S from shots into the same concrete; None without any, or without an angle."""
     exit: Exit | None = None
