@@ -68,7 +68,7 @@ class NextShot:
     shots: int
     """Number of shots."""
     dispersion: float
-    """Standard deviation of ln S of the next shot after them, at the stated strength. [ln]"""
+    """Standard deviation of ln S for the shot after these, at the stated strength. [ln]"""
     parts: tuple[Narrowed, ...]
     """Inputs that scatter less."""
 

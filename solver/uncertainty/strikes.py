@@ -104,7 +104,7 @@ class SampledStrike:
     Raises
     ------
     ParameterError
-        If a field is no number of the strike, or a distribution has values that the model does not accept.
+        If a field is not a number of the strike, or a distribution has values that the model does not accept.
     """
 
     def __init__(self, parts: Mapping[str, Any], uncertain: Sequence[Uncertain]) -> None:
@@ -131,7 +131,7 @@ class SampledStrike:
         Raises
         ------
         ParameterError
-            If the model does not accept it.
+            If the model does not accept the value.
         """
         parts = self._with([(self._paths[index], value)])
         check_case(parts["projectile"], parts["target"])
@@ -237,11 +237,11 @@ def critical_angle_uncertainty(
 
     Notes
     -----
-    A polynomial chaos replaces the search if every sample has one change of outcome and the error at
-    held-out points is at most 0.1°, as long as it gives the narrower intervals; otherwise, outcomes of randomised Sobol
-    points are counted. A sample outside the ranges of the model, or one that fails, counts as unknown and widens the
-    intervals. Outcomes that no search has shown yet widen them too: of n searches that all have one change of outcome,
-    about 3/n may have another one, at 95 % confidence.
+    A polynomial chaos replaces the search if every sample has one change of outcome and the error at held-out points is
+    at most 0.1°, as long as it gives the narrower intervals; otherwise, outcomes of randomised Sobol points are
+    counted. A sample outside the ranges of the model, or one that fails, counts as unknown and widens the intervals.
+    Outcomes that no search has shown yet widen them too: if n searches all have one change of outcome, a share of up to
+    about 3/n of all strikes may still have more, at 95 % confidence.
 
     Examples
     --------

@@ -51,7 +51,7 @@ class Ending(NamedTuple):
     range: float = math.nan
     """Distance of flight; NaN if the projectile stays, or no flight is requested. [m]"""
     farthest_range: float = math.nan
-    """Farthest distance of flight over all elevations; NaN as above. [m]"""
+    """Farthest distance of flight over all elevations; NaN as for `range`. [m]"""
 
     @classmethod
     def of(cls, found: Trajectory | RicochetError, flight: Flight | None = None) -> "Ending":

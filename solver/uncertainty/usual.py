@@ -1,4 +1,4 @@
-"""Usual scatter of a strike: that of its inputs, of the strength factor, and of the theory of the decay."""
+"""Usual scatter of a strike: of its inputs, of the strength factor, and of the theory of the decay."""
 
 import math
 from dataclasses import replace
@@ -40,7 +40,7 @@ THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, M
 # The weights are a judgement. The first law with eq. 9 gives the paper's angle; the second follows finite element
 # motions more closely and has the S(θ) fitted to these. No decay at all is no theory.
 THEORIES = (0.8, 0.2)
-"""Weights of these laws. [1]"""
+"""Weights of `THEORY_LAWS`. [1]"""
 
 
 def has_own_law(resistance: Resistance | None) -> bool:
@@ -80,9 +80,9 @@ def usual_scatter(
     projectile, target, velocity, angle_of_attack, resistance
         As for `critical_angle`. [SI, rad]
     theories
-        Include the theory of the decay. Unless given, it is included if the resistance has no other law.
+        Include the theory of the decay among the inputs. By default it is included unless `has_own_law` is true.
     strength_scatter
-        Tests from which the scatter of S comes, see `known_strength`.
+        Tests from which the scatter of S is taken, see `known_strength`.
 
     Returns
     -------

@@ -33,7 +33,7 @@ from solver.uncertainty.weighed_warnings import (
 )
 from solver.warnings import ModelWarning
 
-# For most strikes half of the samples that may be needed to give each theory a surrogate are enough.
+# Up to this number of samples may be needed for a surrogate of each theory; for most strikes half of them are enough.
 SAMPLES, HALF_WIDTH = 1024, 0.05
 """Budget of samples, and half width of the interval of each probability at which sampling ends. [1, 1]"""
 STEP_DEG = 0.5
@@ -85,7 +85,7 @@ class Question(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """Result of a study, as far as a verdict needs it."""
+    """Part of the result of a study that a verdict uses."""
 
     range: tuple[float, float] | None
     """90 % range of the critical angle; None if no sample has one. [rad]"""
@@ -126,7 +126,7 @@ class Spread(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """Result of the run at the angle to judge, as far as a verdict needs it."""
+    """Part of the result of the run at the angle to judge that a verdict uses."""
 
     outcome: Outcome | None = None
     protrusion: Protrusion | None = None
@@ -166,7 +166,7 @@ class Verdict:
     theory_spread: tuple[float, float] | None = None
     """90 % range over the theories, if the resistance has another law. [rad]"""
     theory_range_failed: bool = False
-    """Whether that range was asked for and could not be computed."""
+    """True if that range was requested but could not be computed."""
     held_angle: float | None = None
     """Critical angle with S held from 55° on, where it is held from 60° on and the angle is above 55°. [rad]"""
     standard_error: float | None = None

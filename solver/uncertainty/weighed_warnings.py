@@ -72,8 +72,8 @@ def range_held_earlier(
 ) -> tuple[float, float] | None:
     """Return a range of the critical angle that also contains the angles with S held from `HELD_EARLIER` on.
 
-    Angles beyond `HELD_EARLIER` fall by about as much as the angle with the inputs as given, but not below that; others
-    do not move.
+    Critical angles beyond `HELD_EARLIER` fall by about as much as the one with the inputs as given, but not below
+    `HELD_EARLIER`; smaller ones do not change.
 
     Parameters
     ----------
