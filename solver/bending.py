@@ -270,7 +270,8 @@ class _Slices(NamedTuple):
     first_panels: IntArray
     """(n + 1,) index of the first panel of each slice, and the number of panels."""
     crater_depth: float
-    """Depth of the crater, applied by the deepest point of the whole body, not by that of a slice. [m]"""
+    """Depth of the crater. It weakens the resistance of all slices by the depth of the deepest point of the body.
+    [m]"""
     states: FloatArray
     """(6 `MOST_STATES`,) states, one after the other."""
     accelerations: FloatArray

@@ -26,7 +26,7 @@ NO_LIMIT = 2**62
 # A few in a thousand are repeated in another thread, which costs 0.3 ms and leaves the main thread free for signals.
 QUICK_STEPS = 20_000
 """Largest number of steps of a computation in the main thread."""
-# The loads on so many panels take about as long as one step by Gauss points.
+# The loads on this number of panels take about as long as one step by Gauss points.
 PANELS_PER_STEP = 100
 """Number of panels that count as one step."""
 

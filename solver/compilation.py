@@ -91,7 +91,7 @@ def _choose_folder() -> Path:
 FOLDER = _choose_folder()
 """Cache folder of compiled code."""
 BEGUN = FOLDER / "begun.txt"
-"""File with the names of the functions whose compilation has begun, one on each line; it may still be going on."""
+"""File with the names of the functions whose compilation has begun, one on each line; the last may still be running."""
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -399,7 +399,7 @@ lean = _decorator(**LEAN)
 # numba would otherwise also make separate machine code for such a function and all that it calls, which nothing uses.
 once = _decorator(inline="always", **LEAN)
 """Decorator of functions that are called in one place only and become part of their caller."""
-# Passing a hundred arguments took 7 % of a search, and reading them as much.
+# Passing a hundred arguments took 7 % of the time of a search, and reading them another 7 %.
 inlined = _decorator(forceinline=True, **LEAN)
 """Decorator of a function with many arguments that is inlined for speed."""
 # Reassociation must not reach these functions: the compiler would distribute a division over every term.

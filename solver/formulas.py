@@ -322,7 +322,7 @@ def cea_edf_limit_speed(
 
 
 def ukaea(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
-    """Compute penetration and scabbing by Barr's formula for the UKAEA, fitted to the low speeds of plant safety.
+    """Compute penetration and scabbing by Barr's formula for the UKAEA, for the low speeds relevant to plant safety.
 
     Notes
     -----
@@ -548,7 +548,7 @@ def limit_speeds(
 def _solved_for_speed(
     formula: Formula, projectile: Projectile, target: Target, thickness: float, cosine: float
 ) -> FormulaResult | None:
-    """Return the speed from which on a formula perforates the wall; None if it is outside `LIMIT_SPEEDS`."""
+    """Return the least speed at which a formula has the wall perforated; None if it is outside `LIMIT_SPEEDS`."""
 
     def at(velocity: float) -> FormulaResult:
         return formula(projectile=projectile, target=target, impact=Impact(velocity=velocity, oblique_angle=0.0))

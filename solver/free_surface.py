@@ -198,13 +198,13 @@ def _plastic_ratio(target: Target, least_modulus: float) -> float:
 # Degree 12 approximates the decay laws to 1e-7. A multiple of four lets terms be summed in groups of four (Estrin's
 # scheme), in a third of the time of Horner's scheme, where each term waits for the one before.
 DEGREE = 12
-"""Degree of the polynomials between the face and the corner."""
+"""Degree of the decay polynomials for k below the corner, where the plastic zone reaches the face."""
 # Beyond the corner the laws are exactly polynomials of degree four in 1/k.
 SHELL_DEGREE = 4
-"""Degree of the polynomials beyond the corner."""
+"""Degree of the decay polynomials for k above the corner, where a shell stays elastic."""
 NODES, FROM_NODES = interpolation(DEGREE)
 SHARES = np.arange(SHELL_DEGREE + 1) / SHELL_DEGREE
-"""Interpolation nodes beyond the corner: 1/k over its value at the corner."""
+"""Interpolation nodes for k above the corner: 1/k over its value at the corner."""
 FROM_SHARES = np.linalg.inv(np.vander(SHARES, increasing=True))
 """Matrix from values at `SHARES` to coefficients, constant first."""
 # Added to a sum of lengths it avoids 0/0 and changes no other value.
@@ -213,10 +213,10 @@ TINY = 1e-300
 
 
 class Near(NamedTuple):
-    """Decay between the face and the corner: polynomials in ``scale x``, coefficients from the constant upwards."""
+    """Decay for k below the corner: polynomials in ``scale x``, coefficients from the constant upwards."""
 
     scale: float
-    """Inverse of the largest x between the face and the corner. [1]"""
+    """Inverse of the largest x for k below the corner. [1]"""
     static: FloatArray
     """(DEGREE + 1,) coefficients of P / P(0)."""
     inertia: FloatArray
@@ -224,7 +224,7 @@ class Near(NamedTuple):
 
 
 class Deep(NamedTuple):
-    """Decay beyond the corner: polynomials in (k at the corner) / k, with coefficients from the constant upwards."""
+    """Decay for k above the corner: polynomials in (k at the corner) / k, coefficients from the constant upwards."""
 
     static: FloatArray
     """(SHELL_DEGREE + 1,) coefficients of P / P(0)."""
@@ -236,9 +236,9 @@ class Decay(NamedTuple):
     """Decay function of a target, as polynomials."""
 
     corner: float
-    """Ratio k at the corner; 0 for a target without decay. [1]"""
+    """Ratio k at the corner, where the plastic zone first reaches the face; 0 for a target without decay. [1]"""
     pivot: float
-    """Ratio k at which x is zero, a. [1]"""
+    """Ratio k at which x is zero: a, the square root of k at the corner. [1]"""
     inertia_scale: float
     """Ratio ρ / P(0); zero for a decay without inertia. [s²/m²]"""
     inertia_endless: float

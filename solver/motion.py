@@ -45,14 +45,14 @@ REST_FRACTION = 1e-4
 """Kinetic energy at which a body counts as being at rest, over its initial value. [1]"""
 # Bisection on the stored cubic takes no evaluation of the load, cannot fail, and 24 halvings give 6e-8 of a step.
 HALVINGS = 24
-"""Bisections that locate an event within a step."""
+"""Number of bisections that locate an event within a step."""
 # A body that tumbles end over end meets concrete that it has already broken but that the model treats as intact, so its
 # further motion has no meaning.
 MOST_TURN = 2.0 * math.pi
 """Largest turn of the axis in a target before a run ends as `Termination.TUMBLED`. [rad]"""
 # Each of these halvings evaluates the load. 2e-4 of a step is enough, as hardly any load is left at a release.
 RELEASE_HALVINGS = 12
-"""Bisections that locate the release of a body within a step."""
+"""Number of bisections that locate the release of a body within a step."""
 
 
 class Model(NamedTuple):
@@ -252,7 +252,7 @@ class Termination(IntEnum):
     EXIT = 3
     """Clear of the impact face with more than the retention energy."""
     STEP_LIMIT = 4
-    """Largest number of steps tried."""
+    """Limit on the number of steps reached."""
     NOT_FINITE = 5
     """Diverged: not finite, or with far more energy than at first contact."""
     NO_STRENGTH = 6
@@ -284,7 +284,7 @@ class Run(NamedTuple):
     time: float
     """Time of the event that ended the run. [s]"""
     state: FloatArray
-    """(6,) state at that time."""
+    """(6,) state at the end of the run."""
     maximum_depth: float
     """Greatest depth of the deepest point of the body. [m]"""
     steps: int

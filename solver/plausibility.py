@@ -28,7 +28,7 @@ LEAST_WORK = 0.05
 """Least energy lost in a wall, over S f'c (weakened by the rear face) times cross section and thickness. [1]"""
 # A thinner wall may lie between the weakened zones of its two faces, where it takes hardly any energy.
 LEAST_WALL = 0.5
-"""Least thickness, over the diameter, of walls whose work is checked. [1]"""
+"""Least thickness, over the diameter, of walls whose loss of energy is checked. [1]"""
 # The weaker resistance between two faces adds to the depth that the energy allows: up to 2.2 diameters in 750 random
 # strikes on usual concrete.
 MARGIN = 4.0

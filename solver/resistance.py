@@ -32,7 +32,7 @@ from solver.target import MOST_PLUG, Crater, ShearPlug, Target
 FIELD = "resistance.strength_factor"
 # A covariance that was written with six or seven digits is symmetric and semidefinite to about this.
 ROUNDING = 1e-6
-"""Tolerance in the check of correlations. [1]"""
+"""Tolerance of the checks that a correlation matrix is symmetric and positive semidefinite. [1]"""
 # With this number of points, the trapezoidal rule gives S of a measured depth with an error of 1e-5.
 PATH_POINTS = 401
 """Number of points along the path on which the nose enters the target."""
@@ -311,7 +311,8 @@ PLAUSIBLE_FACTORS = (2.0, 60.0)
 """Least and greatest S accepted from a shot. [1]"""
 # For the first shot this is as unlikely as 3 standard deviations of a normal distribution with the same 90 % interval.
 FAR_OFF = 2.5
-"""Deviation of a shot from the prediction by the others, over its dispersion, above which a warning is given. [1]"""
+"""Deviation of a shot from the prediction by the other shots, over its dispersion, above which a warning is given.
+[1]"""
 SLIPS: tuple[tuple[str, float, str], ...] = (
     ("depth", 1e-3, "millimetres given as metres"),
     ("depth", 1e-2, "centimetres given as metres"),

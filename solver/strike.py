@@ -12,7 +12,7 @@ from solver.target import Target
 
 Method: TypeAlias = Literal["adaptive", "panels"]
 
-# A usual strike takes a few milliseconds.
+# A usual strike lasts a few milliseconds.
 TERMINATION_TIME = 0.05
 """Default termination time of strikes that are not slow. [s]"""
 # Slow, long bodies would otherwise run for minutes of simulated time.
@@ -24,10 +24,10 @@ TRANSITS = 20.0
 # With 3e-7 work and energy of a trajectory balance to 1e-6. A search needs only the angle, and uses a finer level where
 # that is in doubt.
 TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 3e-4
-"""Default relative tolerances. [1]"""
+"""Default relative tolerances of trajectories and of searches. [1]"""
 # The integrands are smooth on each stretch, so that few stations suffice.
 TRAJECTORY_STATIONS, SEARCH_STATIONS = 12, 8
-"""Default numbers of Gauss-Legendre points along a stretch of the outline."""
+"""Default numbers of Gauss-Legendre points along a stretch of the outline, for trajectories and for searches."""
 # One per cent of the energy is a tenth of the speed. What becomes of a slower body depends on friction and rubble,
 # which the model leaves out.
 RETENTION_ENERGY_FRACTION = 0.01

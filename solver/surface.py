@@ -78,7 +78,8 @@ class Panels(NamedTuple):
     axial: FloatArray
     """Distance ahead of the centre of gravity. [m]"""
     lateral: FloatArray
-    """Offset from the axis in the plane of incidence, along u. [m]"""
+    """Offset from the axis in the plane of incidence, along u, the direction in which the nose moves as the axis angle
+    grows. [m]"""
     normal_axial: FloatArray
     """Component of the outward normal along the axis, sin α. [1]"""
     normal_lateral: FloatArray
@@ -137,7 +138,7 @@ def sections(pieces: tuple[OutlinePiece, ...], radius: float) -> Iterator[Sectio
         yield Section(Line(x, reach, piece.x_end, piece.r_end), 0.0 if falls else bound)
 
 
-@lru_cache  # as for `mass_properties`
+@lru_cache  # for the same reason as `mass_properties`
 def build_body(projectile: Projectile, properties: MassProperties) -> Body:
     """Convert a projectile and its mass properties to the arrays of the compiled code."""
     center = properties.center_of_gravity
@@ -177,9 +178,9 @@ def deepest_offset(body: Body, axis_angle: float) -> float:
 
 @lean
 def deepest_point(body: Body, axis_angle: float) -> tuple[float, float]:
-    """Return the depth of the deepest point below the centre of gravity, and its derivative by the axis angle.
+    """Return the depth of the deepest point below the centre of gravity, and its derivative. [m, m/rad]
 
-    The units are m and m/rad.
+    The derivative is with respect to the axis angle.
     """
     c, s = math.cos(axis_angle), math.sin(axis_angle)
     mirror, s = math.copysign(1.0, s), abs(s)

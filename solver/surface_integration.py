@@ -51,7 +51,7 @@ and the radius of curvature is zero.
 times c to the force across the axis and the moment (`ACROSS`, `TURN`); beginning, as β - π/2, and width of the two arcs
 with a decay (`DEEP_BEGIN` to `NEAR_SPAN`); and the two integrals (`EVEN`, `ODD`)."""
 ROW_COUNT = 28
-"""Number of rows."""
+"""Number of rows of ring data in the flat array."""
 SPAN = np.uint64(CAPACITY)
 """Offset from the row with the beginning of an arc to the row with its width."""
 HALF_TURN = math.pi / 2.0
@@ -64,9 +64,9 @@ class Law(NamedTuple):
     """Resistance of the target for the compiled code."""
 
     static_stress: float
-    """S f'c. [Pa]"""
+    """Static stress S f'c. [Pa]"""
     dynamic_density: float
-    """B ρ. [kg/m³]"""
+    """Product B ρ of inertia factor and density. [kg/m³]"""
     ramp_velocity: float
     """Normal velocity over which the static stress of a ring builds up. [m/s]
 

@@ -172,7 +172,7 @@ WEIGHTS = np.array([3.957503746640777, 4.624892388363313, 0.6174772638750108, 1.
 ERROR_WEIGHTS = np.array([2.302155402932996, 3.073634485392623, -0.8732808018045032, -1.282612945269037])
 """Weights of the stages in the difference of the solutions of order 4 and 3."""
 EVALUATIONS = 2
-"""Evaluations of the load in one attempt at a step, without those at its two ends."""
+"""Number of evaluations of the load in one attempt at a step, without those at its two ends."""
 # The error of a forward quotient is least near the square root of the rounding error, 1.5e-8. A value several times as
 # large leaves room for the rounding of the sums over the rings.
 DIFFERENCE = 1e-7
@@ -181,16 +181,16 @@ DIFFERENCE = 1e-7
 VELOCITY_DIFFERENCE = 1e-3
 """Increment of velocity in difference quotients, over the ramp velocity. [1]"""
 DIFFERENCES = MOST_STATES
-"""Evaluations of the load for one linearisation."""
+"""Number of evaluations of the load for one linearisation."""
 
 
 class Linearisation(NamedTuple):
     """Jacobian of the accelerations at the start of a step, and the inverse matrix that its stages share."""
 
     stiffness: FloatArray
-    """(3, 3) derivatives of the accelerations by position."""
+    """(3, 3) derivatives of the accelerations with respect to position."""
     damping: FloatArray
-    """(3, 3) derivatives of the accelerations by velocity."""
+    """(3, 3) derivatives of the accelerations with respect to velocity."""
     inverse: FloatArray
     """(3, 3) inverse of ``I/(hγ) - damping - hγ stiffness`` for the step h."""
 
@@ -208,8 +208,8 @@ def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearis
     """
     points, slopes, length = work.points, work.slopes, model.body.tip
     # Velocities are varied along and across the axis, not along the coordinates. A shank in its hole is free to move
-    # along its axis and held across it, and a difference that mixes both directions would mix a small derivative with
-    # a large one. This took 11 to 20 % off the evaluations of a search.
+    # along its axis and held across it, and a difference that mixes both directions would mix a small derivative with a
+    # large one. This saved 11 to 20 % of the evaluations of a search.
     for k in range(DIFFERENCES):
         for n in range(6):
             points[6 * k + n] = state[n]

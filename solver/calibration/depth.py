@@ -41,7 +41,7 @@ from solver.warnings import ModelWarning
 # Depth falls with S, so the sum of squares has a single minimum in nearly all fits, and a coarse grid finds it.
 FIRST_LOOK = 9
 """Number of strength factors tried before the fit."""
-# A subset is enough for a start, which need not be accurate.
+# A subset of the tests is enough for a starting value, which need not be accurate.
 FIRST_TESTS = 20
 """Approximate number of tests computed at each of these strength factors."""
 
@@ -308,7 +308,7 @@ def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> 
 
 
 def _estimate(best: float, misses: FloatArray, slope: FloatArray, confidence_level: float) -> Estimate:
-    """Return the estimate of S from the weighted residuals [m] and their derivatives by ln S [m].
+    """Return the estimate of S from the weighted residuals [m] and their derivatives with respect to ln S [m].
 
     The scatter within the series of published tests enters as a prior of the residual variance.
     """

@@ -91,7 +91,7 @@ def _column(name: str, values: FloatArray) -> FloatArray:
     Raises
     ------
     ParameterError
-        If it is no column of finite numbers.
+        If it is not a column of finite numbers.
     """
     column: FloatArray = np.asarray(values, dtype=np.float64)
     require(column.ndim == 1, f"history.{name}", "must be a column of numbers")

@@ -50,7 +50,7 @@ FEWEST_SAMPLES = 2.0
 # Two minima whose sums of squares differ by less than half are both possible; the value is a judgement.
 RIVAL = 1.5
 """Sum of squares of another minimum, over the least one, up to which it is reported. [1]"""
-# A good fit of a smooth motion explains more than 99 %. The value is a judgement.
+# A good fit of a smooth motion explains more than 99 % of the variance. The value is a judgement.
 POOR = 0.9
 """Fraction of the variance explained, below which a fit is called poor. [1]"""
 
@@ -117,7 +117,7 @@ class _Run:
         return np.concatenate([scale * (self.given.columns[q] - columns[q]) for q, scale in self.scales.items()])
 
     def slopes(self, strength_factor: float) -> dict[str, FloatArray]:
-        """Return the derivatives of the predicted quantities by ln S."""
+        """Return the derivatives of the predicted quantities with respect to ln S."""
         slope = log_slope(lambda factor: np.concatenate(list(self.strike.columns(factor).values())), strength_factor)
         return dict(zip(QUANTITIES, np.split(slope, len(QUANTITIES)), strict=True))
 
@@ -303,7 +303,7 @@ def _costs(run: _Run) -> FloatArray:
 def _fit(
     runs: Sequence[_Run], costs: Sequence[FloatArray], name: str, confidence_level: float
 ) -> tuple[Estimate, tuple[float, ...]]:
-    """Return the best strength factor of some runs together, and others that fit nearly as well."""
+    """Return the strength factor that fits some runs together best, and others that fit nearly as well."""
 
     def residuals(strength_factor: float) -> FloatArray:
         return np.concatenate([run.residuals(strength_factor) for run in runs])

@@ -16,7 +16,7 @@ from solver.warnings import ModelWarning
 # Published values lie between 5 and 22. A fit beyond this range has a wrong input.
 LOWEST, HIGHEST = 0.5, 50.0
 """Range of strength factors in a fit. [1]"""
-# A minimum that the optimiser cannot tell from the bound means that the sum of squares falls beyond it.
+# A minimum this close to a bound means that the sum of squares is still falling there.
 BOUND_MARGIN = 1e-3
 """Distance from an end of the range within which a result counts as lying there. [ln]"""
 # The change of a motion over this increment is far above the error of a run, about 1e-6.
@@ -152,7 +152,7 @@ def minimise(residuals: Residuals, start: float, field: str) -> float:
 
 
 def log_slope(values: Residuals, strength_factor: float) -> FloatArray:
-    """Return the derivatives of some values by ln S."""
+    """Return the derivatives of some values with respect to ln S."""
     # Central differences have an error of the order of the squared increment; forward ones would bias the slope.
     upper = values(strength_factor * math.exp(LOG_STEP))
     lower = values(strength_factor * math.exp(-LOG_STEP))

@@ -51,7 +51,7 @@ class Level(NamedTuple):
     smooth_ramp: bool
     """True for the smooth ramp, see `solver.surface_integration.Law`."""
     stride: float
-    """Longest first stride from the change that the level before has found. [rad]"""
+    """Longest first stride away from the change that was found on the level before. [rad]"""
     tolerance: float
     """Width of the final bracket. [rad]"""
     fine: bool
@@ -173,7 +173,7 @@ class TrialInputs(NamedTuple):
     sought: int
     """Termination on one side of each change: `Termination.EXIT` or `Termination.PERFORATED`."""
     vary_inertia: bool
-    """Selects a trial with a larger moment of inertia, to find its effect on the angle."""
+    """Whether to run a trial with a larger moment of inertia, to find its effect on the angle."""
 
 
 class TrialTable(NamedTuple):

@@ -56,7 +56,7 @@ class Continuous(Protocol):
 
 
 def _spread(mean: float, deviation: float | None, variation: float | None) -> float:
-    """Return the standard deviation, which is given itself or as a coefficient of variation."""
+    """Return the standard deviation, which is given directly or as a coefficient of variation."""
     given = (deviation is None) + (variation is None) == 1
     require(given, f"{FIELD}.standard_deviation", "must be given, or else coefficient_of_variation, but not both")
     if deviation is not None:

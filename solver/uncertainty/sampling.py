@@ -46,7 +46,7 @@ BISECTIONS = 60
 """Number of bisections to find the end of an accepted range."""
 
 Point = tuple[Any, ...]
-"""Value of each input, in their order."""
+"""Values of the inputs, in the order of the inputs."""
 Accepts: TypeAlias = Callable[[int, float], bool]
 """Function from the index and the value of an input to True if the model accepts it."""
 

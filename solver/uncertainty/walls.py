@@ -316,7 +316,7 @@ def _design_values(
         limit = max(each for each, _ in limits)
         formula = next(
             formula for each, formula in limits if each == limit
-        )  # of equal ones, as Kar's and NDRC's, the first
+        )  # the first of equal ones, such as Kar's and NDRC's
         design, decides = margin * limit, formula
         if name == "perforation" and needed > design:
             design, decides = needed, THIS_MODEL
