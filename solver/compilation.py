@@ -366,7 +366,7 @@ def _announce_all() -> None:
     with suppress(OSError):
         BEGUN.unlink(missing_ok=True)
     left = len(compilation_progress().left)
-    # A notebook shows the error stream in the cell, although that stream is no terminal.
+    # A notebook shows the error stream in the cell, although that stream is not a terminal.
     read = sys.stderr is not None and (sys.stderr.isatty() or "ipykernel" in sys.modules)
     if left > LONG and read:
         sys.stderr.write(f"compiling the solver, once on a machine: {left} functions, about a minute\n")

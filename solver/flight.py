@@ -213,7 +213,7 @@ def flight_after(
     conditions: FlightConditions | None = None,
     rear: bool = False,
 ) -> Flight:
-    """Compute the flight of a tumbling body from where it leaves the target.
+    """Compute the flight of a tumbling body after it has left the target.
 
     Parameters
     ----------

@@ -6,7 +6,7 @@ states at a time, are then summed in one loop.
 
 In a wall, the resistance to an element that faces the rear is weakened by the rear face, and to one that faces out by
 the impact face: by the same decay function of the distance to that face along the normal. Elements beyond the rear face
-carry no load, nor do those in a plug that shears out. A ring then has up to four arcs, in the order of rising cos β:
+carry no load, nor do those in a plug that shears out. A ring then has up to four arcs, in order of increasing cos β:
 near the rear face, deep before it, deep behind the impact face, and near the impact face. Each ring is stored twice:
 once with the arcs that face the impact face, once with those that face the rear.
 """

@@ -102,8 +102,8 @@ class Numerics:
         Number of Gauss-Legendre points of the adaptive route around an arc. [1]
     retention_energy_fraction
         Share of the initial kinetic energy with which a projectile must leave to count as turned away; below it, it is
-        embedded, wherever its nose is. Not used by the searches ``bisection`` and ``secant``, which have a rule of
-        their own. [1]
+        embedded, wherever its nose is. The searches ``bisection`` and ``secant`` do not use it: they decide by the
+        depth of the nose tip. [1]
 
     Raises
     ------

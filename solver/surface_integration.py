@@ -1,7 +1,7 @@
 """Compiled integrals of the stress around many rings of the surface at a time.
 
 On the ring of the surface at one station, depth, normal velocity and the tilt of the normal are linear in c = cos β.
-So the loaded range of c is known in closed form, and it consists of at most three arcs. In the order of rising c: an
+So the loaded range of c is known in closed form, and it consists of at most three arcs. In order of increasing c: an
 arc whose normal points into the target and which is resisted in full, with integrals in closed form; one so deep that
 the plastic zone does not reach the face; and one near the face. On the last two the integrand is smooth, so that a few
 Gauss-Legendre points in β suffice. This order holds for axis angles of 0 to 180°; callers mirror other states first.

@@ -111,7 +111,7 @@ def critical_angle_sweep(
     Raises
     ------
     ParameterError
-        If an axis is no field of a strike, or a value is outside its range.
+        If an axis is not a field of a strike, or a value is outside its range.
     ModuleNotFoundError
         If xarray is not installed.
 
@@ -184,7 +184,7 @@ def simulate_sweep(
     Raises
     ------
     ParameterError
-        If an axis is no field of a strike, or a value is outside its range.
+        If an axis is not a field of a strike, or a value is outside its range.
     ModuleNotFoundError
         If xarray is not installed.
     """
@@ -209,7 +209,7 @@ class _Grid:
     Raises
     ------
     ParameterError
-        If an axis is no field of the strike or has no values.
+        If an axis is not a field of the strike or has no values.
     """
 
     def __init__(self, parts: Mapping[str, Any], axes: Mapping[str, Iterable[Any]]) -> None:

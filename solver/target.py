@@ -19,10 +19,10 @@ class Target:
     Parameters
     ----------
     compressive_strength
-        Unconfined compressive strength f'c. Its bounds include foam and every concrete; the tests behind the model used
-        13 to 97 MPa. [Pa]
+        Unconfined compressive strength f'c. Its bounds include every concrete from foam concrete up; the tests behind
+        the model used 13 to 97 MPa. [Pa]
     density
-        Density. Its bounds include foam and every heavy concrete. [kg/m³]
+        Density. Its bounds include every concrete from foam to heavy concrete. [kg/m³]
     youngs_modulus
         Young's modulus; when not given, 4700 MPa times the square root of the strength in MPa (ACI 318-19). [Pa]
     poissons_ratio

@@ -62,7 +62,7 @@ class ModelWarning:
     standing
         True if most answers have the warning and it hardly changes them. Such warnings are shown together in one note.
     angle_shift
-        Change of the critical angle by the effect that the warning names, if it was computed. [rad]
+        Change of the critical angle due to the effect that the warning names, if it was computed. [rad]
     """
 
     code: str

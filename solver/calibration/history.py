@@ -29,7 +29,7 @@ class MotionHistory(ComparedByFields):
     Parameters
     ----------
     time
-        (n,) times since first contact, rising. [s]
+        (n,) times since first contact, increasing. [s]
     depth_displacement
         (n,) displacements along the inward normal of the face. [m]
     lateral_displacement
@@ -230,7 +230,7 @@ def predict_motion(
     strength_factor
         Strength factor S. [1]
     times
-        (n,) two or more rising times since first contact. [s]
+        (n,) two or more increasing times since first contact. [s]
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics

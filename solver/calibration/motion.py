@@ -256,9 +256,9 @@ def fit_motions(
 
     Notes
     -----
-    The method is that of `fit_motion`, over all quantities of all runs. Differences between the runs count
-    as scatter of their residuals, with few independent samples: if S changes from run to run, the interval is wide and
-    the common S fits none of them well. Compare it with the strength factors of the runs alone.
+    The method is that of `fit_motion`, over all quantities of all runs. Differences between the runs count as scatter
+    of their residuals, with few independent samples: if S changes from run to run, the interval is wide and the common
+    S fits none of them well. Compare it with the strength factors of the runs alone.
     """
     require_confidence_level(confidence_level)
     require(bool(runs), "runs", "must be at least 1")

@@ -385,7 +385,7 @@ def _walk_up(change: int, changes: int, level: Level, search: SearchState, brack
 
 
 def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Levels) -> Found:
-    """Scan `angles` in rising order, then narrow every change of outcome level by level.
+    """Scan `angles` in increasing order, then narrow every change of outcome level by level.
 
     If a trial could not be integrated, or the strength factor is not above zero at one of the angles, that trial is the
     last of the table and there are no brackets.

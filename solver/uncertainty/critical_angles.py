@@ -71,7 +71,7 @@ class AngleStudy:
     uncertain
         Independent inputs with their distributions.
     oblique_angles
-        Rising angles at which the probability is computed. [rad]
+        Increasing angles at which the probability is computed. [rad]
     sampling
         Accuracy, budget and seed.
     sensitivity
@@ -80,7 +80,8 @@ class AngleStudy:
         Index of the factor on S among the inputs, and the expected scatter after own shots, as `next_shots` returns
         them.
     bounds
-        Bounds of the search: in the Sobol indices, a sample without an angle counts as one of them. [rad]
+        Bounds of the search. A sample without an angle enters the Sobol indices as the bound beyond which its angle
+        lies. [rad]
     accepts
         Function from the index and the value of an input to True if the model accepts it; all values are accepted
         unless given. The answer of the surrogate at other values counts as unknown.

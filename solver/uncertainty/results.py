@@ -42,7 +42,7 @@ class Crossings(NamedTuple):
     """Result of a search for the critical angle, as a study stores it."""
 
     angles: tuple[float, ...] = ()
-    """Angles at which the outcome changes, in rising order. [rad]"""
+    """Angles at which the outcome changes, in increasing order. [rad]"""
     starts_turned_away: bool = False
     """True if the projectile is turned away at the lower end of the range."""
     problem: Problem = ""

@@ -218,7 +218,7 @@ def critical_angle_uncertainty(
     uncertain
         Inputs that scatter, each with its distribution, independent of each other.
     oblique_angles
-        Rising angles at which the probability is computed; every 0.5° from 5° to 85° unless given. [rad]
+        Increasing angles at which the probability is computed; every 0.5° from 5° to 85° unless given. [rad]
     sampling
         Accuracy, budget and seed.
     sensitivity
