@@ -173,6 +173,7 @@ HIGHEST_ORDER = 9
 """Highest order of a polynomial over the angle."""
 RIGHT_ANGLE = 90.0
 """Scale of the angle in a fit. [°]"""
+# One in a hundred is a judgement.
 UNLIKELY = 0.01
 """Probability of a larger scatter, below which the standard errors of the points are called too small. [1]"""
 
