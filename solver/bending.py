@@ -274,8 +274,7 @@ class _Slices(NamedTuple):
     first_panels: IntArray
     """(n + 1,) index of the first panel of each slice, and the number of panels."""
     crater_depth: float
-    """Depth of the crater. It weakens the resistance of all slices by the depth of the deepest point of the body.
-    [m]"""
+    """Depth of the crater, applied to all slices by the depth of the deepest point of the whole body. [m]"""
     states: FloatArray
     """(6 `MOST_STATES`,) states, one after the other."""
     accelerations: FloatArray

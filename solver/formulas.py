@@ -101,14 +101,14 @@ LIMITS: tuple[Limit, ...] = get_args(Limit)
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Range of a quantity over the formulas that are in range."""
+    """Lowest and highest result for a quantity among the formulas that are within their range."""
 
     lowest: float
     """Lowest value. [m]"""
     highest: float
     """Highest value. [m]"""
     count: int
-    """Number of different values."""
+    """Number of different results."""
 
 
 def spread(results: Iterable[FormulaResult], limit: Limit) -> Spread | None:

@@ -206,7 +206,7 @@ NODES, FROM_NODES = interpolation(DEGREE)
 SHARES = np.arange(SHELL_DEGREE + 1) / SHELL_DEGREE
 """Interpolation nodes for k above the corner: 1/k over its value at the corner."""
 FROM_SHARES = np.linalg.inv(np.vander(SHARES, increasing=True))
-"""Matrix from values at `SHARES` to coefficients, constant first."""
+"""Matrix that turns values at `SHARES` into coefficients, constant first."""
 # Added to a sum of lengths it avoids 0/0 and changes no other value.
 TINY = 1e-300
 """Number added to a denominator that may be zero. [m]"""
@@ -233,7 +233,7 @@ class Deep(NamedTuple):
 
 
 class Decay(NamedTuple):
-    """Decay function of a target, as polynomials."""
+    """Polynomials of the decay function of a target."""
 
     corner: float
     """Ratio k at the corner, where the plastic zone first reaches the face; 0 for a target without decay. [1]"""

@@ -38,7 +38,7 @@ STEP_WIDTH = 26
 """Numbers in the row of a step: time, length, and four groups of six."""
 # GRK4T has four stages, and the error estimate from the end of a step is a fifth.
 MOST_STAGES = 5
-"""Rows of stage increments in a `Workspace`."""
+"""Number of rows of `Workspace.stages`."""
 # The static stress vanishes with the velocity, so the energy never reaches zero. This threshold is a hundredth of the
 # default retention energy, so it decides no outcome.
 REST_FRACTION = 1e-4

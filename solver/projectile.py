@@ -556,7 +556,7 @@ class SolidProperties:
 
 @dataclass(frozen=True, slots=True)
 class MassProperties:
-    """Mass properties in use for one run."""
+    """Mass properties used in a run."""
 
     mass: float
     """Mass of the projectile. [kg]"""

@@ -16,9 +16,9 @@ from itertools import pairwise
 from typing import NamedTuple, get_args, get_origin, get_type_hints
 
 UNIT = re.compile(r"\s*\[([^\]]+)\]")
-"""Unit in brackets, at the end of a description or of one of its sentences."""
+"""Pattern of a unit in brackets, at the end of a description or of one of its sentences."""
 PARAMETER = re.compile(r"^ {4}(\w+(?:, \w+)*)\n((?: {8}.*\n?)+)", re.MULTILINE)
-"""Names under *Parameters*, and their description."""
+"""Pattern of the names under *Parameters* in a docstring, and of their description."""
 
 
 class Quantity(NamedTuple):

@@ -137,6 +137,6 @@ class ShearPlug:
         require(fits, "resistance.rear_plug.cone_angle", f"must be 10° to 85°, got {degrees:g}°")
 
     def height(self, *, strength_factor: float, diameter: float) -> float:
-        """Return the height of the plug in a wall of unlimited thickness; `strength_factor` is S_ref. [m]"""
+        """Return the height of the plug in a wall of unlimited thickness, for a strength factor of S_ref. [m]"""
         slope = math.tan(self.cone_angle)
         return diameter * (math.sqrt(1.0 + math.sqrt(3.0) * strength_factor * slope) - 1.0) / (2.0 * slope)

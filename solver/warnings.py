@@ -387,7 +387,7 @@ def decided_by_time(*, termination_time: float) -> ModelWarning:
 
 # The retention energy is a convention. A factor of ten either way is a factor of three in speed.
 RETENTION_RANGE = (0.1, 10.0)
-"""Range of retention energies, over the one in use, within which an angle should hardly move. [1]"""
+"""Range of retention energies, relative to the one in use, within which an angle should hardly move. [1]"""
 
 
 def retention_decides(*, retention: float, below: float, above: float) -> ModelWarning:

@@ -170,7 +170,7 @@ def _undetermined(field: str) -> UndeterminedError:
 
 # A polynomial of a higher order would oscillate between any realistic number of points.
 HIGHEST_ORDER = 9
-"""Highest order of a polynomial over the angle."""
+"""Highest order of a polynomial in the angle."""
 RIGHT_ANGLE = 90.0
 """Scale of the angle in a fit. [°]"""
 # One in a hundred is a judgement.

@@ -319,7 +319,7 @@ def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets:
 
 @once
 def _energy_left(angle: float, level: Level, search: SearchState) -> float:
-    """Return the fraction of the energy left at an angle; 0 where it is less than a tenth of the retention energy."""
+    """Return the fraction of energy left at an angle; 0 if it is less than a tenth of the retention energy. [1]"""
     trial = search.table.rows[attempt(angle, level, search)]
     search.table.filled[0] -= 1  # this trial does not belong to the search
     left = trial[MARGIN] + search.inputs.retention

@@ -38,7 +38,7 @@ UNSEEN = 1.5
 """Standard error of the probability of an event that no sample shows, times the number of samples. [1]"""
 # Computing every combination at every point is more accurate, but its cost is proportional to their number.
 MOST_ALTERNATIVES = 8
-"""Largest number of combinations of discrete values that are all computed at every point; beyond, they are sampled."""
+"""Largest number of combinations of discrete values that are all computed at every point; more are sampled."""
 SWING_LEVELS = (0.05, 0.95)
 """Probabilities of the quantiles of an input at which its swing is computed."""
 # Sixty halvings reach the precision of a float for any interval of ordinary numbers.

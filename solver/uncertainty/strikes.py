@@ -46,7 +46,8 @@ USUAL_ANGLES = np.radians(np.linspace(5.0, 85.0, 161))
 
 
 THEORY = "resistance.theory"
-"""Field of the theory of the decay: a decay law by its name, together with its S(θ)."""
+"""Name of the field for the theory of the decay. Its values are names of decay laws, each of which comes with its
+S(θ)."""
 # S belongs to its decay law: eq. 9 gives the paper's angle with elastic-plastic decay, and for Mohr-Coulomb decay S was
 # fitted to finite element motions.
 PAIRED: Mapping[str, Callable[[StrengthFactor], StrengthFactor]] = {

@@ -79,7 +79,7 @@ class Question(NamedTuple):
     theories: bool = False
     """Let the theories of the decay scatter in a study, even if the resistance has another law."""
     probe: tuple[str, float] | None = None
-    """Code of a warning and the changed value of the search that weighs it, as in `with_probe`."""
+    """Code of a warning, and the value changed in the search that shows its effect, as in `with_probe`."""
     optional: bool = False
     """True if the verdict can do without the answer."""
 
