@@ -44,7 +44,7 @@ NAMES: Mapping[str, str] = {
 """Names of the formulas for display."""
 LIMIT_SPEEDS = (BOUNDS["impact.velocity"].lower, BOUNDS["impact.velocity"].upper)
 """Range of the normal speed in the search for a limit speed. [m/s]"""
-# Half or twice this size changes the depth by Whiffen's formula by 7 %.
+# Half or twice this aggregate size changes the depth by Whiffen's formula by 7 %.
 AGGREGATE_SIZE = 0.02
 """Largest aggregate assumed for a concrete. [m]"""
 POUND, INCH, FOOT, PSI = 0.45359237, 0.0254, 0.3048, 6894.757

@@ -40,10 +40,11 @@ VELOCITIES = (1.0, 2000.0)
 # more trials. The factor is a judgement.
 GROWTH = 1.5
 """Ratio of the values of consecutive trials until the outcome changes. [1]"""
-# This is far below the scatter of S, and takes about twelve bisections.
+# A bracket of this width is far below the scatter of S, and takes about twelve bisections.
 TOLERANCE = 1e-4
 """Default width of the final bracket over its upper end. [1]"""
-# With these settings a limit is within 5e-5 of its converged value, half the width of the bracket.
+# With this tolerance and number of stations a limit is within 5e-5 of its converged value, half the width of the
+# bracket.
 RUN_TOLERANCE, RUN_STATIONS = 3e-5, 8
 """Default relative tolerance and stations of the runs."""
 

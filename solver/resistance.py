@@ -43,8 +43,8 @@ STRENGTH_CHECKS = 801
 EQUATION_9_COEFFICIENTS = (8.469, 0.0149, -0.0013)
 """Coefficients of eq. 9, fitted to an 80 mm projectile in concrete of 39 MPa. [1, 1/°, 1/°²]"""
 
-# This is the end of the search range of the paper. Extrapolated further, the parabola falls to zero at 86.6°, so that
-# bodies that move nearly along the face would meet hardly any resistance.
+# The search range of the paper ends at 60°. Extrapolated further, the parabola falls to zero at 86.6°, so that bodies
+# that move nearly along the face would meet hardly any resistance.
 HELD_FROM = math.radians(60.0)
 """Oblique angle from which S by eq. 9 is constant. [rad]"""
 NOT_HELD = math.pi / 2.0
@@ -53,9 +53,9 @@ NOT_HELD = math.pi / 2.0
 ObliquityShape: TypeAlias = Literal["constant", "equation_9", "finite_elements"]
 """Dependence of S on the oblique angle: none, S(θ)/S(0) of eq. 9, or that of finite element motions with the decay law
 in use."""
-# Each is a cubic fitted to S of the 13 oblique and 6 normal finite element runs of both meshes. S of a run is fitted to
-# its motion up to the greatest depth of the tip. A quadratic leaves twice the misfit with Mohr-Coulomb decay, whose S
-# has its least value near 48°.
+# Each shape is a cubic fitted to S of the 13 oblique and 6 normal finite element runs of both meshes. S of a run is
+# fitted to its motion up to the greatest depth of the tip. A quadratic leaves twice the misfit with Mohr-Coulomb decay,
+# whose S has its least value near 48°.
 FINITE_ELEMENT_SHAPES: Mapping[str, tuple[float, ...]] = {
     "elastic_plastic": (1.0, 0.003176, -0.0004476, 4.425e-06),
     "mohr_coulomb": (1.0, 0.009102, -0.001073, 1.357e-05),

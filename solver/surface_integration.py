@@ -111,8 +111,8 @@ def loaded_range(depth: float, depth_slope: float, speed: float, speed_slope: fl
 def ramped(fastest: float, static_stress: float, ramp_velocity: float, smooth: bool) -> float:
     """Return the static stress on a ring whose fastest point has the normal velocity `fastest`. [Pa]"""
     # The form r² / √(1 + r⁴) needs a root only; a hyperbolic tangent would be a library call in each pass of the loop.
-    # It reaches 1 with an error of r⁻⁴ / 2. An earlier form, r² / (1 + r²), has an error of r⁻² and made normal shots
-    # 5e-6 of their depth deeper than the closed form.
+    # The form reaches 1 with an error of r⁻⁴ / 2. An earlier one, r² / (1 + r²), has an error of r⁻² and made normal
+    # shots 5e-6 of their depth deeper than the closed form.
     ramp = fastest / ramp_velocity
     ramp *= ramp if smooth else 1.0
     return static_stress * ramp / math.sqrt(1.0 + ramp * ramp)

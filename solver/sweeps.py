@@ -38,7 +38,7 @@ from solver.trajectory import Trajectory
 if TYPE_CHECKING:
     import xarray
 
-# Such a sweep takes minutes to hours. A larger one is more likely a mistake in the axes.
+# A sweep over 100,000 points takes minutes to hours. A larger one is more likely a mistake in the axes.
 MOST_POINTS = 100_000
 """Largest number of points of a grid."""
 ANY_VELOCITY = 1.0

@@ -31,7 +31,7 @@ from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
 from solver.warnings import ModelWarning
 
-# This is the time step of the paper.
+# The default is the time step of the paper.
 SAMPLE_INTERVAL = 1e-5
 """Default interval of a history. [s]"""
 # A history has 14 quantities of 8 bytes for each instant: 112 MB at this limit.

@@ -35,7 +35,7 @@ SAME_STRENGTH, SAME_DIAMETER = 0.1, 0.25
 """Relative differences of strength and diameter from those of eq. 9 up to which it is used without a warning. [1]"""
 MEAN_DENSITY = (1e3, 2e4)
 """Usual mean densities of bodies, from hollow ones to those of tungsten or uranium. [kg/m³]"""
-# This is the lowest value of hardened 4340 steel, Rc 45.
+# The default is the lowest yield strength of hardened 4340 steel, Rc 45.
 USUAL_YIELD_STRENGTH = 1.2e9
 """Default yield strength of the body. [Pa]"""
 # At larger angles of attack bodies bend and break; the value is a judgement.

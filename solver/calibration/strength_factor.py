@@ -22,7 +22,7 @@ BOUND_MARGIN = 1e-3
 # The change of a motion over this increment is far above the error of a run, about 1e-6.
 LOG_STEP = 1e-3
 """Increment of ln S in difference quotients. [ln]"""
-# This is far below any standard error of a fit.
+# A change of 1e-6 is far below any standard error of a fit.
 FIT_TOLERANCE = 1e-6
 """Change of ln S at which a fit ends. [ln]"""
 # From the bottom of a valley a few evaluations are enough. The limit is reached only if the sum of squares is not

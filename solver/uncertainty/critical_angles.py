@@ -42,7 +42,8 @@ from solver.uncertainty.sampling import (
 from solver.uncertainty.surrogate import Expansion, Moments, direct_indices, expansion_moments, fit_expansion
 from solver.warnings import ModelWarning
 
-# This is far below the usual scatter of the angle, some degrees, and the correction by the samples covers the rest.
+# An error of 0.1° is far below the usual scatter of the angle, some degrees, and the correction by the samples covers
+# the rest.
 SURROGATE_ERROR = math.radians(0.1)
 """Largest root mean square error at held-out points with which the surrogate is used. [rad]"""
 # An evaluation of the surrogate takes microseconds, and this number of points makes its sampling error negligible.
@@ -55,7 +56,7 @@ FEWEST_BASE_SAMPLES = 64
 # first-order indices of Ishigami's function in 89 or 90 of 100 seeds (`tests/uncertainty/test_coverage.py`).
 SENSITIVITY_SAMPLES = 4096
 """Largest number of base samples for Sobol indices by the direct method."""
-# This is an angle every 0.04° over the default range; the limit is a judgement.
+# So many angles are one every 0.04° over the default range; the limit is a judgement.
 MOST_ANGLES = 2001
 """Largest number of angles of the probability curve."""
 

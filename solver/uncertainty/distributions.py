@@ -31,7 +31,7 @@ LARGEST_DISPERSION = 10.0
 # Below 1 the 90 % interval hardly describes the tails. Above a million the distribution is normal to rounding.
 FREEDOM = (1.0, 1e6)
 """Range of the degrees of freedom accepted. [1]"""
-# This is half a cell of the sample points, which have 30 bits.
+# The least probability is half a cell of the sample points, which have 30 bits.
 TINY = 2.0**-31
 """Least probability of a sample. [1]"""
 # The tolerance admits weights that are written with nine or more digits.

@@ -23,7 +23,7 @@ from solver.uncertainty.next_shot import RESIDUAL
 from solver.uncertainty.sampling import Uncertain
 from solver.uncertainty.strikes import THEORY
 
-# The values are judgements.
+# The coefficients of variation are judgements.
 VELOCITY, DENSITY, MASS = 0.02, 0.02, 0.005
 """Coefficients of variation of velocity, density and mass. [1]"""
 # More digits of a dispersion are not known, and would show in requests.
@@ -32,7 +32,7 @@ DIGITS = 4
 # Where S itself is beyond the usual range, its scatter must not be cut off next to its median.
 WITHIN = 0.5, 2.0
 """Range of the factor on S that is never truncated. [1]"""
-# The value is a judgement.
+# The standard deviation is a judgement.
 ATTACK = math.radians(1.0)
 """Standard deviation of the angle of attack. [rad]"""
 THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, MohrCoulomb)
