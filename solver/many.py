@@ -358,7 +358,7 @@ class Labelled(Protocol):
 
     @property
     def answer(self) -> Any:
-        """Answer, or error."""
+        """Answer to the case, or its error."""
 
     def laws(self) -> Row:
         """Return the names of the laws, as columns of a table."""

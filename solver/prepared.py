@@ -66,10 +66,10 @@ class Exit:
     speed: float
     """Speed of the centre of gravity as the projectile leaves. [m/s]"""
     direction: float
-    """Angle of that velocity from the outward normal of the face through which the projectile leaves; positive in the
-    direction in which it travelled along the face. [rad]"""
+    """Angle of the exit velocity from the outward normal of the face through which the projectile leaves; positive in
+    the direction in which it travelled along the face. [rad]"""
     elevation: float
-    """Angle of that velocity above the face through which the projectile leaves. [rad]"""
+    """Angle of the exit velocity above the face through which the projectile leaves. [rad]"""
     axis_angle: float
     """Angle from the inward normal of the impact face to the axis as the projectile leaves. [rad]"""
     angular_velocity: float

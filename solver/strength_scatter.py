@@ -59,7 +59,7 @@ class StrengthScatter:
     residual: float
     """Scale of a factor on S, independent of the strength. [ln]"""
     degrees_of_freedom: float
-    """Degrees of freedom of Student's distribution of that factor. [1]"""
+    """Degrees of freedom of Student's distribution of the factor on S. [1]"""
 
 
 def known_strength(

@@ -31,7 +31,7 @@ CAPACITY = 2 * ROOM
 """Rings of both kinds in a batch: the length of a row."""
 # A loop without a remainder compiles to vector instructions alone. It may run over stale rings, which no sum includes.
 VECTOR = np.uint64(VECTOR_WIDTH)
-"""Loops over rings run to a multiple of this number."""
+"""Number of 64-bit numbers in a vector register; loops over rings run to a multiple of it."""
 # The indices are unsigned, since an index that might be negative costs a test at each access.
 (
     ALPHA, AXIAL, RADIUS, SIZE, WEIGHT, DEPTH, COSINE, SINE, FORWARD, SIDEWAYS, SPIN,

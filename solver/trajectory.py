@@ -126,7 +126,7 @@ class Trajectory:
     own_tests: StrengthPosterior | None
     """Posterior of S from shots into the same concrete; None without any."""
     bending: Bending | None
-    """Largest bending stress; None if the centre of gravity or moment of inertia given are not those of the shape."""
+    """Largest bending stress; None if a given centre of gravity or moment of inertia is not that of the shape."""
 
     def row(self) -> Row:
         """Return the state at the end of the run under the column names of `solver.columns`, in SI units."""

@@ -239,9 +239,9 @@ class Change:
     angle: float | None = None
     """Smallest angle of a change to ricochet. [rad]"""
     bracket: tuple[float, float] | None = None
-    """Angles on the two sides of that change. [rad]"""
+    """Angles on the two sides of the change to ricochet at `angle`. [rad]"""
     other_crossings: tuple[float, ...] = ()
-    """Angles of the other changes. [rad]"""
+    """Angles of the other changes of outcome. [rad]"""
     starts_turned_away: bool = False
     """True if the projectile is turned away at the lower end of the range."""
     deciding: tuple[Trial, ...] = ()

@@ -56,7 +56,7 @@ FEWEST_BASE_SAMPLES = 64
 # first-order indices of Ishigami's function in 89 or 90 of 100 seeds (`tests/uncertainty/test_coverage.py`).
 SENSITIVITY_SAMPLES = 4096
 """Largest number of base samples for Sobol indices by the direct method."""
-# So many angles are one every 0.04° over the default range; the limit is a judgement.
+# 2,001 angles are one every 0.04° over the default range; the limit is a judgement.
 MOST_ANGLES = 2001
 """Largest number of angles of the probability curve."""
 

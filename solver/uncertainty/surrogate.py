@@ -31,7 +31,8 @@ class Shape(NamedTuple):
     wide: int = 0
     """Highest order of a polynomial in one input alone, if that input spans a large factor."""
     wide_with_one: int = 0
-    """Highest order of such an input in products with the first order of one other input, if higher."""
+    """Highest order of an input that spans a large factor, in products with the first order of one other input, if
+    higher."""
 
     def terms(self, inputs: int, wide: Sequence[int]) -> IntArray:
         """Return the (terms, inputs) orders; `wide` holds the indices of the inputs that span a large factor."""

@@ -166,7 +166,7 @@ class Verdict:
     theory_spread: tuple[float, float] | None = None
     """90 % range over the theories, if the resistance has another law. [rad]"""
     theory_range_failed: bool = False
-    """True if that range was requested but could not be computed."""
+    """True if the range over the theories was requested but could not be computed."""
     held_angle: float | None = None
     """Critical angle with S held from 55° on, where it is held from 60° on and the angle is above 55°. [rad]"""
     standard_error: float | None = None
@@ -176,13 +176,15 @@ class Verdict:
     oblique_angle: float | None = None
     """Angle to judge, if any. [rad]"""
     outcome: Outcome | None = None
-    """Outcome of the strike at that angle, with the inputs as given; None without an angle or an outcome."""
+    """Outcome of the strike at the angle to judge, with the inputs as given; None without an angle or an outcome."""
     protrusion: Protrusion | None = None
-    """Protrusion of the body out of the rear face of a wall in that strike; None if there is none, or it perforates."""
+    """Protrusion of the body out of the rear face of a wall at the angle to judge; None if there is none, or it
+    perforates."""
     flight: Flight | None = None
-    """Flight of the body after that strike, if it is turned away."""
+    """Flight of the body after a strike at the angle to judge, if it is turned away."""
     probability: Estimate | None = None
-    """Probability of ricochet at that angle, with the usual scatter and its sampling interval; None without one. [1]"""
+    """Probability of ricochet at the angle to judge, with the usual scatter and its sampling interval; None without
+    one. [1]"""
     wall: WallVerdict | None = None
     """Verdict on the wall, if the target has a thickness; for normal impact without an angle to judge."""
     wall_failed: bool = False
