@@ -311,8 +311,7 @@ PLAUSIBLE_FACTORS = (2.0, 60.0)
 """Least and greatest S accepted from a shot. [1]"""
 # For the first shot this is as unlikely as 3 standard deviations of a normal distribution with the same 90 % interval.
 FAR_OFF = 2.5
-"""Deviation of a shot from the prediction by the other shots, over its dispersion, above which a warning is given.
-[1]"""
+"""Deviation of a shot from the prediction by the other shots, over its dispersion, that leads to a warning. [1]"""
 SLIPS: tuple[tuple[str, float, str], ...] = (
     ("depth", 1e-3, "millimetres given as metres"),
     ("depth", 1e-2, "centimetres given as metres"),

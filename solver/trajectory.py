@@ -121,8 +121,7 @@ class Trajectory:
     exit: Exit | None
     """State of the projectile as it leaves the target; None if it stays."""
     strength_factor_dispersion: float
-    """Standard deviation of ln S for the next shot into the same concrete, from own shots or the published tests.
-    [ln]"""
+    """Standard deviation of ln S for the next shot into the same concrete, from own shots or published tests. [ln]"""
     own_tests: StrengthPosterior | None
     """Posterior of S from shots into the same concrete; None without any."""
     bending: Bending | None
