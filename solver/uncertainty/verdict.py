@@ -33,7 +33,7 @@ from solver.uncertainty.weighed_warnings import (
 )
 from solver.warnings import ModelWarning
 
-# For most strikes half of the samples that may be needed to give each theory a surrogate are enough.
+# Up to this number of samples may be needed for a surrogate of each theory; for most strikes half of them are enough.
 SAMPLES, HALF_WIDTH = 1024, 0.05
 """Budget of samples, and half width of the interval of each probability at which sampling ends. [1, 1]"""
 STEP_DEG = 0.5
@@ -77,13 +77,13 @@ class Question(NamedTuple):
     theories: bool = False
     """Let the theories of the decay scatter in a study, even if the resistance has another law."""
     probe: tuple[str, float] | None = None
-    """Code of a warning and the changed value of the search that weighs it, as in `with_probe`."""
+    """Code of a warning, and the value changed in the search that shows its effect, as in `with_probe`."""
     optional: bool = False
     """True if the verdict can do without the answer."""
 
 
 class Spread(NamedTuple):
-    """Result of a study, as far as a verdict needs it."""
+    """Part of the result of a study that a verdict uses."""
 
     range: tuple[float, float] | None
     """90 % range of the critical angle; None if no sample has one. [rad]"""
@@ -124,7 +124,7 @@ class Spread(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """Result of the run at the angle to judge, as far as a verdict needs it."""
+    """Part of the result of the run at the angle to judge that a verdict uses."""
 
     outcome: Outcome | None = None
     protrusion: Protrusion | None = None
@@ -164,7 +164,7 @@ class Verdict:
     theory_spread: tuple[float, float] | None = None
     """90 % range over the theories, if the resistance has another law. [rad]"""
     theory_range_failed: bool = False
-    """Whether that range was asked for and could not be computed."""
+    """True if the range over the theories was requested but could not be computed."""
     held_angle: float | None = None
     """Critical angle with S held from 55° on, where it is held from 60° on and the angle is above 55°. [rad]"""
     standard_error: float | None = None
@@ -174,13 +174,15 @@ class Verdict:
     oblique_angle: float | None = None
     """Angle to judge, if any. [rad]"""
     outcome: Outcome | None = None
-    """Outcome of the strike at that angle, with the inputs as given; None without an angle or an outcome."""
+    """Outcome of the strike at the angle to judge, with the inputs as given; None without an angle or an outcome."""
     protrusion: Protrusion | None = None
-    """Protrusion of the body out of the rear face of a wall in that strike; None if there is none, or it perforates."""
+    """Protrusion of the body out of the rear face of a wall at the angle to judge; None if there is none, or it
+    perforates."""
     flight: Flight | None = None
-    """Flight of the body after that strike, if it is turned away."""
+    """Flight of the body after a strike at the angle to judge, if it is turned away."""
     probability: Estimate | None = None
-    """Probability of ricochet at that angle, with the usual scatter and its sampling interval; None without one. [1]"""
+    """Probability of ricochet at the angle to judge, with the usual scatter and its sampling interval; None without
+    one. [1]"""
     wall: WallVerdict | None = None
     """Verdict on the wall, if the target has a thickness; for normal impact without an angle to judge."""
     wall_failed: bool = False

@@ -93,7 +93,8 @@ def test_tools_are_listed_with_the_fields_of_the_routes(live_url: str, client: h
             assert properties["projectile"]["required"] == contract["Projectile"]["required"]
     [projectile, *again] = (tool.input_schema["properties"]["projectile"] for tool in (*tools[:2], *tools[3:]))
     assert projectile["properties"].keys() == contract["Projectile"]["properties"].keys()
-    described = "Diameter of the shank; of a whole body its largest one. [m]"  # without the reason for the bounds
+    # The list of tools leaves out the reason for the bounds.
+    described = "Diameter of the shank, or the largest diameter of a body without a shank. [m]"
     assert projectile["properties"]["diameter_m"]["description"] == described
     shapes = [each["shape"] for each in projectile["properties"]["nose"]["examples"]]
     assert set(shapes) == contract["Nose"]["discriminator"]["mapping"].keys()
