@@ -5,6 +5,7 @@ import { element, table } from "./elements.js";
 import { fieldAt } from "./fields.js";
 import { buildFold } from "./fold.js";
 import { request } from "./service.js";
+import { inUnits } from "./units.js";
 import { degreesShown, outcomeShown, statusShown } from "./words.js";
 
 /** Return a folded section with the critical angle of a case and, with `hasStrike`, its outcome under other laws. */
@@ -18,11 +19,11 @@ export function lawsFold(onError, { hasStrike }) {
 }
 
 async function requestAngles(values, signal) {
-  return (await request("cra", { body: { ...angleRequest(values), alternatives: true }, signal })).data;
+  return (await request("cra", { body: inUnits({ ...angleRequest(values), alternatives: true }), signal })).data;
 }
 
 async function requestOutcomes(values, signal) {
-  const body = { ...trajectoryRequest(values), output: { history: false }, alternatives: true };
+  const body = inUnits({ ...trajectoryRequest(values), output: { history: false }, alternatives: true });
   return (await request("trajectory", { body, signal })).data;
 }
 
