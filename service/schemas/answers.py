@@ -119,7 +119,7 @@ class ModelWarning(Part):
     standing: bool | MISSING = MISSING
     """Present and true for a standing note, which applies to most answers and hardly changes this one."""
     angle_shift_deg: Num | MISSING = MISSING
-    """Change of the critical angle by the effect that the warning names, if it is computed. [°]"""
+    """Change of the critical angle caused by the effect that the warning names, if it is computed. [°]"""
 
 
 StrengthDispersion = Annotated[
@@ -127,13 +127,13 @@ StrengthDispersion = Annotated[
     Field(
         ge=0.0,
         description="Standard deviation of ln S for the next shot into the same concrete, from own tests or from the "
-        "law of the published tests. [ln]",
+        "law of the published tests. [1]",
     ),
 ]
 
 
 class OwnTestsAnswer(Part):
-    """Posterior and prior of S for a concrete with own tests, in normal impact."""
+    """Strength factor S in normal impact before and after the user's own tests of the concrete."""
 
     model_config = with_examples(OWN_TESTS)
 
@@ -141,19 +141,22 @@ class OwnTestsAnswer(Part):
     median: Num
     """Posterior median of S for the next shot. [1]"""
     dispersion: Num
-    """Posterior standard deviation of ln S. [ln]"""
+    """Posterior standard deviation of ln S. [1]"""
     spread: Annotated[list[Num], Field(min_length=2, max_length=2)]
     """Posterior 90 % range of S for the next shot. [1]"""
     prior_median: Num
     """Prior median of S, by the law of the published tests. [1]"""
     prior_dispersion: Num
-    """Prior standard deviation of ln S. [ln]"""
+    """Prior standard deviation of ln S. [1]"""
     prior_spread: Annotated[list[Num], Field(min_length=2, max_length=2)]
     """Prior 90 % range of S. [1]"""
 
 
 class Motion(Part, Generic[Value]):
-    """Quantities of a motion. Depth is positive inside the target, lateral in the direction of travel."""
+    """Position, velocity, loads and energy of the projectile.
+
+    Depth is positive inside the target, and the lateral position in the direction of travel.
+    """
 
     solved = solver.Motion
 
@@ -172,13 +175,16 @@ class Motion(Part, Generic[Value]):
 
 
 class MotionState(Motion[Num]):
-    """State of the motion at one instant. Depth is positive inside the target, lateral in the direction of travel."""
+    """State of the motion at one instant.
+
+    Depth is positive inside the target, and the lateral position in the direction of travel.
+    """
 
     model_config = with_examples(STATE)
 
 
 class MotionInHistory(Motion[Value], Generic[Value]):
-    """Quantities of a motion that only a history has, in addition to those of a state."""
+    """Quantities of a motion over time: those of a state, and accelerations."""
 
     axial_acceleration_g: Value
     transverse_acceleration_g: Value
@@ -278,7 +284,8 @@ class Trajectory(Part):
     strength_factor: Num
     strength_factor_dispersion: StrengthDispersion
     own_tests: OwnTestsAnswer | MISSING = MISSING
-    """Effect of own tests on S, if there are any. With eq. 9 in its concrete the shots of the paper count as such."""
+    """Effect of the user's own tests on S, if there are any; with the `strength_scatter` `paper_table_1`, of the four
+    shots of the paper."""
     history: Annotated[MotionHistory | MISSING, GIVEN] = MISSING
     """Motion over time, if requested."""
     warnings: list[ModelWarning]
@@ -291,7 +298,7 @@ class Alternative(Part):
     strength_factor: StrengthLaw
     obliquity_shape: ObliquityShape
     fitted_to: str
-    """Data that the two laws were fitted to."""
+    """Data to which the decay law and the strength law were fitted."""
     problem: Problem | MISSING = MISSING
     """Reason why there is no result with these laws."""
 
@@ -336,14 +343,14 @@ class Trial(Part):
     final_position_m: Num
     outcome: Outcome
     fine: Annotated[
-        bool, Column("fine", "whether it was computed at the final resolution, or only to see where to look", "?")
+        bool, Column("fine", "true if computed at the final resolution, false if only to locate the angle", "?")
     ]
     exit: Annotated[Exit | MISSING, Of(lambda trial: trial.exit if trial.fine else None)] = MISSING
-    """State at the exit, in a fine trial whose projectile left the target."""
+    """State at the exit, if the trial has the final resolution and the projectile left the target."""
 
 
 class OutcomeInterval(Part):
-    """Oblique angles at which the strike has one outcome."""
+    """Interval of oblique angles in which all strikes have the same outcome."""
 
     model_config = with_examples(INTERVAL)
 
@@ -380,13 +387,14 @@ class CriticalAngleAnswer(Part):
     )
     bracket_deg: Annotated[
         Bracket | MISSING,
-        Column("bracket_low_deg", "lower of the angles between which the change was last pinned down"),
-        Column("bracket_high_deg", "upper of these"),
+        Column("bracket_low_deg", "lower end of the last bracket of the critical angle"),
+        Column("bracket_high_deg", "upper end of the last bracket of the critical angle"),
     ] = MISSING
     strength_factor: Num | MISSING = MISSING
     strength_factor_dispersion: StrengthDispersion | MISSING = MISSING
     own_tests: OwnTestsAnswer | MISSING = MISSING
-    """Effect of own tests on S, if there are any. With eq. 9 in its concrete the shots of the paper count as such."""
+    """Effect of the user's own tests on S, if there are any; with the `strength_scatter` `paper_table_1`, of the four
+    shots of the paper."""
     energy_fraction_below: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
     energy_fraction_above: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
     exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_")] = MISSING
@@ -394,8 +402,8 @@ class CriticalAngleAnswer(Part):
     iterations: list[Trial]
     other_crossings_deg: list[Num]
     outcomes: list[OutcomeInterval] | MISSING = MISSING
-    """Intervals of equal outcome over the whole range, in order, with ends to the tolerance. Present for a target with
-    a thickness in a search by outcome."""
+    """Intervals of equal outcome over the whole range, in increasing order, with ends accurate to the tolerance.
+    Present if the target has a thickness and the search is by `outcome`."""
     trajectory: Annotated[Trajectory | MISSING, GIVEN] = MISSING
     """Run at the critical angle, if requested."""
     alternatives: Annotated[list[CriticalAngleAlternative] | MISSING, GIVEN] = MISSING

@@ -12,8 +12,8 @@ from service.schemas.strike import PAPER_AT_45
 MOST_CASES = 1_000
 """Largest number of cases in a JSON batch. It bounds the time of parsing, which is done in one piece."""
 MOST_LINES = 100_000
-"""Largest number of cases in a JSONL batch, and of points in a sweep. A judgement: some twenty minutes of work on one
-core for critical angles, and 200 MB of JSON lines; measured up to this size."""
+"""Largest number of cases in a JSONL batch, and of points in a sweep. A judgement: this many critical angles are some
+twenty minutes of work on one core and 200 MB of JSON lines; larger numbers have not been measured."""
 
 CustomId = Annotated[
     str,
@@ -41,7 +41,7 @@ class Batch(Part, Generic[BatchCase]):
 
 
 class Cases(Part):
-    """Body of a batch whose cases are not validated yet, as they are validated in parts."""
+    """Body of a batch before its cases are validated, which happens in parts."""
 
     cases: Annotated[list[Any], Field(min_length=1, max_length=MOST_CASES)]
 

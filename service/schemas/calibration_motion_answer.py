@@ -61,7 +61,7 @@ class FittedMotion(Part):
 
 
 class MotionMeasures(Part):
-    """One number for each quantity of the request."""
+    """A measure of the fit, as one number for each quantity of the request."""
 
     model_config = with_examples(ROOT_MEAN_SQUARE)
 

@@ -17,13 +17,13 @@ from service.schemas.quantities import STANDARD_GRAVITY, Of, Part, degrees, shor
 from solver.arrays import FloatArray
 
 WHOLE_ANSWER = Of(lambda found: found)
-"""Marker of a part of an answer that is made from the same object as the whole answer."""
+"""Marker of a part of an answer that is converted from the same object as the whole answer."""
 GIVEN = Of(None)
 """Marker of a field whose value is passed to `walk`, or added to the answer later."""
 
 
 NOT_TABLED = ()
-"""Marker of a number or a text that is no column of tables."""
+"""Marker of a number or a text that is not a column of the tables of results."""
 
 
 IDENTIFYING = {column.name for column in IDENTITY}

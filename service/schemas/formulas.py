@@ -39,8 +39,8 @@ class FormulaImpact(Impact):
     model_config = with_examples(STRIKE)
 
     oblique_angle_deg: Annotated[Num, Field(ge=0.0, lt=90.0)] = 0.0
-    """Angle between the velocity and the inward normal of the face. Formulas have no angle, so that the component of
-    the velocity along the normal is used instead, which is common practice and no more. [°]"""
+    """Angle between the velocity and the inward normal of the face. The formulas have no angle; they are evaluated with
+    the component of the velocity along the normal, which is common practice but has no other justification. [°]"""
 
 
 class FormulasRequest(Part):
@@ -95,8 +95,8 @@ class FormulaRow(Part):
     note: str | MISSING = MISSING
     """Doubts about the formula, or assumptions; absent if there are none."""
     verified: bool
-    """True if the constants were compared with an original, a standard or a published shot. Those of the other formulas
-    come from secondary sources only."""
+    """True if the constants were compared with the original publication, a standard or a published shot. Those of the
+    other formulas come from secondary sources only."""
     source: str
     """Authors and year of the source."""
 
@@ -116,7 +116,7 @@ class FormulaSpread(Part):
 
 
 def spread_of(limit: Limit) -> Of:
-    """Return the source of a field with the spread of a limit."""
+    """Return the source of the field for the spread of a limit over the formulas."""
     return Of(partial(spread, limit=limit))
 
 

@@ -30,7 +30,10 @@ from solver.uncertainty.walls import PROBABILITY, limit_speed_sentence, thicknes
 
 RANGE = {"lower": 0.1623, "upper": 0.2139, "probability": PROBABILITY}
 RANGE_COLUMNS = {
-    unit: (Column(f"range_low_{unit}", "lower end of the 90 % range"), Column(f"range_high_{unit}", "upper end"))
+    unit: (
+        Column(f"range_low_{unit}", "lower end of the 90 % range"),
+        Column(f"range_high_{unit}", "upper end of the 90 % range"),
+    )
     for unit in ("m", "m_s")
 }
 """Columns of the 90 % range, by the unit of the answer."""
@@ -38,9 +41,9 @@ VARIANT_COLUMNS = {
     unit: tuple(
         Column(f"{name}_{unit}", text)
         for name, text in (
-            ("plain", "without a plug and a crater"),
-            ("rear_plug", "with a plug that shears out of the rear"),
-            ("rear_plug_and_crater", "with a plug and a crater"),
+            ("plain", "limit without a plug and a crater"),
+            ("rear_plug", "limit with a plug that shears out of the rear"),
+            ("rear_plug_and_crater", "limit with a plug and a crater"),
         )
     )
     for unit in ("m", "m_s")
@@ -137,7 +140,8 @@ class PerforationCase(Case):
     @property
     def searches(self) -> int:
         """Number of searches that the answer takes."""
-        # The range takes two more, at the ends of S, and the variants with a plug and a crater three.
+        # The range takes two more searches, at the ends of the range of S, and the variants with a plug and a crater
+        # three.
         return 6 if self.output.range else 1
 
 
@@ -306,12 +310,12 @@ class ThicknessAnswer(Part):
     `resistance` has a `rear_plug` and a `crater`, the wall has neither, and a real wall has to be thicker. [m]"""
     bracket_m: Annotated[
         Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,
-        Column("bracket_low_m", "lower of the thicknesses between which the outcome changes"),
-        Column("bracket_high_m", "upper of these"),
+        Column("bracket_low_m", "lower of the two thicknesses between which the outcome changes"),
+        Column("bracket_high_m", "upper of the two thicknesses between which the outcome changes"),
     ] = MISSING
     """Thicknesses between which the outcome changes. [m]"""
     without_protrusion: Annotated[
-        Num | MISSING, Column("without_protrusion_m", "least thickness of a wall out of which nothing comes")
+        Num | MISSING, Column("without_protrusion_m", "least thickness without a protrusion from the rear")
     ] = MISSING
     """Least thickness found at which no part of the projectile comes out of the rear face. At `least_thickness_m` its
     nose may stand out. [m]"""
@@ -322,7 +326,7 @@ class ThicknessAnswer(Part):
     variants: Annotated[Variants | MISSING, GIVEN, *VARIANT_COLUMNS["m"]] = MISSING
     """Least thickness with different rear and front faces, if requested. [m]"""
     sentence: Annotated[str | MISSING, GIVEN, NOT_TABLED] = MISSING
-    """Results of formulas and model in words, with the range. They are no design value, which `/wall` has."""
+    """Results of the formulas and of the model in words, with the range. For design values see `/wall`."""
     formulas: Annotated[list[FormulaRow], GIVEN]
     """Empirical formulas with a perforation thickness for the same strike."""
     warnings: list[ModelWarning]
@@ -343,12 +347,12 @@ class LimitSpeedAnswer(Part):
     and a `crater`, the wall has neither, and slower projectiles perforate real walls. [m/s]"""
     bracket_m_s: Annotated[
         Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,
-        Column("bracket_low_m_s", "lower of the speeds between which the outcome changes"),
-        Column("bracket_high_m_s", "upper of these"),
+        Column("bracket_low_m_s", "lower of the two speeds between which the outcome changes"),
+        Column("bracket_high_m_s", "upper of the two speeds between which the outcome changes"),
     ] = MISSING
     """Speeds between which the outcome changes. [m/s]"""
     without_protrusion: Annotated[
-        Num | MISSING, Column("without_protrusion_m_s", "greatest speed at which nothing comes out of the wall")
+        Num | MISSING, Column("without_protrusion_m_s", "greatest speed without a protrusion from the rear")
     ] = MISSING
     """Greatest speed found at which no part of the projectile comes out of the rear face. Just below `limit_speed_m_s`
     its nose may stand out. [m/s]"""
@@ -359,7 +363,7 @@ class LimitSpeedAnswer(Part):
     variants: Annotated[Variants | MISSING, GIVEN, *VARIANT_COLUMNS["m_s"]] = MISSING
     """Limit speed with different rear and front faces, if requested. [m/s]"""
     sentence: Annotated[str | MISSING, GIVEN, NOT_TABLED] = MISSING
-    """Results of formulas and model in words, with the range."""
+    """Results of the formulas and of the model in words, with the range."""
     formulas: Annotated[list[FormulaRow], GIVEN]
     """Limit speeds of the empirical formulas for the same wall and angle."""
     warnings: list[ModelWarning]

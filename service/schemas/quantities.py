@@ -24,10 +24,10 @@ from solver.checks import BOUNDS
 from solver.quantities import Quantity, field_docstrings, quantities
 
 Num = Annotated[FiniteFloat, Strict()]
-"""Finite JSON number, integer or decimal. Texts and truth values are refused, which pydantic would convert."""
+"""Finite JSON number, integer or decimal. Strings and booleans, which pydantic would convert, are refused."""
 
 Flag = Annotated[bool, Strict()]
-"""JSON true or false. Numbers and texts are refused, which pydantic would convert."""
+"""JSON true or false. Numbers and strings, which pydantic would convert, are refused."""
 
 
 def _whole(value: Any) -> Any:
@@ -41,7 +41,7 @@ WHOLE = BeforeValidator(_whole)
 
 @dataclass(frozen=True, slots=True)
 class Of:
-    """Source of a field in the result of the solver, where it is no attribute with the name of the field.
+    """Source of a field in the result of the solver, if it is not the attribute with the name of the field.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def within(field: str) -> dict[str, Any]:
 
 
 def degrees(angle: float) -> float:
-    """Convert an angle to degrees so that an angle given with up to 15 digits is answered unchanged."""
+    """Convert an angle to degrees so that an angle given with up to 15 digits is returned unchanged."""
     exact = math.degrees(angle)
     short = float(f"{exact:.15g}")
     return short if math.radians(short) == angle else exact

@@ -107,7 +107,7 @@ class Case(Part):
     numerics: Annotated[Numerics, Field(default_factory=Numerics)]
     strength_scatter: StrengthScatter = StrengthScatter.LAW
     """Source of the scatter of S: the published tests, or own tests in the resistance (`law`); or the four shots of the
-    paper, as if they were into this concrete (`paper_table_1`)."""
+    paper, as if fired into this concrete (`paper_table_1`)."""
 
     def shared_arguments(self) -> dict[str, Any]:
         """Return the arguments that all functions of the solver share."""
@@ -160,9 +160,10 @@ class Case(Part):
             return None
         end, interval = self.numerics.termination_time_s, output.sample_interval_s
         if interval is MISSING:
-            # The default is widened for a long run, so that no run is refused for an interval that it did not set.
+            # The default is widened for a long run, which would otherwise be refused for an interval that it did not
+            # set.
             return SAMPLE_INTERVAL if end is MISSING else max(SAMPLE_INTERVAL, end / MOST_ROWS)
-        # An interval that the client gave is refused rather than changed, as the key covers it.
+        # An interval that the client gave is refused rather than changed, because the key of the result depends on it.
         if end is not MISSING and end > MOST_ROWS * interval:
             raise ParameterError(
                 "output.sample_interval",
@@ -275,7 +276,7 @@ class CriticalAngleRequest(CriticalAngleBase):
 Request = TypeVar("Request", bound=TrajectoryRequest | CriticalAngleRequest)
 
 FOUND = ("status", "outcome", "critical_angle_deg")
-"""Fields of an answer that an alternative repeats."""
+"""Fields of an answer that are copied to an alternative."""
 
 
 def alternatives_in(request: Any) -> list[tuple[dict[str, Any], Any]]:
@@ -284,11 +285,11 @@ def alternatives_in(request: Any) -> list[tuple[dict[str, Any], Any]]:
 
 
 def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request]]:
-    """Return the laws and the request of each alternative: the same case with other laws, but its own inertia."""
+    """Return the laws and the request of each alternative: the same case, with its `inertia`, and other laws."""
     found = []
     for each in alternative_resistances(request.resistance.to_solver()):
         laws = {"free_surface": each.free_surface.name, "strength_factor": each.strength_factor.name}
-        # The inertia of the free surface is a choice of the case, not of the law.
+        # Whether the inertia of the expanding solid counts is a choice of the case, not a part of the law.
         decay = {"model": each.free_surface.name, "inertia": getattr(each.free_surface, "inertia", False)}
         strength = walk(
             STRENGTH_FACTORS[each.strength_factor.name], each.strength_factor, model=laws["strength_factor"]
@@ -344,7 +345,7 @@ class ReportRequest(CriticalAngleRequest):
         return has_own_law(self.resistance.to_solver())
 
     def check(self) -> None:
-        """Refuse routes that take seconds per case, since a report has hundreds of cases.
+        """Refuse methods that take seconds per case, since a report has hundreds of cases.
 
         Raises
         ------

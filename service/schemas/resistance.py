@@ -38,7 +38,7 @@ OWN_TESTS = {"model": "own_tests", "shots": [SHOT]}
 MOHR_COULOMB = {"model": "mohr_coulomb", "inertia": True}
 
 LARGEST_COEFFICIENT = 1e6
-"""Largest magnitude of a coefficient of the polynomial of S, a judgement. That of the paper has 8.5 at most; the bound
+"""Largest magnitude of a coefficient of the polynomial of S, a judgement. Those of the paper are at most 8.5; the bound
 only keeps products finite."""
 
 Coefficient = Annotated[Num, Field(ge=-LARGEST_COEFFICIENT, le=LARGEST_COEFFICIENT)]
@@ -86,7 +86,7 @@ class ObliquityPolynomial(SolverPart[solver.ObliquityPolynomial]):
 class ObliquityShape(StrEnum):
     """Change of the strength factor with the oblique angle.
 
-    `constant` is no change, `equation_9` is S(θ)/S(0) of the default polynomial, held from 60° on, and
+    `constant` means no change, `equation_9` is S(θ)/S(0) of the default polynomial, held from 60° on, and
     `finite_elements` is the fit to finite element motions with the decay law in use, held from 55° on.
     """
 

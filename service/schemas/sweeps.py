@@ -155,7 +155,7 @@ class CaseModels:
 
 
 class Outline(Part):
-    """Body of a sweep whose points are not validated yet, as they are validated in parts."""
+    """Body of a sweep before its points are validated, which happens in parts."""
 
     base: dict[str, Any]
     axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES, fail_fast=True)]

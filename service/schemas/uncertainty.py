@@ -75,13 +75,13 @@ class SamplingSettings(SolverPart[Sampling]):
     confidence: Annotated[Num, Field(ge=0.5, le=0.9999)] = SAMPLING.confidence
     """Confidence level of every interval. [1]"""
     max_samples: Annotated[Count, Field(ge=FEWEST_SAMPLES, le=MOST_SAMPLES_OF_A_REQUEST), WHOLE] = SAMPLING.max_samples
-    """Largest number of searches or runs. With `sensitivity` it must allow 256 and those in which a single input is
-    changed: two for each continuous input, one for each discrete value."""
+    """Largest number of searches or runs. With `sensitivity` it must be at least 256, plus those in which a single
+    input is changed: two for each continuous input, one for each discrete value."""
     seed: Annotated[Count, Field(ge=0, le=2**53), WHOLE] = SAMPLING.seed
     """Seed of the samples. Sample i of a seed is always the same."""
     method: SamplingMethod = SamplingMethod.AUTO
-    """Method of estimation. `auto` uses a surrogate if it passes its check and gives narrower intervals, `direct` does
-    not."""
+    """Method of estimation. `auto` uses a surrogate if it passes its check and gives narrower intervals; `direct` uses
+    none."""
 
 
 Inputs = Annotated[list[UncertainInput], Field(min_length=1, max_length=24)]

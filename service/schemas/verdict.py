@@ -196,7 +196,8 @@ class VerdictAnswer(Part):
     """Share of samples without a critical angle in the range searched. [1]"""
     theories: list[TheoryAngle]
     own_law: Flag | MISSING = MISSING
-    """Present and true if outcome, probability and range are by a law of the request that is none of the theories."""
+    """Present and true if outcome, probability and range follow a law of the request that is not one of the
+    theories."""
     theory_range: LikelyAngles | MISSING = MISSING
     """90 % range over the theories, in addition to the range by a law of the request."""
     oblique_angle_deg: Num | MISSING = MISSING
@@ -217,9 +218,10 @@ class VerdictAnswer(Part):
     strength_factor: Num | MISSING = MISSING
     """Strength factor at the critical angle, if there is such an angle. [1]"""
     strength_factor_dispersion: Num
-    """Standard deviation of ln S at the stated strength, from own tests or from the law of the published tests. [ln]"""
+    """Standard deviation of ln S at the stated strength, from own tests or from the law of the published tests. [1]"""
     own_tests: OwnTestsAnswer | MISSING = MISSING
-    """Effect of own tests on S, if there are any and there is a critical angle."""
+    """Effect of the user's own tests on S, if there are any and there is a critical angle; with the `strength_scatter`
+    `paper_table_1`, of the four shots of the paper."""
     usual_scatter: list[UncertainInput]
     """Usual scatter of the inputs, in the form of `/cra/uncertainty`."""
     warnings: list[ModelWarning]
@@ -246,7 +248,8 @@ def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
     Parameters
     ----------
     answers
-        Answers by the name of the question; an object with a `problem` for a failed one. Only `cra` is required.
+        Answers by the names of the questions that `verdict_steps` yields; an object with a `problem` for a failed one.
+        Only `cra` is required.
     """
     return conclude(
         verdict_steps(request),
@@ -321,7 +324,7 @@ def _warning(found: Mapping[str, Any]) -> solver.ModelWarning:
 
 
 def next_shot_advice_in(study: Mapping[str, Any]) -> str:
-    """Return the advice on the value of own shots from an answer of `/cra/uncertainty`; empty if it has none."""
+    """Return the advice on the value of further shots from an answer of `/cra/uncertainty`; empty if it has none."""
     for each in study.get("sensitivity", ()):
         if found := each.get("after_shots"):
             levels = {each["level"]: math.radians(each["value"]) for each in study["critical_angle"]["quantiles"]}

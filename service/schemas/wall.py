@@ -62,7 +62,7 @@ class WallQuestion(Part):
 
 
 class NormalImpactDesign(Part):
-    """Design values for normal impact at the same speed, which are those of design practice."""
+    """Design values for normal impact at the same speed, as used in design practice."""
 
     model_config = with_examples(NORMAL)
 
@@ -121,7 +121,7 @@ class WallAnswer(WallDesign):
     sentence: Annotated[str, NOT_TABLED]
     """Verdict in words, as page, report and command line show it."""
     variants: Variants
-    """Least thickness that is not perforated in the model, which is no design value. [m]"""
+    """Least thickness that is not perforated in the model, which is not a design value. [m]"""
     outcome: Outcome | MISSING = MISSING
     """Outcome of the strike in the model, if the wall has a thickness."""
     protrusion: Protrusion | MISSING = MISSING
