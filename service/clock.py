@@ -22,9 +22,10 @@ class Clock:
     Parameters
     ----------
     now
-        Returns the seconds since 1970, for the expiry of keys and the retention of jobs. [s]
+        Function that returns the time since 1970, for the expiry of keys and the retention of jobs. [s]
     monotonic
-        Returns the seconds since an arbitrary instant, unaffected by setting the clock, for quotas and timeouts. [s]
+        Function that returns the time since an arbitrary instant, unaffected by setting the clock, for quotas and
+        timeouts. [s]
     """
 
     now: Callable[[], float] = time.time

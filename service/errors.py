@@ -340,8 +340,8 @@ STATUS_PROBLEMS = {
     HTTPStatus.BAD_GATEWAY: ("no-answer", "The service behind this one does not answer"),
     HTTPStatus.SERVICE_UNAVAILABLE: ("not-ready", "The service is not ready"),
 }
-"""Type, without its prefix, and title of problems that are no more than an HTTP status. They are written out because
-the phrases of `HTTPStatus` differ between versions of Python."""
+"""Type, without its prefix, and title of problems that only state an HTTP status. They are written out because the
+phrases of `HTTPStatus` differ between versions of Python."""
 
 
 class JobGoneError(StorageError):

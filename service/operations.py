@@ -91,7 +91,7 @@ class KeyedRequest:
     key: str
     json: bytes
     work: int = 1
-    """Cost of computing it. [ordinary cases]"""
+    """Cost of the computation. [ordinary cases]"""
 
     @classmethod
     def of(cls, operation: str, request: Request) -> "KeyedRequest":
@@ -114,8 +114,8 @@ def result_key(operation: str, request: dict[str, Any]) -> str:
     Returns
     -------
     str
-        SHA-256, hexadecimal. It is independent of the order of fields, of 1 or 1.0, and of the sign of a zero, and
-        depends on everything else to the last bit of a number.
+        SHA-256, hexadecimal. It does not depend on the order of fields, the notation of a number (1 or 1.0) or the sign
+        of a zero, but on all other content to the last bit of each number.
     """
     content = {
         "operation": operation,
@@ -127,7 +127,7 @@ def result_key(operation: str, request: dict[str, Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Replace numbers by floats, so that equal numbers have one text."""
+    """Replace numbers by floats, so that equal numbers are written alike."""
     kind = type(value)
     if kind is float or kind is int:
         return float(value) + 0.0  # Adding 0.0 turns -0.0 into 0.0.
@@ -234,7 +234,7 @@ class Operation:
     def work(self, request: Case) -> int:
         """Return the cost of one case. [ordinary cases]
 
-        By panels it counts all time steps that the runs could take, as nobody knows beforehand when a run will end.
+        With panels, all time steps up to the termination time count, since the end of a run is not known beforehand.
         """
         once = max(self.weight, math.ceil(self.runs * request.panel_steps() / PANEL_STEPS))
         return once * request.searches
@@ -260,7 +260,7 @@ DECIDING_SETTINGS: tuple[dict[str, Any], ...] = (
     {"stations": SEARCH_STATIONS},
     {"relative_tolerance": LAST_TOLERANCE, "stations": LAST_STATIONS, "points": LAST_POINTS},
 )
-"""Numerical settings of the two last levels of a search, which decide its angle."""
+"""Numerical settings of the last two levels of refinement of a search, which determine its angle."""
 
 
 def compute_critical_angle(request: bytes) -> Answer:
@@ -378,7 +378,7 @@ class StudyOperation:
     answer: Callable[[Any], dict[str, Any]]
 
     def base(self, request: Any) -> Case:
-        """Return the request of which the samples are variations."""
+        """Return the request that the samples vary."""
         return self.model.model_validate(request.base)
 
     def sampler(self, request: Any) -> Callable[[Sequence[Any]], KeyedRequest | None]:
