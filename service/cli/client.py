@@ -43,12 +43,13 @@ POLL_SECONDS = 0.2
 JSON, PARQUET = "application/json", "application/vnd.apache.parquet"
 
 Content: TypeAlias = Callable[[], "bytes | Iterable[bytes]"]
-"""Function that returns a request body. It is called again when the request is repeated, as a stream is read once."""
+"""Function that returns a request body. It is called again when a request is repeated, since a stream can be read only
+once."""
 
 
 @contextmanager
 def connect(address: str, *, socket: str | None = None, **options: Any) -> Iterator["Client"]:
-    """Open a client for the service at an address, or behind a socket.
+    """Open a client for the service at an address, or at a socket in a file.
 
     Error messages never contain the text of the library, which quotes headers and URLs with the secrets in them.
 
@@ -84,7 +85,7 @@ def set_variables(names: Iterable[str]) -> list[str]:
 
 
 def direct_transport(url: httpx.URL, socket: str | None) -> dict[str, Any]:
-    """Return the options of a transport to this machine, which bypasses proxies; none for another machine."""
+    """Return the options of a transport that bypasses proxies, for a service on this machine; empty for others."""
     loopback = url.host == "localhost"
     with suppress(ValueError):
         loopback = loopback or ip_address(url.host).is_loopback
@@ -92,7 +93,7 @@ def direct_transport(url: httpx.URL, socket: str | None) -> dict[str, Any]:
 
 
 def wrong_variables(error: Exception) -> str:
-    """Return the message for environment variables that prevent a client, without their values (passwords)."""
+    """Return the message for invalid variables of proxies or certificates, without values, which may be passwords."""
     names = set_variables(CERTIFICATES if isinstance(error, OSError) else PROXIES)
     if isinstance(error, ImportError):
         names = [name for name in names if os.environ[name].startswith("socks")]
@@ -220,7 +221,7 @@ class Client:
                     raise self._unreachable(error) from None
                 time.sleep(pause)
                 continue
-            # Any response, a refusal too, shows that a service is there.
+            # Any response, even an error, shows that a service is there.
             self._reached = True
             if response.is_success:
                 return response
@@ -231,7 +232,7 @@ class Client:
 
     def _unreachable(self, error: httpx.TransportError) -> CommandError:
         """Return the error of a service that does not answer."""
-        quotes = isinstance(error, httpx.LocalProtocolError)  # Its text may quote headers, and so the key.
+        quotes = isinstance(error, httpx.LocalProtocolError)  # Its text may quote the header with the key.
         reason = type(error).__name__ if quotes else reason_of(error) or type(error).__name__
         if not direct_transport(self._http.base_url, self._socket):
             names = set_variables(("ALL_PROXY", f"{self._http.base_url.scheme.upper()}_PROXY"))
@@ -241,7 +242,7 @@ class Client:
 
 def without_secrets(address: str) -> str:
     """Return an address without the parts that may contain a password or a key."""
-    # Only these parts of an address can carry a password or a key; any other address is shown as it was typed.
+    # Passwords and keys can only be in user information, query and fragment; any other address is shown as typed.
     if not any(mark in address for mark in "@?#"):
         return address
     try:

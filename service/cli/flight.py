@@ -20,7 +20,7 @@ FLAGS = (
 
 
 def add_flight(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet flight`."""
+    """Add the arguments of `ricochet flight`."""
     parser.description = (
         "Compute where a body lands that leaves a face with some speed and elevation: a point mass with quadratic "
         "drag. The direction in which a tumbling body leaves is the least certain of all, so the farthest distance "

@@ -212,7 +212,7 @@ def add_formats(
     parser: argparse.ArgumentParser, *, json: str, csv: str, endings: Mapping[str, str] = ONE_ANSWER
 ) -> Any:
     """Add `--output`, `--json`, `--csv` and `--digits`; return the group of the formats, which exclude each other."""
-    described = f"write to a file, in the format of its name: {', '.join(endings)}; else a flag says the format"
+    described = f"write to a file, in the format of its name: {', '.join(endings)}; else a flag selects the format"
     add_output_file(parser, "-o", "--output", endings=endings, help=described)
     formats = parser.add_mutually_exclusive_group()
     formats.add_argument("--json", action="store_true", help=json)
@@ -246,7 +246,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
 
 
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add `--plot`."""
+    """Add the flag `--plot` for a file; `what` says in its help text what is plotted."""
     add_output_file(parser, "--plot", endings=PLOT, help=f"plot {what}, as .svg, .png or .pdf")
 
 
@@ -279,7 +279,7 @@ def check_outputs(args: argparse.Namespace) -> None:
 
 
 def _is_standard(output: OutputFile) -> bool:
-    """Return True if a path names standard output, which must not be opened a second time: output would mix."""
+    """Return True if a path names standard output, which must not be opened twice, since both outputs would mix."""
     if output.text == STANDARD:
         return True
     with suppress(OSError):

@@ -43,7 +43,7 @@ log = logging.getLogger(__name__)
 
 
 def add_serve(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet serve`."""
+    """Add the arguments of `ricochet serve`."""
     parser.description = (
         "Run the service until SIGTERM or Ctrl-C. It is configured by RICOCHET_HOST, RICOCHET_PORT, RICOCHET_DATA_DIR, "
         "RICOCHET_WORKERS and the other variables of docs/operating.md."
@@ -177,7 +177,7 @@ def print_address(settings: "Settings", port: int | None) -> None:
 
 
 def add_mcp(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet mcp`."""
+    """Add the arguments of `ricochet mcp`."""
     parser.description = (
         "Offer critical angles, trajectories, uncertainty and wall thicknesses as tools of the Model Context Protocol, "
         "over standard input and output, until the input ends. Computed here or by a service. Needs the extra mcp."
@@ -210,7 +210,7 @@ def run_mcp(args: argparse.Namespace) -> int:
 
 
 async def serve_tools(client: "Client") -> None:
-    """Answer messages. A computation ends when its call is cancelled or the input ends."""
+    """Answer the messages of a client of the tools. A computation ends when its call is cancelled or the input ends."""
     from mcp.server.stdio import stdio_server
 
     from service.api.mcp_tools import ToolError, server_of
@@ -257,7 +257,7 @@ async def lines_of(descriptor: int) -> AsyncIterator[str]:
 
 
 def add_openapi(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet openapi`."""
+    """Add the arguments of `ricochet openapi`."""
     parser.description = f"Write the contract of the service to {CONTRACT}."
     parser.epilog = examples("ricochet openapi")
     parser.add_argument("--check", action="store_true", help="only check that the file is up to date")

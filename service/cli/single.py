@@ -28,7 +28,7 @@ ENDS = {"outcome": OUTCOMES, "status": STATUSES}
 
 
 def add_trajectory(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet trajectory`."""
+    """Add the arguments of `ricochet trajectory`."""
     parser.description = (
         "Compute the motion of a projectile from first contact until it ricochets, comes to rest, or reaches the "
         "termination time."
@@ -47,7 +47,7 @@ def add_trajectory(parser: argparse.ArgumentParser) -> None:
 
 
 def add_cra(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet cra`."""
+    """Add the arguments of `ricochet cra`."""
     parser.description = (
         "Find the smallest oblique angle, from the inward normal of the face, at which a projectile ricochets, with "
         "its 90 % range by the usual scatter; with --angle, judge the strike at that angle too. Prints one line; if "
@@ -68,7 +68,7 @@ def add_cra(parser: argparse.ArgumentParser) -> None:
 
 
 def add_operation_command(commands: Any, name: str) -> argparse.ArgumentParser | None:
-    """Define a command for an operation without one of its own; None for an unknown operation."""
+    """Add a command for an operation that has none of its own, and return its parser; None for an unknown operation."""
     from service.operations import OPERATIONS
 
     if name not in OPERATIONS or OPERATIONS[name].many is None:

@@ -37,7 +37,7 @@ BRACKETS = {"least_thickness_m": "bracket_m", "limit_speed_m_s": "bracket_m_s"}
 
 
 def add_thickness(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet thickness`."""
+    """Add the arguments of `ricochet thickness`."""
     parser.description = (
         "Judge how thick a wall must be: design values against perforation and scabbing by the empirical formulas of "
         "the field, which take the component of the velocity along the normal, and the least thickness that a strike "
@@ -55,7 +55,7 @@ def add_thickness(parser: argparse.ArgumentParser) -> None:
 
 
 def add_limit_speed(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet limit-speed`."""
+    """Add the arguments of `ricochet limit-speed`."""
     parser.description = (
         "Find the least speed at which a projectile perforates a wall, by the empirical formulas of the field and by "
         "the model. A speed in the file is left out, and so are other parts than projectile, target, impact, "
@@ -123,7 +123,7 @@ def _print(args: argparse.Namespace, text: bytes, value: str, said: list[str]) -
 
 
 def _found(answer: Mapping[str, Any], value: str) -> dict[str, Any]:
-    """Return the numbers of a search, which serve to compare models and not for a design."""
+    """Return the numbers of a search, which are for a comparison of models, not for design."""
     found: dict[str, Any] = {"status": named(STATUSES, answer["status"])}
     if value in answer:
         bracket = BRACKETS[value]
@@ -144,7 +144,7 @@ LIMITS = ("penetration_depth_m", "scabbing_thickness_m", "perforation_thickness_
 
 
 def add_formulas(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet formulas`."""
+    """Add the arguments of `ricochet formulas`."""
     parser.description = (
         "Evaluate the empirical formulas of the field: how deep a projectile goes into thick concrete, and the least "
         "thickness of a wall that does not scab, and that is not perforated. Each formula says whether the strike is "
