@@ -131,24 +131,24 @@ def unit_in_header(quantity: Quantity, cell: str, *, named: bool) -> str | None:
 
 SEPARATORS = ",;\t"
 SEPARATOR_LINE = re.compile(r"\s*sep=(?P<separator>[,;\t|])\s*", re.IGNORECASE)
-"""First line in which spreadsheets name the separator."""
+"""Line at the start of a file in which spreadsheets name the separator."""
 COMMENTS = ("#", "%")
 NUMBER_SIGN = re.compile(r"# *(?=[,;\t])")
-"""Begin of a header whose first column is named #, as that of a number often is."""
+"""Start of a header whose first column is named #, which is common for a column of running numbers."""
 NUMBERED = re.compile(r"#[^\s,;\t]+(?=([,;\t]))")
-"""Begin of a row whose first cell is a number such as #17."""
+"""Start of a row whose first cell is a running number such as #17."""
 MAX_NAMES = 20
 """Largest number of column names listed in an error, which should stay readable (a judgement)."""
 MAX_COLUMNS = 10_000
-"""Largest number of columns. The name of each is compared with those of all quantities in all units, so that the time
-grows with the columns (the number is a judgement)."""
+"""Largest number of columns. The time grows with the columns, as each is compared with the names of all quantities in
+all units (the number is a judgement)."""
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?")
 BLANKS = re.compile(r"(?<![ \t])[ \t]++(?![\[(])")
 """Blanks between two cells, unless a unit in brackets follows. The match is a whole run of blanks and possessive, as
 otherwise the time would grow with the square of a long run."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{,2}(,\d{3})+(\.\d*)?")
-"""A number with commas between thousands; a single comma may as well be a decimal comma."""
+"""A number with commas between thousands. If it has a single comma, that may also be a decimal comma."""
 MINUS = "\u2212"
 """Typographic minus sign, which spreadsheets and web pages put before numbers."""
 
@@ -255,7 +255,7 @@ def read_table(path: str | Path, content: bytes | None = None, *, gaps: bool = F
 
 
 def _with_numbers(lines: list[str]) -> list[str]:
-    """Return lines with quotes around a column # and around numbers such as #17, which are then no comments.
+    """Return the lines with quotes around a header # and numbers such as #17, so that these are not comments.
 
     A line that begins with such a number is a row if it has as many cells as the header.
     """

@@ -1,4 +1,4 @@
-"""Report of one strike for the files of an assessor: case, answer, spread, other models, limits, formulas, sources."""
+"""Report of one strike for an assessor: case, answer, scatter, other models, limits, formulas and sources."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -45,7 +45,7 @@ RUN_TITLES: Final[Mapping[str, str]] = {
     "highest": "Greatest angle searched, ",
 }
 UNSAID: Final = frozenset({"no_indices"})
-"""Codes of warnings that concern nothing in the report."""
+"""Codes of warnings that the report omits: it does not show sensitivity indices."""
 KEYS: Final[Mapping[str, str]] = {
     "cra": "critical angle",
     "uncertainty": "spread",
@@ -196,7 +196,7 @@ def _groups(numbers: Numbers, strike: Assessed) -> Mapping[str, list[Row]]:
 
 
 def _probability_at(strike: Assessed, study: Mapping[str, Any] | None) -> int | None:
-    """Return the index of the angle to judge among the angles of the study."""
+    """Return the index of the angle to judge among the angles of the uncertainty study."""
     angle = lookup(strike.case, "/impact/oblique_angle_deg")
     if study is None or angle is None:
         return None
@@ -210,7 +210,7 @@ def _quantiles(study: Mapping[str, Any] | None) -> Mapping[float, int]:
 
 
 def _scatter(numbers: Numbers, strike: Assessed, study: Mapping[str, Any] | None) -> list[list[Any]]:
-    """Return a row for each uncertain input: label, spread, and its 5 % and 95 % quantiles with the angle at each."""
+    """Return a row for each uncertain input: label, distribution, and 5 % and 95 % quantiles with the angle at each."""
     found = []
     for i, (each, given) in enumerate(zip((study or {}).get("sensitivity", ()), strike.scatter, strict=False)):
         field = field_of(each["field"])
@@ -340,7 +340,7 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
 
 
 def _warnings(strike: Assessed) -> list[tuple[tuple[str, str, str], bool]]:
-    """Return the warnings of the report: those of the verdict, and from other answers those with a further code.
+    """Return the warnings of the report: those of the verdict, and those of other answers with other codes.
 
     Each item is the code, the text and the label of the answer, and True if most answers have this warning.
     """

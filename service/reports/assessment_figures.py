@@ -17,9 +17,9 @@ from solver.projectile import Projectile
 SNAPSHOTS = 4
 """Outlines of the projectile drawn for each run; more would cover each other in a view of this size (a judgement)."""
 LEAST_WIDTH = 0.8
-"""Least width of a view, over that of the widest beside it [1]; a narrower one would be too narrow for its title."""
+"""Smallest width of a view over that of the widest [1], which leaves room for its title."""
 Frame: TypeAlias = tuple[float, float, float, float]
-"""Left, right, top and bottom end of a view. [m]"""
+"""Left, right, top and bottom limit of a view. [m]"""
 SETTINGS: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 8.5,
@@ -34,7 +34,7 @@ ONE_LINE: dict[str, Any] = {
     "handletextpad": 0.4,
     "borderpad": 0.2,
 }
-"""A legend below a picture, so narrow that its entries fit beside each other."""
+"""Options of a legend below a picture, whose entries fit on one line."""
 PAGE = 7.2
 """Width of the page between its margins. [in]"""
 

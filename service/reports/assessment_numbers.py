@@ -49,7 +49,7 @@ class Numbers:
         return self._written(pointer, factor, f".{digits}g", unit)
 
     def upwards(self, pointer: str, *, factor: float = 1.0) -> Markup:
-        """Return a number, times a factor, rounded up to an integer, as is usual for a design value."""
+        """Return a number, times a factor, rounded up to an integer, as is usual for design values."""
         value = self.at(pointer)
         # Without the subtraction, a whole number that rounding made slightly too large would become the next one.
         return Markup() if value is None else self._data(pointer, factor, f"{math.ceil(value * factor - 1e-6)}", "")
@@ -72,7 +72,7 @@ class Numbers:
 
 
 def _plain(text: str) -> str:
-    """Rewrite the exponent of a number: small ones in full, others without padding; zero loses its sign."""
+    """Rewrite a number: small exponents in full, others without leading zeros, and zero without a sign."""
     mantissa, exponent, power = text.partition("e")
     if exponent and 0 <= int(power) <= 6:
         text = f"{float(text):.0f}"
