@@ -190,7 +190,7 @@ class Operation:
     route, description, tag
         Operation id, description and tag of the route in the contract.
     cases
-        Returns the cost of a request against a quota, where it differs from `work`. [ordinary cases]
+        Function that returns the cost of a request against a quota, if it differs from `work`. [ordinary cases]
     weight
         Cost of a case of a batch or a sweep, against a quota and against the size up to which batches are answered in
         the response. [ordinary cases]
@@ -363,11 +363,11 @@ class StudyOperation:
     model
         Model of a request of that operation in a batch.
     finding
-        Extracts the result that the study needs from the answer to a sample.
+        Function from the answer to a sample to the result that the study needs.
     failed, outside
         Results that stand for a failed sample and for one outside the accepted range.
     answer
-        Converts the result of the study to JSON data.
+        Function that converts the result of the study to JSON data.
     """
 
     sample: str
@@ -454,7 +454,7 @@ FIT_CASES = 20
 
 
 def cases_of_a_fit(request: Calibration) -> int:
-    """Return the cost of fitting one strength factor, by panels from all time steps of its runs. [ordinary cases]"""
+    """Return the cost of fitting one strength factor; with panels it grows with the time steps. [ordinary cases]"""
     return math.ceil(FIT_CASES * max(1.0, request.panel_steps() / PANEL_STEPS))
 
 

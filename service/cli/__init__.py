@@ -44,7 +44,7 @@ EVENT_LOOPS = frozenset({"serve", "mcp"})
 
 
 class Command(NamedTuple):
-    """A command and its module."""
+    """Name and help text of a command, and the module that defines it."""
 
     name: str
     help: str
@@ -84,7 +84,7 @@ def add_version(parser: argparse.ArgumentParser) -> None:
 
 
 def print_versions(_: argparse.Namespace) -> int:
-    """Print the versions."""
+    """Print the versions of the package and of the solver."""
     from solver import ENGINE_VERSION
 
     print(f"ricochet {VERSION}, engine {ENGINE_VERSION}")

@@ -325,7 +325,7 @@ def run_sweep(args: argparse.Namespace) -> int:
 
 
 def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: Sequence[Writer]) -> int:
-    """Compute few points in this process, unless their results are to be kept; else run a job."""
+    """Compute a small sweep in this process, unless its results are to be kept; run any other as a job."""
     if not args.url and not args.data_dir:
         from service.cli import local
 

@@ -61,7 +61,7 @@ def add_calibrate(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fit and print; return 1 if no fit is possible, 2 if a file or a flag is wrong."""
+    """Run a fit, and print its result; return 1 if no fit is possible, 2 if a file or a flag is wrong."""
     fits: dict[str, Callable[[argparse.Namespace], None]] = {
         "depth": calibrate_depth,
         "motion": calibrate_motion,

@@ -152,7 +152,7 @@ class OutputFile:
 
 
 def _target(path: Path) -> Path:
-    """Follow links to the file, which need not exist. A pipe behind a link of /proc has no other path."""
+    """Return the file that links lead to, which need not exist. A pipe of /proc has no path but that of its link."""
     resolved = Path(os.path.realpath(path)) if path.is_symlink() else path
     return path if path.exists() and not resolved.exists() else resolved
 

@@ -159,7 +159,7 @@ def check_access(settings: "Settings", keys: "ApiKeyStore") -> None:
 
 
 def check_proxy(settings: "Settings") -> None:
-    """Log a warning if other machines reach the service without a proxy, which alone limits slow clients."""
+    """Log a warning if other machines reach the service without a proxy, since only a proxy limits slow clients."""
     if not settings.on_loopback and not settings.trusted_proxies:
         log.warning(
             "the service on %s does not limit slow clients: put a proxy in front of it as in docs/how-to/deploy.md and "

@@ -1,4 +1,4 @@
-"""Models of the answers to trajectories and critical angles."""
+"""Models of the answers to requests for trajectories and critical angles."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Generic, TypeVar
@@ -117,7 +117,7 @@ class ModelWarning(Part):
     detail: str
     """Text of the warning, for people."""
     standing: bool | MISSING = MISSING
-    """Present and true for a standing note, which applies to most answers and hardly changes this one."""
+    """Present and true for a standing note: a warning that comes with most answers and hardly affects this one."""
     angle_shift_deg: Num | MISSING = MISSING
     """Change of the critical angle caused by the effect that the warning names, if it is computed. [°]"""
 
@@ -211,7 +211,7 @@ class Exit(Part):
     kinetic_energy_j: Num
     lateral_m: Num
     flight: Annotated[FlightResult | MISSING, GIVEN, columns_of(FlightResult, "flight_")] = MISSING
-    """Flight to the ground, in the answer to a trajectory with `flight`."""
+    """Flight to the ground after the exit, if the request has `flight`."""
 
 
 class FlightAnswer(FlightResult):
@@ -235,7 +235,7 @@ class Protrusion(Part):
 
 
 class BendingHistory(Part):
-    """Largest bending stress in the body over time, at the instants of its computation."""
+    """Largest bending stress in the body over time, at the times at which it was computed."""
 
     model_config = with_examples({"time_s": [0.0, 0.001615], "stress_pa": [0.0, 1.829e9]})
 
@@ -292,7 +292,7 @@ class Trajectory(Part):
 
 
 class Alternative(Part):
-    """Result of the same case with other laws."""
+    """Result of the same case with another decay law or strength law."""
 
     free_surface: FreeSurfaceModel
     strength_factor: StrengthLaw
@@ -304,7 +304,7 @@ class Alternative(Part):
 
 
 class TrajectoryAlternative(Alternative):
-    """Outcome of the same strike with other laws."""
+    """Outcome of the same strike with another decay law or strength law."""
 
     model_config = with_examples(OTHER_OUTCOME)
 
@@ -312,7 +312,7 @@ class TrajectoryAlternative(Alternative):
 
 
 class CriticalAngleAlternative(Alternative):
-    """Result of the same search with other laws."""
+    """Result of the same search with another decay law or strength law."""
 
     model_config = with_examples(OTHER_ANGLE)
 
@@ -322,12 +322,12 @@ class CriticalAngleAlternative(Alternative):
 
 
 class TrajectoryAnswer(Trajectory):
-    """Answer to a trajectory."""
+    """Answer to a request for a trajectory."""
 
     model_config = with_examples(RUN | VERSIONED, RUN | VERSIONED | {"alternatives": [OTHER_OUTCOME]})
 
     alternatives: Annotated[list[TrajectoryAlternative] | MISSING, GIVEN] = MISSING
-    """Results with other laws, if requested."""
+    """Results with other decay and strength laws, if requested."""
     key: Key
     engine_version: EngineVersion
 
@@ -362,7 +362,7 @@ class OutcomeInterval(Part):
 
 
 class CriticalAngleAnswer(Part):
-    """Answer to a critical angle."""
+    """Answer to a request for a critical angle."""
 
     model_config = with_examples(
         FOUND | VERSIONED, NONE_FOUND | VERSIONED, FOUND | VERSIONED | {"alternatives": [OTHER_ANGLE]}
@@ -407,7 +407,7 @@ class CriticalAngleAnswer(Part):
     trajectory: Annotated[Trajectory | MISSING, GIVEN] = MISSING
     """Run at the critical angle, if requested."""
     alternatives: Annotated[list[CriticalAngleAlternative] | MISSING, GIVEN] = MISSING
-    """Results with other laws, if requested."""
+    """Results with other decay and strength laws, if requested."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion

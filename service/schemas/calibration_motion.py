@@ -1,4 +1,4 @@
-"""Models of the request of a calibration by motion, and the base of all calibrations."""
+"""Models of the request of a calibration by motion, and the base class of all calibration requests."""
 
 from typing import Annotated, Any
 
@@ -49,7 +49,7 @@ class CalibrationResistance(SolverPart[solver.Resistance]):
 
 
 class Calibration(Part):
-    """Base of the requests that fit the model."""
+    """Base of the requests that fit a strength factor."""
 
     projectile: Projectile
     target: Target
@@ -226,7 +226,7 @@ class MotionCalibrationRequest(Calibration):
     until_greatest_depth: UntilGreatestDepth = False
 
     def motion_runs(self) -> list[MotionRun]:
-        """Return the runs with the rows to fit.
+        """Return the runs for the solver, each with the rows to fit.
 
         Raises
         ------

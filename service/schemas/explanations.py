@@ -31,7 +31,7 @@ def explained(pointer: str, error: Mapping[str, Any], *, suggest: bool = True) -
     Parameters
     ----------
     suggest
-        Search for a known field that is similar to an unknown one.
+        True to search for a known field that is similar to an unknown one.
     """
     if error["type"] == UNKNOWN:
         return worded(error) + (suggestion(pointer) if suggest and len(pointer) <= LONGEST_MISSPELT else "")

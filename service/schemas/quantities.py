@@ -57,10 +57,10 @@ class Part(BaseModel):
 
     An optional field that is null in a request counts as absent, since some generated clients send null for it.
 
-    The description of a field in the contract is its docstring or, without one, that of the field of the solver, with
-    the unit in the name of the field. It is read when a schema is made: pydantic's `use_attribute_docstrings` reads it
-    when the class is made, which adds 0.2 s to every start. Fields in `answered_last` follow the others in an answer,
-    which otherwise has the order of the model.
+    The description of a field in the contract is its docstring or, without one, the description of the same field in
+    the solver with the unit converted. It is read when a schema is made; pydantic's `use_attribute_docstrings` would
+    read it when the class is made, and add 0.2 s to every start. Fields in `answered_last` follow the others in an
+    answer, which otherwise has the order of the model.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

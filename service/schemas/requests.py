@@ -341,7 +341,8 @@ class ReportRequest(CriticalAngleRequest):
 
     @property
     def has_own_law(self) -> bool:
-        """True if the request has a law of its own, which is judged in addition to the theories."""
+        """True if the request has its own resistance law, which is evaluated in addition to the theories of the
+        decay."""
         return has_own_law(self.resistance.to_solver())
 
     def check(self) -> None:

@@ -147,7 +147,7 @@ class OwnTests(SolverPart[solver.OwnTests]):
 
 
 class StrengthLaw(StrEnum):
-    """Models of the strength factor with their default constants."""
+    """Names of the models of the strength factor that have default constants."""
 
     OBLIQUITY_POLYNOMIAL = "obliquity_polynomial"
     PUBLISHED_TESTS = "published_tests"

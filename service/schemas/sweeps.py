@@ -260,7 +260,7 @@ def check_field(model: type[BaseModel], base: dict[str, Any], path: Sequence[str
 
 
 def _reason(schema: dict[str, Any], field: str) -> str:
-    """Return the end of the error for a field that a request does not have."""
+    """Return the end of the message for a field that a request does not have."""
     names = set(field_names(schema))
     if field in names:
         return " with the shape or model that the base has there"

@@ -168,7 +168,7 @@ class TrajectoryUncertaintyRequest(UncertainCase):
 
 
 def crossings_in(answer: Mapping[str, Any]) -> Crossings:
-    """Return the result that a study needs from the answer to a critical angle."""
+    """Return the critical angles of a sample, as a study needs them, from the answer to its search."""
     others = [math.radians(angle) for angle in answer["other_crossings_deg"]]
     if answer["status"] == "not_converged":
         return Crossings(problem="failed")
@@ -178,7 +178,7 @@ def crossings_in(answer: Mapping[str, Any]) -> Crossings:
 
 
 def ending_in(answer: Mapping[str, Any]) -> Ending:
-    """Return the result that a study needs from the answer to a trajectory."""
+    """Return the outcome, depth and exit of a sample, as a study needs them, from the answer to its run."""
     left = dict(answer.get("exit", {}))
     flight = left.pop("flight", {})
     distances = {name: flight[f"{name}_m"] for name in FLIGHT_QUANTITIES if flight}

@@ -182,7 +182,7 @@ class VerdictAnswer(Part):
     sentence: str
     """Verdict in words."""
     range_text: str
-    """90 % range as in the sentence; empty if there is none."""
+    """Text of the 90 % range, as in the sentence; empty if there is none."""
     status: SearchStatus
     critical_angle_deg: Num | MISSING = MISSING
     """Critical angle with the inputs as given; absent if there is none. [°]"""
@@ -212,7 +212,7 @@ class VerdictAnswer(Part):
     """Probability of ricochet at the angle to judge, with the usual scatter. [1]"""
     ricochet_probability_interval: ProbabilityInterval | MISSING = MISSING
     probability_text: str | MISSING = MISSING
-    """Probability as in the sentence."""
+    """Text of the probability, as in the sentence."""
     wall: WallDesign | MISSING = MISSING
     """Design of the wall, if the target has a thickness. Without an angle to judge it is for normal impact."""
     strength_factor: Num | MISSING = MISSING

@@ -46,7 +46,7 @@ class WallRequest(Case):
 
 
 class WallQuestion(Part):
-    """Answer to one question about a wall; empty if no formula is within its range."""
+    """Design of a wall against perforation or scabbing; empty if no formula is within its range."""
 
     model_config = with_examples(PERFORATION)
 
