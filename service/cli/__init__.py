@@ -114,7 +114,7 @@ def main(arguments: list[str] | None = None) -> int:
     atexit.register(gc.freeze)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # Small systems of equations are slower on several threads.
     os.environ.pop("MPLBACKEND", None)  # Plots go to files, and a backend set by a notebook may not be installed.
-    os.environ["MATPLOTLIBRC"] = os.devnull  # The figures have a style of their own.
+    os.environ["MATPLOTLIBRC"] = os.devnull  # Figures have their own style.
     if COMPLETION in os.environ:
         # The shell requests completions, and passes the line so far in a variable: `ricochet`, then the command.
         arguments = os.environ.get("COMP_LINE", "").split()[1:]

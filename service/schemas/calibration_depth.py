@@ -48,7 +48,7 @@ TABLE_1 = [
     {"velocity_m_s": 314.0, "depth_m": 0.45, "mass_kg": 12.910},
     {"velocity_m_s": 369.5, "depth_m": 0.53, "mass_kg": 12.914},
 ]
-"""Tests of the paper's table 1."""
+"""Penetration tests of the paper's table 1, as an example."""
 
 POSTERIOR = {"type": "log_student_t", "median": 8.055, "scale": 0.0815, "degrees_of_freedom": 7.0}
 """Posterior of S after the tests of table 1."""
@@ -75,7 +75,7 @@ class DepthTest(SolverPart[SolverTest]):
 
 
 class DepthCalibrationRequest(Calibration):
-    """Shots of one projectile into one target in normal impact."""
+    """Penetration tests of one projectile and target in normal impact, to which a strength factor is fitted."""
 
     model_config = with_examples(
         {"projectile": PROJECTILE, "target": TARGET, "tests": TABLE_1},
@@ -154,7 +154,7 @@ class DepthCurve(Part):
 class Posterior(Part):
     """Posterior of S for the next shot into the same concrete, with the published tests as the prior.
 
-    Weights of tests have no effect on it.
+    The weights of the tests have no effect on it.
     """
 
     model_config = with_examples(POSTERIOR)
@@ -290,7 +290,7 @@ class ObliquityCalibrationAnswer(Part):
 
 
 def obliquity_answer(fit: ObliquityFit) -> dict[str, Any]:
-    """Return the answer from a fit.
+    """Return the answer for a fitted polynomial.
 
     Raises
     ------

@@ -77,7 +77,7 @@ class Calibration(Part):
         }
 
     def longest_run(self) -> float:
-        """Return the latest end of a run. [s]"""
+        """Return the time at which the longest run ends. [s]"""
         end = MISSING if self.numerics is MISSING else self.numerics.termination_time_s
         return TERMINATION_TIME if end is MISSING else end
 
@@ -269,7 +269,7 @@ class MotionCalibrationRequest(Calibration):
         return 1 if self.runs is MISSING else len(self.runs)
 
     def longest_run(self) -> float:
-        """Return the latest end of a history. [s]"""
+        """Return the time at which the longest history ends. [s]"""
         histories = [self.history] if self.runs is MISSING else [run.history for run in self.runs]
         return max((each.time_s[-1] for each in histories if each is not MISSING), default=0.0)
 

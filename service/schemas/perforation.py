@@ -177,7 +177,7 @@ class ThicknessFields(PerforationCase):
         return case.shared_arguments() | {"impact": case.impact.to_solver()}
 
     def formulas(self) -> list[FormulaResult]:
-        """Evaluate the empirical formulas for the same strike; none without a velocity along the normal."""
+        """Return the results of the empirical formulas; empty for a strike without a velocity along the normal."""
         arguments = self.arguments()
         try:
             rows = solver.formulas(**{name: arguments[name] for name in ("projectile", "target", "impact")})
@@ -232,7 +232,7 @@ class LimitSpeedFields(PerforationCase):
         return case.shared_arguments() | case.impact.arguments()
 
     def formulas(self) -> list[FormulaResult]:
-        """Return the limit speeds of the empirical formulas; none for a strike along the face."""
+        """Return the limit speeds of the empirical formulas; empty for a strike along the face."""
         arguments = self.arguments()
         strike = {name: arguments[name] for name in ("projectile", "target", "oblique_angle")}
         try:
@@ -248,7 +248,8 @@ class LimitSpeedRequest(LimitSpeedFields):
 
 
 class LimitSpeedBase(LimitSpeedFields):
-    """A wall and a projectile whose limit speed is searched for, in a batch or a sweep, by default without a range."""
+    """A wall and a projectile whose limit speed is searched for, in a batch or a sweep, by default without the 90 %
+    range."""
 
     model_config = with_examples(WALL)
 
@@ -307,7 +308,7 @@ class ThicknessAnswer(Part):
     status: PerforationStatus
     least_thickness_m: Annotated[Num | MISSING, Of("value")] = MISSING
     """Least thickness found that stops the projectile, if there is one between a tenth and a thousand diameters. Unless
-    `resistance` has a `rear_plug` and a `crater`, the wall has neither, and a real wall has to be thicker. [m]"""
+    `resistance` has a `rear_plug` and a `crater`, the model includes neither, and a real wall has to be thicker. [m]"""
     bracket_m: Annotated[
         Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,
         Column("bracket_low_m", "lower of the two thicknesses between which the outcome changes"),
@@ -324,11 +325,11 @@ class ThicknessAnswer(Part):
     range: Annotated[LimitRange | MISSING, GIVEN, *RANGE_COLUMNS["m"]] = MISSING
     """90 % range over the scatter of the strength factor, if requested and if there is a thickness at both ends. [m]"""
     variants: Annotated[Variants | MISSING, GIVEN, *VARIANT_COLUMNS["m"]] = MISSING
-    """Least thickness with different rear and front faces, if requested. [m]"""
+    """Least thickness with and without a plug at the rear and a crater at the front, if requested. [m]"""
     sentence: Annotated[str | MISSING, GIVEN, NOT_TABLED] = MISSING
     """Results of the formulas and of the model in words, with the range. For design values see `/wall`."""
     formulas: Annotated[list[FormulaRow], GIVEN]
-    """Empirical formulas with a perforation thickness for the same strike."""
+    """Results of the empirical formulas that predict a perforation thickness, for the same strike."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
@@ -344,7 +345,7 @@ class LimitSpeedAnswer(Part):
     status: PerforationStatus
     limit_speed_m_s: Annotated[Num | MISSING, Of("value")] = MISSING
     """Least speed found that perforates, if there is one between 1 and 2,000 m/s. Unless `resistance` has a `rear_plug`
-    and a `crater`, the wall has neither, and slower projectiles perforate real walls. [m/s]"""
+    and a `crater`, the model includes neither, and slower projectiles perforate real walls. [m/s]"""
     bracket_m_s: Annotated[
         Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,
         Column("bracket_low_m_s", "lower of the two speeds between which the outcome changes"),
@@ -361,7 +362,7 @@ class LimitSpeedAnswer(Part):
     range: Annotated[LimitRange | MISSING, GIVEN, *RANGE_COLUMNS["m_s"]] = MISSING
     """90 % range over the scatter of the strength factor, if requested and if there is a speed at both ends. [m/s]"""
     variants: Annotated[Variants | MISSING, GIVEN, *VARIANT_COLUMNS["m_s"]] = MISSING
-    """Limit speed with different rear and front faces, if requested. [m/s]"""
+    """Limit speed with and without a plug at the rear and a crater at the front, if requested. [m/s]"""
     sentence: Annotated[str | MISSING, GIVEN, NOT_TABLED] = MISSING
     """Results of the formulas and of the model in words, with the range."""
     formulas: Annotated[list[FormulaRow], GIVEN]
@@ -394,7 +395,10 @@ def thickness_answer(request: ThicknessFields) -> dict[str, Any]:
 
 
 def limit_speed_answer(request: LimitSpeedFields) -> dict[str, Any]:
-    """Find the limit speed, and return the answer without its key and version; raises as `thickness_answer`."""
+    """Find the limit speed, and return the answer without its key and version.
+
+    Raises the same errors as `thickness_answer`.
+    """
     arguments, rows = request.arguments(), request.formulas()
     found = solver.limit_velocity(**arguments)
     given: dict[str, Any] = {}

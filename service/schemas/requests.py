@@ -123,11 +123,11 @@ class Case(Part):
         """Return the request with all defaults filled in."""
 
     def adaptive(self, **numerics: float) -> Self:
-        """Return the request with these defaults of its numerics, and adaptive steps by default."""
+        """Return the request with defaults for its numerics, and the adaptive method unless another one is given."""
         return self.model_copy(update={"numerics": filled(self.numerics, method=Method.ADAPTIVE, **numerics)})
 
     def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data, which is the same for one case however it is sent."""
+        """Return the resolved request as JSON data, the same for all requests that describe the same case."""
         return self.resolved().model_dump(mode="json", exclude=NO_PART_OF_THE_CASE)
 
     @property
@@ -196,7 +196,7 @@ class TrajectoryFields(Case):
         case = self.resolved()
         arguments = case.shared_arguments()
         impact = case.impact.to_solver()
-        # Evaluating S refuses a polynomial that is not positive at this angle before a worker computes anything.
+        # S is evaluated to refuse a polynomial that is not positive at this angle before the case reaches a worker.
         solver.strength_factor(
             resistance=arguments["resistance"],
             oblique_angle=impact.oblique_angle,
@@ -304,7 +304,7 @@ def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request
 
 
 def answered_alternative(laws: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an alternative with its result."""
+    """Return the entry of an alternative in the answer, with its result or problem."""
     return {**laws, **{name: answer[name] for name in FOUND if name in answer}}
 
 
@@ -320,7 +320,7 @@ class ReportedStrike(Strike):
     model_config = with_examples(STRIKE, STRIKE | {"oblique_angle_deg": 45.0})
 
     oblique_angle_deg: ObliqueAngle | MISSING = MISSING
-    """Oblique angle to judge, whose run and outcome are in the report. [°]"""
+    """Oblique angle of a strike to judge; the report shows its run and outcome. [°]"""
 
 
 class ReportRequest(CriticalAngleRequest):
@@ -341,8 +341,7 @@ class ReportRequest(CriticalAngleRequest):
 
     @property
     def has_own_law(self) -> bool:
-        """True if the request has its own resistance law, which is evaluated in addition to the theories of the
-        decay."""
+        """True if the request has its own law of S or decay, which is evaluated in addition to the theories."""
         return has_own_law(self.resistance.to_solver())
 
     def check(self) -> None:

@@ -71,7 +71,7 @@ class SamplingSettings(SolverPart[Sampling]):
     model_config = with_examples({"half_width": 0.02, "confidence": 0.95, "max_samples": 16384, "seed": 7})
 
     half_width: Annotated[Num, Field(ge=1e-4, le=0.5)] = SAMPLING.half_width
-    """Half width of the intervals of all probabilities, within 0 and 1, at which sampling ends. [1]"""
+    """Half width of the confidence intervals of all probabilities, cut off at 0 and 1, at which sampling ends. [1]"""
     confidence: Annotated[Num, Field(ge=0.5, le=0.9999)] = SAMPLING.confidence
     """Confidence level of every interval. [1]"""
     max_samples: Annotated[Count, Field(ge=FEWEST_SAMPLES, le=MOST_SAMPLES_OF_A_REQUEST), WHOLE] = SAMPLING.max_samples
@@ -108,7 +108,7 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
     oblique_angles_deg: Annotated[AngleRange, Field(default_factory=AngleRange)]
     """Angles at which the probability of ricochet is given."""
     sensitivity: Flag = True
-    """Include Sobol indices and swings."""
+    """Include the sensitivity to each input."""
 
     @property
     def base(self) -> dict[str, Any]:

@@ -120,7 +120,7 @@ class AfterShotsAnswer(Part):
     lower_deg: Num
     """Lower end of the 90 % range, if the shots do not change the median of S. [°]"""
     upper_deg: Num
-    """Upper end of this range. [°]"""
+    """Upper end of the 90 % range, if the shots do not change the median of S. [°]"""
 
 
 class SensitivityAnswer(Part):
@@ -137,8 +137,8 @@ class SensitivityAnswer(Part):
     """Total Sobol index: share of the variance including interactions. [1]"""
     swing: list[SwingAnswer]
     after_shots: Annotated[list[AfterShotsAnswer] | MISSING, Of(lambda found: found.after_shots or None)] = MISSING
-    """Expected range of the angle after one and after three own shots, for a `resistance.strength_residual` whose
-    logarithm scatters."""
+    """Expected range of the angle after one and after three own shots, given for a `resistance.strength_residual` with
+    a `lognormal` or `log_student_t` distribution."""
 
 
 class ConvergenceAnswer(Part):
@@ -190,9 +190,9 @@ class StudyProgress(Part):
     samples: Count
     """Number of searches or runs computed so far."""
     max_samples: Count
-    """Largest number of searches or runs. The study ends earlier if it reaches the half width."""
+    """Largest number of searches or runs. The study ends earlier if it reaches the requested half width."""
     half_width: Num | MISSING = MISSING
-    """Largest half-width of the confidence intervals of the probabilities when sampling stopped. [1]"""
+    """Largest half width of the confidence intervals of the probabilities so far. [1]"""
     requested_half_width: Num
     """Half width at which the study ends. [1]"""
 
@@ -246,7 +246,7 @@ class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
 
 
 class OutcomeProbability(EstimateAnswer):
-    """Probability of one outcome."""
+    """Probability of one outcome, with its confidence interval."""
 
     model_config = with_examples({"outcome": "ricochet"} | ESTIMATE)
 

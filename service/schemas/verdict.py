@@ -190,8 +190,8 @@ class VerdictAnswer(Part):
     """90 % range of the critical angle with the usual scatter, over the samples that have an angle. It includes
     `critical_angle_deg`. If the request has a law of its own, the range is by that law."""
     held_angle_deg: Num | MISSING = MISSING
-    """Critical angle with the strength factor held from 55° on, if it is held from 60° on and the angle is beyond 55°.
-    `range` includes both angles. [°]"""
+    """Critical angle with a strength factor that is constant from 55° on. Present if that of the request is constant
+    from 60° on and the critical angle is beyond 55°. `range` includes both angles. [°]"""
     share_without_angle: Annotated[Num, Field(ge=0.0, le=1.0)]
     """Share of samples without a critical angle in the range searched. [1]"""
     theories: list[TheoryAngle]
@@ -232,7 +232,7 @@ class VerdictAnswer(Part):
 
 
 def verdict_steps(request: ReportRequest) -> Steps:
-    """Return the steps of the verdict on a strike, without a range if a run by panels takes seconds."""
+    """Return the steps of the verdict on a strike. They omit the 90 % range if runs by panels take seconds."""
     case = request.resolved()
     return solver_verdict_steps(
         **case.shared_arguments(),
