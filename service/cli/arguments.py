@@ -24,7 +24,7 @@ exit status:
   {SOME_FAILED}  finished, but some cases of a batch have a problem instead of a result
   {INTERRUPTED}  interrupted (Ctrl-C)"""
 INPUT_STATUSES = frozenset({400, 404, 405, 406, 413, 415})
-"""HTTP statuses caused by the request."""
+"""HTTP statuses of errors in the request, after which the command ends with `WRONG`."""
 MANY = ("cra", "trajectory", "thickness", "limit-speed")
 """Operations of batches and sweeps, the default first."""
 INVALID = "urn:ricochet:problem:invalid-request"
@@ -103,7 +103,7 @@ def read_numbers(text: str) -> list[float]:
     Raises
     ------
     ArgumentTypeError
-        If one of them is no number.
+        If one of them is not a number.
     """
     try:
         return [float(number) for number in text.split(",")]

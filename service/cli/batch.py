@@ -170,7 +170,7 @@ def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
     Raises
     ------
     CommandError
-        If the file is no table, no row is valid, or one is not and `--skip-bad` is not given.
+        If the file is not a table, no row is valid, or a row is invalid and `--skip-bad` is not given.
     """
     from service.cli.case_table import CUSTOM_ID, UnknownColumnsError, read_cases
     from service.cli.local import wrong_cases
@@ -365,7 +365,7 @@ def read_axis(text: str) -> SweepAxis:
 
 
 def _linspace(start: float, stop: float, count: int) -> list[float]:
-    """Return evenly spaced values, computed as by the service, so that keys and plots agree to the last bit."""
+    """Return evenly spaced values, computed as in the service, so that keys and plots agree to the last bit."""
     if not 1 <= count <= MAX_POINTS:
         raise ValueError(count)
     if count == 1:

@@ -49,7 +49,7 @@ GREEK = str.maketrans({"ρ": "rho", "ψ": "psi", "θ": "theta", "ω": "omega", "
 APOSTROPHES = re.compile("['\N{PRIME}\N{RIGHT SINGLE QUOTATION MARK}]")
 NO_WORD = re.compile(r"[^a-z0-9]+")
 SOUGHT = ("impact.oblique_angle_deg", "impact.velocity_m_s", "target.thickness_m")
-"""Fields that a search finds, which its cases do not have."""
+"""Fields that a search determines, which its cases therefore lack."""
 NEEDED = frozenset(
     (
         "projectile.diameter_m",
@@ -151,7 +151,7 @@ class CaseTable:
 
 
 class UnknownColumnsError(CommandError):
-    """Columns of a table are no fields of a case.
+    """Columns of a table are not fields of a case.
 
     Parameters
     ----------
@@ -174,12 +174,12 @@ def read_cases(file: Path, operation: str, base: Mapping[str, Any], keep: Collec
     base
         Fields of every case, which the cells of a row replace unless they are empty.
     keep
-        Headers of columns that are no fields and are only copied to the output.
+        Headers of columns that are not fields and are only copied to the output.
 
     Raises
     ------
     CommandError
-        If the file is no table, or columns are no fields of a case.
+        If the file is not a table, or columns are not fields of a case.
     """
     try:
         table = read_table(file, gaps=True)
@@ -209,7 +209,7 @@ def _columns(table: Table, fields: Sequence[str], keep: Collection[str]) -> list
     Raises
     ------
     CommandError
-        If some columns are no fields, or two of them are the same field.
+        If some columns are not fields, or two of them are the same field.
     """
     columns, unknown = list[Column](), list[str]()
     by_field = dict[str, str]()

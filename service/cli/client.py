@@ -161,13 +161,13 @@ class Client:
         return parse(self._send("GET", path_of(job_id)))
 
     def job_at_its_end(self, job_id: str) -> dict[str, Any]:
-        """Wait until a job has ended, and return it. Its last result can be read a moment before its end."""
+        """Wait until a job has ended, and return its state. The last result can be available a moment earlier."""
         while (job := self.job(job_id))["status"] in UNFINISHED:
             time.sleep(POLL_SECONDS)
         return job
 
     def jobs(self) -> list[dict[str, Any]]:
-        """Return all jobs, the newest first."""
+        """Return the states of all jobs, the newest first."""
         found: list[dict[str, Any]] = []
         cursor = ""
         while True:
@@ -191,7 +191,7 @@ class Client:
         return self._send("GET", path, headers={"Accept": PARQUET}).content
 
     def cancel(self, job_id: str) -> dict[str, Any]:
-        """Cancel a job and return it."""
+        """Cancel a job, and return its state."""
         return parse(self._send("POST", f"{path_of(job_id)}/cancel"))
 
     def delete(self, job_id: str) -> None:
@@ -216,7 +216,7 @@ class Client:
                 # A repeated request is safe: computations have no side effects, and jobs have an idempotency key.
                 response = self._http.request(method, path, content=content() if content else None, headers=headers)
             except httpx.TransportError as error:
-                # A service that has never answered is more likely absent than restarting, so that waiting is in vain.
+                # A service that has never answered is more likely absent than restarting, so that it is not waited for.
                 if pause is None or not self._reached:
                     raise self._unreachable(error) from None
                 time.sleep(pause)
@@ -258,7 +258,7 @@ def path_to(operation: str) -> str:
 
 
 def path_of(job_id: str) -> str:
-    """Return the path of a job; any text is a valid id."""
+    """Return the path of a job, with reserved characters of its id quoted."""
     return f"/jobs/{quote(job_id, safe='')}"
 
 
@@ -300,5 +300,5 @@ def refusal(response: httpx.Response) -> RefusedError:
 def retry_pause(response: httpx.Response) -> float:
     """Return the time to wait before a request is repeated. [s]"""
     seconds = response.headers.get("Retry-After", "")
-    # `Retry-After` may also be a date, which this service does not send; then one second is waited.
+    # `Retry-After` may also be a date, which this service does not send; the pause is then one second.
     return min(float(seconds) if seconds.isdigit() else 1.0, LONGEST_PAUSE)

@@ -198,7 +198,7 @@ def kept_rows(args: argparse.Namespace, stream: TextIO, counts: Counts, total: i
     try:
         yield
     except BaseException:
-        if args.output and Path(stream.name).stat().st_size:  # All writers have flushed what they wrote.
+        if args.output and Path(stream.name).stat().st_size:  # All writers flush after every row.
             print(f"{counts.total:,} of {total:,} rows in {stream.name}", file=sys.stderr)
         raise
 
@@ -217,7 +217,7 @@ def service_for(args: argparse.Namespace) -> AbstractContextManager["Client"]:
         return connect(args.url)
     from service.workers.template import template
 
-    template.start()  # It loads the solver while this process imports the server.
+    template.start()  # The template loads the solver while this process imports the server.
     from service.cli.server import local_server
 
     data_dir: Path | None = args.data_dir
@@ -253,7 +253,9 @@ def follow(
         base = asked["base"] if "axes" in asked else None
         writers.insert(0, writer_for(args, stream, job["operation"], base, inputs))
     if args.parquet:
-        client.parquet(job["id"], limit=1)  # A service without Parquet refuses this now instead of after the work.
+        client.parquet(
+            job["id"], limit=1
+        )  # A service without Parquet refuses the output before the work, not after it.
     with kept_rows(args, stream, counts, job["counts"]["total"]):
         try:
             with progress("computing") as report:

@@ -20,7 +20,7 @@ from service.cli.arguments import FAILED, CommandError, InputFile
 
 ONE_ANSWER = {".json": "json", ".csv": "csv"}
 MANY_ANSWERS = {".jsonl": "json", ".ndjson": "json", ".csv": "csv", ".parquet": "parquet", ".xlsx": "xlsx"}
-"""Flags of formats by file extension."""
+"""Format flags by file extension, for commands with many answers."""
 PLOT = (".png", ".svg", ".pdf")
 MEANINGFUL, ALL_DIGITS = 6, 17
 """Default and largest number of significant digits. A search ends within 0.01°, and runs are accurate to 1e-6 of their
@@ -73,7 +73,7 @@ class OutputFile:
         return found
 
     def check(self, others: "Collection[InputFile | OutputFile]") -> None:
-        """Check before the computation that the file can be written and is none of the others.
+        """Check before the computation that the file can be written and differs from the other files.
 
         Raises
         ------
@@ -195,7 +195,7 @@ def _replace(path: Path, partial_name: str, before: os.stat_result | None) -> No
     except OSError:
         if before is None:
             raise
-        # A mount point cannot be renamed over, nor can a file on another file system be renamed.
+        # Renaming cannot replace a mount point, and cannot move a file from another file system.
         shutil.copyfile(partial_name, path)
         Path(partial_name).unlink()
 
@@ -242,7 +242,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
     formats.add_argument(
         "--parquet", action="store_true", help="write the summaries as Parquet; needs the extra parquet at the service"
     )
-    parser.set_defaults(xlsx=False)  # It is set by a file extension only: nobody reads a workbook from a pipe.
+    parser.set_defaults(xlsx=False)  # Only a file extension sets it: workbooks are not read from pipes.
 
 
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:

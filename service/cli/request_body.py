@@ -152,7 +152,7 @@ def _put_number(body: dict[str, Any], flag: Flag, value: float | None) -> None:
 
 
 def put_model(body: dict[str, Any], part: tuple[str, ...], chosen: Sequence[tuple[Flag, Any]]) -> None:
-    """Set a union from its flags. The model of the file is kept if it has the fields of the flags.
+    """Set a part with several models from its flags. The model of the file is kept if it has the fields of the flags.
 
     Raises
     ------
@@ -185,7 +185,7 @@ def _split(text: str) -> tuple[str, Any]:
 
 
 def put_field(body: dict[str, Any], steps: Sequence[str], value: Any, text: str) -> None:
-    """Set any field of a body. `text` is the input of the user, for the error if a parent is no object."""
+    """Set any field of a body. `text` is the input of the user, for the error if a parent is not an object."""
     parent = body
     for step in steps[:-1]:
         parent = parent.setdefault(step, {})

@@ -68,7 +68,7 @@ def run_serve(args: argparse.Namespace) -> int:
     if settings.executor != "in-process":
         from service.workers.template import template
 
-        template.start()  # It loads the solver while this process imports the application.
+        template.start()  # The template loads the solver while this process imports the application.
     from service.api.app import create_app
     from service.auth.api_keys import KeysUnreadableError
     from service.cli.server import Server
@@ -90,7 +90,7 @@ def run_serve(args: argparse.Namespace) -> int:
     check_access(settings, app.state.services.keys)
     check_proxy(settings)
     warn_of_readers(*filter(None, (settings.data_dir / "auth.sqlite", settings.tls_key)))
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # Uvicorn raises it again after its shutdown.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # Uvicorn raises the signal again after its shutdown.
     server = Server(app, settings, lambda port: print_address(settings, port))
     try:
         with suppress(KeyboardInterrupt):
@@ -98,7 +98,7 @@ def run_serve(args: argparse.Namespace) -> int:
     except (UnusableFolderError, ExecutorError, OSError) as error:
         raise CommandError(reason_of(error), NOT_STARTED) from None
     except RuntimeError as error:
-        if "start new thread" not in str(error):  # Python has no exception of its own for it.
+        if "start new thread" not in str(error):  # Python has no specific exception for a failed start.
             raise
         raise CommandError(f"{error}; {LIMIT_HINT}", NOT_STARTED) from None
     except Exception:
@@ -210,7 +210,7 @@ def run_mcp(args: argparse.Namespace) -> int:
 
 
 async def serve_tools(client: "Client") -> None:
-    """Answer the messages of a client of the tools. A computation ends when its call is cancelled or the input ends."""
+    """Answer the messages of an MCP client. A computation ends when its call is cancelled or the input ends."""
     from mcp.server.stdio import stdio_server
 
     from service.api.mcp_tools import ToolError, server_of

@@ -155,7 +155,7 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
     CommandError
         If the folder belongs to a running service, or the workers cannot be started.
     """
-    previous = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # It leaves the contexts below.
+    previous = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # This exits the contexts below.
     with (
         tempfile.TemporaryDirectory(prefix="ricochet-") as folder,
         tempfile.TemporaryDirectory(prefix="ricochet-", dir=socket_folder()) as sockets,

@@ -248,8 +248,7 @@ class LimitSpeedRequest(LimitSpeedFields):
 
 
 class LimitSpeedBase(LimitSpeedFields):
-    """A wall and a projectile whose limit speed is searched for, in a batch or a sweep, by default without the 90 %
-    range."""
+    """A wall and a projectile whose limit speed is searched for, in a batch or a sweep. The 90 % range is optional."""
 
     model_config = with_examples(WALL)
 
