@@ -329,7 +329,7 @@ def compute_flight(request: bytes) -> Answer:
 
 
 def compute_formulas(request: bytes) -> Answer:
-    """Evaluate the empirical formulas."""
+    """Evaluate the empirical formulas for one strike."""
     return formulas_answer(FormulasRequest.model_validate_json(request)), None
 
 
@@ -750,7 +750,7 @@ OPERATIONS: dict[str, Operation] = {
 
 
 def is_study(operation: str) -> bool:
-    """Return True if an operation is a study of uncertainty; names that only a later version knows are not."""
+    """Return True if an operation is a study of uncertainty; names of a later version are not."""
     return operation in OPERATIONS and OPERATIONS[operation].study is not None
 
 

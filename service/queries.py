@@ -28,7 +28,7 @@ from solver import ParameterError
 from solver.warnings import IMPLAUSIBLE
 
 MEMORY_SECONDS = 30.0
-"""Window over which the rate is measured [s]: it covers a few chunks of slow work, yet forgets other work before."""
+"""Window over which the rate is measured [s]: it covers a few chunks of slow work, but not the work of earlier jobs."""
 SHORTEST_SECONDS = 0.05
 """Shortest window [s]. The first chunk of a job may take less, and its rate would be nearly infinite."""
 STEP_SECONDS = 0.5
@@ -218,8 +218,8 @@ class QueryService:
     async def answer(self, operation: str, request: KeyedRequest, owner: str = "") -> Answered:
         """Return the record of a request, and whether it came from the cache.
 
-        Equal requests in flight share one computation, queued for the owner who was first. It is cancelled when all
-        their clients have left: at once while it is queued, after `ABANDONED_SECONDS` while it runs.
+        Equal requests in flight share one computation, queued for the owner of the first request. It is cancelled when
+        all their clients have left: at once while it is queued, after `ABANDONED_SECONDS` while it runs.
 
         Raises
         ------
@@ -279,7 +279,7 @@ class QueryService:
         cases
             Cases with different keys, none of which is in flight.
         owner
-            Owner in whose turn the chunk is computed.
+            Owner whose turn in the queue the chunk takes.
         remaining
             Cost of the rest of the job. [ordinary cases]
         begun
@@ -411,7 +411,7 @@ class QueryService:
     def _put(
         self, operation: str, cases: Sequence[KeyedRequest], results: Sequence[CallResult]
     ) -> list[Record | Exception]:
-        """Store the results of a chunk in one file."""
+        """Store the results of a chunk in one file, and return the record or the error of each case."""
         outcomes: list[Record | Exception] = []
         for case, result in zip(cases, results[: len(cases)], strict=True):
             if result.error is not None:

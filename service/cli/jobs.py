@@ -198,7 +198,7 @@ def kept_rows(args: argparse.Namespace, stream: TextIO, counts: Counts, total: i
     try:
         yield
     except BaseException:
-        if args.output and Path(stream.name).stat().st_size:  # All writers flush after every row.
+        if args.output and Path(stream.name).stat().st_size:  # All writers flush what they write.
             print(f"{counts.total:,} of {total:,} rows in {stream.name}", file=sys.stderr)
         raise
 
@@ -253,9 +253,8 @@ def follow(
         base = asked["base"] if "axes" in asked else None
         writers.insert(0, writer_for(args, stream, job["operation"], base, inputs))
     if args.parquet:
-        client.parquet(
-            job["id"], limit=1
-        )  # A service without Parquet refuses the output before the work, not after it.
+        # A service without Parquet refuses the output now rather than after the work.
+        client.parquet(job["id"], limit=1)
     with kept_rows(args, stream, counts, job["counts"]["total"]):
         try:
             with progress("computing") as report:

@@ -139,7 +139,7 @@ def next_shot_advice(answer: Mapping[str, Any]) -> str:
     Raises
     ------
     CommandError
-        If the study has no uncertain S.
+        If S is not an uncertain input of the study.
     """
     from service.schemas.verdict import next_shot_advice_in
 

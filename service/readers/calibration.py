@@ -309,7 +309,7 @@ def read_motion(
 
 
 def _read_dyna(path: str | Path, content: bytes, part: int | None, node: int | None) -> States | None:
-    """Return the states of an LS-DYNA file; None if it is another file."""
+    """Return the states of an LS-DYNA file; None for a file of another format."""
     if is_binout(content):
         return read_binout(path, content, part, node)
     if RBDOUT_MARK.encode() in content:

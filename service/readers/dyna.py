@@ -189,7 +189,7 @@ def read_rbdout(path: str | Path, lines: Sequence[str], part: int | None) -> Sta
             body = int(found["body"])
         elif body is not None and starts and (found := DISPLACEMENT_LINE.fullmatch(text)):
             rows.append((body, len(starts), line, found["numbers"]))
-            # The displacements that follow for this body are along its own axes.
+            # Later displacements of this body are along its own axes, and are skipped.
             body = None
     wanted = select(path, "rigid body", sorted({row[0] for row in rows}), part)
     motions: list[list[float]] = []
@@ -234,7 +234,7 @@ def read_nodout(path: str | Path, lines: Sequence[str], node: int | None) -> Sta
                 motions[kind].append(_numbers(path, line, row["numbers"], 3, f"node {wanted}")[:3])
                 places[kind].append(line)
         elif begun:
-            # A table ends at its first other line, as the title of the next state may look like a row.
+            # A table ends at the first line that is not a row, since the title of the next state may look like a row.
             kind = ""
     for kind, lines_of_states in starts.items():
         _require_complete(path, missing, lines_of_states, len(lines_of_states), motions[kind])
@@ -378,7 +378,7 @@ def _continuations(path: str | Path) -> Iterator["Lsda"]:
 
 
 def _ids_of_states(files: Sequence["Lsda"], folders: Sequence["Folder"], database: str) -> list[FloatArray]:
-    """Return the ids of the bodies of each state, in the order of its numbers; states with equal ids share an array.
+    """Return the ids of the bodies of each state, in the order of their numbers; states with equal ids share an array.
 
     The ids are taken from the state itself or, if it has none, from the metadata last written before it. LS-DYNA
     writes the metadata again when a part is switched between rigid and deformable, and in each file that continues a

@@ -80,7 +80,7 @@ def read_bytes(path: str | Path) -> bytes:
     Raises
     ------
     FileError
-        If the file cannot be read, is empty or too large, or has a format that no reader takes.
+        If the file cannot be read, is empty or too large, or has a format without a reader.
     """
     try:
         with Path(path).open("rb") as file:
@@ -99,7 +99,7 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def _other_format(content: bytes) -> str | None:
-    """Return the name of a format that no reader takes, with advice for the user; None for any other content."""
+    """Return the name of a format without a reader, with advice for the user; None for any other content."""
     if _is_d3plot(content):
         return "LS-DYNA's d3plot, the state of a whole model; {motion}"
     head = content[:HEAD_BYTES]
@@ -129,8 +129,8 @@ def lines_of(path: str | Path, content: bytes, *, strict: bool = True) -> list[s
     Parameters
     ----------
     strict
-        Raise an error if the text is not UTF-8; otherwise replace such characters, which occur in titles of older
-        LS-DYNA files.
+        True to raise an error if the text is not UTF-8. Otherwise such characters, which occur in titles of older
+        LS-DYNA files, are replaced.
 
     Raises
     ------

@@ -85,7 +85,7 @@ class UnknownUnitError(ValueError):
 
 
 def spelled(unit: str) -> str:
-    """Return a unit in the spelling of the mappings above: m/s becomes m_s, µs becomes us."""
+    """Return a unit in the spelling of the mappings of units: m/s becomes m_s, µs becomes us."""
     return unit.translate(SPELLINGS).lower()
 
 
@@ -144,8 +144,8 @@ MAX_COLUMNS = 10_000
 all units (the number is a judgement)."""
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?")
 BLANKS = re.compile(r"(?<![ \t])[ \t]++(?![\[(])")
-"""Blanks between two cells, unless a unit in brackets follows. The match is a whole run of blanks and possessive, as
-otherwise the time would grow with the square of a long run."""
+"""Blanks between two cells, unless a unit in brackets follows. The pattern matches a whole run possessively, since the
+time would otherwise grow with the square of its length."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{,2}(,\d{3})+(\.\d*)?")
 """A number with commas between thousands. If it has a single comma, that may also be a decimal comma."""
@@ -203,8 +203,8 @@ def read_table(path: str | Path, content: bytes | None = None, *, gaps: bool = F
     Parameters
     ----------
     gaps
-        True if lines may be empty, and rows may lack cells at their ends. A line with all cells that begins with a
-        number such as #17 is then a row, and a column without a name or a cell is ignored.
+        True if lines may be empty, and rows may lack cells at their ends. A line that begins with a running number such
+        as #17 is then a row if it has all cells, and a column without a name or a cell is ignored.
 
     Raises
     ------
@@ -398,7 +398,7 @@ def _find_one(table: Table, quantity: Quantity, name: str | None, unit: str | No
 
 
 def _check_absent(table: Table, quantity: Quantity, wanted: str | None) -> None:
-    """Raise an error if a missing quantity is required, or if a column has its name but is not read as it."""
+    """Raise an error if a missing quantity is required, or if a column that is not read has its name."""
     if wanted is None:
         for cell in table.header:
             for name in quantity.names:
@@ -443,14 +443,14 @@ def _number(table: Table, column: Column, line: int, cell: str) -> float:
 
 
 def _hint(cell: str, *, first: bool) -> str:
-    """Return the end of an error for a cell that is not a number."""
+    """Return the end of the message for a cell that is not a number."""
     if found := decimal_hint(cell):
         return found
     return "; is this a second header? Units may stand below the names, other text may not" if first else ""
 
 
 def decimal_hint(cell: str) -> str:
-    """Return the end of an error for a number with commas; empty for any other cell."""
+    """Return the end of the message for a number with commas; empty for any other cell."""
     if THOUSANDS.fullmatch(cell):
         plain = cell.replace(",", "")
         if cell.count(",") == 1 and "." not in cell:

@@ -149,7 +149,7 @@ def page(strike: Assessed) -> str:
 
 
 def _headline(verdict: Verdict) -> Markup:
-    """Return the verdict as HTML: its range in bold, its first sentences on the strike and the wall in large type."""
+    """Return the verdict as HTML, with its range in bold and its first sentences on strike and wall in large type."""
     leads = [verdict.sentence, verdict.wall.sentence if verdict.wall else ""]
     text = escape(verdict.sentence)
     for lead in dict.fromkeys(escape(_first_sentence(each)) for each in leads if each):
@@ -161,7 +161,7 @@ def _headline(verdict: Verdict) -> Markup:
 
 
 def _first_sentence(text: str) -> str:
-    """Return the text up to the first full stop before a capital letter; none follows decimals and abbreviations."""
+    """Return the text up to the first full stop before a capital letter, unlike those of decimals and abbreviations."""
     return re.split(r"(?<=\.) (?=[A-Z])", text, maxsplit=1)[0]
 
 

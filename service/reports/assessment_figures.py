@@ -1,4 +1,4 @@
-"""Figures of the report of one strike: a sketch, side views of runs, and the two decisive curves."""
+"""Figures of the report of one strike: a sketch, side views of runs, and curves over the speed and the angle."""
 
 import io
 import math

@@ -128,7 +128,7 @@ OTHER_FIELDS: Final[Mapping[str, Field]] = {
     "numerics.termination_time_s": Field("ms", 1e3),
     "numerics.retention_energy_fraction": Field("%", 100.0),
 }
-"""Format of single quantities for which neither the end of the name nor the unit of the contract serves."""
+"""Format of the quantities that are shown neither by the end of their names nor in the unit of the contract."""
 
 
 def field_of(name: str) -> Field:
@@ -141,7 +141,7 @@ FIELDS: Final[Mapping[str, Field]] = {
 }
 """Format of each input, by its JSON pointer."""
 UNUSED: Final = frozenset({"/numerics/panels", "/numerics/time_step_s", "/search/relative_tolerance"})
-"""Settings of the numerics and of the searches of the paper, which only its reproduction uses."""
+"""Settings that only the numerics and searches of the paper use, which a report therefore omits."""
 ABSENT: Final[Mapping[str, tuple[str, str]]] = {
     "/target/thickness_m": ("half-space", "default"),
     "/impact/oblique_angle_deg": ("none", "not given"),
