@@ -450,7 +450,7 @@ PANEL_STEPS = 1e6
 
 
 FIT_CASES = 20
-"""Cost of a calibration, which takes as long as this many ordinary cases [ordinary cases]."""
+"""Cost of fitting one strength factor, by the time that it takes. [ordinary cases]"""
 
 
 def cases_of_a_fit(request: Calibration) -> int:

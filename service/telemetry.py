@@ -263,7 +263,7 @@ class LinkedTrace:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, with the ids of its span and its log entry exchanged."""
+        """Pass a request on; add the id of its log entry to its span, and that of its span to its log entry."""
         span = trace.get_current_span()
         if scope["type"] != "http" or not span.get_span_context().is_valid:
             await self._app(scope, receive, send)

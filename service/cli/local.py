@@ -41,7 +41,7 @@ Any further case whose values contradict each other has a problem as its result.
 
 
 def wrong_cases(operation: str, cases: Iterable[Any]) -> dict[int, list[dict[str, str]]]:
-    """Return the errors of the cases of a batch by number, from the same checks as those of the routes.
+    """Return the errors of a batch by the number of the case, from the checks that a service makes.
 
     Parameters
     ----------

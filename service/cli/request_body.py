@@ -105,7 +105,7 @@ def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence
 
 
 def read_own_shots(flag: Flag, file: InputFile) -> list[dict[str, float]]:
-    """Read a file of shots, and return them in the form of own tests.
+    """Read a file of the user's own shots, and return them as the `shots` of the model `own_tests`.
 
     Raises
     ------

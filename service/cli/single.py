@@ -232,7 +232,7 @@ def print_motion(answer: Mapping[str, Any], *, verbose: bool) -> None:
 
 
 def print_search(answer: Mapping[str, Any], verdict: Mapping[str, Any], *, verbose: bool, shots: str) -> None:
-    """Print the verdict, the effect of own shots if there are any, and with `verbose` the trials and numbers."""
+    """Print the verdict, the effect of the user's own shots if any, and with `verbose` the trials and numbers."""
     if verbose:
         columns = ("oblique_angle_deg", "final_position_m", "outcome")
         rows = [
@@ -260,7 +260,7 @@ def print_search(answer: Mapping[str, Any], verdict: Mapping[str, Any], *, verbo
 
 
 def shots_sentence(body: RequestBody, answer: Mapping[str, Any]) -> str:
-    """Return a sentence with the effect of own shots on S; empty without shots or without a critical angle."""
+    """Return a sentence on the effect of the user's own shots on S; empty without shots or without an angle."""
     if "own_tests" not in answer or body.value_at("/resistance/strength_factor/model") != "own_tests":
         return ""
     tests = answer["own_tests"]

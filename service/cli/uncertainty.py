@@ -134,7 +134,7 @@ def with_usual_scatter(body: RequestBody) -> None:
 
 
 def next_shot_advice(answer: Mapping[str, Any]) -> str:
-    """Return the advice on the value of further own shots, in one sentence.
+    """Return one sentence of advice on the value of further shots by the user.
 
     Raises
     ------

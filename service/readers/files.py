@@ -171,7 +171,7 @@ class Readings:
 
     @property
     def rows(self) -> int:
-        """Number of rows."""
+        """Number of rows of each column."""
         return len(next(iter(self.values.values())))
 
     def each_row(self) -> Iterator[dict[str, float]]:

@@ -161,7 +161,7 @@ def _headline(verdict: Verdict) -> Markup:
 
 
 def _first_sentence(text: str) -> str:
-    """Return the text up to the first full stop before a capital letter, unlike those of decimals and abbreviations."""
+    """Return the first sentence of a text, which ends at a full stop before a capital letter."""
     return re.split(r"(?<=\.) (?=[A-Z])", text, maxsplit=1)[0]
 
 

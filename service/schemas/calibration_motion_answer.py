@@ -227,7 +227,7 @@ def _run(fit: MotionFit, compared: Sequence[tuple[float, MotionHistory]]) -> dic
 
 
 def _motion(motion: MotionHistory, quantities: Collection[str]) -> dict[str, Any]:
-    """Return a motion as JSON data, with these quantities only."""
+    """Return a motion as JSON data, with the given quantities only."""
     return walk(FittedMotion, MotionHistory(time=motion.time, **{name: motion.columns[name] for name in quantities}))
 
 

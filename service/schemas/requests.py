@@ -229,7 +229,7 @@ class CriticalAngleBase(Case):
 
     @property
     def by_paper(self) -> bool:
-        """True if the search is one of the paper's, which use the final position."""
+        """True if the search is the paper's bisection or secant search, which use the final position."""
         return self.search.method is not SearchMethod.OUTCOME
 
     @property

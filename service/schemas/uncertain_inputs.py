@@ -349,7 +349,7 @@ def _with_law(request: Mapping[str, Any], law: StrengthFactor) -> dict[str, Any]
 
 
 def without_shots(case: Case, request: dict[str, Any]) -> dict[str, Any]:
-    """Return the request of a sample with own tests replaced by the equivalent power law.
+    """Return the request of a sample with the model `own_tests` replaced by the equivalent power law.
 
     Samples then need not repeat the shots, whose fit would be computed for each of them.
 

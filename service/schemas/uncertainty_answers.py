@@ -95,7 +95,7 @@ class CriticalAngleDistribution(Part):
 
 
 InputValue = TypeAliasType("InputValue", Annotated[Num | str, Field(description="A number, or the name of a model.")])
-"""Value of an input."""
+"""Value of an uncertain input: a number, or the name of a model."""
 
 
 class SwingAnswer(Part):
@@ -137,8 +137,8 @@ class SensitivityAnswer(Part):
     """Total Sobol index: share of the variance including interactions. [1]"""
     swing: list[SwingAnswer]
     after_shots: Annotated[list[AfterShotsAnswer] | MISSING, Of(lambda found: found.after_shots or None)] = MISSING
-    """Expected range of the angle after one and after three own shots, given for a `resistance.strength_residual` with
-    a `lognormal` or `log_student_t` distribution."""
+    """Expected range of the angle after one and after three shots of the user, given for a
+    `resistance.strength_residual` with a `lognormal` or `log_student_t` distribution."""
 
 
 class ConvergenceAnswer(Part):

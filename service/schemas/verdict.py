@@ -95,7 +95,7 @@ def _without_centre(distribution: Mapping[str, Any]) -> dict[str, Any]:
 
 @cache
 def usual_scatter_of_page() -> dict[str, dict[str, Any]]:
-    """Return the usual distributions of inputs for a concrete without own tests, relative to the value of the case.
+    """Return the usual distributions of inputs for an untested concrete, relative to the values of the case.
 
     The page uses them as defaults.
     """
