@@ -84,7 +84,7 @@ class RefusedError(CommandError):
 
 
 def reason_of(error: BaseException) -> str:
-    """Return the text of an error of the system without its number."""
+    """Return the text of a system error without its number."""
     return re.sub(r"\[Errno -?\d+\] ", "", str(error))
 
 

@@ -301,7 +301,7 @@ def calibration_body(
     Raises
     ------
     CommandError
-        If the file holds no JSON object or a field is invalid; it names the flag or the pointer.
+        If the file holds no JSON object or a field is invalid; the message names the flag or the pointer.
     """
     case = read_body(args.case, args, flags)
     # These fields are ignored rather than refused, so that the file of a strike serves for its calibration too.

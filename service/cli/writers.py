@@ -201,7 +201,7 @@ class Workbook(Writer):
             self._begun = True
 
     def close(self) -> None:
-        """Save the workbook."""
+        """Save the workbook, which is kept in temporary files until then."""
         self._book.save(self._stream.buffer)
         self._stream.flush()
 
