@@ -468,7 +468,10 @@ def cases_of_a_study(request: UncertainCase) -> int:
     return request.sampling.max_samples
 
 
-SEARCH_NOTE = f"A case counts as {WALL_CASES} against a quota, as many as the runs of its search; with a range, six times as many."
+SEARCH_NOTE = (
+    f"A case counts as {WALL_CASES} against a quota, as many as the runs of its search, or as "
+    f"{6 * WALL_CASES} with the 90 % range."
+)
 UNCERTAINTY_TOOL = (
     "uncertainty",
     "Uncertainty of an angle or an outcome",

@@ -56,11 +56,11 @@ class SweepAxis(NamedTuple):
 def add_batch(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `ricochet batch`."""
     parser.description = (
-        "Compute many cases. Each line of the file is a request body in JSON, with an optional custom_id; or the file "
-        "is a table, CSV or Excel, with a case in each row, whose columns are fields by name, such as velocity_m_s, "
-        "'Speed (m/s)', fc_MPa or id, with units in the header or in a second line. CSV and Excel results carry the "
-        "columns of the table. Results are written in the order of the file as soon as they are ready: as "
-        "JSON lines, or on a terminal as a table of the first."
+        "Compute many cases. Each line of the file is a request body in JSON, with an optional custom_id. "
+        "Alternatively the file is a table, CSV or Excel, with a case in each row and a field in each column, such as "
+        "velocity_m_s, 'Speed (m/s)', fc_MPa or id; units are in the header or in a second line. CSV and Excel "
+        "results repeat the columns of the table. Results are written in the order of the file as soon as they are "
+        "ready: as JSON lines, or on a terminal as a table of the first ones."
     )
     parser.epilog = examples(
         "ricochet batch cases.jsonl -o angles.csv",
@@ -91,8 +91,8 @@ def add_sweep(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `ricochet sweep`."""
     parser.description = (
         "Compute a case for every combination of the values of up to four fields; the last axis varies fastest. The "
-        "case may leave out the fields of the axes. For thickness and limit-speed, what is sought and other parts than "
-        "projectile, target, impact, resistance and numerics are left out of the file."
+        "file may lack the fields of the axes. For thickness and limit-speed, the quantity to find is ignored in the "
+        "file, and so is everything but projectile, target, impact, resistance and numerics."
     )
     parser.epilog = examples(
         "ricochet sweep strike.toml --axis impact.velocity_m_s=200:300:3 --csv",

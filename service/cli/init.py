@@ -65,8 +65,8 @@ TABLE_ENDINGS = (".csv", ".xlsx")
 def add_init(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `ricochet init`."""
     parser.description = (
-        "Write a file of a strike to start from, that of the source paper, with every nose shape and strength law as a "
-        "comment; or with --table a table of cases for `ricochet batch`. A file that is there already is left as it is."
+        "Write a file of a strike to start from: the strike of the source paper, with every nose shape and strength "
+        "law as a comment; or with --table a table of cases for `ricochet batch`. An existing file is not changed."
     )
     parser.epilog = examples("ricochet init", "ricochet init wall.toml", "ricochet init --table cases.csv")
     options = {"nargs": "?", "default": "strike.toml", "help": "default: strike.toml"}

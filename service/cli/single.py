@@ -50,8 +50,8 @@ def add_cra(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `ricochet cra`."""
     parser.description = (
         "Find the smallest oblique angle, from the inward normal of the face, at which a projectile ricochets, with "
-        "its 90 % range by the usual scatter; with --angle, judge the strike at that angle too. Prints one line; if "
-        "there is no such angle in the range, it says so."
+        "its 90 % range under the usual scatter; with --angle, judge the strike at that angle too. The answer is one "
+        "line, which also says if there is no such angle in the range."
     )
     parser.epilog = examples(
         "ricochet cra strike.toml",

@@ -45,9 +45,9 @@ WIDE = (7.0, 4.0)
 def add_uncertainty(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `ricochet uncertainty`."""
     parser.description = (
-        "Estimate the probability of ricochet over the oblique angle, and what the critical angle is sensitive to; "
-        "with --angle, the probability of each outcome of that strike. Without inputs that scatter, the usual ones do: "
-        "what tests of this kind leave unknown."
+        "Estimate the probability of ricochet over the oblique angle, and the sensitivity of the critical angle to "
+        "each input; with --angle, the probability of each outcome of that strike. If no input is uncertain, the "
+        "usual scatter of the inputs is assumed."
     )
     parser.epilog = examples(
         "ricochet uncertainty strike.toml",
