@@ -212,7 +212,7 @@ def _query_of(request: ReportRequest, question: Question) -> Query:
 
 
 def _with_probe(case: Mapping[str, Any], code: str, value: float) -> dict[str, Any]:
-    """Return the body of a search with the changed value of a probe."""
+    """Return the body of a search in which a probe changes one value; `code` is that of the warning to weigh."""
     if code == RETENTION_DECIDES:
         return {**case, "numerics": case.get("numerics", {}) | {"retention_energy_fraction": value}}
     held = {"model": ConstantStrengthFactor.name, "value": value}

@@ -77,7 +77,7 @@ results are no longer found; `ENGINE_VERSION` does the same for answers."""
 
 
 class Request(Protocol):
-    """A validated request."""
+    """Protocol of the models of requests, after validation."""
 
     def canonical(self) -> dict[str, Any]:
         """Return all fields as JSON data, with defaults filled in."""
