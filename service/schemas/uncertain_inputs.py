@@ -188,9 +188,9 @@ class UncertainInput(Part):
         Field(
             description="Dotted path to a number of the request, such as `impact.velocity_m_s`; "
             "`resistance.free_surface.model` or `resistance.strength_factor.model` with names; "
-            f"`{THEORY}` with `elastic_plastic` and `mohr_coulomb`, a decay law with the S(θ) that belongs to it: of "
-            "eq. 9 and of finite element motions; "
-            f"`{RESIDUAL}`, a factor on the strength factor whatever its law."
+            f"`{THEORY}` with `elastic_plastic` and `mohr_coulomb`, each a decay law with its own S(θ), from equation "
+            "9 and from finite element motions; "
+            f"`{RESIDUAL}`, a factor on the strength factor of any law."
         ),
     ]
     distribution: DistributionOf
