@@ -750,6 +750,21 @@ class Resistance:
             case _:
                 assert_never(model)
 
+    def without_shots(self, *, target: Target, projectile: Projectile) -> "Resistance":
+        """Return the resistance with the power law of own tests in their place, so that S is read from the shots once.
+
+        Raises
+        ------
+        ParameterError
+            If no strength factor gives the depth of a shot.
+        """
+        if not isinstance(self.strength_factor, OwnTests):
+            return self
+        law = self.strength_factor.power_law(
+            target=target, projectile=projectile, inertia_factor=self.inertia_factor, crater=self.crater
+        )
+        return replace(self, strength_factor=law)
+
     @property
     def held_from(self) -> float:
         """Oblique angle from which S is constant; 90° if it is not held. [rad]"""
