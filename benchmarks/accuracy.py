@@ -36,14 +36,14 @@ TOLERATED_DEG = 0.02
 SCAN_DEG = [5.0 + 0.5 * index for index in range(161)]
 """Angles of a scan over the default range of a search. [°]"""
 DOUBTS = {"retention_decides", "retention_decides_perforation", "tumbling", "undecided"}
-"""Warnings that an angle is uncertain."""
+"""Codes of the warnings that an angle is uncertain."""
 DISAGREEMENTS = ("error", "status", "first angle", "other crossings", "intervals")
 UNWARNED = ("status", "first angle", "intervals")
-"""Disagreements that are counted if the case has none of these warnings."""
+"""Kinds of disagreement that a warning in `DOUBTS` should announce."""
 ROUTES = 3000
 """Number of strikes to compare by both routes."""
 TOLERATED_SHARE = 0.01
-"""Share of odd strikes, and of strikes on walls, that may disagree, each with such a warning. [1]"""
+"""Fraction of the odd strikes, and of the strikes on walls, that may disagree if each has a warning in `DOUBTS`. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,22 +57,22 @@ class Comparison:
     reference_status: str
     angle_deg: float | None
     reference_deg: tuple[float, float] | None
-    """Angles between which the reference places the first change to a ricochet."""
+    """Angles between which the reference places the first change to a ricochet. [°]"""
     others_deg: list[float]
     reference_others_deg: list[tuple[float, float]]
     doubts: list[str]
     """Warnings of the search that are in `DOUBTS`."""
     wrong_deg: list[float] | None = None
-    """Angles of a scan at which the outcome of a strike on a wall differs from that of the interval."""
+    """For a wall, angles of the scan at which the outcome differs from that of the answer's interval. [°]"""
     confirmed: bool | None = None
-    """Return whether a fine trajectory 0.02° above the angle is turned away, and one 0.02° below the bracket is not."""
+    """True if a fine trajectory 0.02° above the angle is a ricochet, and one 0.04° below it is not."""
     cpu_s: float
     paper_cpu_s: float
-    """CPU time of the paper's strike right after, in the same process."""
+    """CPU time of the search for the paper's strike, measured right afterwards in the same process. [s]"""
 
     @property
     def difference_deg(self) -> float | None:
-        """Distance of the critical angle from that of the reference, if both have one. [°]"""
+        """Distance of the critical angle from the reference, if both exist. [°]"""
         if self.angle_deg is None or self.reference_deg is None:
             return None
         return max(self.reference_deg[0] - self.angle_deg, self.angle_deg - self.reference_deg[1], 0.0)
@@ -94,7 +94,7 @@ class Comparison:
 
 
 def compare_usual(numbered: tuple[int, Case]) -> Comparison:
-    """Compare with a search with converged settings."""
+    """Compare the answer with a search with converged settings."""
     number, case = numbered
     found, _ = _timed(number, case)
     try:
@@ -108,7 +108,7 @@ def compare_usual(numbered: tuple[int, Case]) -> Comparison:
 
 
 def compare_odd(numbered: tuple[int, Case]) -> Comparison:
-    """Compare with a scan by fine trajectories."""
+    """Compare the answer with a scan by fine trajectories."""
     number, case = numbered
     found, _ = _timed(number, case)
     reference: dict[str, Any] = {"reference_deg": None, "reference_others_deg": []}
@@ -192,14 +192,14 @@ def _status(answer: CriticalAngle | RicochetError) -> str:
 
 
 def _angles(answer: CriticalAngle | RicochetError) -> tuple[float | None, list[float]]:
-    """Critical angle and other changes of outcome. [°]"""
+    """Critical angle, and the other angles at which the outcome changes. [°]"""
     if isinstance(answer, RicochetError):
         return None, []
     return None if answer.angle is None else math.degrees(answer.angle), [*map(math.degrees, answer.other_crossings)]
 
 
 def summarize(rows: list[Comparison]) -> dict[str, Any]:
-    """Return the figures over all cases."""
+    """Return counts, differences and times over all cases, by name."""
     differences = [row.difference_deg for row in rows if row.difference_deg is not None]
     counts = Counter(row.disagreement for row in rows)
     paper_s = statistics.median(row.paper_cpu_s for row in rows)
@@ -222,7 +222,7 @@ def summarize(rows: list[Comparison]) -> dict[str, Any]:
 
 
 def passes(kind: str, rows: list[Comparison]) -> bool:
-    """Whether a set is as accurate as it must be."""
+    """Return whether the comparisons of a set have no more disagreements than allowed."""
     wrong = [row for row in rows if row.disagreement not in ("", "other crossings")]
     warned = all(row.doubts and row.disagreement != "error" for row in wrong)
     return not wrong or (kind != "usual" and warned and len(wrong) <= TOLERATED_SHARE * len(rows))

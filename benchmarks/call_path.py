@@ -1,4 +1,4 @@
-"""How many files of `service` does a request touch in the server process, and does that process use the solver?
+"""Number of files of `service` and `solver` whose functions the server process calls to answer a request.
 
     python benchmarks/call_path.py [--paths]
 
@@ -6,9 +6,9 @@ Counts the files in which a function is called, by `sys.setprofile` on every thr
 for a `POST /cra` that is not cached and for a job of three cases, from its submission to its results. Every request is
 made once before with other numbers, so that nothing is imported or set up meanwhile, and then three times. The one with
 the fewest files counts, because the others include periodic work of the server. The path is printed file by file: each
-line is a file, in the order of first calls, with the number of times that control came to it from another file.
-`--paths` prints every switch. Files of `solver` are counted too; a server that leaves its objects to the workers calls
-none. Workers are other processes and are not counted. A few seconds.
+line is a file, in the order of first calls, with the number of times that a function in it was called from another
+file. `--paths` prints every such call. A server that leaves the solver to the workers calls no file of `solver`.
+Workers are other processes and are not counted. Takes a few seconds.
 """
 
 import argparse
@@ -39,14 +39,14 @@ PACKAGES = (f"{ROOT}/service/", f"{ROOT}/solver/")
 
 
 class Recorder:
-    """Records the files of both packages in which functions are called, while it is switched on."""
+    """Records the files of `service` and `solver` in which functions are called during `recording`."""
 
     def __init__(self) -> None:
         self.files: list[str] = []
         self._on = False
 
     def profile(self, frame: FrameType, event: str, _: object) -> None:
-        """Record a call, as a function of `sys.setprofile`, except those of the server's periodic tick."""
+        """Record a call, except of the server's periodic tick. Python calls this function: see `sys.setprofile`."""
         code = frame.f_code
         if not self._on or event != "call" or code.co_name == "on_tick":
             return
@@ -63,7 +63,7 @@ class Recorder:
 
 
 def case(number: int) -> dict[str, Any]:
-    """Return a case by number."""
+    """Return a case whose speed, and so its key in the cache, depends on the number."""
     [paper] = one_by_one(study_cases(1, 0))
     return to_request({**paper, "velocity": 230.0 + number})
 
@@ -76,12 +76,12 @@ def send(port: int, method: str, path: str, body: bytes = b"", **headers: str) -
 
 
 def query(port: int, number: int) -> None:
-    """Post a critical angle."""
+    """Request the critical angle of a case."""
     send(port, "POST", "/cra", json.dumps(case(number)).encode(), Content_Type="application/json")
 
 
 def job(port: int, number: int) -> None:
-    """Submit a job of three cases, wait for its end without requests, and read its results."""
+    """Submit a job of three cases, wait a second without sending requests, and read its results."""
     lines = b"\n".join(json.dumps(case(number + index)).encode() for index in range(3))
     answer = send(port, "POST", "/cra/batch", lines, Content_Type=JSONL, Prefer="respond-async")
     links = json.loads(answer)["links"]
@@ -141,7 +141,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         settings = {"HOST": "127.0.0.1", "PORT": str(port), "DATA_DIR": folder, "WORKERS": "2", "LOG_LEVEL": "error"}
         os.environ |= {f"RICOCHET_{name}": value for name, value in settings.items()}
-        client = threading.Thread(target=measure, args=(port, recorder, found))  # before profiling: not profiled
+        # The client starts before the profiler is set, so that its calls are not recorded.
+        client = threading.Thread(target=measure, args=(port, recorder, found))
         client.start()
         serve(recorder)
         client.join()

@@ -1,4 +1,4 @@
-"""HTTP clients with little overhead: a batch from its first byte to its last result, and request rates."""
+"""HTTP clients with little overhead, to measure the time of a batch and the rate of requests."""
 
 import json
 import math
@@ -15,7 +15,7 @@ from solver import Ogive
 
 JSONL = "application/jsonl"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.01, 0.25
-"""Bounds of the pause between two requests of a job: a twentieth of the time since its submission. [s]"""
+"""Bounds of the pause between two requests for the state of a job, a twentieth of the time since its submission [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ def run_batch(server: Server, path: str, cases: list[dict[str, Any]]) -> Batch:
     Raises
     ------
     RuntimeError
-        If the batch is refused, or the number of results is not that of the cases.
+        If the batch is refused, or the numbers of results and cases differ.
     """
     body = b"".join(json.dumps(case).encode() + b"\n" for case in cases)
     connection = HTTPConnection("127.0.0.1", server.port, timeout=600.0)

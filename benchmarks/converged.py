@@ -1,4 +1,4 @@
-"""The paper's strike, and converged answers to compare with."""
+"""The paper's strike, and converged answers to it as references."""
 
 import math
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, TRAJEC
 OBLIQUE_ANGLE_DEG = 45.0
 """Oblique angle of the trajectory that is measured. [°]"""
 DEPTH_TIMES = (5e-4, 1e-3, 2e-3, 3e-3)
-"""Times at which its depths are compared: multiples of the first one, before the projectile has stopped. [s]"""
+"""Times at which the depths of this trajectory are compared: multiples of the first one, before it has ended. [s]"""
 
 CONVERGED = Numerics(method="adaptive", relative_tolerance=LAST_TOLERANCE / 30.0, stations=24, points=8)
 SCANNED = Numerics(method="adaptive", relative_tolerance=1e-6, stations=24, points=6)
@@ -40,13 +40,13 @@ class References:
     by_outcome: float
     """Smallest angle that ends in a ricochet. [°]"""
     by_tip: float
-    """Angle at which the tip is back at the face after 5 ms, which the paper seeks. [°]"""
+    """Angle at which the nose tip is back at the face of the target after 5 ms, the paper's criterion. [°]"""
     tip_depths: FloatArray
     """Depths of the nose tip at `DEPTH_TIMES`. [m]"""
 
 
 def compute_references() -> References:
-    """Compute the answers to compare with; takes a few seconds."""
+    """Compute the references, which takes a few seconds."""
     by_tip = Search(method="bisection", relative_tolerance=1e-6)
     return References(
         by_outcome=degrees(paper_critical_angle(numerics=CONVERGED, search=CONVERGED_SEARCH)),

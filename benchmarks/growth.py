@@ -1,17 +1,18 @@
-"""How does the cost grow: with cores, queued cases, results on disk and jobs?
+"""Growth of times and memory with the numbers of cores, queued cases, results on disk and jobs.
 
     python benchmarks/growth.py [--quick] [--figure growth.svg]
 
-1. Searches a second against threads, up to the cores of this machine; chunks a second, each of which sleeps a tenth of
-   a second, against workers of a Dask cluster: the loss is due to the service and the scheduler.
+1. Searches a second against threads, up to the cores of this machine. Chunks a second against workers of a Dask
+   cluster; each chunk only sleeps for 0.1 s, so that any loss is due to the service and the scheduler.
 2. Memory of the server against queued cases of one job of JSON lines. [MB]
-3. Disk usage, time to open the results and time to start the service against results, which are copies of 200 that were
-   computed, under other keys, in segments of 200 like those of a job.
-4. The times of `GET /jobs`, of accepting a job and of a start against jobs, which are copies of one that has ended.
+3. Disk usage, time to open the results and time to start the service, against the number of results. They are copies of
+   200 computed results under other keys, in segments of 200 like those of a job.
+4. Times of `GET /jobs`, of accepting a job and of a start, against the number of jobs. They are copies of a job that
+   has ended.
 
-Each curve is fitted by a line with relative errors. If the error is more than `TOLERANCE`, the curve is not a
-line, and the table shows where its slope differs most from the initial one. Times are the least of several. About six
-minutes; `--quick` stops a decade earlier, after two. Needs Linux (/proc).
+Each curve is fitted by the line with the least relative errors. If the largest error is more than `TOLERANCE`, the
+table shows where the slope differs most from the initial one. Each time is the least of several measurements. Takes
+about six minutes; `--quick` leaves out the largest sizes and takes two. Needs Linux (/proc).
 """
 
 import argparse
@@ -65,13 +66,13 @@ class Curve:
     points: list[tuple[int, float]] = field(default_factory=list)
 
     def line(self) -> tuple[float, float]:
-        """Constant and slope of the line with the least relative errors."""
+        """Constant and slope of the fitted line, which has the least relative errors."""
         sizes, values = np.array(self.points).T
         slope, constant = np.polyfit(sizes, values, 1, w=1.0 / values)
         return float(constant), float(slope)
 
     def fit(self) -> str:
-        """Describe the line, or where the curve bends."""
+        """Describe the fitted line or, if it does not fit, where the curve bends."""
         (first, small), *_, (last, large) = self.points
         if len(self.points) < 3:
             return f"{large / small:.3g} times from {first:,} to {last:,}"
@@ -96,7 +97,7 @@ def least(call: Callable[[], object], times: int) -> float:
 
 
 def searches(count: int) -> list[Curve]:
-    """Measure searches a second."""
+    """Measure the number of searches a second against the number of threads."""
     cases, curve = random_cases(count, 31), Curve("searches", "1/s", "threads")
     for threads in range(1, (os.cpu_count() or 1) + 1):
         curve.points.append((threads, count / measure(lambda workers: in_threads(cases, workers), threads).wall))
@@ -104,7 +105,7 @@ def searches(count: int) -> list[Curve]:
 
 
 def asleep(sizes: Sequence[int]) -> list[Curve]:
-    """Measure the chunks a second of Dask workers that only sleep."""
+    """Measure the number of chunks a second that Dask workers complete. The chunks only sleep."""
     curve = Curve("sleeping chunks", "1/s", "Dask workers")
     for size in sizes:
         with LocalCluster(  # type: ignore[no-untyped-call]
@@ -116,7 +117,7 @@ def asleep(sizes: Sequence[int]) -> list[Curve]:
 
 
 async def seconds_asleep(address: str, workers: int) -> float:
-    """Time in which every worker of a cluster completes this many chunks that only sleep. [s]"""
+    """Time in which the workers of a cluster complete `SLEEPS` chunks each, which only sleep. [s]"""
     executor = DaskExecutor(address=address, workers=1, task_seconds=60.0)
     await executor.start()
     try:
@@ -171,7 +172,7 @@ def exchange(
     Raises
     ------
     RuntimeError
-        If the status is another one.
+        If the answer has a status other than `status`.
     """
     with closing(HTTPConnection("127.0.0.1", server.port, timeout=600.0)) as connection:
         connection.request(method, path, body, headers or {})
@@ -182,7 +183,7 @@ def exchange(
 
 
 def results(sizes: Sequence[int]) -> list[Curve]:
-    """Measure the disk usage of results, and the time to open them and to start with them."""
+    """Measure the disk usage of results, the time to open them, and the time to start a service with them."""
     disk = Curve("disk", "MB", "results")
     opening, start = Curve("opening the results", "s", "results"), Curve("start", "s", "results")
     cases = [to_request(case) for case in one_by_one(study_cases(SEGMENT, 41))]
@@ -223,7 +224,7 @@ def least_start(folder: Path) -> float:
 
 
 def jobs(sizes: Sequence[int]) -> list[Curve]:
-    """Measure the time to start with jobs, to list the newest 200, and to accept one more."""
+    """Measure the time to start a service with jobs, to list the newest 200, and to accept one more."""
     listing, accepting = Curve("GET /jobs", "ms", "jobs"), Curve("accepting a job", "ms", "jobs")
     start = Curve("start", "s", "jobs")
     [case] = [to_request(each) for each in one_by_one(study_cases(1, 51))]
@@ -255,7 +256,7 @@ FROM jobs JOIN (SELECT * FROM {table} ORDER BY job LIMIT 1) WHERE jobs.number NO
 
 
 def copy_job(path: Path, size: int) -> None:
-    """Copy the first job with its cases until there are this many jobs."""
+    """Copy the first job with its cases until there are `size` jobs."""
     with closing(sqlite3.connect(path)) as database, database:
 
         def columns_of(table: str, *keys: str) -> str:
@@ -269,7 +270,7 @@ def copy_job(path: Path, size: int) -> None:
 
 
 def draw(curves: Sequence[Curve], path: Path) -> None:
-    """Draw every curve with its line; sizes that span decades have a logarithmic scale."""
+    """Draw every curve with its line, on a logarithmic scale if the sizes span a decade or more."""
     with styled():
         rows = -(-len(curves) // 3)
         figure, axes = panels(len(curves), rows=rows, height=2.2 * rows)

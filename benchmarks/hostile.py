@@ -9,7 +9,7 @@ connection, and after each the service reports how long its event loop was block
 and in processor time of its thread, which other processes on the machine do not affect.
 
 Prints a row for each kind, the longest time first, and the longest of all, which should be below 50 ms. Exits with 1 if
-an answer was a 500. About two minutes.
+an answer was a 500. Takes about two minutes.
 """
 
 import argparse
@@ -40,9 +40,9 @@ from service.telemetry import configure_log
 TARGET_SECONDS = 0.05
 TICK_SECONDS = 0.001
 PATIENCE_SECONDS = 30.0
-"""Time after which a service that does not answer its monitor is killed and started again. [s]"""
+"""Time after which a service that does not report its blocked time is killed and started again. [s]"""
 SHORT, LONG = 100 * 1024, 1_900_000
-"""Lengths just below those of the longest body of a single request and of a batch. [bytes]"""
+"""Lengths just below the limits on the body of a single request and on that of a batch. [bytes]"""
 HEADERS = {
     *("accept", "accept-encoding", "access-control-request-headers", "access-control-request-method", "authorization"),
     *("connection", "content-encoding", "content-length", "content-type", "cookie", "expect", "forwarded", "host"),
@@ -80,22 +80,22 @@ NAMES = ("velocity_m_s", "strength_facto", "caliber_radius_heda", "nose_shape", 
 
 
 def unknown_fields(size: int) -> dict[str, int]:
-    """Short names of fields, about 11,000 in 100 kB."""
+    """Return fields with short unknown names, about 11,000 in 100 kB."""
     return {f"f{number}": 0 for number in range(size // 9)}
 
 
 def misspelt_fields(size: int) -> dict[str, int]:
-    """Names similar to those of fields, which makes the service search for suggestions."""
+    """Return fields with misspelt names, for which the service searches for suggestions."""
     return {f"{NAMES[number % len(NAMES)]}{number}": 0 for number in range(size // 24)}
 
 
 def long_names(size: int) -> dict[str, int]:
-    """Names of fields of 1 kB."""
+    """Return fields with unknown names of 1 kB each."""
     return {f"{number:06}" + "velocity_" * 110: 0 for number in range(size // 1000)}
 
 
 def nulls(size: int) -> dict[str, None]:
-    """Fields that are null."""
+    """Return fields with unknown names and the value null."""
     return {f"n{number}": None for number in range(size // 12)}
 
 
@@ -117,7 +117,7 @@ LISTS: dict[str, Callable[[int], Any]] = {
     "an object for a list": lambda size: {str(number): number for number in range(size // 14)},
     "repeated items": lambda size: [1e300, "x", None, {}, []] * (size // 20),
 }
-"""Functions that make a replacement for a list or another value."""
+"""Functions that return a value of about a given size, to replace a list or another value of a body."""
 SCALARS: dict[str, Callable[[int], Any]] = {
     "a long text": lambda size: "x" * size,
     "a text of escapes": lambda size: "\0" * (size // 6),
@@ -152,7 +152,7 @@ class Attack:
 
 @dataclass(slots=True)
 class Seen:
-    """Statuses of the requests of a kind, and the longest time that the loop was blocked. [s]"""
+    """Statuses of the answers to requests of one kind, and the longest time that the event loop was blocked. [s]"""
 
     statuses: Counter[int] = field(default_factory=Counter)
     wall: float = 0.0
@@ -166,7 +166,7 @@ class WatchedServer(Server):
     pipe: Connection
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start the service, and then the task."""
+        """Start the service, and then the task that measures."""
         await super().startup(sockets)
         self._wall = self._cpu = 0.0
         asyncio.get_running_loop().add_reader(self.pipe.fileno(), self._report)
@@ -223,7 +223,7 @@ class Service:
         return int(status.split("VmRSS:")[1].split()[0]) / 1024
 
     def stood_still(self) -> tuple[float, float]:
-        """Longest time that the loop was blocked since the last call: wall time, and that of its thread. [s]"""
+        """Longest time that the loop was blocked since the last call: wall time, and CPU time of its thread. [s]"""
         with suppress(BrokenPipeError):
             self._pipe.send("report")
             if self._pipe.poll(PATIENCE_SECONDS):
@@ -267,7 +267,7 @@ def bodies_of(contract: dict[str, Any]) -> list[tuple[str, str, str, Any]]:
 
 
 def places_in(part: Any, steps: Steps = ()) -> Iterator[tuple[Steps, Any]]:
-    """Yield every value of a body with its place."""
+    """Yield every value of a body with the fields and indices that lead to it."""
     yield steps, part
     if isinstance(part, dict | list):
         for step, each in part.items() if isinstance(part, dict) else enumerate(part):
@@ -275,7 +275,7 @@ def places_in(part: Any, steps: Steps = ()) -> Iterator[tuple[Steps, Any]]:
 
 
 def put(part: Any, steps: Steps, value: Any) -> Any:
-    """Return a copy of a body with this value at this place."""
+    """Return a copy of a body in which the value at the end of `steps` is replaced."""
     if not steps:
         return value
     changed = put(part[steps[0]], steps[1:], value)
@@ -336,7 +336,7 @@ def send(port: int, request: bytes) -> int:
     """Send a request; return the status of its answer, 0 if there is none."""
     answer = b""
     with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_SECONDS) as connection:
-        connection.settimeout(2.0)  # The rest of a body that never ends is not sent.
+        connection.settimeout(2.0)  # Limits the wait for a service that stops reading, or waits for more of the body.
         with suppress(OSError):
             connection.sendall(request)
         while part := connection.recv(65536):
@@ -346,7 +346,7 @@ def send(port: int, request: bytes) -> int:
 
 
 def attacks(contract: dict[str, Any], count: int, seed: int) -> Iterator[Attack]:
-    """Yield this many attacks, the same for the same seed and contract."""
+    """Yield `count` attacks, the same for the same seed and contract."""
     rng = random.Random(seed)  # noqa: S311 (no secret)
     bodies = bodies_of(contract)
     declared = {
@@ -371,7 +371,7 @@ def main() -> int:
     print_machine()
     seen: dict[str, Seen] = defaultdict(Seen)
     with tempfile.TemporaryDirectory() as folder, running() as service:
-        contract = create_app(Settings(data_dir=Path(folder))).openapi()  # The log of the service does not exist yet.
+        contract = create_app(Settings(data_dir=Path(folder))).openapi()
         send(service.port, b"GET /livez HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
         service.stood_still()
         before = service.resident_mb

@@ -2,17 +2,17 @@
 
     python benchmarks/http_load.py [--cases 20000 2000] [--quick]
 
-1. What share of the throughput of a bare process pool does a batch of JSON lines have? The pool runs `solver` in as
-   many processes as the service has workers. It solves the same cases before and after the batch.
-2. How long does a case of the same batch take from the cache, and how much CPU time does the server use for one, new
-   and cached, without its workers?
-3. How many requests a second does a cached `/cra` answer, compared with an empty FastAPI route under uvicorn?
-4. What is the longest time of `/livez` during the batches? A process polls it every 20 ms all the time, so that bare
-   pool and batch share the cores with it equally.
+1. Throughput of a batch of JSON lines, as a fraction of that of a bare process pool. The pool runs `solver` in as many
+   processes as the service has workers. It solves the same cases before and after the batch.
+2. Time of a case of the same batch from the cache, and CPU time of the server, without its workers, for a new case and
+   for a cached one.
+3. Requests to a cached `/cra` that are answered in a second, compared with an empty FastAPI route under uvicorn.
+4. Longest time of `/livez` during the batches. A process polls it every 20 ms all the time, so that bare pool and batch
+   share the cores with it equally.
 
-Client, service and workers share this machine. The cases are those of a study of one projectile: cheaper than random
-ones, so that the share of the service is larger. Exits with 1 if the angles of pool, batch and cache differ. About ten
-minutes; `--quick` takes 200 cases.
+Client, service and workers share this machine. The cases are those of a study of one projectile. They are cheaper than
+random ones, so that the overhead of the service is a larger part. Exits with 1 if the angles of pool, batch and cache
+differ. Takes about ten minutes; `--quick` uses 200 cases.
 """
 
 import argparse
@@ -42,14 +42,14 @@ from solver import RicochetError, warm_up
 
 WORKERS = 2
 CHUNK = 25
-"""Cases handed to a process of the bare pool at once."""
+"""Number of cases handed to a process of the bare pool at once."""
 CACHED_RUNS = 3
 POLL_SECONDS = 0.02
 RATE_SECONDS, QUICK_RATE_SECONDS, RATE_ROUNDS = 2.0, 0.3, 3
 
 
 def empty_app() -> FastAPI:
-    """A FastAPI application with an empty route."""
+    """Return a FastAPI application with an empty route."""
     app = FastAPI(openapi_url=None)
 
     @app.get("/empty")
@@ -61,7 +61,7 @@ def empty_app() -> FastAPI:
 
 @contextmanager
 def empty_service() -> Iterator[Server]:
-    """The empty route under uvicorn."""
+    """Run the application with the empty route under uvicorn during the block."""
     port = free_port()
     command = [sys.executable, "-m", "uvicorn", "--factory", "benchmarks.http_load:empty_app", "--port", str(port)]
     with tempfile.TemporaryDirectory() as folder:
@@ -83,7 +83,7 @@ def solve_bare(pool: ProcessPoolExecutor, cases: list[Case]) -> tuple[list[float
 
 
 def count_different(angles: list[float | None], results: list[bytes]) -> int:
-    """Number of results of a batch with another critical angle, beyond the rounding of degrees."""
+    """Number of results of a batch whose critical angle differs by more than rounding."""
     found = [json.loads(line).get("result", {}).get("critical_angle_deg") for line in results]
     return sum(not math.isclose(a or 0.0, b or 0.0, rel_tol=1e-15) for a, b in zip(angles, found, strict=True))
 
@@ -95,7 +95,7 @@ def cpu_seconds(pid: int) -> float:
 
 
 def measure_batch(server: Server, pool: ProcessPoolExecutor, count: int, seed: int) -> tuple[list[str], int]:
-    """Run a batch of new cases and the bare pool, and the batch from the cache; return a row and the differences."""
+    """Run a new batch, the bare pool, and the batch from the cache; return a row and the number of differences."""
     cases = list(one_by_one(study_cases(count, seed)))
     requests = [to_request(case) for case in cases]
     angles, before = solve_bare(pool, cases)
@@ -122,7 +122,7 @@ def measure_rates(server: Server, seconds: float) -> list[list[str]]:
     with empty_service() as empty:
         for connections in (1, 8):
             rates: dict[int, list[float]] = {server.port: [], empty.port: []}
-            for _ in range(RATE_ROUNDS + 1):  # the first one is not counted
+            for _ in range(RATE_ROUNDS + 1):  # the first round only warms up and is not counted
                 for port, request in ((server.port, known), (empty.port, raw_request("GET", "/empty"))):
                     rate = requests_per_second(port, request, connections=connections, seconds=seconds)
                     rates[port].append(rate)
@@ -132,7 +132,7 @@ def measure_rates(server: Server, seconds: float) -> list[list[str]]:
 
 
 def poll(port: int, pipe: Connection) -> None:
-    """Request `/livez` every `POLL_SECONDS`; whenever the pipe has a request, send the times since then. [s]"""
+    """Request `/livez` every `POLL_SECONDS`; answer each message in the pipe with the times since the last one. [s]"""
     connection, times = HTTPConnection("127.0.0.1", port, timeout=60.0), list[float]()
     while True:
         begin = time.perf_counter()

@@ -31,7 +31,7 @@ def versions() -> dict[str, str]:
 
 
 def print_machine() -> None:
-    """Print date, machine and versions, before anything is measured so that the load is that of other programs."""
+    """Print date, machine and versions. Call this before measuring, so that the load is due to other programs."""
     here = machine()
     print(f"{datetime.now(UTC):%Y-%m-%d}, {here['processor']}, {here['cores']} cores, {here['memory_gb']} GB;")
     print(f"{here['os']}; load average before {here['load_average_before']}.")

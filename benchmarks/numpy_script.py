@@ -1,4 +1,4 @@
-"""The method of the source paper in plain NumPy, as a user would write it for a single strike, to compare with.
+"""The method of the source paper in plain NumPy, as a user would write it for a single strike, as a reference.
 
 12,000 panels over the whole surface, the classical Runge-Kutta scheme with steps of 0.01 ms for 5 ms, and the secant
 search of eq. 8 from 40° and 60° to 1 %. It has no events and does not stop early. SI units; angles of
@@ -25,17 +25,17 @@ from numpy.typing import NDArray
 Floats: TypeAlias = NDArray[np.float64]
 
 DIAMETER, LENGTH, CALIBER_RADIUS_HEAD, MASS = 0.08, 0.53, 3.0, 13.0
-"""[m, m, 1, kg]"""
+"""Dimensions and mass of the paper's projectile. [m, m, 1, kg]"""
 SPEED = 238.0
 """Speed at first contact. [m/s]"""
 STRENGTH, DENSITY = 39e6, 2250.0
 """Strength and density of the concrete. [Pa, kg/m³]"""
 YOUNGS_MODULUS = 4.7e9 * math.sqrt(STRENGTH * 1e-6)
-"""[Pa]"""
+"""Young's modulus of the concrete, from its strength. [Pa]"""
 SLICES, SECTORS = 200, 60
-"""Numbers of panels along the axis and around it."""
+"""Number of panels along the axis, and around it."""
 STEP, STEPS = 1e-5, 500
-"""[s, 1]"""
+"""Time step, and number of steps in 5 ms. [s, 1]"""
 
 SHANK = DIAMETER / 2.0
 NOSE_LENGTH = SHANK * math.sqrt(4.0 * CALIBER_RADIUS_HEAD - 1.0)
@@ -122,7 +122,7 @@ def derivative(state: Floats, body: Body, static_stress: float) -> Floats:
     if loaded.size == 0:
         return np.array([sinking, sliding, turning, 0.0, 0.0, 0.0])
     facing, speed = normal_depth[loaded], speed[loaded]
-    with np.errstate(divide="ignore", invalid="ignore"):  # where the normal points inwards, and replaced just below
+    with np.errstate(divide="ignore", invalid="ignore"):  # values that are not finite are replaced just below
         ratio = 1.0 - inside[loaded] / (facing * p.cavity[loaded])
         factor = np.where(facing < 0.0, decay(ratio), 1.0)
     push = factor * (static_stress + DENSITY * speed**2) * p.area[loaded]
@@ -162,7 +162,7 @@ def trajectory(body: Body, oblique_angle_deg: float) -> Floats:
 
 
 def tip_depth(body: Body, state: Floats) -> Any:
-    """Depth of the nose tip; of one state or of many, a row each. [m]"""
+    """Depth of the nose tip in one state, or in each row of many states. [m]"""
     return state[..., 0] + body.tip * np.cos(state[..., 2])
 
 
@@ -179,7 +179,7 @@ def critical_angle(lower_deg: float = 40.0, upper_deg: float = 60.0, tolerance: 
 
 
 def main() -> None:
-    """Print the answer and the seconds of this process that it took."""
+    """Print the answer, and the CPU, wall and system time that it took."""
     system, cpu, wall = os.times().system, time.process_time(), time.perf_counter()
     answer: dict[str, Any]
     if sys.argv[1:]:

@@ -2,7 +2,7 @@
 
     python -m benchmarks.page
 
-Measured in Chromium, with a service with two workers on the same machine. About a minute.
+Measured in Chromium, with a service with two workers on the same machine. Takes about a minute.
 """
 
 from time import perf_counter
@@ -14,7 +14,7 @@ from benchmarks.servers import service
 from benchmarks.slider import chromium
 
 SLOW_LINE = {"offline": False, "latency": 400, "downloadThroughput": 50_000, "uploadThroughput": 50_000}
-"""400 ms, 400 kbit/s."""
+"""Network conditions of the slow line in Chromium: latency 400 ms, 400 kbit/s."""
 OBSERVE = """
 window.shift = 0;
 window.tasks = [];
@@ -38,7 +38,7 @@ MAP = "/#/map?x=impact.velocity_m_s,100,400,60&y=projectile.mass_kg,8,20,60"
 
 
 def reloaded(page: Page) -> float:
-    """Return the time from a reload on a slow line to angle and sentence. [s]"""
+    """Return the time from a reload on a slow line until the page shows angle and sentence. [s]"""
     session = page.context.new_cdp_session(page)
     session.send("Network.enable")
     session.send("Network.emulateNetworkConditions", SLOW_LINE)
@@ -50,7 +50,7 @@ def reloaded(page: Page) -> float:
 
 
 def longest_task(page: Page) -> float:
-    """Return the longest task since the last call. [ms]"""
+    """Return the time of the page's longest task since the last call. [ms]"""
     found: float = page.evaluate("Math.max(0, ...window.tasks.splice(0))")
     return found
 

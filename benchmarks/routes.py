@@ -2,10 +2,10 @@
 
     python benchmarks/routes.py [--quick] [--repetitions 5]
 
-Contenders: `numpy_script.py` in its own process, the same panels compiled, and the adaptive route, for the critical
-angle of the paper's strike and for one trajectory at 45°. A repetition runs each of them once in rotating order,
-so that slow phases of the machine affect all of them. Ratios are to the script in the same repetition. About a
-minute; `--quick` is one repetition.
+Compares `numpy_script.py` in its own process, the same panels compiled, and the adaptive route, for the critical angle
+of the paper's strike and for one trajectory at 45°. A repetition runs each of them once in rotating order, so that slow
+phases of the machine affect all of them. Ratios are to the script in the same repetition. Takes about a minute;
+`--quick` does one repetition.
 """
 
 import argparse
@@ -43,7 +43,7 @@ SCRIPT = Path(__file__).with_name("numpy_script.py")
 
 @dataclass(slots=True)
 class Contender:
-    """A call of the solver, its timings, and its last answer."""
+    """A call of the solver to be compared, its timings, and its last answer."""
 
     label: str
     call: Callable[[], Any]
@@ -51,7 +51,7 @@ class Contender:
     answer: Any = None
 
     def run(self) -> None:
-        """Time one call."""
+        """Make one call, and add its time to `timings`."""
         self.timings.append(time_call(self._call))
 
     def _call(self) -> None:
@@ -59,7 +59,7 @@ class Contender:
 
 
 class Script(Contender):
-    """The NumPy script with an argument, which measures its own time."""
+    """The NumPy script with its arguments; it measures its own time."""
 
     def run(self) -> None:
         """Run the script once; its answer is the JSON that it prints."""

@@ -10,7 +10,7 @@ the same: threads of `critical_angle_many`, and processes. Losses have two cause
 - The same work takes more CPU time on two cores than on one. Multiply-adds in the first-level cache share neither
   memory nor interpreter, but use their whole core; a short loop in registers uses hardly any of it.
 
-About 25 s a turn for 1,000 cases; `--quick` is one turn of 20.
+Takes about 25 s a turn for 1,000 cases; `--quick` does one turn of 20.
 """
 
 import argparse
@@ -30,11 +30,11 @@ from solver import critical_angle_many, warm_up
 
 SEED = 21
 PIECES = 100
-"""Number of pieces of work in loops, which are distributed one by one."""
+"""Number of pieces into which a loop is divided; threads take them one by one."""
 PIECE_SECONDS = 0.02
 
 Work = Callable[[int], float]
-"""Function of the number of workers that returns the CPU time of other processes. [s]"""
+"""Function that does the work with a number of workers, and returns the CPU time of other processes for it. [s]"""
 
 
 def in_threads(cases: Cases, workers: int) -> float:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 RICOCHET = Path(sys.executable).with_name("ricochet")
 START_SECONDS = 180.0
-"""Time allowed for a start; the first one on a machine compiles the solver. [s]"""
+"""Time allowed for a start [s]. The first start on a machine compiles the solver."""
 STOP_SECONDS = 20.0
 
 
@@ -33,7 +33,7 @@ class Server:
     command: Sequence[str | Path]
     port: int
     log: Path
-    """File for its output."""
+    """File for standard output and standard error of the server."""
     environment: dict[str, str]
     """Environment variables in addition to those of this process."""
     ready: str
@@ -42,7 +42,7 @@ class Server:
 
     @property
     def url(self) -> str:
-        """Base URL."""
+        """URL of the server, without a path."""
         return f"http://127.0.0.1:{self.port}"
 
     @property

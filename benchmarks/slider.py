@@ -1,8 +1,9 @@
-"""Time of a step of a slider in the page, from the event to the picture and the right angle, in Chromium.
+"""Time of a step of a slider in the page, from the event until Chromium shows the new picture and the right angle.
 
     python benchmarks/slider.py [--quick]
 
-The page times itself. All values differ, so none is cached by the service. About a minute; `--quick` is ten steps.
+The times are measured in the page. All values differ, so none is cached by the service. Takes about a minute; `--quick`
+does ten steps.
 """
 
 import argparse
@@ -36,7 +37,7 @@ SLIDE = """async value => {
 
 
 def step(page: Page, url: str, speed: float) -> tuple[float, float, int]:
-    """Return the times to picture and right angle [ms], and how many wrong angles were shown without a mark."""
+    """Return the times until picture and right angle [ms], and the number of outdated angles shown as if current."""
     picture, shown = page.evaluate(SLIDE, speed)
     answer = httpx.post(f"{url}/cra", json=PAPER | {"impact": {"velocity_m_s": speed}}, trust_env=False).json()
     times = [time for angle, time in shown if angle == f"{answer['critical_angle_deg']:.1f}°"]
@@ -45,11 +46,11 @@ def step(page: Page, url: str, speed: float) -> tuple[float, float, int]:
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """The browser, without a window and off the network."""
+    """Run the browser during the block, without a window and without access to other machines."""
     executable = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if executable is None:
         raise SystemExit("no browser found: install Chromium")
-    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []  # it does not start as root otherwise
+    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []  # Chromium does not start as root with its sandbox
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=executable, args=[OFFLINE, *sandbox])
         yield browser

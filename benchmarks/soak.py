@@ -52,21 +52,21 @@ DISTURBANCES = ("server killed", "worker killed", "server stopped", "index remov
 JUDGED_MINUTES = 10.0
 GROWTH = 0.1
 MALLOC = {"MALLOC_ARENA_MAX": "2", "MALLOC_TRIM_THRESHOLD_": "131072"}
-"""Settings of malloc, as in the image and the systemd unit."""
+"""Settings of malloc, the same as in the container image and the systemd unit."""
 WARM_UP_SHARE = 0.2
-"""Share of the undisturbed rounds before memory is compared. [1]"""
+"""Fraction of the undisturbed rounds that pass before memory is compared. [1]"""
 ROUND_SECONDS, SETTLE_SECONDS = 30.0, 3.0
 PATIENCE_SECONDS = 120.0
 """Time allowed for an answer while the server restarts on a busy machine. [s]"""
 CASES_PER_SECOND = 20
 """Number of cases of a job for each second of a round."""
 NEW_SHARE = 0.4
-"""Share of new cases in a batch. [1]"""
+"""Fraction of the cases in a batch that are new. [1]"""
 SAMPLE = 300
 PAUSE_SECONDS = 0.1
 UNFINISHED = {"accepted", "running"}
 MEMORY_CACHE_BYTES = 4 * 1024 * 1024
-"""Memory cache, so small that it is full before memory is compared."""
+"""Size of the memory cache, so small that it is full before memory is compared. [bytes]"""
 STRIKE: dict[str, Any] = {
     "projectile": {"nose": {"shape": "ogive", "caliber_radius_head": 3.0}, "diameter_m": 0.08, "length_m": 0.53}
     | {"mass_kg": 13.0},
@@ -85,13 +85,13 @@ REFUSED = (
 
 
 def search(number: int) -> dict[str, Any]:
-    """Return a search by number, with a tolerance of 1°, or 0.01° for every fourth."""
+    """Return the request with this number. Its tolerance is 1°, but 0.01° in every fourth request."""
     rough = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
     return STRIKE | {"impact": {"velocity_m_s": 230.0 + 1e-3 * number}} | ({"search": rough} if number % 4 else {})
 
 
 def solve(number: int) -> float | None:
-    """Return the same angle computed by the solver. [rad]"""
+    """Return the answer of the solver to the request with this number. [rad]"""
     rough = Search(lower=math.radians(40.0), upper=math.radians(80.0), tolerance=math.radians(1.0))
     velocity, chosen = 230.0 + 1e-3 * number, rough if number % 4 else Search()
     return critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=velocity, search=chosen).angle
@@ -159,7 +159,7 @@ class Owner:
         self._number, self._sweeps = number, 0
 
     def send(self, method: str, path: str, expected: frozenset[int] = frozenset({200}), **more: Any) -> httpx.Response:
-        """Send a request until it is answered; the status must be one of these."""
+        """Send a request until it is answered; the status must be one of `expected`."""
         deadline = time.monotonic() + PATIENCE_SECONDS
         while time.monotonic() < deadline:
             with suppress(httpx.TransportError):
@@ -172,7 +172,7 @@ class Owner:
         raise TimeoutError(f"{method} {path}")
 
     def get(self, path: str, accept: str = "application/json") -> httpx.Response:
-        """Get a resource in this format."""
+        """Request a resource in the media type `accept`."""
         return self.send("GET", path, headers={"Accept": accept})
 
     def batch(self) -> Job:
@@ -208,7 +208,7 @@ class Owner:
         self.record.jobs.append((self, job))
 
     def wait(self, job: Job) -> None:
-        """Follow the job to its end."""
+        """Poll the state of a job until it has ended."""
         while job.state["status"] in UNFINISHED:
             time.sleep(3 * PAUSE_SECONDS)
             job.state = self.get(job.state["links"]["self"]).json()
@@ -227,7 +227,7 @@ class Owner:
         self.record.expect(index == len(job.names), f"{index} of {len(job.names)} results by cursor")
 
     def read_events(self, job: Job) -> None:
-        """Follow the events until the stream ends."""
+        """Read the events of a job until the stream ends, and count them."""
         path, headers = job.state["links"]["events"], {"Accept": "text/event-stream"}
         with suppress(httpx.TransportError), self.client.stream("GET", path, headers=headers) as stream:
             self.record.counts["events"] += sum(line.startswith("data:") for line in stream.iter_lines())
@@ -295,7 +295,7 @@ def processes_of(data: Path) -> dict[int, int]:
     """Return the processes of the service with this data folder, and their parents."""
     found = {}
     for path in Path("/proc").iterdir():
-        with suppress(OSError, ValueError, IndexError):  # it has ended, or belongs to another user
+        with suppress(OSError, ValueError, IndexError):  # the process has ended, or belongs to another user
             if f"RICOCHET_DATA_DIR={data}".encode() in (path / "environ").read_bytes().split(b"\0"):
                 found[int(path.name)] = int((path / "stat").read_text().rpartition(")")[2].split()[1])
     return found
@@ -314,7 +314,7 @@ def footprint(data: Path, server: int) -> tuple[float, float, int]:
 
 
 def disturb(server: Server, data: Path, choice: random.Random, record: Record, kind: str) -> None:
-    """Disturb the service in this way, and start it again."""
+    """Disturb the service in one of the ways of `DISTURBANCES`, and start it again."""
     record.counts[kind] += 1
     if kind == "worker killed":
         parents = processes_of(data)
@@ -361,7 +361,7 @@ def misses(owner: Owner) -> float:
 
 
 def read_everything(owners: list[Owner], record: Record) -> None:
-    """Read every job once more, check for missing and additional ones, and compute a sample by the solver."""
+    """Read every job once more, check for missing and additional ones, and compare a sample with the solver."""
     before = misses(owners[0])
     for owner, job in record.jobs:
         state = owner.get(job.state["links"]["self"]).json()

@@ -2,8 +2,8 @@
 
     python benchmarks/startup.py [--quick] [--repetitions 5]
 
-Each repetition starts a process with the compiled code on disk, and the command, which also computes the range of the
-angle. Without `--quick` one more process starts with an empty cache and compiles everything, about 30 s.
+Each repetition starts a process with the compiled code on disk, and the command `ricochet cra`, which also computes the
+range of the angle. Without `--quick` one more process starts with an empty cache and compiles everything in about 30 s.
 """
 
 import argparse

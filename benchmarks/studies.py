@@ -28,7 +28,7 @@ MAPS: tuple[tuple[str, dict[str, Any], dict[str, Any], int], ...] = (
     ("cra", PAPER, STRENGTHS, 60),
     ("trajectory", PAPER_AT_45, ANGLES, 40),
 )
-"""Operation, case, vertical axis and number of values of both axes; the ranges are the defaults of the page."""
+"""Operation, case, vertical axis, and number of values of each axis. The ranges are the defaults of the page."""
 COARSE = 8
 """Number of values of each axis of the coarse grid."""
 READ_SECONDS = 0.3
@@ -40,7 +40,7 @@ PAGE = 1000
 def draw(
     client: httpx.Client, operation: str, case: dict[str, Any], vertical: dict[str, Any], count: int
 ) -> list[object]:
-    """Return the name and size of a map, and the times until the coarse grid and until every result has been read."""
+    """Return name and size of a map, the time until the coarse grid, and the time until every result has been read."""
     grid = {"base": case, "axes": [vertical | {"count": COARSE}, SPEEDS | {"count": COARSE}]}
     begun = time.perf_counter()
     answered = client.post(f"/{operation}/sweep", json=grid).raise_for_status().json()["results"]
@@ -59,7 +59,7 @@ def draw(
 
 
 def study(client: httpx.Client, method: str, seed: int) -> list[object]:
-    """Return method and number of samples, and the time until the first curve, the answer, and its copy. [s]"""
+    """Return method, number of samples, and the times of the first curve, the answer, and the cached answer. [s]"""
     body = STUDY | {"sampling": {"method": method, "seed": seed}}
     begun, first = time.perf_counter(), 0.0
     job = client.post("/cra/uncertainty", json=body, headers={"Prefer": "respond-async"}).json()
@@ -75,14 +75,13 @@ def study(client: httpx.Client, method: str, seed: int) -> list[object]:
 
 
 def main() -> None:
-    """Measure and print."""
     parser = argparse.ArgumentParser(description="Measure maps and studies.")
     parser.add_argument("--maps", action="store_true", help="maps alone")
     options = parser.parse_args()
     print_machine()
     with service() as server, httpx.Client(base_url=server.url, timeout=120.0, trust_env=False) as client:
         print_table(["a map", "cases", "coarse picture", "every cell read"], [draw(client, *each) for each in MAPS])
-        if not options.maps:  # each seed is another study, of which no sample is cached
+        if not options.maps:  # with a seed of its own, each study has new samples, none of which is cached
             studies = [study(client, method, seed) for seed, method in enumerate(3 * ("auto", "direct"))]
             print_table(["a study", "samples", "first curve", "answer", "again"], studies)
 

@@ -12,14 +12,14 @@ from solver import warm_up
 
 
 class Timing(NamedTuple):
-    """CPU time of all threads of the process that did the work, and wall time. [s]"""
+    """CPU time of all threads of the process that does the work, and wall time. [s]"""
 
     cpu: float
     wall: float
 
 
 def time_call(call: Callable[[], object], *, at_least: float = 0.05) -> Timing:
-    """Time of one call, averaged over as many calls as fill `at_least` seconds."""
+    """Return the time of one call, averaged over as many calls as take `at_least` seconds."""
     calls = 0
     cpu, wall = time.process_time(), time.perf_counter()
     while True:
@@ -32,7 +32,7 @@ def time_call(call: Callable[[], object], *, at_least: float = 0.05) -> Timing:
 
 @contextmanager
 def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Return a pool whose processes have all started and loaded the compiled code."""
+    """Run a pool during the block, in which all processes have started and loaded the compiled code."""
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=warm_up) as pool:
         seen: set[int] = set()
         while len(seen) < workers:
@@ -41,5 +41,5 @@ def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _process_id(_: int) -> int:
-    time.sleep(0.05)  # long enough for the other processes to take a call
+    time.sleep(0.05)  # long enough that every other process takes a call meanwhile
     return os.getpid()

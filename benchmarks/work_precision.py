@@ -2,9 +2,9 @@
 
     python benchmarks/work_precision.py [--quick]
 
-Every setting answers the paper's strike by outcome, over the default range, to a bracket far below the errors, so that
-times and errors are those of the route. The reference is finer than all of them. About five minutes; `--quick` uses a
-few settings that are fast.
+With every setting, the critical angle of the paper's strike is searched by outcome over the default range, to a bracket
+far narrower than the errors, so that times and errors are those of the route. The reference is finer than all settings.
+Takes about five minutes; `--quick` uses a few fast settings.
 """
 
 import argparse
@@ -23,17 +23,17 @@ REPEATED_BELOW = 0.5
 FINEST = Numerics(method="adaptive", relative_tolerance=1e-8, stations=32, points=16)
 
 QUADRATURES = ((4, 3), (6, 4), (8, 4), (16, 8))
-"""Numbers of stations and points."""
+"""Numbers of stations on each stretch of the body, and of points on each arc around it."""
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 PANELS = (750, 3_000, 12_000, 48_000)
-"""Numbers of panels, with the paper's step."""
+"""Numbers of panels, each used with the paper's time step."""
 TIME_STEPS = (4e-5, 2e-5, 1e-5, 5e-6)
-"""Time steps, with the paper's panels. [s]"""
+"""Time steps, each used with the paper's number of panels. [s]"""
 
 
 @dataclass(slots=True)
 class Setting:
-    """A row of the table."""
+    """Settings of a search, with its times and its answer: a row of the table."""
 
     label: str
     numerics: Numerics

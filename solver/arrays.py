@@ -1,8 +1,8 @@
 """Array types, Gauss-Legendre rules, and polynomials for the sine and the arc cosine.
 
-A call of a library function keeps the compiler from processing several points of a loop at once; a polynomial does not.
-The polynomials are interpolated at Chebyshev nodes when the package is imported. The errors stated are the largest
-found on a fine grid.
+With a polynomial the compiler can process several points of a loop at once; with a call of a library function it
+cannot. The polynomials are interpolated at Chebyshev nodes when the package is imported. The errors stated are the
+largest found on a fine grid.
 """
 
 import math
@@ -44,8 +44,8 @@ def gauss_rule(count: int) -> FloatArray:
 
 def interpolation(degree: int) -> tuple[FloatArray, FloatArray]:
     """Return Chebyshev nodes on [-1, 1], and the matrix that turns values there into coefficients, constant first."""
-    # Interpolation at Chebyshev nodes comes close to the best polynomial of its degree, without a search for that. The
-    # detour over Chebyshev polynomials avoids the ill-conditioned Vandermonde matrix.
+    # Interpolation at Chebyshev nodes comes close to the best polynomial of its degree, without searching for it. The
+    # way over Chebyshev polynomials avoids the ill-conditioned Vandermonde matrix.
     nodes = np.cos((np.arange(degree + 1) + 0.5) * np.pi / (degree + 1))
     series = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, degree))
     powers = np.zeros((degree + 1, degree + 1))
@@ -67,7 +67,7 @@ def _sine_ratio(t: FloatArray) -> FloatArray:
 
 
 def _arc_ratio(t: FloatArray) -> FloatArray:
-    # Near c = 1 the arc cosine grows like the root of 1 - c. Dividing by that root leaves a smooth function.
+    # Near c = 1 the arc cosine grows like the square root of 1 - c. Dividing by that root leaves a smooth function.
     c = (t + 1.0) / 2.0
     return np.arccos(c) / np.sqrt(1.0 - c)
 

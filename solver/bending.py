@@ -1,8 +1,9 @@
-"""Bending stress of a projectile during a run, by D'Alembert: the loads of the model against the inertia of the body.
+"""Bending stress of a projectile during a run, from the loads of the model and the inertia of the body (D'Alembert).
 
-The body is taken for a beam along its axis and cut across into slices. The part of it ahead of a cross-section moves
-with the whole; what the loads on that part lack to move it so, the cross-section carries: a bending moment, and a
-normal force along the axis. The motion stays that of a rigid body. The stress says whether a real body could follow it.
+The body is treated as a beam along its axis and cut across into slices. The part ahead of a cross-section moves with
+the whole body. Where the loads on that part do not suffice for this motion, the cross-section carries the difference: a
+bending moment, and a normal force along the axis. The motion stays that of a rigid body; the stress shows whether a
+real body could follow it.
 """
 
 import math
@@ -20,59 +21,65 @@ from solver.motion import Model, accelerate
 from solver.projectile import Arc, MassProperties, Projectile, mass_properties
 from solver.surface import LINE, Body, Panels, build_body
 
+# The peak between two cross-sections is found by a parabola. For the paper's body it is within 0.5 % of the peak with
+# 200 slices.
 SLICES = 16
-"""Slices of a body. Between two cross-sections the peak is that of a parabola: for the paper's body within 0.5 % of the
-peak with 200 slices. [1]"""
+"""Number of slices of a body."""
+# In the paper's strikes the peak is within 0.5 % of that over all steps of the integration, and both passes take 4 to
+# 9 % of the time of a run.
 INSTANTS = 20
-"""Instants at which the stress is computed first, at most. [1]"""
+"""Largest number of instants in the first pass over a run."""
 INSTANTS_NEAR_PEAK = 10
-"""Instants between the neighbours of the largest of these, at most: the peak of the paper's strikes is within 0.5 % of
-that over all steps of the integration, and both take 4 to 9 % of the time of a run. [1]"""
+"""Largest number of instants in the second pass, on the two sides of the largest stress of the first."""
 STATIONS = 4
-"""Gauss points along what one slice has of a stretch of the outline."""
+"""Number of Gauss points along the part of a stretch of the outline that lies in one slice."""
+# This number of points is exact for lines and accurate to 1e-10 for arcs.
 GAUSS_POINTS = 8
-"""Points for the inertia of a slice: exact for lines, to 1e-10 for arcs."""
+"""Number of Gauss points for the inertia of a slice."""
+# Near rest nearly all of the resistance is static and follows the direction of creeping speeds, so that independent
+# programs disagree about the stress there.
 ENERGY_LEFT = 0.05
-"""Share of the initial kinetic energy at which the stress is no longer followed. Near rest the resistance is nearly all
-static and follows the direction of creeping speeds, so that stresses of independent programs differ there. [1]"""
+"""Share of the initial kinetic energy below which the stress is no longer computed. [1]"""
+# What touches the target after the release, mostly the tail, meets concrete that the nose has broken and that the model
+# treats as intact.
 FREE = 1e-6
-"""Acceleration over the greatest so far, below which the projectile has come free. What strikes the target after that,
-mostly the tail, meets concrete that the nose has broken, which the model takes for intact. [1]"""
+"""Acceleration, over the greatest so far, below which the projectile counts as released. [1]"""
+# The differences allow for values of a drawing, which are rounded to two or three digits.
 CENTER_WITHIN, INERTIA_WITHIN = 0.005, 0.02
-"""Difference of a given centre of gravity from that of the shape, over the length, and of a moment of inertia over that
-of the shape, up to which the shape stands for the body: values of a drawing, rounded to two or three digits. [1]"""
+"""Largest differences of the given centre of gravity, over the length, and of the given moment of inertia, over that of
+the homogeneous solid of the shape, at which this solid may stand for the body. [1]"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BendingHistory(ComparedByFields):
-    """Largest bending stress in the body over time, at the instants at which it was computed."""
+    """Largest bending stress in the body at each instant at which it was computed."""
 
     time: FloatArray
-    """Since first contact. [s]"""
+    """Time since first contact. [s]"""
     stress: FloatArray
-    """In the outermost fibre of the cross-section with the largest. [Pa]"""
+    """Largest bending stress of all cross-sections, in the outermost fibre. [Pa]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Bending:
-    """Largest bending stress over a run, until the projectile first comes free or has lost 95 % of its energy.
+    """Largest bending stress over a run, until the projectile is first released or has lost 95 % of its energy.
 
-    With panels the stress of a body that slides straight scatters upward, as its resistance changes sides from step to
-    step. A flat body of the paper's size at 40° bends at 0.23 GPa by the adaptive route, with panels at 0.9, and at 0.4
-    in steps of 1 µs.
+    With panels the stress of a body that slides straight comes out too high, as its resistance changes sides from step
+    to step. For a body of the paper's size with a flat nose at 40° it is 0.23 GPa by the adaptive route, 0.9 GPa with
+    panels, and 0.4 GPa with panels in steps of 1 µs.
     """
 
     peak_stress: float
-    """Largest bending stress, the moment over the section modulus in the outermost fibre. [Pa]"""
+    """Largest bending stress, in the outermost fibre: the bending moment over the section modulus. [Pa]"""
     time: float
     """Time of the largest bending stress, since first contact. [s]"""
     distance_behind_tip: float
     """Distance behind the tip of the cross-section with the largest bending stress. [m]"""
     normal_force: float
-    """Force along the axis in that cross-section at that time, positive for tension; its stress is not in the largest
-    bending stress. [N]"""
+    """Force along the axis in the cross-section with the largest bending stress, at that time, positive for tension.
+    The largest bending stress does not include it. [N]"""
     history: BendingHistory | None
-    """None if the run has no history."""
+    """Largest bending stress over time; None if the run has no history."""
 
     def __str__(self) -> str:
         place, time = 1e3 * self.distance_behind_tip, 1e3 * self.time
@@ -83,20 +90,20 @@ class _Beam(NamedTuple):
     """A body cut into slices of equal length, from the tip to the base."""
 
     outline: FloatArray
-    """(m, 8) rows of `Body.outline` of the slices, one slice after the other."""
+    """(m, 8) rows as in `Body.outline`, cut between slices, one slice after the other."""
     ends: IntArray
-    """(n + 1,) where the rows of each slice begin, and the end."""
+    """(n + 1,) index of the first row of each slice, and the number of rows."""
     places: FloatArray
-    """(n - 1,) cross-sections between the slices, ahead of the centre of gravity. [m]"""
+    """(n - 1,) positions of the cross-sections between slices, ahead of the centre of gravity. [m]"""
     moments: FloatArray
-    """(3, n) mass, first and second moment about the centre of gravity of all up to the end of each slice, the second
-    about the transverse axis. [kg, kg m, kg m²]"""
+    """(3, n) mass, first and second moment about the centre of gravity of the body from its tip to the end of each
+    slice, the second about the transverse axis. [kg, kg m, kg m²]"""
     moduli: FloatArray
-    """(n - 1,) section moduli. [m³]"""
+    """(n - 1,) section moduli of the cross-sections. [m³]"""
 
 
 def has_inertia_of_shape(projectile: Projectile) -> bool:
-    """Whether the mass properties in use are those of the homogeneous solid of the shape, which a beam needs."""
+    """Return whether the mass properties are those of a homogeneous solid of the shape, which a beam needs."""
     if projectile.center_of_gravity is None and projectile.moment_of_inertia is None:
         return True
     used, shape = mass_properties(projectile), _shape_properties(projectile)
@@ -118,23 +125,23 @@ def bending_of(
     slices: int = SLICES,
     instants: int = INSTANTS,
 ) -> Bending | None:
-    """Bending stress over a run.
+    """Compute the bending stress over a run.
 
     Parameters
     ----------
     model
-        With the law of the strike.
+        Model with the law of the strike.
     steps
         Table of the steps of the run.
     with_history
         Whether to keep the stress over time.
     slices, instants
-        Resolution along the axis, and in time.
+        Number of slices, and largest number of instants in the first pass.
 
     Returns
     -------
     Bending | None
-        None if the body does not have the inertia of its shape, or nothing was integrated.
+        None if the body does not have the inertia of its shape, or the run has no steps.
     """
     if len(steps) == 0 or not has_inertia_of_shape(projectile):
         return None
@@ -167,9 +174,9 @@ def bending_of(
 
 
 def _vertex(values: FloatArray, place: int) -> tuple[float, float]:
-    """Place of the vertex of the parabola through the largest of some values and its neighbours, and the value there.
+    """Return place and value of the vertex of the parabola through the largest of some values and its neighbours.
 
-    The place is from that of the largest, in intervals.
+    The place is relative to that of the largest value, in intervals.
     """
     if not 0 < place < values.size - 1:
         return 0.0, float(values[place])
@@ -179,14 +186,15 @@ def _vertex(values: FloatArray, place: int) -> tuple[float, float]:
     return shift, at - 0.25 * (before - after) * shift
 
 
-@lru_cache  # as for `mass_properties`
+@lru_cache  # the strikes of a study share a projectile
 def _beam(projectile: Projectile, slices: int) -> _Beam:
     """Cut a projectile into slices."""
     used = mass_properties(projectile)
     body, length, center = build_body(projectile, used), projectile.length, used.center_of_gravity
     edges = center - length * np.arange(slices + 1) / slices
     parts = _cut_outline(body, edges)
-    # A body whose base faces out is evaluated without its last row: the base, or a row without length in its place.
+    # The last row of an outline is its base, which is not evaluated where it faces out of the target. In the other
+    # slices a row of zero length takes its place.
     base = body.outline[-1]
     nothing = base.copy()
     nothing[3] = 0.0
@@ -200,12 +208,12 @@ def _beam(projectile: Projectile, slices: int) -> _Beam:
 
 
 def _is_hollow(projectile: Projectile, x: FloatArray) -> FloatArray:
-    """Whether there may be a bore at these distances behind the tip."""
+    """Return whether there may be a bore at each distance behind the tip."""
     return np.asarray((projectile.nose_length < x) & (x < projectile.shank_end))
 
 
 def _cut_outline(body: Body, edges: FloatArray) -> list[list[FloatArray]]:
-    """Rows of the outline of each slice, without the base."""
+    """Return the rows of the outline for each slice, without the base."""
     parts: list[list[FloatArray]] = [[] for _ in range(edges.size - 1)]
     for piece in body.outline[:-1]:
         if piece[0] == LINE:
@@ -230,7 +238,7 @@ def _cut_outline(body: Body, edges: FloatArray) -> list[list[FloatArray]]:
 
 
 def _radii(projectile: Projectile, x: FloatArray) -> FloatArray:
-    """Outer radius at distances behind the tip."""
+    """Return the outer radius at each distance behind the tip. [m]"""
     radius = np.zeros_like(x)
     for piece in projectile.outline():
         if isinstance(piece, Arc):
@@ -246,7 +254,7 @@ def _radii(projectile: Projectile, x: FloatArray) -> FloatArray:
 
 
 def _inertia(projectile: Projectile, center: float, front: float, rear: float) -> tuple[float, float, float]:
-    """Volume of a slice, and its first and second moment about the centre of gravity. [m³, m⁴, m⁵]"""
+    """Return the volume of a slice, and its first and second moment about the centre of gravity. [m³, m⁴, m⁵]"""
     begin, end = center - front, center - rear
     kinks = [piece.x_end if not isinstance(piece, Arc) else piece.x_center for piece in projectile.outline()]
     t, w = gauss_rule(GAUSS_POINTS).T
@@ -261,22 +269,22 @@ def _inertia(projectile: Projectile, center: float, front: float, rear: float) -
 
 
 class _Slices(NamedTuple):
-    """Slices of a body, and arrays to work in, for the compiled code."""
+    """Slices of a body and work arrays for the compiled code."""
 
     first_panels: IntArray
-    """(n + 1,) first panel of each slice, and the number of panels."""
+    """(n + 1,) index of the first panel of each slice, and the number of panels."""
     crater_depth: float
-    """Depth of the crater, where the deepest point of the whole body decides, not that of a slice. [m]"""
+    """Depth of the crater, applied to all slices by the depth of the deepest point of the whole body. [m]"""
     states: FloatArray
-    """(6 `MOST_STATES`,) for states, one after the other."""
+    """(6 `MOST_STATES`,) states, one after the other."""
     accelerations: FloatArray
-    """(3 `MOST_STATES`,) for their accelerations."""
+    """(3 `MOST_STATES`,) accelerations of the states."""
     loads: FloatArray
-    """(`MOST_STATES`, n, 3) for forces along depth and face, and moments about the centre of gravity. [N, N m]"""
+    """(`MOST_STATES`, n, 3) forces on the slices along depth and face, moments about the centre of gravity. [N, N m]"""
     stages: FloatArray
-    """(3, 6) for state, rates and loads in the stages of a Runge-Kutta step."""
+    """(3, 6) state, rates and loads in the stages of a Runge-Kutta step."""
     change: FloatArray
-    """(steps,) for the sum of the changes of velocity up to the beginning of each step. [m/s]"""
+    """(steps,) sum of the changes of velocity up to the beginning of each step. [m/s]"""
 
 
 @lean
@@ -290,16 +298,16 @@ def _add_loads(
     accelerations: FloatArray,
     loads: FloatArray,
 ) -> None:
-    """Add the loads on the slices in some states, with a weight; write the accelerations by one slice after the other.
+    """Add the loads on the slices in some states, multiplied by `weight`, to `loads`.
 
     Parameters
     ----------
     states
-        (6 n,) one after the other.
+        (6 n,) states one after the other.
     accelerations
-        (3 n,) to work in.
+        (3 n,) work array for the accelerations by one slice.
     loads
-        (n, slices, 3) to add to.
+        (n, slices, 3) sums of the forces and moments. [N, N m]
     """
     body, panels, ends = model.body, model.panels, beam.ends
     for k in range(ends.size - 1):
@@ -343,10 +351,10 @@ def _add_mean_loads(
     accelerations: FloatArray,
     loads: FloatArray,
 ) -> None:
-    """Add the mean loads on the slices over a step of this length that begins in a state.
+    """Add the mean loads on the slices over a step of the given length [s] that begins in a state.
 
-    The stress of panels is not ramped: where the body slides straight, all the static load is now on one side of it,
-    now on the other. What moves it, and bends it, is the mean over the stages of the Runge-Kutta step.
+    The stress on panels is not ramped: where the body slides straight, the whole static load is first on one side of
+    it, then on the other. The mean over the stages of the Runge-Kutta step is what moves and bends the body.
     """
     body, stage, rates, total, before = model.body, cut.stages[0], cut.stages[1], cut.stages[2, :3], cut.stages[2, 3:]
     cut.stages[:] = 0.0
@@ -369,17 +377,18 @@ def _add_mean_loads(
 def _write_section_loads(
     state: FloatArray, beam: _Beam, loads: FloatArray, stress: FloatArray, force: FloatArray
 ) -> None:
-    """Write the bending stresses and normal forces in the cross-sections, from the (slices, 3) loads. [Pa, N]"""
+    """Write the bending stress and the normal force in each cross-section, from the (slices, 3) loads. [Pa, N]"""
     cosine, sine, spin = math.cos(state[2]), math.sin(state[2]), state[5]
     last, moments = loads.shape[0] - 1, beam.moments
     for k in range(last):
         for n in range(3):
-            loads[k + 1, n] += loads[k, n]  # of all ahead of the cross-section
+            loads[k + 1, n] += loads[k, n]  # sum over all slices ahead of the cross-section
     along = loads[last, 0] * cosine + loads[last, 1] * sine
     across = loads[last, 1] * cosine - loads[last, 0] * sine
     turning = loads[last, 2]
-    # The acceleration of the whole, from balances of force and moment about a point that rounding of a given centre of
-    # gravity may put beside that of the shape: so moment and shear vanish at the base exactly.
+    # The acceleration of the whole body follows from the balances of force and moment. The first moment is not taken as
+    # zero, since a rounded centre of gravity may differ from that of the shape. So moment and shear vanish exactly at
+    # the base.
     mass, first, second = moments[0, last], moments[1, last], moments[2, last]
     size = mass * second - first * first
     sideways = (across * second - turning * first) / size
@@ -405,7 +414,7 @@ def _write_stress(
     stress: FloatArray,
     force: FloatArray,
 ) -> None:
-    """Write the bending stresses and normal forces at the beginning of these steps, a row of each array for one."""
+    """Write the bending stresses and normal forces at the beginning of some steps, one row for each step. [Pa, N]"""
     together = 1 if model.panels.area.size > 0 else MOST_STATES
     for begin in range(0, rows.size, together):
         count = min(together, rows.size - begin)
@@ -425,7 +434,7 @@ def _write_stress(
 
 @lean
 def _speed_change(steps: FloatArray, body: Body, change: FloatArray) -> int:
-    """Sum the changes of velocity up to the beginning of each step; return the number of steps that are followed."""
+    """Write the sum of velocity changes up to each step [m/s]; return the number of steps with a stress to compute."""
     left = greatest = 0.0
     for i in range(steps.shape[0]):
         speed = steps[i, 5] * steps[i, 5] + steps[i, 6] * steps[i, 6]
@@ -455,28 +464,30 @@ def _follow_stress(
     stress: FloatArray,
     force: FloatArray,
 ) -> int:
-    """Write the bending stresses over a run, first at some instants, then at some beside the largest.
+    """Write the bending stresses over a run, first at spread-out instants, then at instants beside the largest stress.
 
-    All in one call: the arrays are so small that NumPy's calls would take longer than the numbers.
+    Both passes are one compiled call: the arrays are so small that calls of NumPy would take longer than the
+    computation.
 
     Parameters
     ----------
     steps
         Table of the steps of the run.
     instants
-        Number of the first instants, at most.
+        Largest number of instants in the first pass.
     rows, stress, force
-        (m,), (m, sections), (m, sections) to write to: steps at whose beginning the stress was computed, bending
-        stresses and normal forces. [Pa, N]
+        (m,), (m, sections) and (m, sections) output: indices of the steps at whose beginning the stress was computed,
+        bending stresses and normal forces. [1, Pa, N]
 
     Returns
     -------
     int
-        Instants in the arrays.
+        Number of instants written.
     """
     change = cut.change
     # The stress is computed at the ends of steps only: states inside are interpolated, and their loads scatter where
-    # the body slides straight. Instants that are even on the change of velocity lie close where the loads are large.
+    # the body slides straight. Instants spaced evenly in the sum of velocity changes lie close where the loads are
+    # large.
     last = _speed_change(steps, model.body, change) - 1
     count = at = 0
     for k in range(instants):

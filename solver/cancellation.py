@@ -19,14 +19,14 @@ from solver.compilation import lean
 
 CANCELLED, STEPS_LEFT = range(2)
 """Indices in a control: a flag that ends the computation if it is not zero, and the number of steps left to it."""
-# More than any computation takes, and far enough from the largest integer.
+# More steps than any computation takes, and far from the largest integer.
 NO_LIMIT = 2**62
-"""Number of steps without a limit."""
+"""Number of steps that stands for no limit."""
 # A step takes 10 to 20 µs and a usual search 1,000 steps, so nearly all computations end in the main thread in 0.4 s.
 # A few in a thousand are repeated in another thread, which costs 0.3 ms and leaves the main thread free for signals.
 QUICK_STEPS = 20_000
 """Largest number of steps of a computation in the main thread."""
-# The loads on so many panels take about as long as one step by Gauss points.
+# The loads on this number of panels take about as long as one step by Gauss points.
 PANELS_PER_STEP = 100
 """Number of panels that count as one step."""
 
@@ -37,7 +37,7 @@ Result = TypeVar("Result")
 class CancelledError(Exception):
     """Raised in a computation that `Cancellation.cancel` has ended.
 
-    It is no `RicochetError`, since it does not depend on the case.
+    It is not a `RicochetError`, since it does not depend on the case.
     """
 
 
@@ -50,7 +50,7 @@ def may_step(control: IntArray) -> bool:
 
 
 class Cancellation:
-    """Handle by which one thread cancels the computations of another, those that run and those that begin later.
+    """Handle with which one thread cancels the computations of another, both running and later ones.
 
     Examples
     --------
@@ -58,7 +58,7 @@ class Cancellation:
 
         answer = cancellation.run(critical_angle, projectile=projectile, target=target, velocity=238.0)
 
-    In another one, upon which the first raises `CancelledError` within a step::
+    In another thread, after which the first one raises `CancelledError` within a step::
 
         cancellation.cancel()
     """
@@ -75,7 +75,7 @@ class Cancellation:
         Raises
         ------
         CancelledError
-            If they were cancelled.
+            If the computations were cancelled.
         """
         token = _current.set(self)
         try:
@@ -134,7 +134,8 @@ def compute(function: Callable[[IntArray], Result], panels: int = 0) -> Result:
     Parameters
     ----------
     function
-        Passes the control to the compiled code. It may be called twice, so it allocates the arrays that it writes to.
+        Function that passes the control to the compiled code. It may be called twice, so it allocates the arrays that
+        it writes to.
     panels
         Number of panels, each of which makes a step longer.
 

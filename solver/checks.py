@@ -54,12 +54,12 @@ class StepLimitError(IntegrationError):
 
 
 def plain(value: Any) -> Any:
-    """Convert an array, Series or DataArray to a list and a number of NumPy to one of Python; keep anything else."""
+    """Convert arrays, Series and DataArrays to lists, and NumPy scalars to Python numbers; keep other values."""
     return value.__array__().tolist() if hasattr(value, "__array__") else value
 
 
 def rows_of(field: str, rows: Any, kind: type[Row]) -> list[Row]:
-    """Return a list of objects of a dataclass, from such objects or from a DataFrame with a row for each.
+    """Return a list of dataclass objects, made from such objects or from a DataFrame with one row for each.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def require_kind(field: str, value: object, union: object) -> None:
     Raises
     ------
     ParameterError
-        If it is not; it names the classes, and suggests one for its name or for the class itself.
+        If it is not. The message names the classes, and suggests an instance if the value is a class or its name.
     """
     kinds = get_args(union)
     if isinstance(value, kinds):
@@ -160,15 +160,15 @@ class Bound(NamedTuple):
     """Range of a number with its unit, and other units in which it is often given by mistake."""
 
     lower: float
-    """Lower end, in the unit."""
+    """Lower end of the range, in `unit`."""
     upper: float
-    """Upper end, in the unit."""
+    """Upper end of the range, in `unit`."""
     unit: str
     """Symbol of the unit; empty for a ratio."""
     name: str
-    """Name of the unit in a sentence."""
+    """Name of the unit in error messages."""
     mistaken: tuple[tuple[str, float], ...] = ()
-    """Other units with their factors."""
+    """Symbols of other units, each with its factor to `unit`."""
     above: bool = False
     """True if the lower end is excluded."""
     below: bool = False
@@ -184,7 +184,7 @@ MILLIMETRES = (("mm", 1e-3), ("cm", 1e-2))
 """Units in which lengths are often given instead of metres."""
 PRESSURES = (("MPa", 1e6), ("kPa", 1e3), ("GPa", 1e9))
 """Units in which strengths are often given instead of pascals."""
-# Each range includes every strike there is, with a margin, and excludes most values in the wrong unit. The values are
+# Each range includes all real strikes with a margin, and excludes most values in a wrong unit. The values are
 # judgements.
 BOUNDS: Mapping[str, Bound] = {
     "projectile.diameter": Bound(1e-3, 5.0, "m", "metres", MILLIMETRES),
@@ -204,7 +204,8 @@ BOUNDS: Mapping[str, Bound] = {
     "target.youngs_modulus": Bound(1e6, 1e12, "Pa", "pascals", (("GPa", 1e9), ("MPa", 1e6))),
     "target.poissons_ratio": Bound(0.0, 0.5, "", "a ratio"),
     "target.thickness": Bound(0.0, 1e3, "m", "metres", MILLIMETRES, above=True),
-    # Slabs of plants have up to about 2 % each way and face. Ten per cent include every wall that can be cast.
+    # Slabs of power plants have up to about 2 % in each direction at each face. Ten per cent include every wall that
+    # can be cast.
     "target.reinforcement_ratio_percent": Bound(0.0, 10.0, "%", "percent"),
     "shot.depth": Bound(1e-6, 100.0, "m", "metres", MILLIMETRES),
     "impact.velocity": Bound(0.1, 1e4, "m/s", "m/s"),
@@ -230,7 +231,7 @@ def require_bounds(field: str, value: object, like: str = "") -> None:
     Raises
     ------
     ParameterError
-        If it is not; it names the bounds, and the unit in which the number may have been given.
+        If it is not. The message names the bounds, and the unit in which the number may have been given.
     """
     bound, number = BOUNDS[like or field], require_number(field, value)
     if bound.holds(number):
@@ -265,7 +266,7 @@ def require_angle(field: str, value: object, *, below: bool) -> None:
     Raises
     ------
     ParameterError
-        If it is not; it suggests radians for a number that looks like degrees.
+        If it is not. The message suggests radians for a number that looks like degrees.
     """
     angle = require_number(field, value)
     if abs(angle) < math.pi / 2.0 or (not below and abs(angle) <= math.pi / 2.0):
@@ -278,7 +279,7 @@ def require_angle(field: str, value: object, *, below: bool) -> None:
 
 
 def name_keywords(package: dict[str, Any]) -> None:
-    """Wrap the keyword-only functions and classes of a package, so that a call by position names the keywords."""
+    """Wrap the keyword-only functions and classes of a package: the error of a positional call lists the keywords."""
     for name in package["__all__"]:
         public = package[name]
         own = int(isinstance(public, type))

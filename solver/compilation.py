@@ -2,11 +2,12 @@
 
 `compiled` and the other decorators wrap `numba.njit`, but import numba only when the first function is called. The code
 of functions that Python calls is cached, each with the code of all functions that it calls. numba does not notice a
-change in one of those, so the cache folder is named by a digest of every source of the package, the versions of Python,
+change in the latter, so the cache folder is named by a digest of every source of the package, the versions of Python,
 numba and llvmlite, and the processor. Changed sources use another folder, and a copy of an installation finds its code.
 
-The container image includes code for x86-64-v3, the processors with AVX2, and for those with AVX-512 of AMD and of
-Intel (`entry-point.sh`), which is as fast as code compiled on the machine itself (`benchmarks/NOTES.md`).
+The container image includes compiled code for x86-64-v3, which is any processor with AVX2, and for the processors of
+AMD and of Intel with AVX-512 (`entry-point.sh`). It is as fast as code compiled on the machine itself
+(`benchmarks/NOTES.md`).
 """
 
 import hashlib
@@ -39,7 +40,7 @@ VECTOR_WIDTH = 8 if CPU.startswith((*WITH_512_BITS, "x86-64-v4")) else 4
 """Numbers of 64 bits in a vector register."""
 # The whole solver takes about a minute. A few functions take seconds, for which a message would be noise.
 LONG = 10
-"""Number of functions to compile above which a terminal is told of it."""
+"""Number of functions to compile above which a message is written to the terminal."""
 
 
 def _folder_name() -> str:
@@ -90,7 +91,7 @@ def _choose_folder() -> Path:
 FOLDER = _choose_folder()
 """Cache folder of compiled code."""
 BEGUN = FOLDER / "begun.txt"
-"""File with the names of the functions whose compilation has begun, one on each line; the process may still run."""
+"""File with the names of the functions whose compilation has begun, one on each line; the last may still be running."""
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -102,7 +103,7 @@ class Progress(NamedTuple):
     """Progress of compiling the solver, in this process or another one."""
 
     functions: int
-    """Number of functions in all."""
+    """Total number of functions."""
     left: list[str]
     """Functions that are neither compiled nor being compiled."""
     now: str = ""
@@ -252,7 +253,7 @@ _LOCK = threading.RLock()
 
 @contextmanager
 def _no_exception_ignored() -> Iterator[None]:
-    """Raise exceptions of signal handlers that Python would ignore, at the end of the block.
+    """Raise, at the end of the block, exceptions of signal handlers that Python would otherwise ignore.
 
     LLVM calls back into Python for each module that it compiles or loads. Python can only report an exception that is
     raised in such a callback, so Ctrl-C at that instant would be lost.
@@ -298,7 +299,7 @@ def _can_repair(error: Exception) -> bool:
 
 
 def _is_damaged() -> bool:
-    """Return whether a file of the cache cannot be read or unpickled, as one that was cut short."""
+    """Return whether a file of the cache cannot be read or unpickled, for instance because it is truncated."""
     try:
         for path in FOLDER.glob("*.nb?"):
             content = path.read_bytes()
@@ -365,7 +366,7 @@ def _announce_all() -> None:
     with suppress(OSError):
         BEGUN.unlink(missing_ok=True)
     left = len(compilation_progress().left)
-    # A notebook shows the error stream in the cell, although that stream is no terminal.
+    # A notebook shows the error stream in the cell, although that stream is not a terminal.
     read = sys.stderr is not None and (sys.stderr.isatty() or "ipykernel" in sys.modules)
     if left > LONG and read:
         sys.stderr.write(f"compiling the solver, once on a machine: {left} functions, about a minute\n")
@@ -396,9 +397,10 @@ compiled = _decorator(no_cfunc_wrapper=True)
 lean = _decorator(**LEAN)
 """Decorator of functions that only compiled code calls."""
 # numba would otherwise also make separate machine code for such a function and all that it calls, which nothing uses.
+# It saves seconds of compilation, but slowed a search by 8 % where such a function ran in every time step.
 once = _decorator(inline="always", **LEAN)
 """Decorator of functions that are called in one place only and become part of their caller."""
-# Passing a hundred arguments took 7 % of a search, and reading them as much.
+# Passing a hundred arguments took 7 % of the time of a search, and reading them another 7 %.
 inlined = _decorator(forceinline=True, **LEAN)
 """Decorator of a function with many arguments that is inlined for speed."""
 # Reassociation must not reach these functions: the compiler would distribute a division over every term.

@@ -28,7 +28,7 @@ DataFrame: TypeAlias = "pd.DataFrame"
 Columns: TypeAlias = dict[str, npt.NDArray[Any]]
 """Arrays of equal length by name."""
 Row: TypeAlias = Mapping[str, str | float | None]
-"""Texts and numbers of one answer by the names of columns; None where there is nothing."""
+"""Texts and numbers of one answer by column name; None for a missing value."""
 
 INSTANTS = 5
 """Number of instants at which a side view shows the projectile."""
@@ -52,12 +52,12 @@ def optional(module: str, needed_by: str, instead: str) -> Any:
     module
         Name of the module.
     needed_by, instead
-        Function that needs it, and an alternative without it, for the error.
+        Function that needs the module, and an alternative without it, for the error message.
 
     Raises
     ------
     ModuleNotFoundError
-        If the package is not installed; it names the command to install it and the alternative.
+        If the package is not installed. The message names the command to install it and the alternative.
     """
     package = module.partition(".")[0]
     try:
@@ -106,7 +106,7 @@ def dataframe(columns: Mapping[str, npt.NDArray[np.generic]], *kinds: type, inde
 
 
 class Warned(Protocol):
-    """Interface of warnings of an answer."""
+    """Interface of the warnings of an answer."""
 
     @property
     def code(self) -> str:
@@ -136,7 +136,7 @@ def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), m
     rows
         Names and values, as text; empty values are left out.
     warnings
-        Warnings of the answer; folded, those of most answers by themselves and not counted.
+        Warnings of the answer, shown folded. Those that most answers have are folded separately and not counted.
     more
         Further HTML, which is not escaped.
     """

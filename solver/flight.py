@@ -13,10 +13,11 @@ AIR_DENSITY = 1.225
 """Density of air at sea level, International Standard Atmosphere (ISO 2533:1975). [kg/m³]"""
 GRAVITY = 9.80665
 """Standard gravity, 3rd CGPM (1901). [m/s²]"""
+# Blunt bodies have drag coefficients of about 1; the value is a judgement.
 TUMBLING_DRAG = 1.0
 """Default drag coefficient, of a tumbling body on its mean projected area. [1]"""
-# Distances are then accurate to a millimetre in a kilometre, and vary smoothly enough with the elevation for the search
-# for the farthest one.
+# With this tolerance distances are accurate to a millimetre in a kilometre, and vary smoothly enough with the elevation
+# for the search for the farthest one.
 TOLERANCE = 1e-10
 """Relative tolerance of the integration. [1]"""
 # The derivative of the distance is zero at its maximum, so the relative error of the distance is of the order of the
@@ -43,7 +44,7 @@ class Flight:
     farthest_range: float
     """Greatest `range` over all elevations at this speed and height. [m]"""
     farthest_elevation: float
-    """Elevation of that flight. [rad]"""
+    """Elevation of the launch with the greatest range. [rad]"""
     range_without_drag: float
     """Greatest distance over all elevations without drag. [m]"""
     elevation: float
@@ -66,7 +67,7 @@ class FlightConditions:
     face_tilt
         Angle of the impact face from level ground, 0 to 90° for a vertical wall. [rad]
     incidence_plane
-        Direction in which the body travels on the face: up, level or down. Without effect on level ground.
+        Direction in which the body travels on the face: up, level or down. It has no effect on level ground.
     drag_coefficient
         Drag coefficient on the mean projected area; 0 for no drag. [1]
     height
@@ -112,7 +113,7 @@ def launch_elevation(
     face_tilt
         Angle of the impact face from level ground, 0 to 90° for a vertical wall. [rad]
     incidence_plane
-        Direction in which the body travels on the face: up, level or down. Without effect on level ground.
+        Direction in which the body travels on the face: up, level or down. It has no effect on level ground.
     rear
         True if the body leaves through the rear face, whose outward normal is opposite.
 
@@ -213,7 +214,7 @@ def flight_after(
     conditions: FlightConditions | None = None,
     rear: bool = False,
 ) -> Flight:
-    """Compute the flight of a tumbling body from where it leaves the target.
+    """Compute the flight of a tumbling body after it has left the target.
 
     Parameters
     ----------
@@ -328,8 +329,9 @@ def _path(speed: float, elevation: float, drag: float, height: float) -> _Path:
 
 def _longest(climb: float, drag: float, height: float) -> float:
     """Return a time by which any flight has landed, as the end of the integration. [s]"""
-    # With drag the rise takes less time than in vacuum. The fall takes at most the time in vacuum, that at terminal
-    # speed, and some times the time constant in which that speed is reached. The factor 2 is a margin.
+    # With drag the rise takes less time than in vacuum. The fall takes at most the sum of three times: that in vacuum,
+    # that at terminal speed, and a multiple of the time constant with which that speed is reached. The factor 2 is a
+    # margin.
     rise = max(climb, 0.0) / GRAVITY
     top = height + 0.5 * GRAVITY * rise**2
     fall = math.sqrt(2.0 * top / GRAVITY)

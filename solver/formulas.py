@@ -1,10 +1,10 @@
 """Empirical formulas for a hard projectile on a concrete wall, each with its source and its range.
 
 The formulas give the depth in thick concrete, and the thicknesses below which the rear of a wall scabs and below which
-it is perforated. They were fitted to different tests and differ by half and more; beside a model their spread is what
-counts. None includes an angle. As is common practice, an oblique strike is represented by the normal component of its
-velocity. Some formulas were fitted to flat noses and have no factor for others. Their sources do not state the error
-for pointed noses, so these are out of range.
+it is perforated. They were fitted to different tests and differ by 50 % and more, so that their spread is worth more
+than any one of them. None includes an angle. As is common practice, an oblique strike is represented by the normal
+component of its velocity. Some formulas were fitted to flat noses and have no factor for others. Their sources do not
+state the error for pointed noses, so these are out of range.
 """
 
 import math
@@ -23,7 +23,7 @@ NoseClass: TypeAlias = Literal["flat", "blunt", "hemispherical", "sharp"]
 NDRC_NOSE: Mapping[NoseClass, float] = {"flat": 0.72, "blunt": 1.0, "hemispherical": 1.0, "sharp": 1.14}
 NDRC_NOSE_NOTE = "nose factor 1.0, the safe side; 0.84 is printed too"
 HUGHES_NOSE: Mapping[NoseClass, float] = {"flat": 1.0, "blunt": 1.12, "hemispherical": 1.26, "sharp": 1.39}
-# Converted exactly, the form of the formula in US units has 3.8034e-5, 0.1 % more.
+# The form of the formula in US units, converted exactly, has the constant 3.8034e-5, which is 0.1 % more.
 NDRC_CONSTANT = 3.8e-5
 """Constant of the NDRC formula in SI units."""
 SCABBING_MARGIN, PERFORATION_MARGIN = 1.1, 1.2
@@ -41,11 +41,12 @@ NAMES: Mapping[str, str] = {
     "li_chen": "Li and Chen",
     "whiffen": "Whiffen",
 }
-"""Names of the formulas in sentences."""
+"""Names of the formulas for display."""
 LIMIT_SPEEDS = (BOUNDS["impact.velocity"].lower, BOUNDS["impact.velocity"].upper)
 """Range of the normal speed in the search for a limit speed. [m/s]"""
+# Half or twice this aggregate size changes the depth by Whiffen's formula by 7 %.
 AGGREGATE_SIZE = 0.02
-"""Largest aggregate of usual concrete. [m]"""
+"""Largest aggregate assumed for a concrete. [m]"""
 POUND, INCH, FOOT, PSI = 0.45359237, 0.0254, 0.3048, 6894.757
 """US units in SI units. [kg, m, m, Pa]"""
 
@@ -57,7 +58,7 @@ class OutOfRange:
     field: str
     """Name of the input or result."""
     detail: str
-    """Range of the formula, and the value."""
+    """Text with the range of the formula and the value found."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +82,7 @@ class FormulaResult:
     note: str = ""
     """Caveats and assumptions of the formula; empty if there are none."""
     source: str
-    """Authors and year."""
+    """Authors and year of the source."""
     verified: bool
     """True if the constants were compared with the original, a standard or a published shot. Other formulas come from
     secondary sources only."""
@@ -100,20 +101,20 @@ LIMITS: tuple[Limit, ...] = get_args(Limit)
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Range of a quantity over the formulas that are in range."""
+    """Lowest and highest result for a quantity among the formulas that are within their range."""
 
     lowest: float
     """Lowest value. [m]"""
     highest: float
     """Highest value. [m]"""
     count: int
-    """Number of different values."""
+    """Number of different results."""
 
 
 def spread(results: Iterable[FormulaResult], limit: Limit) -> Spread | None:
-    """Return the spread of a quantity over the formulas in range; None if none of these gives it."""
-    # Equal values count once, since some formulas take theirs from another one: Kar's for steel and the depth of
-    # Degen's are those of modified NDRC.
+    """Return the spread of a quantity over the formulas in range; None if none of them gives it."""
+    # Equal values count once, since some formulas share them: Kar's for steel, and the depth by Degen's, equal those of
+    # modified NDRC.
     values = {value for each in results if each.in_range and (value := getattr(each, limit)) is not None}
     return Spread(min(values), max(values), len(values)) if values else None
 
@@ -123,8 +124,9 @@ def nose_class(projectile: Projectile) -> NoseClass:
 
     Notes
     -----
-    The formulas name classes without measures. Here a nose without length is flat, one shorter than a hemisphere blunt,
-    one of up to one diameter hemispherical, as a bullet with a spherical end, and a longer one sharp.
+    The formulas name classes without measures. Here a nose of length zero is flat, one shorter than a hemisphere is
+    blunt, one of up to one diameter is hemispherical, like that of a bullet with a spherical end, and a longer one is
+    sharp.
     """
     ratio = _nose_ratio(projectile)
     if ratio == 0.0:
@@ -147,9 +149,9 @@ def modified_ndrc(*, projectile: Projectile, target: Target, impact: Impact) -> 
     parabolas below it.
 
     N is 0.72 for flat and 1.14 for sharp noses. Between them sources disagree: the standard has 0.84 for hemispherical
-    and 1.0 for blunt noses, others 0.84 for blunt and 1.0 for spherical ones. Both get 1.0 here, the safe side: spheres
-    on a slab of 140 mm (Erkander and Pettersson 1985) began to scab it between 859 and 925 m/s, where 1.0 gives 844 and
-    0.84 gives 930 m/s.
+    and 1.0 for blunt noses, others 0.84 for blunt and 1.0 for spherical ones. Both get 1.0 here, which is conservative:
+    spheres on a slab of 140 mm (Erkander and Pettersson 1985) began to scab it between 859 and 925 m/s, where 1.0 gives
+    844 and 0.84 gives 930 m/s.
     """
     return _by_ndrc_limits(
         "modified_ndrc",
@@ -171,7 +173,7 @@ def kar(*, projectile: Projectile, target: Target, impact: Impact, stiffness_rat
     Notes
     -----
     Kar (1978): NDRC's G times ``(E/E_steel)^1.25``. The size of the aggregate, which Kar adds to the limit thicknesses,
-    is left out. Constants not compared with the original.
+    is left out. The constants were not compared with the original.
     """
     require_positive("stiffness_ratio", stiffness_ratio)
     depth = _ndrc_depth(_ndrc_impact(projectile, target, impact) * stiffness_ratio**1.25)
@@ -247,7 +249,7 @@ def chang(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
     -----
     Chang (1981), for flat noses: ``e/d = (61/V)^0.25 (M V² / (d³ f'c))^0.5`` and
     ``h/d = 1.84 (61/V)^0.13 (M V² / (d³ f'c))^0.4``, from tests at 16 to 312 m/s with 0.11 to 343 kg and 5 to 30 cm on
-    concrete of 23 to 46 MPa. Constants not compared with the original.
+    concrete of 23 to 46 MPa. The constants were not compared with the original.
     """
     d, v, strength = projectile.diameter, _normal_velocity(impact), target.compressive_strength
     energy = projectile.mass * v**2 / (d**3 * strength)
@@ -271,7 +273,7 @@ def cea_edf(*, projectile: Projectile, target: Target, impact: Impact) -> Formul
     Notes
     -----
     Berriaud et al. (1978): ``e = 0.82 M^0.5 V^0.75 / (ρ^0.125 f'c^0.375 d^0.5)``, from tests at 20 to 200 m/s.
-    `cea_edf_limit_speed` is its inverse to 0.2 %. Constants not compared with the original.
+    `cea_edf_limit_speed` is its inverse to within 0.2 %. The constants were not compared with the original.
     """
     v = _normal_velocity(impact)
     thickness = (
@@ -321,7 +323,7 @@ def cea_edf_limit_speed(
 
 
 def ukaea(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaResult:
-    """Compute penetration and scabbing by Barr's formula for the UKAEA, made for the slow strikes of plant safety.
+    """Compute penetration and scabbing by Barr's formula for the UKAEA, for the low speeds relevant to plant safety.
 
     Notes
     -----
@@ -329,8 +331,8 @@ def ukaea(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
     states it with its range and a value to compare with.
 
     Barr (1990), with NDRC's G: ``x/d = 0.275 - sqrt(0.0756 - G)`` up to G = 0.0726, ``sqrt(4 G - 0.242)`` up to 1.0605
-    and ``G + 0.9395`` beyond; ``h/d = 5.3 G^0.33``. For 25 to 300 m/s, 22 to 44 MPa and M/d³ from 5,000 to
-    200,000 kg/m³. Constants not compared with the original.
+    and ``G + 0.9395`` beyond; ``h/d = 5.3 G^0.33``. It holds for 25 to 300 m/s, 22 to 44 MPa and M/d³ from 5,000 to
+    200,000 kg/m³. The constants were not compared with the original.
     """
     d, g = projectile.diameter, _ndrc_impact(projectile, target, impact)
     if g <= 0.0726:
@@ -366,8 +368,8 @@ def hughes(
     -----
     Hughes (1984): ``x/d = 0.19 N I / (1 + 12.3 ln(1 + 0.03 I))`` with ``I = M V² / (d³ f_t)`` from 40 to 3,500;
     ``e/d = 3.6 X`` below X = x/d = 0.7 and ``1.58 X + 1.4`` beyond, ``h/d = 5 X`` and ``1.74 X + 2.3``. N is 1, 1.12,
-    1.26 and 1.39 for flat, blunt, spherical and very sharp noses. Two secondary sources agree; constants not compared
-    with the original.
+    1.26 and 1.39 for flat, blunt, spherical and very sharp noses. Two secondary sources agree; the constants were not
+    compared with the original.
     """
     if tensile_strength is None:
         tensile_strength = 0.63e6 * math.sqrt(target.compressive_strength / 1e6)
@@ -400,9 +402,10 @@ def li_chen(
     -----
     Li and Chen (2003): ``I = M V² / (S d³ f'c)``, ``N = M / (N* ρ d³)`` and a crater of ``k = 0.707 + h/d`` diameters,
     h the length of the nose. ``x/d = sqrt(4 k I / π (1 + k π / (4 N)) / (1 + I / N))`` up to I = π k / 4, and
-    ``2 N / π ln((1 + I / N) / (1 + k π / (4 N))) + k`` beyond. With k = 2 the latter is `closed_form_depth`. Compared
-    with that and with one published shot, not with the original. Below X = x/d = 0.5, out of its range, there is a
-    correction, ``1.628 X^2.789``, which is left out: it is 0.24 where X is 0.5.
+    ``2 N / π ln((1 + I / N) / (1 + k π / (4 N))) + k`` beyond. With k = 2 the latter is `closed_form_depth`. The
+    formula was compared with that and with one published shot, not with the original. Below X = x/d = 0.5 it is out of
+    its range. The published correction ``1.628 X^2.789`` is left out there, since it does not join the formula: it is
+    0.24 where X is 0.5.
     """
     if strength_factor is None:
         (strength_factor,) = StrengthPowerLaw().polynomial(target=target, projectile=projectile)
@@ -438,8 +441,8 @@ def whiffen(
     Notes
     -----
     Whiffen (1943): ``x = 870 / sqrt(f'c) (M/d²) (d/c)^0.1 (V/1750)^n`` with ``n = 10.7 / f'c^0.25`` in inches, pounds,
-    psi and ft/s, c the largest aggregate; from tests with 0.3 to 22,000 lb and 0.5 to 38 in, at up to 3,700 ft/s.
-    Constants not compared with the original.
+    psi and ft/s, c the largest aggregate; from tests with 0.3 to 22,000 lb and 0.5 to 38 in, at up to 3,700 ft/s. The
+    constants were not compared with the original.
     """
     note = "within 15 % of its tests"
     if aggregate_size is None:
@@ -463,7 +466,7 @@ def whiffen(
 
 
 Formula: TypeAlias = Callable[..., FormulaResult]
-"""Function of projectile, target and impact."""
+"""Function that evaluates one formula for a projectile, a target and an impact."""
 FORMULAS: tuple[Formula, ...] = (modified_ndrc, degen, cea_edf, ukaea, chang, hughes, kar, ace, brl, li_chen, whiffen)
 
 
@@ -478,7 +481,7 @@ def formulas(*, projectile: Projectile, target: Target, impact: Impact) -> tuple
     Returns
     -------
     tuple of FormulaResult
-        A result for each formula, inside its range or not.
+        Results of all formulas, including those out of range.
 
     Raises
     ------
@@ -546,7 +549,7 @@ def limit_speeds(
 def _solved_for_speed(
     formula: Formula, projectile: Projectile, target: Target, thickness: float, cosine: float
 ) -> FormulaResult | None:
-    """Return the limit speed by a formula for the thickness; None if it has none in the range searched."""
+    """Return the least speed at which a formula has the wall perforated; None if it is outside `LIMIT_SPEEDS`."""
 
     def at(velocity: float) -> FormulaResult:
         return formula(projectile=projectile, target=target, impact=Impact(velocity=velocity, oblique_angle=0.0))

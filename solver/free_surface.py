@@ -1,16 +1,16 @@
 """Free-surface decay: the weakening of the resistance by a nearby face (eqs. 2-3).
 
-An element whose outward normal meets the face is resisted by a fraction f of the stress in an endless target: the wall
-pressure of a spherical cavity in a sphere of finite outer radius, over that in an endless solid. With k the outer
-radius over the cavity radius and y = 1/k its inverse (0 in an endless solid, 1 at the face),
+An element whose outward normal meets the face is resisted by a fraction f of the stress in an infinite target: the wall
+pressure of a spherical cavity in a sphere of finite outer radius, over that in an infinite solid. With k the outer
+radius over the cavity radius and y = 1/k its inverse (0 in an infinite solid, 1 at the face),
 
     f = (P(y) + ρ v² Q(y)) / (P(0) + ρ v² Q(0)),
 
 so a decay model consists of its static wall pressure P and its inertia coefficient Q.
 
-The compiled code evaluates a decay function by polynomials on either side of its corner, for P / P(endless) and for Q.
-The corner is the ratio k at which the plastic zone first reaches the face. Beyond it a shell of the solid stays
-elastic, and both P and Q are polynomials of degree four in 1/k. Nearer to the face they are smooth functions of
+The compiled code evaluates a decay function by polynomials on either side of its corner, for P / P(0) and for Q. The
+corner is the ratio k at which the plastic zone first reaches the face. Beyond it a shell of the solid stays elastic,
+and both P and Q are polynomials of degree four in 1/k. Nearer to the face they are smooth functions of
 ``x = (k - a) / (k + a)``, with a the square root of k at the corner, and polynomials in x approximate them to 1e-7.
 """
 
@@ -29,7 +29,7 @@ from solver.target import Target
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ElasticPlastic:
-    """Elastic shell around a perfectly plastic one of yield strength f'c (Hill 1950).
+    """Decay law of a perfectly plastic solid of yield strength f'c with an elastic shell around it (Hill 1950).
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class ElasticPlastic:
 
     Notes
     -----
-    Poisson's ratio comes from the target. The plastic zone of an endless solid reaches
+    Poisson's ratio comes from the target. The plastic zone of an infinite solid reaches
     ``k = (E / (3 (1 - ν) Y))^(1/3)``.
     """
 
@@ -46,12 +46,12 @@ class ElasticPlastic:
     inertia: bool = False
 
     def plastic_ratio(self, target: Target) -> float:
-        """Radius of the plastic zone over that of the cavity, in an endless solid. [1]"""
+        """Return the radius of the plastic zone over that of the cavity, in an infinite solid. [1]"""
         strain_limit = 3.0 * (1.0 - target.poissons_ratio) * target.compressive_strength
         return _plastic_ratio(target, strain_limit)
 
     def static_pressure(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
-        """Static wall pressure P(y). [Pa]"""
+        """Return the static wall pressure P(y). [Pa]"""
         beta = self.plastic_ratio(target)
         y = np.asarray(radius_ratio_inverse, dtype=np.float64)
         shell = (1.0 + 3.0 * math.log(beta) - (beta * y) ** 3) / 3.0
@@ -59,14 +59,14 @@ class ElasticPlastic:
         return 2.0 * target.compressive_strength * np.where(y * beta <= 1.0, shell, plastic)
 
     def inertia_coefficient(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
-        """Wall pressure for each unit of ρ v², Q(y). [1]"""
+        """Return the wall pressure per unit of ρ v², Q(y). [1]"""
         y = np.asarray(radius_ratio_inverse, dtype=np.float64)
         return 1.5 - 2.0 * y + 0.5 * y**4 if self.inertia else np.zeros_like(y)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MohrCoulomb:
-    """Elastic shell around one that yields by Mohr-Coulomb, ``σr - σθ = λ p + τ`` with λ = 2/3.
+    """Decay law of a Mohr-Coulomb solid, ``σr - σθ = λ p + τ`` with λ = 2/3, with an elastic shell around it.
 
     Parameters
     ----------
@@ -83,15 +83,15 @@ class MohrCoulomb:
     pressure_hardening: ClassVar[float] = 2.0 / 3.0
 
     def cohesion(self, target: Target) -> float:
-        """Yield strength τ without pressure. [Pa]"""
+        """Return the yield strength τ at zero pressure. [Pa]"""
         return (3.0 - self.pressure_hardening) * target.compressive_strength / 3.0
 
     def plastic_ratio(self, target: Target) -> float:
-        """Radius of the plastic zone over that of the cavity, in an endless solid. [1]"""
+        """Return the radius of the plastic zone over that of the cavity, in an infinite solid. [1]"""
         return _plastic_ratio(target, 1.5 * self.cohesion(target))
 
     def static_pressure(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
-        """Static wall pressure P(y). [Pa]"""
+        """Return the static wall pressure P(y). [Pa]"""
         lam, tau, beta, m = self._constants(target)
         y = np.asarray(radius_ratio_inverse, dtype=np.float64)
         at_interface = np.where(y * beta < 1.0, 2.0 * tau / 3.0 * (1.0 - (beta * y) ** 3), 0.0)
@@ -99,7 +99,7 @@ class MohrCoulomb:
         return np.asarray(plastic_radius**m * (at_interface + tau / lam) - tau / lam)
 
     def inertia_coefficient(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
-        """Wall pressure for each unit of ρ v², Q(y). [1]"""
+        """Return the wall pressure per unit of ρ v², Q(y). [1]"""
         y = np.asarray(radius_ratio_inverse, dtype=np.float64)
         if not self.inertia:
             return np.zeros_like(y)
@@ -116,16 +116,16 @@ class MohrCoulomb:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoFreeSurface:
-    """No decay: every loaded element is resisted as in an endless target, f = 1."""
+    """No decay: every loaded element is resisted as in an infinite target, f = 1."""
 
     name: ClassVar[str] = "none"
 
     def static_pressure(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
-        """Constant wall pressure at every distance. [Pa]"""
+        """Return a wall pressure that is the same at every distance from the face. [Pa]"""
         return np.full_like(radius_ratio_inverse, target.compressive_strength, dtype=np.float64)
 
     def inertia_coefficient(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
-        """Zero inertia coefficient at every distance. [1]"""
+        """Return an inertia coefficient of zero at every distance from the face. [1]"""
         return np.zeros_like(radius_ratio_inverse, dtype=np.float64)
 
 
@@ -133,14 +133,14 @@ FreeSurface: TypeAlias = ElasticPlastic | MohrCoulomb | NoFreeSurface
 
 
 def decay_laws(*, inertia: bool = False) -> tuple[FreeSurface, ...]:
-    """Return every decay law, on request with the inertia of the expanding solid where a law has it."""
+    """Return all decay laws; with `inertia`, those that have it include the inertia of the expanding solid."""
     return ElasticPlastic(inertia=inertia), MohrCoulomb(inertia=inertia), NoFreeSurface()
 
 
 def decay_factor(
     *, model: FreeSurface, target: Target, radius_ratio: FloatArray, normal_velocity: float = 0.0
 ) -> FloatArray:
-    """Return the fraction f of the resistance of an endless target.
+    """Return the fraction f of the resistance of an infinite target that is left near a face.
 
     Parameters
     ----------
@@ -149,14 +149,14 @@ def decay_factor(
     target
         The concrete.
     radius_ratio
-        (n,) k, from 1 at the face to infinity deep inside. [1]
+        (n,) ratios k of outer to cavity radius, from 1 at the face to infinity deep inside. [1]
     normal_velocity
-        Velocity of the element along its outward normal; matters only to a model with inertia. [m/s]
+        Velocity of the element along its outward normal; used only by a model with inertia. [m/s]
 
     Returns
     -------
     (n,) array
-        From 0 at the face to 1 deep inside. [1]
+        Fractions f, from 0 at the face to 1 deep inside. [1]
 
     Notes
     -----
@@ -174,7 +174,7 @@ def decay_factor(
 
 
 def _plastic_ratio(target: Target, least_modulus: float) -> float:
-    """Return the radius of the plastic zone over that of the cavity, in an endless solid. [1]
+    """Return the radius of the plastic zone over that of the cavity, in an infinite solid. [1]
 
     Parameters
     ----------
@@ -198,51 +198,51 @@ def _plastic_ratio(target: Target, least_modulus: float) -> float:
 # Degree 12 approximates the decay laws to 1e-7. A multiple of four lets terms be summed in groups of four (Estrin's
 # scheme), in a third of the time of Horner's scheme, where each term waits for the one before.
 DEGREE = 12
-"""Degree of the polynomials between the face and the corner."""
+"""Degree of the decay polynomials for k below the corner, where the plastic zone reaches the face."""
 # Beyond the corner the laws are exactly polynomials of degree four in 1/k.
 SHELL_DEGREE = 4
-"""Degree of the polynomials beyond the corner."""
+"""Degree of the decay polynomials for k above the corner, where a shell stays elastic."""
 NODES, FROM_NODES = interpolation(DEGREE)
 SHARES = np.arange(SHELL_DEGREE + 1) / SHELL_DEGREE
-"""Nodes beyond the corner: 1/k over its value at the corner."""
+"""Interpolation nodes for k above the corner: 1/k over its value at the corner."""
 FROM_SHARES = np.linalg.inv(np.vander(SHARES, increasing=True))
-"""Matrix from values at `SHARES` to coefficients, constant first."""
+"""Matrix that turns values at `SHARES` into coefficients, constant first."""
 # Added to a sum of lengths it avoids 0/0 and changes no other value.
 TINY = 1e-300
-"""Smallest denominator. [m]"""
+"""Number added to a denominator that may be zero. [m]"""
 
 
 class Near(NamedTuple):
-    """Decay between the face and the corner: polynomials in ``scale x``, coefficients constant first."""
+    """Decay for k below the corner: polynomials in ``scale x``, coefficients from the constant upwards."""
 
     scale: float
-    """Inverse of the largest x between the face and the corner. [1]"""
+    """Inverse of the largest x for k below the corner. [1]"""
     static: FloatArray
-    """(DEGREE + 1,) coefficients of P / P(endless)."""
+    """(DEGREE + 1,) coefficients of P / P(0)."""
     inertia: FloatArray
     """(DEGREE + 1,) coefficients of Q."""
 
 
 class Deep(NamedTuple):
-    """Decay beyond the corner: polynomials in k of the corner over k, coefficients constant first."""
+    """Decay for k above the corner: polynomials in (k at the corner) / k, coefficients from the constant upwards."""
 
     static: FloatArray
-    """(SHELL_DEGREE + 1,) coefficients of P / P(endless)."""
+    """(SHELL_DEGREE + 1,) coefficients of P / P(0)."""
     inertia: FloatArray
     """(SHELL_DEGREE + 1,) coefficients of Q."""
 
 
 class Decay(NamedTuple):
-    """Decay function of a target, as polynomials."""
+    """Polynomials of the decay function of a target."""
 
     corner: float
-    """Ratio k at the corner; 0 for a target without decay. [1]"""
+    """Ratio k at the corner, where the plastic zone first reaches the face; 0 for a target without decay. [1]"""
     pivot: float
-    """Ratio k at which x is zero, a. [1]"""
+    """Ratio k at which x is zero: a, the square root of k at the corner. [1]"""
     inertia_scale: float
-    """Ratio ρ / P(endless); zero for a decay without inertia. [s²/m²]"""
+    """Ratio ρ / P(0); zero for a decay without inertia. [s²/m²]"""
     inertia_endless: float
-    """Inertia coefficient Q of an endless target. [1]"""
+    """Inertia coefficient Q of an infinite target. [1]"""
     near: Near
     deep: Deep
 
@@ -258,7 +258,7 @@ def build_decay(model: FreeSurface, target: Target) -> Decay:
     pivot = math.sqrt(corner)
     edge = (pivot - 1.0) / (pivot + 1.0)
     near = (1.0 - edge * NODES) / (1.0 + edge * NODES) / pivot
-    inverse_ratios = np.concatenate((SHARES / corner, near))  # the first is that of an endless target
+    inverse_ratios = np.concatenate((SHARES / corner, near))  # the first is that of an infinite target
     static = model.static_pressure(inverse_ratios, target)
     inertia = model.inertia_coefficient(inverse_ratios, target)
     endless, inertia_endless = float(static[0]), float(inertia[0])
@@ -311,7 +311,7 @@ def static_factor(inward: float, outward: float, decay: Decay, deep: bool) -> fl
     inward, outward
         Distances along the normal to the face and to the axis, both on any common scale.
     deep
-        Selects the polynomials beyond the corner.
+        Whether to use the polynomials beyond the corner.
     """
     if deep:
         return _deep_value(decay.deep.static, _deep_variable(inward, outward, decay))

@@ -4,11 +4,11 @@ The route of the paper sums over panels. The adaptive route integrates: the outl
 loaded arc changes smoothly, and each loaded stretch gets Gauss-Legendre stations. The rings at all stations, of several
 states at a time, are then summed in one loop.
 
-In a wall, an element that faces the rear is weakened by the rear face as one that faces out is by the impact face: by
-the same decay function of the distance to that face along the normal. Elements beyond the rear face carry no load, nor
-do those in a plug that shears out. A ring then has up to four arcs, in the order of rising cos β: near the rear face,
-deep before it, deep behind the impact face, and near the impact face. Each ring is stored twice: once with the arcs
-that face the impact face, once with those that face the rear.
+In a wall, the resistance to an element that faces the rear is weakened by the rear face, and to one that faces out by
+the impact face: by the same decay function of the distance to that face along the normal. Elements beyond the rear face
+carry no load, nor do those in a plug that shears out. A ring then has up to four arcs, in order of increasing cos β:
+near the rear face, deep before it, deep behind the impact face, and near the impact face. Each ring is stored twice:
+once with the arcs that face the impact face, once with those that face the rear.
 """
 
 import math
@@ -81,7 +81,8 @@ from solver.target import Target
 # A Jacobian needs five evaluations: one for each of depth, axis angle and three velocities.
 MOST_STATES = 5
 """Largest number of states evaluated in one call, so that their rings fill whole vectors."""
-# The integrand changes little on a short stretch. Halving its stations took 6 % off a search at the same angles.
+# The integrand changes little on a short stretch. With half of its stations a search was 6 % faster and found the same
+# angles.
 SHORT = 0.1
 """Length of a stretch, over that of its outline piece, below which it gets half of the stations. [1]"""
 REAR = np.uint64(ROOM // 2)
@@ -119,7 +120,7 @@ class Scratch(NamedTuple):
     attitudes: FloatArray
     """(`MOST_STATES`, 3) cosine of the axis angle, absolute value of its sine, and the sign of the sine."""
     ends: IntArray
-    """(`MOST_STATES`, 2) index behind the last ring of a state, and behind its last fully resisted ring."""
+    """(`MOST_STATES`, 2) index after the last ring of each state, and after its last fully resisted ring."""
 
 
 def build_law(
@@ -186,7 +187,7 @@ def accelerate_by_gauss(
         motion = (depth, c, abs(s), forward, sideways, spin)
         scratch.attitudes[k, 0], scratch.attitudes[k, 1], scratch.attitudes[k, 2] = c, abs(s), mirror
         out[3 * k], out[3 * k + 1], out[3 * k + 2] = 0.0, 0.0, 0.0
-        hidden = c >= 0.0 and law.decay.corner > 0.0  # the decay of a base that faces out is zero
+        hidden = c >= 0.0 and law.decay.corner > 0.0  # the decay factor of a base that faces out is zero
         for index in range(outline.shape[0] - (1 if hidden else 0)):
             piece = outline[index]
             # Stretches end where the loaded arc has a kink, so that each integrand is smooth and Gauss-Legendre
@@ -205,7 +206,7 @@ def accelerate_by_gauss(
                     integrate_rings(rows, rings, fulls, quadrature.points, law, body.bounds & BOUNDED > 0)
                     _add_up(first, k, body, scratch, out)
                     first, rings, fulls = k, 0, 0
-                # Rings without a decay have closed integrals. A loop of their own took 5 to 8 % off a search.
+                # Rings without a decay have closed integrals. With a loop of their own, a search was 5 to 8 % faster.
                 if law.decay.corner == 0.0 or is_full(piece, begin, end, middle, motion):
                     add_rings(rows, FULL + fulls, piece, begin, end, rule.table, motion)
                     fulls += rule.size
@@ -235,7 +236,7 @@ def _add_up(first: int, last: int, body: Body, scratch: Scratch, out: FloatArray
 
 @lean
 def weaken_in_crater(states: FloatArray, body: Body, crater_depth: float, out: FloatArray) -> None:
-    """Scale the accelerations of each state by its deepest point over the depth of the crater, at most 1."""
+    """Scale the accelerations of each state by the depth of its deepest point over that of the crater, at most 1."""
     for k in range(out.size // 3):
         depth = states[6 * k] + deepest_offset(body, states[6 * k + 2])
         share = min(max(depth / crater_depth, 0.0), 1.0)
@@ -291,7 +292,7 @@ def accelerate_in_wall(
         motion = (states[at], c, s, forward, sideways, spin)
         along = across = moment = 0.0
         count = 0
-        hidden = c >= 0.0 and law.decay.corner > 0.0  # the decay of a base that faces out is zero
+        hidden = c >= 0.0 and law.decay.corner > 0.0  # the decay factor of a base that faces out is zero
         for index in range(body.outline.shape[0] - (1 if hidden else 0)):
             piece = body.outline[index]
             stretches = _cut(piece, motion, loaded, scratch.cuts)
@@ -354,7 +355,7 @@ def integrate_in_wall(rows: FloatArray, count: int, points: FloatArray, law: Law
 
 
 def _ring_loader(name: str, *, tapers: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
-    """Make the function that finds the arcs of rings in a wall, for bodies with or without a part that tapers.
+    """Return a function that finds the arcs of rings in a wall, for bodies with or without a part that tapers.
 
     Towards the impact face the cavity of a tapering part is unbounded, towards the rear face it is bounded. Bodies
     without such a part save the second evaluation. The cache of compiled code tells the two functions apart by `name`.

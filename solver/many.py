@@ -28,10 +28,10 @@ from solver.strike import Impact, Numerics, is_part, label, named_values, short_
 from solver.target import Target
 from solver.trajectory import Trajectory, simulate
 
-# Some strikes take thirty times as long as most, and the threads should not wait for one of them. With 64 two threads
-# were 1.91 to 1.95 times as fast as one, with 8 1.77 times.
+# Some strikes take thirty times as long as most, and the threads should not wait for one of them. With 64 cases ahead
+# two threads were 1.91 to 1.95 times as fast as one, with 8 cases 1.77 times.
 AHEAD = 64
-"""Largest number of cases, for each thread, computed ahead of the answer that the caller waits for."""
+"""Largest number of cases per thread that are computed ahead of the answer that the caller waits for."""
 
 Value = TypeVar("Value")
 Answer = TypeVar("Answer")
@@ -150,7 +150,7 @@ def least_thickness_many(
     tolerance: float = TOLERANCE,
     threads: int = 1,
 ) -> Sequence[PerforationLimit | RicochetError]:
-    """Find the least thicknesses that stop many strikes.
+    """Find the least thickness of a wall that stops each of many strikes.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def limit_velocity_many(
     tolerance: float = TOLERANCE,
     threads: int = 1,
 ) -> Sequence[PerforationLimit | RicochetError]:
-    """Find the least velocities that perforate many walls.
+    """Find the least velocity that perforates each of many walls.
 
     Parameters
     ----------
@@ -300,7 +300,7 @@ class Answers(Sequence[Answer | RicochetError]):
         self._coming = self._begin()
 
     def inputs(self, taken: Container[str]) -> Columns:
-        """Return the inputs that vary over the cases as columns, objects by their fields, with names not in `taken`."""
+        """Return the inputs that vary between cases as columns, an object by its fields, with names not in `taken`."""
         rows = [dict(named_values({name: case[name] for name in self._many})) for case in self._cases()]
         # The fields of an object are columns. The object itself is one only if it has a name, and inputs that no case
         # has are left out.
@@ -347,18 +347,18 @@ def _run(
 
 
 class Tabular(Protocol):
-    """Answer with a table of its own."""
+    """Interface of answers that have a table of their own."""
 
     def to_dataframe(self) -> DataFrame:
         """Return the table as a ``pandas.DataFrame``."""
 
 
 class Labelled(Protocol):
-    """Answer under a choice of laws, such as `Alternative`."""
+    """Interface of answers under a choice of laws, such as `Alternative`."""
 
     @property
     def answer(self) -> Any:
-        """Answer, or error."""
+        """Answer to the case, or its error."""
 
     def laws(self) -> Row:
         """Return the names of the laws, as columns of a table."""

@@ -1,9 +1,8 @@
 """Compiled motion under resistance (eq. 6): right-hand side, dense output of steps, and events that end a run.
 
-The state is depth and lateral position of the centre of gravity, axis angle, and their three rates. [m, rad, s]
-A step is stored as a row: its start time and length, then four groups of six numbers that give the state at a fraction
-x of the step as ``(1-x) start + x (end + (1-x) (bend + x twist))``. The instants of events are roots on this
-interpolation.
+The state is depth and lateral position of the centre of gravity, axis angle, and their three rates. [m, rad, s] A step
+is stored as a row: its start time and length, then four groups of six numbers that give the state at a fraction x of
+the step as ``(1-x) start + x (end + (1-x) (bend + x twist))``. Event times are roots of this interpolant.
 """
 
 import math
@@ -27,37 +26,37 @@ from solver.loads import (
 from solver.surface import CENTRED, Body, Panels, deepest_offset, deepest_point
 from solver.surface_integration import Law
 
-# A narrower ramp makes the equations stiffer, a wider one lets the body creep faster at rest. This one changes the
-# depth in normal impact by less than 1e-5 of it, as a test checks.
+# A narrower ramp makes the equations stiffer; with a wider one the body creeps faster where it should rest. This one
+# changes the depth in normal impact by less than 1e-5 of it, as a test checks.
 RAMP_FRACTION = 1e-4
-"""Ramp velocity of the static stress over the impact velocity. [1]"""
-# With the ramp the load of a contact that ends dies away instead of stopping at an instant, so a small load has to
-# count as none. A millionth of the load on a body of that size is a judgement.
+"""Normal velocity over which the static stress builds up, as a fraction of the impact velocity. [1]"""
+# With the ramp, the load at the end of a contact decays gradually instead of stopping at an instant, so a small load
+# has to count as none. A millionth of the load on a body of that size is a judgement.
 NEGLIGIBLE_LOAD = 1e-6
-"""Load below which a body counts as unloaded, over the static stress times the squared distance to the tip. [1]"""
+"""Load below which a body counts as unloaded, over static stress × (distance of tip from centre of gravity)². [1]"""
 STEP_WIDTH = 26
 """Numbers in the row of a step: time, length, and four groups of six."""
-# GRK4T has four stages, and the estimate from the end of a step is a fifth.
+# GRK4T has four stages, and the error estimate from the end of a step is a fifth.
 MOST_STAGES = 5
-"""Rows of stage increments in a `Workspace`."""
-# The static stress vanishes with the velocity, so the energy never reaches zero. This share is a hundredth of the
-# default retention energy, and so decides no outcome.
+"""Number of rows of `Workspace.stages`."""
+# The static stress vanishes with the velocity, so the energy never reaches zero. This threshold is a hundredth of the
+# default retention energy, so it decides no outcome.
 REST_FRACTION = 1e-4
-"""Kinetic energy at rest, over its initial value. [1]"""
+"""Kinetic energy at which a body counts as being at rest, over its initial value. [1]"""
 # Bisection on the stored cubic takes no evaluation of the load, cannot fail, and 24 halvings give 6e-8 of a step.
 HALVINGS = 24
-"""Bisections that locate an event within a step."""
-# A body that turns on end over end meets concrete that it has broken before and that the model takes for intact, so
-# that its motion has no meaning any more.
+"""Number of bisections that locate an event within a step."""
+# A body that tumbles end over end meets concrete that it has already broken but that the model treats as intact, so its
+# further motion has no meaning.
 MOST_TURN = 2.0 * math.pi
 """Largest turn of the axis in a target before a run ends as `Termination.TUMBLED`. [rad]"""
-# Each of these takes an evaluation of the load. 2e-4 of a step is enough, as hardly any load is left at a release.
+# Each of these halvings evaluates the load. 2e-4 of a step is enough, as hardly any load is left at a release.
 RELEASE_HALVINGS = 12
-"""Bisections that locate the release of a body within a step."""
+"""Number of bisections that locate the release of a body within a step."""
 
 
 class Model(NamedTuple):
-    """Parameters of the right-hand side. Panels are used if there are any, else Gauss points."""
+    """Parameters of the right-hand side. Panels are used if there are any, otherwise Gauss points."""
 
     body: Body
     law: Law
@@ -85,7 +84,7 @@ class Workspace(NamedTuple):
     stages: FloatArray
     """(`MOST_STAGES`, 6) increments or rates of the stages."""
     scale: FloatArray
-    """(6,) scales of the six numbers of a state, over which errors are measured."""
+    """(6,) scales by which the errors of the six numbers of a state are divided."""
     event: FloatArray
     """(7,) time and state of an event, see `end_of_step`."""
     scratch: Scratch
@@ -104,7 +103,10 @@ def start_state(
 
 @lean
 def assign(values: FloatArray, out: FloatArray) -> None:
-    """Copy values; assignment to a slice would also compile numba's error message about unequal shapes."""
+    """Copy `values` to `out`.
+
+    Assignment to a slice would also compile numba's error message about unequal shapes.
+    """
     for n in range(out.size):
         out[n] = values[n]
 
@@ -145,7 +147,7 @@ def accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArr
 
 @once
 def load(state: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> None:
-    """Write force and moment in one state. [N, N m]"""
+    """Write the force on the body and its moment in one state to `out`. [N, N m]"""
     accelerate(state, model, scratch, out)
     out[0] *= model.body.mass
     out[1] *= model.body.mass
@@ -212,9 +214,9 @@ def _fill_states(steps: FloatArray, times: FloatArray, states: FloatArray) -> No
 
 def sample_accelerations(steps: FloatArray, times: FloatArray) -> FloatArray:
     """Return the (n, 3) accelerations at sorted `times`, as derivatives of the velocities that `sample` returns."""
-    # A body that slides straight moves across its axis at some mm/s, and that speed decides the load. The interpolated
-    # speed is not that accurate, so loads computed from interpolated states scatter by their largest value. The
-    # derivative of the interpolant is exact at both ends of a step and smooth between them.
+    # A body that slides straight moves across its axis at some mm/s, and that speed determines the load. The
+    # interpolated speed is not that accurate, so loads computed from interpolated states scatter by as much as their
+    # largest value. The derivative of the interpolant is exact at both ends of a step and smooth between them.
     rows = np.minimum(np.searchsorted(steps[:, 0] + steps[:, 1], times), steps.shape[0] - 1)
     step = steps[rows]
     fraction = np.minimum(1.0, (times - step[:, 0]) / step[:, 1])[:, None]
@@ -245,12 +247,12 @@ class Termination(IntEnum):
     REST = 1
     """Kinetic energy down to the rest threshold."""
     RETAINED = 2
-    """Less than the retention energy left: unloaded and not moving in, beyond the rear face, or at the termination
-    time."""
+    """Stopped with less than the retention energy: unloaded and not moving in, beyond the rear face, or at the
+    termination time."""
     EXIT = 3
     """Clear of the impact face with more than the retention energy."""
     STEP_LIMIT = 4
-    """Largest number of steps tried."""
+    """Limit on the number of steps reached."""
     NOT_FINITE = 5
     """Diverged: not finite, or with far more energy than at first contact."""
     NO_STRENGTH = 6
@@ -266,10 +268,10 @@ class Termination(IntEnum):
 
 
 class Thresholds(NamedTuple):
-    """Kinetic energies that decide the end of a run, over the initial one without the spin of a sphere. [1]"""
+    """Kinetic energies that end a run, over the initial energy without the spin of a sphere. [1]"""
 
     retention: float
-    """Energy below which a projectile that is free counts as retained."""
+    """Energy below which an unloaded projectile counts as retained."""
     rest: float
     """Energy at which a projectile counts as being at rest."""
 
@@ -282,7 +284,7 @@ class Run(NamedTuple):
     time: float
     """Time of the event that ended the run. [s]"""
     state: FloatArray
-    """(6,) state at that time."""
+    """(6,) state at the end of the run."""
     maximum_depth: float
     """Greatest depth of the deepest point of the body. [m]"""
     steps: int
@@ -290,13 +292,13 @@ class Run(NamedTuple):
     evaluations: int
     """Number of evaluations of force and moment."""
     energy_gain: float
-    """Largest gain of kinetic energy over one step, over the initial energy; a true motion has none. [1]"""
+    """Largest gain of kinetic energy in one step, over the initial energy; an exact solution has none. [1]"""
 
 
-# Compiled code returns numbers or plain tuples of numbers to Python. For arrays, named tuples and enumerations numba
-# runs Python code and assumes that it cannot fail: if a signal handler raises in there, the process crashes.
+# Compiled code returns numbers or plain tuples of numbers to Python. To return arrays, named tuples or enumerations,
+# numba runs Python code and assumes that it cannot fail: if a signal handler raises there, the process crashes.
 RunValues = tuple[int, float, float, int, int, float]
-"""Values of a `Run` in its order, without the state, which an integrator writes to an array."""
+"""Fields of a `Run` in their order, without the state, which an integrator writes to an array."""
 
 
 @lean
@@ -321,7 +323,8 @@ def greatest_depth(step: FloatArray, until: float, body: Body, state: FloatArray
     low, high = 0.0, min(1.0, (until - step[0]) / step[1])
     interpolate(step, high, state)
     greatest, speed = _deepest(state, body)
-    # The greatest depth lies inside the step only if its rate changes sign; else it is that of an end.
+    # The greatest depth lies inside the step only if the rate of the depth changes sign there; otherwise it is at an
+    # end.
     if speed < 0.0 < _deepest(step[2:8], body)[1]:
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
@@ -364,10 +367,10 @@ def _release_fraction(step: FloatArray, model: Model, work: Workspace, state: Fl
 
 @lean
 def _is_clear(state: FloatArray, body: Body) -> bool:
-    """Return whether a body that moves out will not touch the impact face again."""
+    """Return whether the body has left through the impact face and will not touch it again."""
     # In free flight the velocity and the spin are constant. Either the whole body is outside and leaves faster than any
-    # of its points can turn inwards, or it is too far out to touch the face in any attitude. A run that ends as soon as
-    # the first holds takes 25 steps instead of 59 at 80°.
+    # of its points can turn inwards, or it is too far out to touch the face in any attitude. At 80° a run that ends as
+    # soon as the first condition holds takes 25 steps instead of 59.
     reach = 0.0
     for i in range(body.corners.shape[0]):
         reach = max(reach, math.hypot(body.corners[i, 0], body.corners[i, 1]))
@@ -402,7 +405,7 @@ def end_of_step(
     last: bool,
     event: FloatArray,
 ) -> Termination:
-    """Return the reason if the run ends within a step, and write the time and state of the event.
+    """Return the reason for which the run ends within a step, and write the time and state of the event.
 
     Parameters
     ----------
@@ -441,7 +444,7 @@ def end_of_step(
         event[0] = time + step[1]
         interpolate(step, 1.0, state)
     if event[0] >= 0.0:
-        # The energy at the release decides: it is constant in free flight.
+        # The energy at the release decides, since it is constant in free flight.
         retained = kinetic_energy(state, body) < thresholds.retention
         if retained and state[3] <= 0.0:
             return Termination.RETAINED
@@ -449,7 +452,7 @@ def end_of_step(
             return Termination.RETAINED if retained else Termination.PERFORATED
         if not retained and (_is_clear(step[8:14], body) or (last and step[11] < 0.0)):
             return Termination.EXIT
-    # The axis of a sphere may turn without end, as no element is loaded by its spin.
+    # The axis of a sphere may turn without limit, as its spin loads no element.
     tumbled = loaded and body.bounds & CENTRED == 0 and abs(step[10] - begin_angle) > MOST_TURN
     if last or tumbled:
         event[0] = time + step[1]

@@ -40,10 +40,11 @@ VELOCITIES = (1.0, 2000.0)
 # more trials. The factor is a judgement.
 GROWTH = 1.5
 """Ratio of the values of consecutive trials until the outcome changes. [1]"""
-# This is far below the scatter of S, and takes about twelve bisections.
+# A bracket of this width is far below the scatter of S, and takes about twelve bisections.
 TOLERANCE = 1e-4
 """Default width of the final bracket over its upper end. [1]"""
-# With these a limit is within 5e-5 of its converged value, half the width of the bracket.
+# With this tolerance and number of stations a limit is within 5e-5 of its converged value, half the width of the
+# bracket.
 RUN_TOLERANCE, RUN_STATIONS = 3e-5, 8
 """Default relative tolerance and stations of the runs."""
 
@@ -88,22 +89,22 @@ class PerforationLimit:
     status: PerforationStatus
     """Result of the search: a limit, or the outcome over the whole range."""
     value: float | None
-    """Least thickness that was seen to stop the projectile, or least velocity that was seen to perforate; None if the
+    """Least thickness that was found to stop the projectile, or least velocity that was found to perforate; None if the
     outcome does not change in the range. [m or m/s]"""
     bracket: tuple[float, float] | None
     """Values on the two sides of the change, at the end of the search. [m or m/s]"""
     iterations: tuple[PerforationTrial, ...]
     """All trials, in the order of computation."""
     without_protrusion: float | None
-    """Least thickness, or greatest velocity, at which no part of the projectile was seen beyond the rear face; None if
-    that is so over the whole range, or nowhere in it. [m or m/s]"""
+    """Least thickness, or greatest velocity, at which no part of the projectile was found to come out of the rear face;
+    None if that is so over the whole range, or nowhere in it. [m or m/s]"""
     warnings: tuple[ModelWarning, ...]
     """Warnings of the trial at the value found, or of the last trial if there is none. ``undecided`` is added if a
     trial beside the change or beside the value without protrusion, or any trial if there is no change, was still in
     motion at its termination time."""
 
     def row(self) -> Row:
-        """Return status, limit and bracket by the names of the columns of `solver.columns`."""
+        """Return status, limit and bracket under the column names of `solver.columns`. [m or m/s]"""
         low, high = self.bracket or (None, None)
         return {
             "status": self.status.value,
@@ -170,23 +171,23 @@ def least_thickness(
     projectile
         Projectile that strikes the wall.
     impact
-        Its motion at first contact.
+        Motion of the projectile at first contact.
     velocity, oblique_angle, angle_of_attack, angular_velocity
         The same as numbers, in place of `impact`. [m/s, rad, rad, rad/s]
     target
         The concrete, without a thickness.
     resistance
-        Resistance of the target; eq. 9 and elastic-plastic decay unless given.
+        Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics
-        Route and resolution; adaptive with a relative tolerance of 3e-5 and 8 stations unless given.
+        Integration route and resolution; adaptive with a relative tolerance of 3e-5 and 8 stations unless given.
     tolerance
         Width of the final bracket over the thickness. [1]
 
     Returns
     -------
     PerforationLimit
-        Its status is ``never_perforated`` if the strike does not even perforate the thinnest wall accepted, a tenth of
-        the diameter.
+        Result of the search. Its status is ``never_perforated`` if the strike does not even perforate the thinnest wall
+        accepted, a tenth of the diameter.
 
     Raises
     ------
@@ -249,16 +250,16 @@ def limit_velocity(
     oblique_angle, angle_of_attack, angular_velocity
         The same as numbers, in place of `impact`. [rad, rad, rad/s]
     resistance
-        Resistance of the target; eq. 9 and elastic-plastic decay unless given.
+        Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics
-        Route and resolution; adaptive with a relative tolerance of 3e-5 and 8 stations unless given.
+        Integration route and resolution; adaptive with a relative tolerance of 3e-5 and 8 stations unless given.
     tolerance
         Width of the final bracket over the velocity. [1]
 
     Returns
     -------
     PerforationLimit
-        Its status is ``never_perforated`` if the wall holds at 2,000 m/s.
+        Result of the search. Its status is ``never_perforated`` if the wall holds at 2,000 m/s.
 
     Raises
     ------

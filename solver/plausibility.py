@@ -17,7 +17,7 @@ from solver.resistance import plug_height
 from solver.strike import Impact
 from solver.warnings import ModelWarning, implausible
 
-# A true motion has no gain, and error control leaves less than this at the default tolerances.
+# An exact solution gains no energy, and with the default tolerances the error is smaller than this.
 MOST_GAIN = 1e-3
 """Largest gain of kinetic energy over its initial value. [1]"""
 # A motion has hundreds of steps, whose errors mostly cancel. Ten is a judgement.
@@ -25,18 +25,19 @@ ERROR_OF_TOLERANCE = 10.0
 """Largest error of an energy over the relative tolerance of a step. [1]"""
 # On an oblique path both faces weaken the resistance, so the bound has to be far below 1. Its value is a judgement.
 LEAST_WORK = 0.05
-"""Least energy lost in a wall, over S f'c, weakened by the rear face, times cross section and thickness. [1]"""
+"""Least energy lost in a wall, over S f'c (weakened by the rear face) times cross section and thickness. [1]"""
 # A thinner wall may lie between the weakened zones of its two faces, where it takes hardly any energy.
 LEAST_WALL = 0.5
-"""Least thickness, over the diameter, of walls whose work is checked. [1]"""
+"""Least thickness, over the diameter, of walls whose loss of energy is checked. [1]"""
 # The weaker resistance between two faces adds to the depth that the energy allows: up to 2.2 diameters in 750 random
 # strikes on usual concrete.
 MARGIN = 4.0
 """Additional thickness that may be perforated because of the faces, over the diameter. [1]"""
-# While the static stress builds up over the ramp, even a strike of hardly any energy goes a little way.
+# Below the ramp velocity the static stress is incomplete, so that even a strike with hardly any energy penetrates a
+# little.
 RAMP = 0.01
 """Depth over the diameter below which a strike is not checked against its energy. [1]"""
-# Trials near the limit have an error of the exit speed, as its slope over the thickness is infinite there.
+# Near the limit the exit speed has a large error, as its slope over the thickness is infinite there.
 MOST_RISE = 0.01
 """Largest rise of the exit speed from one wall to a thicker one, over the striking speed. [1]"""
 
@@ -86,7 +87,7 @@ def deepest_by_energy(prepared: PreparedCase, impact: Impact) -> float:
 def check_walls(
     prepared: PreparedCase, impact: Impact, passed: Iterable[tuple[float, Exit]]
 ) -> tuple[ModelWarning, ...]:
-    """Check that no wall is thicker than the energy allows, and that exits from thicker walls are not faster.
+    """Check that no perforated wall is too thick for the energy, and that exits from thicker walls are not faster.
 
     The second check is for head-on strikes: an oblique or turning projectile takes another path in a thicker wall, and
     may leave it faster.

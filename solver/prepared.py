@@ -44,8 +44,8 @@ from solver.time_integration import (
 # A thinner plate fails by bending and tearing, which the model does not include.
 LEAST_THICKNESS = 0.1
 """Least thickness of a wall over the diameter of the projectile. [1]"""
-# The square of a velocity of 1e154 m/s overflows, and with it the energy of an answer. This is far below that and far
-# above any motion.
+# Above 1e154 m/s the square of a velocity overflows, and with it the kinetic energy. The limit is far below that and
+# far above any real motion.
 LARGEST_STATE = 1e100
 """Position, angle or rate beyond which a run counts as diverged. [m, rad, s]"""
 
@@ -66,10 +66,10 @@ class Exit:
     speed: float
     """Speed of the centre of gravity as the projectile leaves. [m/s]"""
     direction: float
-    """Angle of that velocity from the outward normal of the face left through; positive the way the projectile
-    travelled along the face. [rad]"""
+    """Angle of the exit velocity from the outward normal of the face through which the projectile leaves; positive in
+    the direction in which it travelled along the face. [rad]"""
     elevation: float
-    """Angle of that velocity above that face. [rad]"""
+    """Angle of the exit velocity above the face through which the projectile leaves. [rad]"""
     axis_angle: float
     """Angle from the inward normal of the impact face to the axis as the projectile leaves. [rad]"""
     angular_velocity: float
@@ -109,8 +109,8 @@ class Protrusion:
     """Protrusion of a projectile out of the rear face of a wall that it does not perforate."""
 
     final: float | None
-    """Distance of the deepest point beyond the rear face at the end of the run; None if the projectile leaves by the
-    impact face. [m]"""
+    """Distance of the deepest point beyond the rear face at the end of the run; None if the projectile leaves through
+    the impact face. [m]"""
     greatest: float
     """Greatest distance of the deepest point beyond the rear face. [m]"""
 
@@ -134,7 +134,7 @@ def protrusion_of(outcome: Outcome, run: Run, body: Body, thickness: float | Non
 
 @dataclass(frozen=True, slots=True)
 class PreparedCase:
-    """Projectile, target, laws and settings of a strike without its impact, converted for the compiled code."""
+    """Strike without its impact: projectile, target, laws and settings, converted for the compiled code."""
 
     projectile: Projectile
     target: Target
@@ -237,7 +237,8 @@ def integrate(
     keep_steps
         Keep every step in the table, not only the last one.
     thresholds
-        Energies that end the run; unless given, the retention energy of the case and the energy of rest.
+        Energies that end the run, over the initial energy; by default the retention energy of the case and that of
+        rest. [1]
 
     Raises
     ------

@@ -20,13 +20,13 @@ from solver.checks import (
     require_one,
 )
 
-# Integrals over lines are polynomials, which so many points integrate exactly; those over arcs are near machine
-# precision.
+# Integrands over lines are polynomials, which this number of points integrates exactly; integrals over arcs are near
+# machine precision.
 GAUSS_POINTS = 48
 """Number of Gauss-Legendre points on one piece of the outline."""
-# Dimensions that were kept in single precision must pass.
+# The tolerance admits dimensions that were kept in single precision.
 MATCH = 1e-6
-"""Relative tolerance of dimensions that must agree, as of a profile and the shank. [1]"""
+"""Relative tolerance of dimensions that must agree, such as the radii of a profile and the shank. [1]"""
 # Points of a straight line are off it by their rounding: 1e-16 of its size or, if written to the micrometre, 1e-5. No
 # nose is made as accurately as 1e-4.
 DENT = 1e-4
@@ -193,23 +193,23 @@ class Flat:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """Convex chain of cones through points; a first radius above zero makes a flat face.
+    """Convex chain of cones through given points; a first radius above zero makes a flat face.
 
     Parameters
     ----------
     points
-        (x, r) pairs from the tip, x from 0 and not decreasing. Either r does not decrease, and its last value is that
-        of the shank; or it falls behind its widest point, and the profile is that of the whole body, up to its flat
+        (x, r) pairs from the tip, with x from 0 and not decreasing. If r does not decrease, its last value is the
+        radius of the shank. If r falls behind its widest point, the profile is that of the whole body, up to its flat
         base or to an end in a point. A list or an array of pairs becomes a tuple. [m]
 
     Raises
     ------
     ParameterError
-        If the points are not such pairs, or the profile is not convex; it names the point.
+        If the points are not such pairs, or the profile is not convex. The error names the point.
 
     Notes
     -----
-    The outline goes through the points that span it: those within rounding of the line between others are left out.
+    Points within rounding of the line between two others are left out of the outline.
     """
 
     name: ClassVar[str] = "profile"
@@ -317,7 +317,7 @@ def _points(field: str, given: object) -> tuple[Point, ...]:
     Raises
     ------
     ParameterError
-        Unless there are 2 to 1,000 pairs of finite numbers; it names the point.
+        Unless there are 2 to 1,000 pairs of finite numbers. The error names the point.
     """
     rows = _members(plain(given))
     require(rows is not None, field, f"must be (x, r) pairs, got {type(given).__name__}")
@@ -378,11 +378,13 @@ class Projectile:
     nose
         Shape of the nose, or of the whole body: a sphere, or a profile that falls behind its widest point.
     diameter
-        Diameter of the shank; of a whole body its largest one. From a pellet to far above any gun or bomb. [m]
+        Diameter of the shank, or the largest diameter of a body without a shank. Its bounds include pellets and all
+        bombs. [m]
     length
-        Distance from the nose tip to the flat base, at least the length of the nose; of a whole body its length. [m]
+        Distance from the nose tip to the flat base, at least the length of the nose. For a body without a shank it is
+        the whole length. [m]
     mass
-        Mass, at most that of uranium 5 m wide and 20 m long. [kg]
+        Mass. The upper bound is about that of a uranium cylinder 5 m wide and 20 m long. [kg]
     center_of_gravity
         Distance of the centre of gravity behind the nose tip, less than the length; that of the homogeneous solid of
         the outer shape when not given. [m]
@@ -392,8 +394,8 @@ class Projectile:
     boat_tail
         Taper behind the shank; a cylinder up to the base when not given.
     inner_diameter
-        Diameter of a bore along the whole cylindrical shank, solid when not given. Nose and boat-tail are solid. It is
-        less than the diameter. [m]
+        Diameter of a bore along the whole cylindrical shank, less than that of the shank; without it the shank is
+        solid. Nose and boat-tail are always solid. [m]
     yield_strength
         Yield strength of the body, 1.2 GPa when not given. The bending stress is compared with it; the motion does not
         depend on it. [Pa]
@@ -505,7 +507,7 @@ class Projectile:
 
     @property
     def shank_end(self) -> float:
-        """Distance behind the tip at which the boat-tail begins, or of the base. [m]"""
+        """Distance from the tip to the boat-tail or, without one, to the base. [m]"""
         if self.boat_tail is None:
             return self.length
         room = self.length - self.nose_length
@@ -535,7 +537,7 @@ class Projectile:
 
 @dataclass(frozen=True, slots=True)
 class SolidProperties:
-    """Geometry of the outer shape and of the homogeneous solid that fills it, without a bore."""
+    """Geometry of the outer shape, and of the homogeneous solid that fills it, less the bore."""
 
     surface_area: float
     """Area of the outer surface without the flat base. [m²]"""
@@ -549,7 +551,7 @@ class SolidProperties:
 
 @dataclass(frozen=True, slots=True)
 class MassProperties:
-    """Mass properties in use for one run."""
+    """Mass properties used in a run."""
 
     mass: float
     """Mass of the projectile. [kg]"""
@@ -559,7 +561,7 @@ class MassProperties:
     """Moment of inertia about a transverse axis through the centre of gravity. [kg m²]"""
 
 
-@lru_cache  # as for `mass_properties`
+@lru_cache  # for the same reason as `mass_properties`
 def solid_properties(projectile: Projectile) -> SolidProperties:
     """Return the geometry of the homogeneous solid of the outer shape, by Gauss quadrature on each piece."""
     t, w = gauss_rule(GAUSS_POINTS).T

@@ -16,9 +16,9 @@ from itertools import pairwise
 from typing import NamedTuple, get_args, get_origin, get_type_hints
 
 UNIT = re.compile(r"\s*\[([^\]]+)\]")
-"""Unit in brackets, at the end of a description or of one of its sentences."""
+"""Pattern of a unit in brackets, at the end of a description or of one of its sentences."""
 PARAMETER = re.compile(r"^ {4}(\w+(?:, \w+)*)\n((?: {8}.*\n?)+)", re.MULTILINE)
-"""Names under *Parameters*, and their description."""
+"""Pattern of the names under *Parameters* in a docstring, and of their description."""
 
 
 class Quantity(NamedTuple):
@@ -45,7 +45,7 @@ class Quantity(NamedTuple):
 @cache
 def field_docstrings(module: str) -> Mapping[str, Mapping[str, str]]:
     """Return the docstrings of the fields of all classes of a module, by class and field, each on one line."""
-    # They are read from the source, since the interpreter keeps no docstrings of fields.
+    # The docstrings are read from the source, since the interpreter keeps none of fields.
     classes = [node for node in ast.parse(getsource(sys.modules[module])).body if isinstance(node, ast.ClassDef)]
     return {node.name: dict(_parameters(node)) | dict(_attributes(node)) for node in classes}
 

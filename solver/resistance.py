@@ -32,10 +32,10 @@ from solver.target import MOST_PLUG, Crater, ShearPlug, Target
 FIELD = "resistance.strength_factor"
 # A covariance that was written with six or seven digits is symmetric and semidefinite to about this.
 ROUNDING = 1e-6
-"""Tolerance in the check of correlations. [1]"""
-# With trapezoids over so many points S of a measured depth has an error of 1e-5.
+"""Tolerance of the checks that a correlation matrix is symmetric and positive semidefinite. [1]"""
+# With this number of points, the trapezoidal rule gives S of a measured depth with an error of 1e-5.
 PATH_POINTS = 401
-"""Points of the path over which a nose enters."""
+"""Number of points along the path on which the nose enters the target."""
 # Eight hundred intervals of the usual range are a tenth of a degree each, which is fine enough for the range of a
 # search.
 STRENGTH_CHECKS = 801
@@ -43,8 +43,8 @@ STRENGTH_CHECKS = 801
 EQUATION_9_COEFFICIENTS = (8.469, 0.0149, -0.0013)
 """Coefficients of eq. 9, fitted to an 80 mm projectile in concrete of 39 MPa. [1, 1/°, 1/°²]"""
 
-# This is the end of the search range of the paper. Extrapolated further, the parabola falls to zero at 86.6°, so that
-# bodies that move nearly along the face would meet hardly any resistance.
+# The search range of the paper ends at 60°. Extrapolated further, the parabola falls to zero at 86.6°, so that bodies
+# that move nearly along the face would meet hardly any resistance.
 HELD_FROM = math.radians(60.0)
 """Oblique angle from which S by eq. 9 is constant. [rad]"""
 NOT_HELD = math.pi / 2.0
@@ -53,8 +53,9 @@ NOT_HELD = math.pi / 2.0
 ObliquityShape: TypeAlias = Literal["constant", "equation_9", "finite_elements"]
 """Dependence of S on the oblique angle: none, S(θ)/S(0) of eq. 9, or that of finite element motions with the decay law
 in use."""
-# Each is a cubic through the S of the 13 oblique and 6 normal finite element runs of both meshes, each fitted up to its
-# deepest tip. A quadratic leaves twice the misfit with Mohr-Coulomb decay, whose S has its least value near 48°.
+# Each shape is a cubic fitted to S of the 13 oblique and 6 normal finite element runs of both meshes. S of a run is
+# fitted to its motion up to the greatest depth of the tip. A quadratic leaves twice the misfit with Mohr-Coulomb decay,
+# whose S has its least value near 48°.
 FINITE_ELEMENT_SHAPES: Mapping[str, tuple[float, ...]] = {
     "elastic_plastic": (1.0, 0.003176, -0.0004476, 4.425e-06),
     "mohr_coulomb": (1.0, 0.009102, -0.001073, 1.357e-05),
@@ -62,7 +63,7 @@ FINITE_ELEMENT_SHAPES: Mapping[str, tuple[float, ...]] = {
 }
 """Coefficients of S(θ)/S(0) of finite element motions, by decay law. [1, 1/°, 1/°², 1/°³]"""
 FINITE_ELEMENTS_TO = math.radians(55.0)
-"""Largest oblique angle of these runs, from which the shape is held. [rad]"""
+"""Largest oblique angle of these runs, from which S(θ) is held constant. [rad]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +73,7 @@ class ConstantStrengthFactor:
     Parameters
     ----------
     value
-        Strength factor; measured ones lie between some 5 and 25. [1]
+        Strength factor; measured values lie between about 5 and 25. [1]
     """
 
     name: ClassVar[str] = "constant"
@@ -98,8 +99,8 @@ class ObliquityPolynomial:
         Covariance of the coefficients, if known: a search then gives the standard error of its angle.
         [products of their units]
     held_from
-        Oblique angle from which S is constant. Unless given, it is 60° for the coefficients of eq. 9, whether they are
-        written or not, and other polynomials are not held; 90° holds none, 0 makes S a constant. [rad]
+        Oblique angle from which S is constant. The default is 60° with the coefficients of eq. 9, even if they are
+        given explicitly, and 90° with others: S is then never held. With 0 it is constant. [rad]
 
     Notes
     -----
@@ -183,7 +184,7 @@ def _check_covariance(covariance: tuple[tuple[float, ...], ...], size: int) -> N
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StrengthPowerLaw:
-    """Power law of the compressive strength and, on request, of the diameter of the projectile.
+    """Power law of the compressive strength and, optionally, of the diameter of the projectile.
 
     Parameters
     ----------
@@ -198,8 +199,8 @@ class StrengthPowerLaw:
     reference_diameter
         Diameter by which that of the projectile is divided. [m]
     obliquity_shape
-        ``equation_9`` multiplies by S(θ)/S(0) of eq. 9, held from 60°, ``finite_elements`` by that of
-        finite element motions with the decay law in use, held from 55°.
+        Dependence of S on the oblique angle. ``equation_9`` multiplies S by S(θ)/S(0) of eq. 9, held from 60°,
+        ``finite_elements`` by that of finite element motions with the decay law in use, held from 55°.
 
     Notes
     -----
@@ -225,7 +226,7 @@ class StrengthPowerLaw:
     def polynomial(
         self, *, target: Target, projectile: Projectile, decay: str = ElasticPlastic.name
     ) -> tuple[float, ...]:
-        """Return the coefficients of S in powers of the oblique angle in degrees, for a decay law of this name."""
+        """Return the coefficients of S in powers of the oblique angle in degrees, for the decay law named `decay`."""
         try:
             by_strength = (target.compressive_strength / self.reference_strength) ** self.exponent
             by_diameter = (projectile.diameter / self.reference_diameter) ** self.diameter_exponent
@@ -251,8 +252,9 @@ class PublishedTests:
     Parameters
     ----------
     obliquity_shape
-        The tests are normal impacts. ``equation_9`` lets S vary with the oblique angle as S(θ)/S(0) of eq. 9,
-        ``finite_elements`` as that of finite element motions with the decay law in use, ``constant`` keeps it.
+        Dependence of S on the oblique angle, on which the tests, all at normal incidence, say nothing. ``equation_9``
+        takes S(θ)/S(0) from eq. 9, ``finite_elements`` from finite element motions with the decay law in use, and with
+        ``constant`` S is the same at all angles.
 
     Notes
     -----
@@ -272,11 +274,11 @@ class PublishedTests:
         coefficient=8.84, exponent=-0.18, reference_strength=39e6, diameter_exponent=-0.24, reference_diameter=0.0762
     )
     between_series: ClassVar[float] = 0.266
-    """Scale of ln S between series: the scatter of a concrete that nobody has tested about the law. [ln]"""
+    """Scale of ln S between series: the scatter about the law of a concrete that has not been tested. [ln]"""
     within_series: ClassVar[float] = 0.0677
     """Scale of ln S between shots of one projectile type into one concrete. [ln]"""
     # The likelihood is greatest at 5 for both scales together and at 3.2 for the scatter within a series alone. 3 is
-    # nearly as likely and safer: series of articles that no fit has seen lie farther off than those of the fit.
+    # nearly as likely and more conservative: series of articles outside the fit deviate more than those in it.
     degrees_of_freedom: ClassVar[float] = 3.0
     """Degrees of freedom of Student's distribution at both scales. [1]"""
     compressive_strengths: ClassVar[tuple[float, float]] = (13.13e6, 108.3e6)
@@ -293,7 +295,7 @@ class PublishedTests:
     def polynomial(
         self, *, target: Target, projectile: Projectile, decay: str = ElasticPlastic.name
     ) -> tuple[float, ...]:
-        """Return the coefficients of S in powers of the oblique angle in degrees, for a decay law of this name."""
+        """Return the coefficients of S in powers of the oblique angle in degrees, for the decay law named `decay`."""
         law = replace(self.law, obliquity_shape=self.obliquity_shape)
         return law.polynomial(target=target, projectile=projectile, decay=decay)
 
@@ -309,7 +311,7 @@ PLAUSIBLE_FACTORS = (2.0, 60.0)
 """Least and greatest S accepted from a shot. [1]"""
 # For the first shot this is as unlikely as 3 standard deviations of a normal distribution with the same 90 % interval.
 FAR_OFF = 2.5
-"""Deviation of a shot from the prediction by the others, over its dispersion, above which a warning is given. [1]"""
+"""Deviation of a shot from the prediction by the other shots, over its dispersion, that leads to a warning. [1]"""
 SLIPS: tuple[tuple[str, float, str], ...] = (
     ("depth", 1e-3, "millimetres given as metres"),
     ("depth", 1e-2, "centimetres given as metres"),
@@ -325,14 +327,14 @@ SLIPS: tuple[tuple[str, float, str], ...] = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shot:
-    """A normal shot into the concrete in question, thick enough to stop it.
+    """Shot at normal incidence into the concrete in question, thick enough to stop it.
 
     Parameters
     ----------
     velocity
         Speed at first contact. [m/s]
     depth
-        Depth of the nose tip at rest, one that takes a strength factor of 2 to 60. [m]
+        Depth of the nose tip at rest; the strength factor that gives it must be 2 to 60. [m]
     mass
         Mass of the projectile; that of the strike unless given. [kg]
     diameter
@@ -371,14 +373,14 @@ def _student_range(median: float, scale: float, degrees_of_freedom: float) -> tu
 
 @dataclass(frozen=True, slots=True)
 class ShotPrediction:
-    """Student's distribution of ln S of the next shot of a series about the law of the published tests."""
+    """Student's distribution of ln S for the next shot of a series, about the law of the published tests."""
 
     location: float
-    """Location, which is the median of ln S over the law. [ln]"""
+    """Median of ln S minus ln S by the law. [ln]"""
     scale: float
-    """Scale. [ln]"""
+    """Scale of the distribution. [ln]"""
     degrees_of_freedom: float
-    """Degrees of freedom. [1]"""
+    """Degrees of freedom of the distribution. [1]"""
 
     @property
     def dispersion(self) -> float:
@@ -473,12 +475,12 @@ class OwnTests:
     Parameters
     ----------
     shots
-        Shots, each with an S of 2 to 60, 1 to 1,000 of them. One on the law narrows the standard deviation of ln S from
-        0.48 to 0.12.
+        One to 1,000 shots, each with an S of 2 to 60. One shot that agrees with the law narrows the standard deviation
+        of ln S from 0.48 to 0.12.
     obliquity_shape
         Dependence on the oblique angle, as for `PublishedTests`.
     residual
-        Factor on S, for studies in which S scatters. [1]
+        Factor by which S is multiplied, for studies in which S scatters. [1]
 
     Raises
     ------
@@ -543,7 +545,7 @@ class OwnTests:
         crater: Crater | None = None,
         decay: str = ElasticPlastic.name,
     ) -> tuple[float, ...]:
-        """Return the coefficients of S in powers of the oblique angle in degrees, for a decay law of this name."""
+        """Return the coefficients of S in powers of the oblique angle in degrees, for the decay law named `decay`."""
         law = self.power_law(target=target, projectile=projectile, inertia_factor=inertia_factor, crater=crater)
         return law.polynomial(target=target, projectile=projectile, decay=decay)
 
@@ -611,7 +613,8 @@ def _posterior(
         factors.append(factor)
     misses = np.log(np.array(factors) / prior)
     found = predict_shot(misses)
-    # A shot is compared with the prediction by the law and all other shots; a prediction from itself would follow it.
+    # A shot is compared with the prediction by the law and all other shots; a prediction that includes the shot would
+    # follow it.
     others = [predict_shot(np.delete(misses, place)) for place in range(len(misses))]
     deviations = [(miss - each.location) / each.dispersion for miss, each in zip(misses.tolist(), others, strict=True)]
     return StrengthPosterior(
@@ -625,7 +628,7 @@ def _posterior(
 
 
 def _likely_slip(shot: Shot, mass: float, factor_of: Callable[[Shot], float], prior: float) -> str:
-    """Return the mistake that best explains an implausible shot: corrected for it, S is nearest to the law.
+    """Return the mistake that best explains an implausible shot: its correction brings S nearest to the law.
 
     Parameters
     ----------
@@ -702,7 +705,7 @@ class Resistance:
     crater
         A front crater, in which the resistance builds up; none when not given.
     rear_plug
-        A plug that shears out of the rear of a wall; none when not given. Without effect on a half-space.
+        A plug that shears out of the rear of a wall; none when not given. It has no effect on a half-space.
 
     Raises
     ------
@@ -838,7 +841,8 @@ def plug_height(*, resistance: Resistance, target: Target, projectile: Projectil
     its strength and this diameter, in normal impact. So S scales the force of the projectile and the shear strength of
     the concrete alike, and the height is that of a concrete of the median S. It is at most `MOST_PLUG` of the wall.
     """
-    # With a height that grew with S, a larger S could lower the limit speed: 144, 158 and 128 m/s at 5, 50 and 95 %.
+    # If the height grew with S, a larger S could lower the limit speed: 144, 158 and 128 m/s at the 5, 50 and 95 %
+    # quantiles of S.
     if resistance.rear_plug is None:
         return 0.0
     (reference,) = PublishedTests.law.polynomial(target=target, projectile=projectile)

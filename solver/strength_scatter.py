@@ -1,4 +1,4 @@
-"""Scatter of the strength factor of a strike about its law, and the part of it that is due to the strength."""
+"""Scatter of the strength factor of a strike about its law, and the part of it that the compressive strength causes."""
 
 import math
 from dataclasses import dataclass, replace
@@ -32,11 +32,11 @@ TABLE_1 = OwnTests(
         Shot(velocity=369.5, depth=0.53, mass=12.914),
     )
 )
-"""Shots behind eq. 9, as own tests of the concrete and the nose of the paper."""
+"""The four shots of the paper's Table 1, as own tests of its concrete and nose."""
 ScatterSource: TypeAlias = Literal["law", "paper_table_1"]
 """Tests from which the scatter of S comes: those of the law of published tests, or the four of the paper's Table 1."""
 STRENGTH_DISPERSION = 0.12
-"""Usual standard deviation of the compressive strength about the one stated. [ln]"""
+"""Usual standard deviation of the logarithm of the compressive strength about its stated value. [ln]"""
 # The laws are power laws or nearly so: the logarithm is nearly linear, and the step may be as large as one per cent.
 STRENGTH_STEP = 0.01
 """Increment of ln f'c in the difference quotient of ln(S f'c). [ln]"""
@@ -50,10 +50,10 @@ class StrengthScatter:
     -----
     Depths of tests give the product S f'c, and the laws of S were fitted to stated strengths. So the scatter of S in
     tests is that of the product at the stated strength, and includes the scatter of the strength about the stated one.
-    The remainder, `residual`, is the scale of a factor on S beside a strength that scatters too, with the tails of the
-    product. The strength makes up 6 % of the squared 90 % range of the product by the law: (0.82 × 0.12 × 1.645)² in
-    ln S. Both together have that range to 1 %. Where tests leave less scatter than the strength alone would cause, each
-    gets half of the squared range.
+    Where the strength is sampled too, S gets a further factor for the remaining scatter: `residual` is its scale, and
+    it has the tails of the product. By the law of published tests, the strength makes up 6 % of the squared 90 % range
+    of the product, (0.82 × 0.12 × 1.645)² in ln S, and strength and factor together have that range to 1 %. Where tests
+    leave less scatter than the strength alone would cause, each gets half of the squared range.
     """
 
     dispersion: float
@@ -63,7 +63,7 @@ class StrengthScatter:
     residual: float
     """Scale of a factor on S, independent of the strength. [ln]"""
     degrees_of_freedom: float
-    """Degrees of freedom of that factor. [1]"""
+    """Degrees of freedom of Student's distribution of the factor on S. [1]"""
 
 
 def known_strength(
@@ -76,14 +76,14 @@ def known_strength(
     projectile, target, resistance
         Parts of the strike, as for `critical_angle`.
     strength_scatter
-        ``"law"``: S scatters as about the law of published tests, or by the posterior of own tests in the resistance.
-        ``"paper_table_1"``: S has the posterior of the four shots of the paper, whatever the strike; the caller is
-        responsible for that choice.
+        ``"law"``: S has the scatter of the published tests about their law or, with own tests in the resistance, their
+        posterior. ``"paper_table_1"``: S has the posterior of the four shots of the paper, whatever the strike; the
+        caller is responsible for that choice.
 
     Raises
     ------
     ParameterError
-        If no strength factor gives the depth of a shot, or the source is unknown or does not go with own tests.
+        If no strength factor gives the depth of a shot, or the source is unknown or cannot be used with own tests.
     """
     known = get_args(ScatterSource)
     require(

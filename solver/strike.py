@@ -12,7 +12,7 @@ from solver.target import Target
 
 Method: TypeAlias = Literal["adaptive", "panels"]
 
-# A usual strike takes a few milliseconds.
+# A usual strike lasts a few milliseconds.
 TERMINATION_TIME = 0.05
 """Default termination time of strikes that are not slow. [s]"""
 # Slow, long bodies would otherwise run for minutes of simulated time.
@@ -21,13 +21,15 @@ LONGEST_TERMINATION_TIME = 1.0
 # Of the projectiles that are turned away, 999 of 1,000 leave sooner. A fixed time left large, slow ones undecided.
 TRANSITS = 20.0
 """Default termination time, over the time to travel the length of the projectile. [1]"""
-# 3e-7 balances work and energy of a trajectory to 1e-6. A search needs only the angle, and has finer levels in doubt.
+# With 3e-7 work and energy of a trajectory balance to 1e-6. A search needs only the angle, and uses a finer level where
+# that is in doubt.
 TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 3e-4
-"""Default relative tolerances. [1]"""
+"""Default relative tolerances of trajectories and of searches. [1]"""
 # The integrands are smooth on each stretch, so that few stations suffice.
 TRAJECTORY_STATIONS, SEARCH_STATIONS = 12, 8
-"""Default numbers of Gauss-Legendre points along a stretch of the outline."""
-# This is a tenth of the speed. The fate of a slower body depends on friction and rubble, which the model leaves out.
+"""Default numbers of Gauss-Legendre points along a stretch of the outline, for trajectories and for searches."""
+# One per cent of the energy is a tenth of the speed. What becomes of a slower body depends on friction and rubble,
+# which the model leaves out.
 RETENTION_ENERGY_FRACTION = 0.01
 """Default retention energy over the initial kinetic energy. [1]"""
 # At the lower bound the retention energy is that of rest. The upper bound is a judgement.
@@ -42,14 +44,14 @@ class Impact:
     Parameters
     ----------
     velocity
-        Speed of the centre of gravity at first contact. Bodies stay rigid up to some 800 m/s. [m/s]
+        Speed of the centre of gravity at first contact. Bodies stay rigid up to about 800 m/s. [m/s]
     oblique_angle
         Angle from the inward normal of the face to the velocity: 0 is normal impact, 90° would graze. [rad]
     angle_of_attack
         Axis angle minus velocity angle, positive with the nose turned toward the face. [rad]
     angular_velocity
-        Rate of the axis angle, positive with the nose turning toward the face. Faster than any body holds together is
-        not accepted. [rad/s]
+        Rate of the axis angle, positive with the nose turning toward the face. Its bounds include every rate at which a
+        body holds together. [rad/s]
 
     Raises
     ------
@@ -76,7 +78,7 @@ class Impact:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Numerics:
-    """Route and resolution of a run.
+    """Integration route and resolution of a run.
 
     Parameters
     ----------
@@ -87,21 +89,21 @@ class Numerics:
         Time at which a run ends undecided. Unless given, 50 ms or, where that is longer, the time to travel 20 lengths
         of the projectile, at most 1 s; 50 ms on the panel route, 5 ms in the searches of the paper. [s]
     panels
-        Surface elements of the panel route. The reference runs used 96,000. [1]
+        Number of surface elements of the panel route. The reference runs used 96,000. [1]
     time_step
         Step of the panel route, from a hundredth to a hundred times that of the paper, 0.01 ms. [s]
     relative_tolerance
         Error of one step of the adaptive route, over the scale of the motion. Unless given, 3e-7 for a trajectory,
         which balances energy to 1e-6, and 3e-4 for a search, which uses a finer level where the angle is in doubt. [1]
     stations
-        Gauss-Legendre points of the adaptive route along a stretch of the outline. Unless given, 12 for a trajectory
-        and 8 for a search. [1]
+        Number of Gauss-Legendre points of the adaptive route along a stretch of the outline. Unless given, 12 for a
+        trajectory and 8 for a search. [1]
     points
-        Gauss-Legendre points of the adaptive route around an arc. [1]
+        Number of Gauss-Legendre points of the adaptive route around an arc. [1]
     retention_energy_fraction
         Share of the initial kinetic energy with which a projectile must leave to count as turned away; below it, it is
-        embedded, wherever its nose is. Not used by the searches ``bisection`` and ``secant``, which have a rule of
-        their own. [1]
+        embedded, wherever its nose is. The searches ``bisection`` and ``secant`` do not use it: they decide by the
+        depth of the nose tip. [1]
 
     Raises
     ------
@@ -223,7 +225,7 @@ def full_name(parts: Mapping[str, Any], field: str, where: str, *others: str) ->
     field
         Dotted name of a field, or its last part.
     where
-        Argument that an error is reported for.
+        Name of the argument in the error message.
     others
         Further names that are accepted.
 

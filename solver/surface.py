@@ -28,7 +28,7 @@ CENTRED_WITHIN = 1e-9
 """Largest distance of the centre of a sphere from its centre of gravity to count as `CENTRED`, over its radius. [1]"""
 
 # Where the base faces the impact face, the channel that the body has cut is behind it: a cavity without bound, whose
-# decay is zero to the precision of its polynomials. A cosine of zero would divide by zero.
+# decay factor is zero to the precision of its polynomials. A cosine of zero would divide by zero.
 BEHIND = 1e-100
 """Cosine of α used for the base. [1]"""
 # This ratio gives 60 by 200 panels for the 12,000 of the paper.
@@ -72,13 +72,14 @@ class Body(NamedTuple):
 class Panels(NamedTuple):
     """Surface elements of one half of a projectile, the other being its mirror image in the plane of incidence.
 
-    All are (n,) arrays.
+    All fields but `radius` are (n,) arrays.
     """
 
     axial: FloatArray
     """Distance ahead of the centre of gravity. [m]"""
     lateral: FloatArray
-    """Offset from the axis in the plane of incidence, along u. [m]"""
+    """Offset from the axis in the plane of incidence, along u, the direction in which the nose moves as the axis angle
+    grows. [m]"""
     normal_axial: FloatArray
     """Component of the outward normal along the axis, sin α. [1]"""
     normal_lateral: FloatArray
@@ -117,9 +118,9 @@ def sections(pieces: tuple[OutlinePiece, ...], radius: float) -> Iterator[Sectio
     The decay law takes that distance as the radius of a cavity. On a blunt face the distance has no bound: the cavity
     would be wider than the hole that the body makes, and a distant rear face would weaken the resistance as if it were
     near. So the cavity is at most as wide as the shank. An ogive never reaches the bound; a cap exceeds it everywhere,
-    since its normals meet in its centre. Elements that look backwards, towards the impact face, have the channel of the
-    body behind them. There the distance is not bounded: the steeper a body tapers, the smaller the resistance of its
-    rear, down to zero at a flat base.
+    since its normals meet at its centre. Elements whose normals point backwards, towards the impact face, have the
+    channel of the body behind them. There the distance is not bounded: the steeper a body tapers, the smaller the
+    resistance of its rear, down to zero at a flat base.
     """
     for piece in pieces:
         if isinstance(piece, Arc):
@@ -137,7 +138,7 @@ def sections(pieces: tuple[OutlinePiece, ...], radius: float) -> Iterator[Sectio
         yield Section(Line(x, reach, piece.x_end, piece.r_end), 0.0 if falls else bound)
 
 
-@lru_cache  # as for `mass_properties`
+@lru_cache  # for the same reason as `mass_properties`
 def build_body(projectile: Projectile, properties: MassProperties) -> Body:
     """Convert a projectile and its mass properties to the arrays of the compiled code."""
     center = properties.center_of_gravity
@@ -156,7 +157,8 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
             for angle in (piece.angle_start, piece.angle_end):
                 x, r = piece.x_center - piece.radius * math.sin(angle), piece.r_center + piece.radius * math.cos(angle)
                 corners.append((center - x, r))
-    tip, mass, inertia = map(float, (center, properties.mass, properties.moment_of_inertia))  # an int is another type
+    # Compiled code accepts floats only, and a mass may be given as an int.
+    tip, mass, inertia = map(float, (center, properties.mass, properties.moment_of_inertia))
     bounded, tapered = (any(sign * cavity > 0.0 for _, cavity in outline) for sign in (1.0, -1.0))
     centred = all(
         isinstance(piece, Arc)
@@ -176,9 +178,9 @@ def deepest_offset(body: Body, axis_angle: float) -> float:
 
 @lean
 def deepest_point(body: Body, axis_angle: float) -> tuple[float, float]:
-    """Return the depth of the deepest point below the centre of gravity, and its derivative by the axis angle.
+    """Return the depth of the deepest point below the centre of gravity, and its derivative. [m, m/rad]
 
-    The units are m and m/rad.
+    The derivative is with respect to the axis angle.
     """
     c, s = math.cos(axis_angle), math.sin(axis_angle)
     mirror, s = math.copysign(1.0, s), abs(s)
@@ -200,7 +202,7 @@ def deepest_point(body: Body, axis_angle: float) -> tuple[float, float]:
 
 
 def build_panels(projectile: Projectile, properties: MassProperties, count: int) -> Panels:
-    """Build the midpoint panels of the paper: half of the rings on the nose, half on the shank, and a base besides.
+    """Build the midpoint panels of the paper: half of the rings on the nose, half on the shank, and others on the base.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Compiled integrals of the stress around many rings of the surface at a time.
 
 On the ring of the surface at one station, depth, normal velocity and the tilt of the normal are linear in c = cos β.
-So the loaded range of c is known in closed form, and it consists of at most three arcs. In the order of rising c: an
+So the loaded range of c is known in closed form, and it consists of at most three arcs. In order of increasing c: an
 arc whose normal points into the target and which is resisted in full, with integrals in closed form; one so deep that
 the plastic zone does not reach the face; and one near the face. On the last two the integrand is smooth, so that a few
 Gauss-Legendre points in β suffice. This order holds for axis angles of 0 to 180°; callers mirror other states first.
@@ -31,7 +31,7 @@ CAPACITY = 2 * ROOM
 """Rings of both kinds in a batch: the length of a row."""
 # A loop without a remainder compiles to vector instructions alone. It may run over stale rings, which no sum includes.
 VECTOR = np.uint64(VECTOR_WIDTH)
-"""Loops over rings run to a multiple of this number."""
+"""Number of 64-bit numbers in a vector register; loops over rings run to a multiple of it."""
 # The indices are unsigned, since an index that might be negative costs a test at each access.
 (
     ALPHA, AXIAL, RADIUS, SIZE, WEIGHT, DEPTH, COSINE, SINE, FORWARD, SIDEWAYS, SPIN,
@@ -51,7 +51,7 @@ and the radius of curvature is zero.
 times c to the force across the axis and the moment (`ACROSS`, `TURN`); beginning, as β - π/2, and width of the two arcs
 with a decay (`DEEP_BEGIN` to `NEAR_SPAN`); and the two integrals (`EVEN`, `ODD`)."""
 ROW_COUNT = 28
-"""Number of rows."""
+"""Number of rows of ring data in the flat array."""
 SPAN = np.uint64(CAPACITY)
 """Offset from the row with the beginning of an arc to the row with its width."""
 HALF_TURN = math.pi / 2.0
@@ -64,9 +64,9 @@ class Law(NamedTuple):
     """Resistance of the target for the compiled code."""
 
     static_stress: float
-    """S f'c. [Pa]"""
+    """Static stress S f'c. [Pa]"""
     dynamic_density: float
-    """B ρ. [kg/m³]"""
+    """Product B ρ of inertia factor and density. [kg/m³]"""
     ramp_velocity: float
     """Normal velocity over which the static stress of a ring builds up. [m/s]
 
@@ -74,8 +74,8 @@ class Law(NamedTuple):
     that switch infinitely often. Below this velocity they go to zero smoothly instead, and the shank creeps at a
     fraction of it."""
     smooth_ramp: bool
-    """Selects a ramp whose slope at zero velocity is zero. Steps with a coarse tolerance need the other one: without
-    stiffness at rest they would find the body free to move."""
+    """True for a ramp whose slope at zero velocity is zero. Steps with a coarse tolerance need the other one, which is
+    linear: without stiffness at rest the body would seem free to move."""
     decay: Decay
     thickness: float
     """Depth of the rear face; infinite for a half-space. [m]"""
@@ -111,8 +111,8 @@ def loaded_range(depth: float, depth_slope: float, speed: float, speed_slope: fl
 def ramped(fastest: float, static_stress: float, ramp_velocity: float, smooth: bool) -> float:
     """Return the static stress on a ring whose fastest point has the normal velocity `fastest`. [Pa]"""
     # The form r² / √(1 + r⁴) needs a root only; a hyperbolic tangent would be a library call in each pass of the loop.
-    # It reaches 1 with an error of r⁻⁴ / 2. An earlier form, r² / (1 + r²), has an error of r⁻² and made normal shots
-    # 5e-6 of their depth deeper than the closed form.
+    # The form reaches 1 with an error of r⁻⁴ / 2. An earlier one, r² / (1 + r²), has an error of r⁻² and made normal
+    # shots 5e-6 of their depth deeper than the closed form.
     ramp = fastest / ramp_velocity
     ramp *= ramp if smooth else 1.0
     return static_stress * ramp / math.sqrt(1.0 + ramp * ramp)
@@ -162,7 +162,7 @@ def add_rings(
 @exact
 def place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
     """Return sine and cosine of α, axial position and radius of a ring."""
-    # The half-angle formula gets the cosine from the polynomial of the sine, up to the angles where the sine has it.
+    # The half-angle formula gives the cosine from the polynomial of the sine, on the same range of angles.
     sine_, half = sine(rows[ALPHA + i]), sine(0.5 * rows[ALPHA + i])
     cosine = 1.0 - 2.0 * half * half
     return sine_, cosine, rows[AXIAL + i] + rows[SIZE + i] * sine_, rows[RADIUS + i] + rows[SIZE + i] * cosine
@@ -180,7 +180,7 @@ def cavity_scales(bound: float, cosine: float, radius: float) -> tuple[float, fl
 
 @exact
 def ring_motion(rows: FloatArray, i: int) -> BodyMotion:
-    """Return the motion of the body at the state to which a ring belongs."""
+    """Return the motion of the body in the state to which a ring belongs."""
     return (
         rows[DEPTH + i], rows[COSINE + i], rows[SINE + i], rows[FORWARD + i], rows[SIDEWAYS + i], rows[SPIN + i],
     )  # fmt: skip
@@ -208,7 +208,7 @@ def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
 
 
 def _ring_loader(name: str, *, bounded: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
-    """Make the function that finds the arcs of rings, for bodies with or without a bounded cavity.
+    """Return a function that finds the arcs of rings, for bodies with or without a bounded cavity.
 
     Bodies without one, such as ogives, save a selection for each ring. The cache of compiled code tells the two
     functions apart by `name`.

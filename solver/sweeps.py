@@ -38,7 +38,7 @@ from solver.trajectory import Trajectory
 if TYPE_CHECKING:
     import xarray
 
-# Such a sweep takes minutes to hours. A larger one is more likely a slip in the axes.
+# A sweep over 100,000 points takes minutes to hours. A larger one is more likely a mistake in the axes.
 MOST_POINTS = 100_000
 """Largest number of points of a grid."""
 ANY_VELOCITY = 1.0
@@ -82,34 +82,36 @@ def critical_angle_sweep(
     degrees: bool = False,
     threads: int = 1,
 ) -> "xarray.Dataset":
-    """Find the critical angles over every combination of the values of some inputs.
+    """Find the critical angle for every combination of values of some inputs.
 
     Parameters
     ----------
     projectile, target, angle_of_attack, angular_velocity, resistance, numerics, search, strength_scatter
         As for `critical_angle`. [SI, rad]
     axes
-        Values by field: a dotted name, as in ``target.compressive_strength``, or its last part where that is
-        unambiguous. Models, as in ``resistance.free_surface`` or ``projectile.nose``, become coordinates by their
-        names; models of one name also show the values in which they differ, as in ``ogive ψ=3``. Other objects become
-        coordinates by their text. Further labels of a DataArray are kept beside its values.
+        Values of each input, by its dotted name, such as ``target.compressive_strength``, or the last part of that name
+        where it is unambiguous. Models, such as those of ``resistance.free_surface`` or ``projectile.nose``, are
+        labelled by their names, and models of the same name also by the values in which they differ, as in
+        ``ogive ψ=3``. Other objects are labelled by their ``repr``. Further labels of a DataArray are kept beside its
+        values.
     velocity
         As for `critical_angle`; not needed where it is an axis. [m/s]
     degrees
-        Return the angles in degrees, as for plots; values of axes are given in radians nevertheless.
+        Return the angles in degrees, as for plots; values of axes are still given in radians.
     threads
         Number of searches computed at a time.
 
     Returns
     -------
     xarray.Dataset
-        The columns of `solver.columns` over the axes, with ``units`` and ``long_name`` of each; ``to_netcdf`` writes
-        it. Its attributes have the rest of the strike. A case that failed has NaN and its ``error``.
+        Dataset of the columns of `solver.columns` over the axes, with ``units`` and ``long_name`` of each; its method
+        ``to_netcdf`` writes it to a file. Its attributes hold the rest of the strike. A case that failed has NaN and
+        its ``error``.
 
     Raises
     ------
     ParameterError
-        If an axis is no field of a strike, or a value is outside its range.
+        If an axis is not a field of a strike, or a value is outside its range.
     ModuleNotFoundError
         If xarray is not installed.
 
@@ -161,7 +163,7 @@ def simulate_sweep(
     degrees: bool = False,
     threads: int = 1,
 ) -> "xarray.Dataset":
-    """Compute trajectories over every combination of the values of some inputs, and return their final states.
+    """Compute the trajectory for every combination of values of some inputs, and return the final states.
 
     Parameters
     ----------
@@ -177,12 +179,12 @@ def simulate_sweep(
     Returns
     -------
     xarray.Dataset
-        The columns of `solver.columns` over the axes, as for `critical_angle_sweep`.
+        Dataset of the columns of `solver.columns` over the axes, as for `critical_angle_sweep`.
 
     Raises
     ------
     ParameterError
-        If an axis is no field of a strike, or a value is outside its range.
+        If an axis is not a field of a strike, or a value is outside its range.
     ModuleNotFoundError
         If xarray is not installed.
     """
@@ -207,7 +209,7 @@ class _Grid:
     Raises
     ------
     ParameterError
-        If an axis is no field of the strike or has no values.
+        If an axis is not a field of the strike or has no values.
     """
 
     def __init__(self, parts: Mapping[str, Any], axes: Mapping[str, Iterable[Any]]) -> None:
@@ -252,7 +254,7 @@ class _Grid:
         }
         varied = dict.fromkeys((*self.fields, *found), "varied")
         strike = {name: _in_full(part, name, varied) for name, part in self._parts.items()}
-        engine = import_module(__package__).ENGINE_VERSION  # the package imports this module
+        engine = import_module(__package__).ENGINE_VERSION  # imported late, since the package imports this module
         attributes = {"title": title, "source": f"ricochet, engine {engine}"} | strike
         dataset: xarray.Dataset = self._xarray.Dataset(variables, coordinates, attributes)
         return dataset
@@ -335,7 +337,7 @@ class Alternative(Generic[Answer]):
     """Answer, or the error if the case cannot be computed with these laws."""
 
     def laws(self) -> Row:
-        """Return the names of its laws, as columns of a table."""
+        """Return the names of the laws, as columns of a table."""
         return {
             "decay_law": self.free_surface,
             "strength_law": self.strength_factor,
@@ -367,7 +369,7 @@ class Alternative(Generic[Answer]):
 def alternatives(
     function: Callable[..., Answer], *, resistance: Resistance | None = None, **case: Any
 ) -> tuple[Alternative[Answer], ...]:
-    """Compute the answers to one case under each decay law with each strength law.
+    """Compute the answers to one case with every combination of decay law and strength law.
 
     Parameters
     ----------
@@ -383,8 +385,8 @@ def alternatives(
     -------
     tuple of Alternative
         Decay laws in the order elastic-plastic, Mohr-Coulomb, none; with each the strength laws of eq. 9, of the
-        published tests, and of the strength alone. The two theories of the decay are also combined with the S(θ) that
-        was fitted to finite element motions with them, after eq. 9.
+        published tests, and of the strength alone. The elastic-plastic and the Mohr-Coulomb law are also combined with
+        the S(θ) that was fitted to finite element motions with them; that law follows eq. 9.
 
     Examples
     --------
@@ -398,7 +400,7 @@ def alternatives(
 
 
 def alternative_resistances(resistance: Resistance = EQUATION_9) -> tuple[Resistance, ...]:
-    """Return each decay law with each strength law, with the inertia of the given resistance."""
+    """Return a resistance for each decay law with each strength law, with the inertia of the given resistance."""
     resistance = usual_unless_given(resistance)
     inertia = getattr(resistance.free_surface, "inertia", False)
     return tuple(

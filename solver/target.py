@@ -6,34 +6,35 @@ from dataclasses import dataclass, fields
 from solver.checks import require, require_bounds
 
 # A plug as high as the wall would leave nothing to resist, and the slowest body would perforate. With a tenth of the
-# wall left, the paper's body perforates 50 mm from 33 m/s on. CEA-EDF has 18 m/s, and the model without a plug 86 m/s.
+# wall left, the paper's body perforates a wall of 50 mm from 33 m/s on. CEA-EDF gives 18 m/s, and the model without a
+# plug 86 m/s.
 MOST_PLUG = 0.9
 """Largest height of a plug over the thickness of the wall. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """Concrete, a half-space or a wall.
+    """Concrete target, a half-space or a wall.
 
     Parameters
     ----------
     compressive_strength
-        Unconfined compressive strength f'c, from the weakest foam to above any concrete; the tests behind the model
-        used 13 to 97 MPa. [Pa]
+        Unconfined compressive strength f'c. Its bounds include every concrete from foam concrete up; the tests behind
+        the model used 13 to 97 MPa. [Pa]
     density
-        Density, from foam to above any heavy concrete. [kg/m³]
+        Density. Its bounds include every concrete from foam to heavy concrete. [kg/m³]
     youngs_modulus
-        Young's modulus; by ACI 318-19, 4700 MPa times the square root of the strength in MPa, when not given. [Pa]
+        Young's modulus; when not given, 4700 MPa times the square root of the strength in MPa (ACI 318-19). [Pa]
     poissons_ratio
         Poisson's ratio. The decay theory of Warren et al. starts from an incompressible solid, 0.5. [1]
     thickness
         Thickness of a wall, at least a tenth of the diameter of the projectile; a half-space when not given. [m]
     characteristic_strength
-        Strength that 95 % of the concrete has, as of a strength class. Design values of walls rest on it where it is
-        given; all else takes the compressive strength, which is the mean. [Pa]
+        Strength that 95 % of the concrete exceeds, as in the name of a strength class. Where it is given, design values
+        of walls are computed with it; everything else uses the compressive strength, which is the mean. [Pa]
     reinforcement_ratio_percent
-        Area of steel over that of concrete, each way and each face. Neither the model nor any formula uses it: answers
-        are those for plain concrete, with a warning. [%]
+        Area of steel over that of concrete, in each direction at each face. Neither the model nor any formula uses it:
+        answers are those for plain concrete, with a warning. [%]
 
     Raises
     ------
@@ -52,7 +53,7 @@ class Target:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is not None or field.default is not None:  # only what is None by default may be
+            if value is not None or field.default is not None:  # only fields that are None by default may be None
                 require_bounds(f"target.{field.name}", value)
 
     @property
@@ -64,7 +65,7 @@ class Target:
 
 
 def concrete_youngs_modulus(*, compressive_strength: float) -> float:
-    """Return Young's modulus of normal-weight concrete by its compressive strength.
+    """Return Young's modulus of normal-weight concrete from its compressive strength.
 
     Parameters
     ----------
@@ -90,7 +91,7 @@ class Crater:
     Parameters
     ----------
     depth_diameters
-        Depth of the crater over the diameter of the projectile: 2 (Forrestal et al. 1994), or 0.707 and the length of
+        Depth of the crater over the diameter of the projectile: 2 (Forrestal et al. 1994), or 0.707 plus the length of
         the nose over the diameter (Li and Chen 2003). [1]
 
     Notes
@@ -98,8 +99,8 @@ class Crater:
     All forces are those of the cavity expansion times ``x / (k d)``, with the depth ``x`` of the deepest point of the
     surface, up to the crater depth ``k d``. Forrestal, Altman, Cargile and Hanchak (1994) let the axial force rise in
     proportion to depth with k = 2, Li and Chen (2003) with k = 0.707 + nose length / d; there the slope is the force at
-    the end of the crater over its depth, here the velocity of the instant counts. Both are for normal impact; the
-    effect of a crater on an oblique strike has not been tested.
+    the end of the crater over its depth; here the force follows the velocity at each instant. Both are for normal
+    impact; the effect of a crater on an oblique strike has not been tested.
     """
 
     depth_diameters: float = 2.0
@@ -120,12 +121,12 @@ class ShearPlug:
 
     Notes
     -----
-    The height h is that at which a quasi-static force S f'c on the cross section shears the cone at
-    (S / S_ref) f'c / √3: ``h / d = (√(1 + √3 S_ref tan α) - 1) / (2 tan α)``, as Li and Tong (2003) and Chen, Fan and
-    Li (2004) have it for a shear strength of f'c / √3, with α = 66.1° after the tests of Dancygier (1998). S_ref is the
-    median of the published tests for the concrete and the diameter: the shear strength of a concrete is proportional to
-    its S. The plug takes up at most nine tenths of a wall. The inertial force, the obliquity, and the mass and energy
-    of the plug are neglected. The decay near the rear face is kept.
+    The height h is that at which a quasi-static force S f'c on the cross section shears the cone at (S / S_ref) f'c /
+    √3: ``h / d = (√(1 + √3 S_ref tan α) - 1) / (2 tan α)``, as in Li and Tong (2003) and in Chen, Fan and Li (2004) for
+    a shear strength of f'c / √3, with α = 66.1° from the tests of Dancygier (1998). S_ref is the median of the
+    published tests for the concrete and the diameter: the shear strength of a concrete is proportional to its S. The
+    plug takes up at most nine tenths of a wall. The inertial force, the obliquity, and the mass and energy of the plug
+    are neglected. The decay near the rear face is kept.
     """
 
     cone_angle: float = math.radians(66.1)
@@ -136,6 +137,6 @@ class ShearPlug:
         require(fits, "resistance.rear_plug.cone_angle", f"must be 10° to 85°, got {degrees:g}°")
 
     def height(self, *, strength_factor: float, diameter: float) -> float:
-        """Return the height of the plug for a strength factor of S_ref, in a wall of any thickness. [m]"""
+        """Return the height of the plug in a wall of unlimited thickness, for a strength factor of S_ref. [m]"""
         slope = math.tan(self.cone_angle)
         return diameter * (math.sqrt(1.0 + math.sqrt(3.0) * strength_factor * slope) - 1.0) / (2.0 * slope)

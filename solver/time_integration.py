@@ -14,7 +14,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.cancellation import may_step
-from solver.compilation import compiled, lean, once
+from solver.compilation import compiled, lean
 from solver.loads import MOST_STATES
 from solver.motion import (
     Model,
@@ -32,18 +32,18 @@ from solver.motion import (
 )
 from solver.surface import Body
 
-# A gain of energy above this limit means a step that is too long for the strike, and must stay visible in the answer.
+# Above this energy a gain means that the step is too long for the strike, and is reported in the result instead.
 UNRESOLVED_ENERGY = 1e-2
-"""Kinetic energy, over its initial value, below which a fixed step may mistake the end of a motion. [1]"""
+"""Kinetic energy, over its initial value, below which a gain of energy in a fixed step counts as rest. [1]"""
 
-# A true motion gains nothing. With too few stations a body between the faces of a wall gains without bound, in ever
-# shorter steps: searches on walls took seconds before such runs were ended. The factor 2 is far above any error of a
-# run that is still worth reporting.
+# An exact solution gains no energy. With too few stations a body between the faces of a wall gains without bound, in
+# ever shorter steps: searches on walls took seconds before such runs were ended. The factor 2 is far above any error of
+# a run that is still worth reporting.
 MOST_ENERGY = 2.0
 """Kinetic energy, over its initial value, above which a run counts as diverged. [1]"""
 
 
-@once
+@lean
 def _attempt_fixed_step(state: FloatArray, step: float, model: Model, work: Workspace) -> None:
     """Write the state after one Runge-Kutta step to ``work.trial``."""
     rate, point = work.stages, work.point
@@ -83,9 +83,9 @@ def integrate_fixed(
 ) -> RunValues:
     """Integrate with the fixed step of the paper until an event or `end_time`.
 
-    A fixed step overshoots rest and then gains energy, which no true motion does. A step that gains energy counts as
-    rest if the load could stop the projectile within one step and less than `UNRESOLVED_ENERGY` is left. A gain at a
-    higher energy is reported in the result: the step is too long for the strike.
+    A fixed step overshoots rest and then gains energy, which an exact solution never does. A step that gains energy
+    counts as rest if the load could stop the projectile within one step and less than `UNRESOLVED_ENERGY` is left. A
+    gain at a higher energy is reported in the result: the step is too long for the strike.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def integrate_fixed(
         _attempt_fixed_step(state, step, model, work)
         was_loaded, loaded = loaded, accelerate(work.trial, model, work.scratch, work.end)
         before, energy = energy, kinetic_energy(work.trial, body) - lasting
-        # The panels have no ramp: near rest the load changes sides from step to step and pumps energy into the body.
+        # The panels have no ramp: near rest the load changes sign from step to step and adds energy to the body.
         enough = min(_impulse_energy(work.end, step, body), UNRESOLVED_ENERGY * initial_energy)
         if before < energy < enough:
             return Termination.REST.value, time, deepest, index, 4 * index, gain
@@ -128,7 +128,7 @@ def integrate_fixed(
         row = steps[index if steps.shape[0] > 1 else 0]
         store_step(row, time, step, state, work)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], index == count - 1, event)
-        until = time + step if event[0] < 0.0 else event[0]  # depth counts up to the release of the body only
+        until = time + step if event[0] < 0.0 else event[0]  # the depth counts until the body is released
         if until > time:
             deepest = max(deepest, greatest_depth(row, until, body, work.point))
         if end != Termination.NONE:
@@ -140,8 +140,8 @@ def integrate_fixed(
 
 
 STAGES = 4
-# With this value the method is A(89.3°)-stable (Kaps and Rentrop 1979). The similar methods GRK4A and ROS4 stepped over
-# the kinks of nose entry, chattered, or erred two to six times as much (`benchmarks/NOTES.md`).
+# With γ = 0.231 the method is A(89.3°)-stable (Kaps and Rentrop 1979). The similar methods GRK4A and ROS4 stepped over
+# the kinks of nose entry, chattered, or had two to six times the error (`benchmarks/NOTES.md`).
 GAMMA = 0.231
 """Diagonal coefficient γ of GRK4T. [1]"""
 
@@ -153,9 +153,10 @@ STAGE_WEIGHTS = np.array(
     ]
 )
 """Coefficients of earlier stages in the state of a stage. The last stage reuses the evaluation of the third."""
-# The first four rows are those of GRK4T. The fifth is this package's own: no stage looks beyond 0.88 of a step, so a
-# load that begins after that is seen at the end only. Solving the fifth row for the change of the rates from start to
-# end of the step cancels the other stages up to order 3. Without it 26 of 400 runs lost energy unnoticed, with it one.
+# The first four rows are those of GRK4T. The fifth is this package's own: no stage evaluates the load beyond 0.88 of a
+# step, so a load that begins after that is seen only at the end. Solving the fifth row for the change of the rates from
+# start to end of the step cancels the other stages up to order 3. Without it 26 of 400 runs lost energy unnoticed, with
+# it one.
 COUPLINGS = np.array(
     [
         [0.0, 0.0, 0.0, 0.0],
@@ -171,25 +172,25 @@ WEIGHTS = np.array([3.957503746640777, 4.624892388363313, 0.6174772638750108, 1.
 ERROR_WEIGHTS = np.array([2.302155402932996, 3.073634485392623, -0.8732808018045032, -1.282612945269037])
 """Weights of the stages in the difference of the solutions of order 4 and 3."""
 EVALUATIONS = 2
-"""Evaluations of the load in one attempt at a step, without those at its two ends."""
-# The error of a forward quotient is least near the square root of the rounding error, 1.5e-8. Several times that leaves
-# room for the rounding of the sums over the rings.
+"""Number of evaluations of the load in one attempt at a step, without those at its two ends."""
+# The error of a forward quotient is least near the square root of the rounding error, 1.5e-8. A value several times as
+# large leaves room for the rounding of the sums over the rings.
 DIFFERENCE = 1e-7
 """Increment of position in difference quotients, over the distance from centre of gravity to tip. [1]"""
 # The static stress rises from zero over the ramp velocity, so the increment has to be a small part of that.
 VELOCITY_DIFFERENCE = 1e-3
 """Increment of velocity in difference quotients, over the ramp velocity. [1]"""
 DIFFERENCES = MOST_STATES
-"""Evaluations of the load for one linearisation."""
+"""Number of evaluations of the load for one linearisation."""
 
 
 class Linearisation(NamedTuple):
     """Jacobian of the accelerations at the start of a step, and the inverse matrix that its stages share."""
 
     stiffness: FloatArray
-    """(3, 3) derivatives of the accelerations by position."""
+    """(3, 3) derivatives of the accelerations with respect to position."""
     damping: FloatArray
-    """(3, 3) derivatives of the accelerations by velocity."""
+    """(3, 3) derivatives of the accelerations with respect to velocity."""
     inverse: FloatArray
     """(3, 3) inverse of ``I/(hγ) - damping - hγ stiffness`` for the step h."""
 
@@ -199,7 +200,7 @@ def make_linearisation() -> Linearisation:
     return Linearisation(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
-@once
+@lean
 def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearisation) -> None:
     """Compute the Jacobian of the accelerations at `state` by forward difference quotients.
 
@@ -207,8 +208,8 @@ def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearis
     """
     points, slopes, length = work.points, work.slopes, model.body.tip
     # Velocities are varied along and across the axis, not along the coordinates. A shank in its hole is free to move
-    # along its axis and held across it, and a difference that mixes both directions would mix a small derivative with
-    # a large one. This took 11 to 20 % off the evaluations of a search.
+    # along its axis and held across it, and a difference that mixes both directions would mix a small derivative with a
+    # large one. This saved 11 to 20 % of the evaluations of a search.
     for k in range(DIFFERENCES):
         for n in range(6):
             points[6 * k + n] = state[n]
@@ -282,11 +283,11 @@ def _solve_stage(
         drift[i] = g * (drift[i] + push[i])
 
 
-@once
+@lean
 def attempt_step(
     state: FloatArray, step: float, model: Model, work: Workspace, linear: Linearisation, scale: FloatArray
 ) -> float:
-    """Try a step with the accelerations in ``work.start``, write ``work.trial`` and return the norm of its error."""
+    """Try a step with the accelerations in ``work.start``, write ``work.trial`` and return its error norm. [1]"""
     stages, trial = work.stages, work.trial
     _invert(linear, step)
     _solve_stage(state, work.start, step, linear, stages, 0)
@@ -309,7 +310,7 @@ def attempt_step(
 
 @lean
 def end_error(state: FloatArray, step: float, work: Workspace, linear: Linearisation, scale: FloatArray) -> float:
-    """Return a second error estimate of the last step, from the accelerations at its end in ``work.end``."""
+    """Return a second error norm of the last step, from the accelerations at its end in ``work.end``. [1]"""
     for n in range(3):
         work.point[n + 3] = work.trial[n + 3] - state[n + 3]
         work.stage[n] = work.end[n] - work.start[n]
@@ -331,8 +332,8 @@ def _size(error: FloatArray, scale: FloatArray) -> float:
 STEP_LIMIT = 100_000
 """Largest number of steps tried in one run."""
 # The first step is short, as the step control has no history yet. The largest one keeps steps from passing over the
-# kinks of nose entry; a quarter is a judgement. Below the smallest one, near the rounding error of time, a run has
-# diverged.
+# kinks of nose entry; a quarter is a judgement. Below the smallest one, near the rounding error of time, a run counts
+# as diverged.
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 1e-2, 0.25, 1e-15
 """Lengths of steps, over the time to travel the distance from centre of gravity to tip at the speed of impact. [1]"""
 
@@ -380,8 +381,9 @@ def integrate_adaptive(
     initial_energy = kinetic_energy(start, body) - lasting
     energies = Thresholds(lasting + thresholds.retention * initial_energy, lasting + thresholds.rest * initial_energy)
     impact = math.hypot(start[3], start[4])
-    # Errors are measured over the size of the body and the velocity of impact, so that one tolerance serves lengths,
-    # angles and rates. A scale by the current value would ask for ever smaller errors as the body comes to rest.
+    # Errors are measured relative to the size of the body and the impact velocity, so that one tolerance serves
+    # lengths, angles and rates. Relative to the current values, ever smaller errors would be required as the body comes
+    # to rest.
     scale = work.scale
     scale[0] = scale[1] = body.tip
     scale[2], scale[3], scale[4], scale[5] = 1.0, impact, impact, impact / body.tip
@@ -395,12 +397,13 @@ def integrate_adaptive(
     for _ in range(accuracy.most_steps):
         if not may_step(control):
             return Termination.CANCELLED.value, time, deepest, count, evaluations, 0.0
-        # Each outline piece that enters makes a kink in the load. A longer step could pass over one and its error
-        # estimate would not notice.
+        # Each outline piece that enters makes a kink in the load. A longer step could pass over one without any sign of
+        # it in its error estimate.
         pace = math.hypot(state[3], state[4]) + abs(state[5]) * body.tip
         step = min(step, accuracy.largest_step * body.tip / pace, end_time - time)
         # The Jacobian takes five of the eight evaluations of a step. It depends on the state only, so a step that is
-        # repeated with another length keeps it. Renewing it every second step made as many more steps fail.
+        # repeated with another length keeps it. Computing it every second step only saved nothing, as so many more
+        # steps were rejected.
         if not fresh:
             linearise(state, model, work, linear)
             evaluations += DIFFERENCES
@@ -408,8 +411,8 @@ def integrate_adaptive(
         error = attempt_step(state, step, model, work, linear, scale) / accuracy.relative_tolerance
         evaluations += EVALUATIONS
         if error <= 1.0:
-            # No stage looks beyond 0.88 of the step, so a load that begins after that is only seen from the end. The
-            # next step needs the accelerations there anyway: the second estimate costs one solve.
+            # No stage evaluates the load beyond 0.88 of the step, so a load that begins after that is seen only at the
+            # end. The next step needs the accelerations there anyway: the second estimate costs one solve.
             end_loaded = accelerate(work.trial, model, work.scratch, work.end)
             evaluations += 1
             error = max(error, end_error(state, step, work, linear, scale) / accuracy.relative_tolerance)
@@ -430,7 +433,7 @@ def integrate_adaptive(
         last = time + step >= end_time * (1.0 - 1e-12)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], last, event)
         # An event lies on the cubic through both ends of the step, so that no step has to be cut short to meet it.
-        until = time + step if event[0] < 0.0 else event[0]  # depth counts up to the release of the body only
+        until = time + step if event[0] < 0.0 else event[0]  # the depth counts until the body is released
         if until > time:
             deepest = max(deepest, greatest_depth(row, until, body, work.point))
         if end != Termination.NONE:

@@ -31,12 +31,13 @@ from solver.strike import USUAL, Impact, Numerics, usual_termination_time
 from solver.target import Target
 from solver.warnings import ModelWarning
 
+# The default is the time step of the paper.
 SAMPLE_INTERVAL = 1e-5
 """Default interval of a history. [s]"""
 # A history has 14 quantities of 8 bytes for each instant: 112 MB at this limit.
 MOST_INSTANTS = 1_000_000
 """Largest number of instants in a history."""
-# A true motion gains no energy. The rounding errors of the panel route stay far below this limit.
+# An exact solution gains no energy. The rounding errors of the panel route stay far below this limit.
 ENERGY_GAIN_TOLERATED = 1e-6
 """Gain of kinetic energy in one step above which a warning is given, over the initial energy. [1]"""
 
@@ -104,13 +105,13 @@ class Trajectory:
     final: Motion[float]
     """Motion at the event that ended the run."""
     history: Motion[FloatArray] | None
-    """Motion at even intervals and at that event; None if not requested."""
+    """Motion at even intervals and at the event that ended the run; None if not requested."""
     maximum_depth: float | None
     """Greatest depth of the deepest point of the projectile, unless it perforates a wall. [m]"""
     protrusion: Protrusion | None
-    """Protrusion out of the rear face of a wall; None if there never is one, and if the projectile perforates."""
+    """Protrusion out of the rear face of a wall; None if there is none, or if the projectile perforates."""
     strength_factor: float
-    """Strength factor in use, at this oblique angle. [1]"""
+    """Strength factor used, that at the oblique angle of the strike. [1]"""
     warnings: tuple[ModelWarning, ...]
     """Warnings of the inputs and of the run."""
     steps: int
@@ -120,15 +121,14 @@ class Trajectory:
     exit: Exit | None
     """State of the projectile as it leaves the target; None if it stays."""
     strength_factor_dispersion: float
-    """Standard deviation of ln S of the next shot into the same concrete, by own shots or by the law of the published
-    tests. [ln]"""
+    """Standard deviation of ln S for the next shot into the same concrete, from own shots or published tests. [ln]"""
     own_tests: StrengthPosterior | None
     """Posterior of S from shots into the same concrete; None without any."""
     bending: Bending | None
-    """Largest bending stress; None if the centre of gravity or moment of inertia given are not those of the shape."""
+    """Largest bending stress; None if a given centre of gravity or moment of inertia is not that of the shape."""
 
     def row(self) -> Row:
-        """Return the result at the end of the run by the names of the columns of `solver.columns`."""
+        """Return the state at the end of the run under the column names of `solver.columns`, in SI units."""
         protrusion = self.protrusion
         return {
             "outcome": self.outcome.value,
@@ -208,20 +208,21 @@ def simulate(
     sample_interval: float | None = SAMPLE_INTERVAL,
     strength_scatter: ScatterSource = "law",
 ) -> Trajectory:
-    """Compute the motion of a rigid projectile from first contact until it leaves, rests, or time is up.
+    """Compute the motion of a rigid projectile from first contact until it leaves, comes to rest, or time is up.
 
     Parameters
     ----------
     projectile, target, impact
         Projectile, the concrete that it strikes, and its motion at first contact.
     resistance
-        Resistance of the target; eq. 9 and elastic-plastic decay unless given.
+        Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics
-        Route and resolution; adaptive unless given.
+        Integration route and resolution; adaptive unless given.
     sample_interval
         Interval of the history; None for no history. [s]
     strength_scatter
-        Tests from which the dispersion of S comes, see `known_strength`; without effect on the motion.
+        Tests from which the dispersion of the strength factor S is taken, see `known_strength`. It does not affect the
+        motion.
 
     Returns
     -------
@@ -239,7 +240,7 @@ def simulate(
     The equations of motion are eq. 6 of the source paper. The outcome is `Outcome.EMBEDDED` once the kinetic energy
     falls below ``numerics.retention_energy_fraction`` of its initial value, wherever the nose is; the run then
     continues until the body is at rest, with 1e-4 of the energy, or no longer loaded, so that depths are complete. It
-    is `Outcome.RICOCHET` if the body comes free before that and leaves through the impact face, `Outcome.PERFORATED`
+    is `Outcome.RICOCHET` if the body is released before that and leaves through the impact face, `Outcome.PERFORATED`
     if it leaves through the rear face of a wall, and `Outcome.IN_MOTION` if the termination time comes first or the
     axis has turned by more than 360° in the target.
 

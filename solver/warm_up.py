@@ -28,7 +28,8 @@ def warm_up(report: Report | None = None) -> None:
     Parameters
     ----------
     report
-        Function such as `print`, called with a line of text at the beginning and once a second while that changes.
+        Function such as `print`, called with a line of text at the beginning, and then once a second if the progress
+        has changed.
     """
     progress = compilation_progress()
     if progress.left and sys.executable and can_keep():

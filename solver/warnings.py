@@ -35,10 +35,10 @@ EQUATION_9_STRENGTH, EQUATION_9_DIAMETER = 39e6, 0.08
 """Strength of the concrete and diameter of the projectile to which eq. 9 was fitted. [Pa, m]"""
 # By the law of published tests S changes by 2 % over the first and 5 to 7 % over the second, less than it scatters.
 SAME_STRENGTH, SAME_DIAMETER = 0.1, 0.25
-"""Relative differences from these up to which eq. 9 is used without a warning. [1]"""
+"""Relative differences of strength and diameter from those of eq. 9 up to which it is used without a warning. [1]"""
 MEAN_DENSITY = (1e3, 2e4)
 """Usual mean densities of bodies, from hollow ones to those of tungsten or uranium. [kg/m³]"""
-# This is the lowest value of hardened 4340 steel, Rc 45.
+# The default is the lowest yield strength of hardened 4340 steel, Rc 45.
 USUAL_YIELD_STRENGTH = 1.2e9
 """Default yield strength of the body. [Pa]"""
 # At larger angles of attack bodies bend and break; the value is a judgement.
@@ -60,11 +60,12 @@ class ModelWarning:
     code
         Stable name for programs.
     detail
-        Explanation for people. Quantities are a number, a blank and an SI unit, so that they can be converted.
+        Explanation for people. Quantities are written as a number, a blank and an SI unit, so that they can be
+        converted.
     standing
-        True if most answers have the warning and it hardly moves them. Such warnings are shown together in one note.
+        True if most answers have the warning and it hardly changes them. Such warnings are shown together in one note.
     angle_shift
-        Change of the critical angle by the effect that the warning names, if it was computed. [rad]
+        Change of the critical angle due to the effect that the warning names, if it was computed. [rad]
     """
 
     code: str
@@ -320,7 +321,7 @@ def _like_equation_9(projectile: Projectile, target: Target) -> bool:
 
 
 def scatter_of_table_1(projectile: Projectile, target: Target) -> ModelWarning:
-    """Warn that the scatter of S is assumed to be that which the paper's four tests leave."""
+    """Warn that S is assumed to scatter as little as in the paper's four tests."""
     same = projectile.nose == PAPER_PROJECTILE.nose and _like_equation_9(projectile, target)
     detail = (
         "the scatter of the strength factor is the one that the four tests of the paper's Table 1 leave, into its "
@@ -419,7 +420,7 @@ def decided_by_time(*, termination_time: float) -> ModelWarning:
 
 # The retention energy is a convention. A factor of ten either way is a factor of three in speed.
 RETENTION_RANGE = (0.1, 10.0)
-"""Range of retention energies, over the one in use, within which an angle should hardly move. [1]"""
+"""Range of retention energies, relative to the one in use, within which an angle should hardly move. [1]"""
 
 
 def retention_decides(*, retention: float, below: float, above: float) -> ModelWarning:
@@ -469,7 +470,7 @@ IMPLAUSIBLE = "implausible"
 
 
 def implausible(what: str) -> ModelWarning:
-    """Return the warning about an answer that no strike can have, and that shows an error of the program."""
+    """Return the warning about a physically impossible answer, which shows an error of the program."""
     return ModelWarning(
         IMPLAUSIBLE, f"{what}: no such strike exists; this is a fault of the program, please report it with the inputs"
     )

@@ -1,7 +1,7 @@
-"""Check that a run of the tests left none of them out: `python -m tests.completeness build/tests.xml`.
+"""Check that a test run left no test out: `python -m tests.completeness build/tests.xml`.
 
-The file is a report of pytest (`--junitxml`). Every test must have run, except those listed in `slow.csv`, and
-the reason of a skipped test must be in `skips.csv`. With `--record`, the results are written to `slow.csv`.
+The file is a report of pytest (`--junitxml`). Every test must have run, except those listed in `slow.csv`, and the
+reason of each skipped test must be listed in `skips.csv`. With `--record`, the results are written to `slow.csv`.
 """
 
 import argparse
@@ -32,7 +32,7 @@ class Result:
 
 
 def read_report(text: str) -> dict[str, Result]:
-    """Return the results in a report of pytest by the names that `name_in_report` returns."""
+    """Return the results in a report of pytest, by the name of the test as in `name_in_report`."""
     found: dict[str, Result] = {}
     for case in ET.fromstring(text).iter("testcase"):  # noqa: S314 (a file that our own run wrote)
         skipped = case.find("skipped")
@@ -45,7 +45,7 @@ def read_report(text: str) -> dict[str, Result]:
 
 
 def name_in_report(test: str) -> str:
-    """Return the name of a test in a report, from its node id."""
+    """Return the name that a test has in a report, given its node id."""
     path, _, rest = test.partition("::")
     function, bracket, parameters = rest.partition("[")
     return ".".join([path.removesuffix(".py").replace("/", "."), *function.split("::")]) + bracket + parameters
@@ -79,13 +79,13 @@ def collected() -> list[str]:
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a table."""
+    """Return the rows of a CSV file."""
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
 def record(results: Mapping[str, Result], rows: Iterable[dict[str, str]]) -> list[dict[str, str]]:
-    """Return the rows of `slow.csv`, updated with the results in a report."""
+    """Return the rows of `slow.csv`, updated with results."""
     date = datetime.now(UTC).date().isoformat()
     return [
         {
@@ -102,7 +102,7 @@ def record(results: Mapping[str, Result], rows: Iterable[dict[str, str]]) -> lis
 
 
 def main() -> int:
-    """Compare a report with the existing tests; return 1 if any was left out."""
+    """Compare a report with the existing tests, or record it; return 1 if anything is wrong."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("report", type=Path)
     parser.add_argument("--record", action="store_true", help=f"enter the results in {SLOW.name} instead")

@@ -1,4 +1,4 @@
-"""A real service on a real socket, shared by the tests because starting its workers takes time."""
+"""Fixtures that run a real service, shared by the tests because starting its workers takes time."""
 
 import os
 import socket
@@ -16,12 +16,12 @@ import httpx
 import pytest
 from hypothesis import HealthCheck, settings
 
-# The matrices of the tests are small: threads of BLAS that wait for their share of one keep a core busy that another
-# test could use. numpy reads the variable when it is imported, here and in each process that a test starts.
+# The matrices of the tests are small. BLAS threads that wait for their share of one would keep a core busy that
+# another test could use. numpy reads the variable when it is imported, here and in each process that a test starts.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 ROOT = Path(__file__).parents[1]
-START_LIMIT_S = 240.0  # the first start on a machine compiles the solver
+START_LIMIT_S = 240.0  # The first start on a machine compiles the solver.
 STOP_LIMIT_S = 20.0
 NO_TLS = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 """TLS context for clients of plain HTTP; reading the default certificates would take 20 ms for each client."""
@@ -42,8 +42,8 @@ ROBUSTNESS = (
     "tests/service/test_faults.py",
     "tests/supply/",
 )
-"""Studies of faults, attacks, the supply chain, the image, the compiled code and the page in a browser. They have a
-target of their own, `make test-robustness`: few changes concern them, and CI runs them with each."""
+"""Tests of faults, attacks, the supply chain, the image, the compiled code and the page in a browser. Few changes
+concern them, so they run by `make test-robustness` and in CI, not by `make test`."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -81,7 +81,7 @@ def wait_until_ready(service: "Service", verify: ssl.SSLContext = NO_TLS) -> Non
                 if client.get(f"{service.url}/readyz").is_success:
                     return
             except httpx.TransportError:
-                pass  # not listening yet
+                pass  # The service is not listening yet.
             time.sleep(0.05)
     pytest.fail(f"the service was not ready after {START_LIMIT_S} s")
 
@@ -95,13 +95,15 @@ class Service:
 
 
 RunService: TypeAlias = Callable[..., AbstractContextManager[Service]]
-"""Type of the fixture `service_on`."""
+"""Type of the function that the fixture `service_on` returns."""
 
 
 @contextmanager
 def running_service(folder: Path, verify: ssl.SSLContext = NO_TLS, **settings: str) -> Iterator[Service]:
-    """Run a service with an empty data folder; it must end without an error and log no failure. With a context
-    it uses TLS."""
+    """Run a service with the data folder `folder`/data; it must end without an error and log no failure.
+
+    `verify` is the TLS context of its clients, if `settings` have a certificate.
+    """
     port = free_port()
     names = {"host": "127.0.0.1", "port": str(port), "data_dir": str(folder / "data"), "workers": "2"}
     names |= {"log_level": "warning"} | settings
@@ -125,13 +127,13 @@ def running_service(folder: Path, verify: ssl.SSLContext = NO_TLS, **settings: s
 
 @pytest.fixture(scope="session")
 def service_on() -> Callable[..., AbstractContextManager[Service]]:
-    """Return a function that runs a service with given settings."""
+    """Function that runs a service with given settings."""
     return running_service
 
 
 @pytest.fixture
 def dedicated_service(tmp_path: Path) -> Iterator[Service]:
-    """A service that the test may stop."""
+    """A service for one test, which may stop it."""
     with running_service(tmp_path) as service:
         yield service
 

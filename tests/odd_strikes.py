@@ -1,4 +1,4 @@
-"""Odd strikes as bodies of `/verdict`, of every kind that it distinguishes; the same seed gives the same strikes."""
+"""Random strikes of every kind that `/verdict` distinguishes, as its bodies; the same seed gives the same strikes."""
 
 from typing import Any
 
@@ -23,7 +23,7 @@ LAWS: tuple[dict[str, Any], ...] = (
 
 
 def odd_strikes(count: int, seed: int) -> list[dict[str, Any]]:
-    """Return `count` strikes of all kinds in turn: slow and fast, light and heavy, steep and grazing.
+    """Return `count` random strikes, of each kind in turn.
 
     Velocity 40 to 900 m/s, angle of attack up to 4°, concrete of 15 to 90 MPa; ogives, cones, caps and flat noses of
     15 to 250 mm.
@@ -64,7 +64,7 @@ def _strike(random: np.random.Generator, kind: str) -> dict[str, Any]:
 
 
 def _nose(random: np.random.Generator, kind: str) -> tuple[dict[str, Any], float]:
-    """Return a nose, and the length of the body over its diameter."""
+    """Return a random nose, and the length of the body over its diameter."""
     if kind == "sphere":
         return {"shape": "sphere"}, 1.0
     length = random.uniform(3.0, 9.0)
@@ -78,7 +78,7 @@ def _nose(random: np.random.Generator, kind: str) -> tuple[dict[str, Any], float
 
 
 def _shots(random: np.random.Generator, strike: dict[str, Any]) -> list[dict[str, float]]:
-    """Return one to four shots with depths that the body can reach."""
+    """Return one to four shots with depths that the closed form gives for a random strength factor."""
     request = ReportRequest.model_validate(strike)
     body, concrete = request.projectile.to_solver(), request.target.to_solver()
     shots = []

@@ -1,1 +1,1 @@
-"""Compares the model with the source paper, published tests and a second route. Not part of the installed package."""
+"""Comparisons of the model with the source paper, published tests and a second route; not in the installed package."""

@@ -32,7 +32,7 @@ PLOTTED_SEARCHES: tuple[SearchMethod, ...] = ("bisection", "secant")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attempts:
-    """The trials of one search."""
+    """The trials of a search, in the order in which they were made."""
 
     degrees: list[float]
     """Oblique angles. [°]"""
@@ -43,12 +43,12 @@ class Attempts:
 
     @property
     def turned_away(self) -> list[bool]:
-        """Whether the final position is above the face, the criterion of the paper."""
+        """Whether the final position is above the face, the paper's criterion for a ricochet, by trial."""
         return [depth < 0.0 for depth in self.final]
 
 
 def search_section(progress: Progress) -> Section:
-    """Return Figures 13 and 14 and the critical angle."""
+    """Return the section with Figures 13 and 14 and the critical angle."""
     answers = {}
     for method in (*PLOTTED_SEARCHES, "outcome"):
         progress(f"critical angle by {method}")
@@ -84,14 +84,14 @@ def search_section(progress: Progress) -> Section:
 
 
 def search(method: SearchMethod) -> CriticalAngle:
-    """Search the paper's critical angle by one of the three methods."""
+    """Search the critical angle of the paper's strike by one of the three methods."""
     return critical_angle(
         projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY, search=Search(method=method)
     )
 
 
 def trials_of(answer: CriticalAngle) -> Attempts:
-    """Return every trial of a search, with the position that Figure 14 shows."""
+    """Return the trials of a search, with the earlier position that Figure 14 shows."""
     return Attempts(
         degrees=[math.degrees(trial.oblique_angle) for trial in answer.iterations],
         final=[trial.final_position for trial in answer.iterations],
@@ -100,7 +100,7 @@ def trials_of(answer: CriticalAngle) -> Attempts:
 
 
 def _early_position(oblique_angle: float) -> float:
-    """Depth of the nose tip at the time of Figure 14. [m]"""
+    """Return the depth of the nose tip at the time of Figure 14. [m]"""
     history = predict_motion(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,
@@ -206,7 +206,7 @@ def _trial_columns(attempts: dict[SearchMethod, Attempts]) -> dict[str, list[obj
 INSTANTS = (0.0, 1e-3, 2e-3, 3.2e-3, 5e-3)
 """Instants that Figure 15 shows. [s]"""
 ASIDE = math.radians(0.5)
-"""Distance of the strikes just below and above from the critical angle. [rad]"""
+"""Difference between the critical angle and the strikes just below and above it. [rad]"""
 RUNS = ("oblique-48", "oblique-50", "oblique-52")
 VIEW_LATERAL, VIEW_DEPTH = (-0.52, 0.95), (-0.42, 0.2)
 """Ends of the axes of Figure 15. [m]"""
@@ -222,7 +222,7 @@ class View:
 
 
 def turning_section(progress: Progress) -> Section:
-    """Return Figure 15."""
+    """Return the section with Figure 15."""
     progress("motion at the critical angle")
     critical = search("outcome").angle
     if critical is None:
@@ -305,14 +305,14 @@ def _path_columns(path: TipPath) -> dict[str, Column]:
 
 REPEATS: dict[SearchMethod, int] = {"bisection": 2, "secant": 2, "outcome": 15}
 PAPER_RUNS, PAPER_CORES = 5, 4
-"""Least number of finite element runs behind the paper's critical angle, and cores that each used."""
+"""Smallest number of finite element runs that the paper's critical angle required, and cores per run."""
 NEAR = 45.0
-"""Smallest angle of our finite element runs that count towards the bracket of the critical angle. [°]"""
+"""Smallest angle of those of our finite element runs that bracket the critical angle. [°]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """CPU time of one way to compute the critical angle."""
+    """CPU time of one method to compute the critical angle."""
 
     way: str
     seconds: float
@@ -320,7 +320,7 @@ class Cost:
 
 
 def cost_section(progress: Progress) -> Section:
-    """Return Figure 16."""
+    """Return the section with Figure 16."""
     progress("cost of the searches")
     costs = [*_finite_elements(), *(_measured(method) for method in REPEATS)]
     secant = next(each.seconds for each in costs if each.way.startswith("secant"))
@@ -376,7 +376,7 @@ def _finite_elements() -> tuple[Cost, Cost]:
 
 
 def _measured(method: SearchMethod) -> Cost:
-    """Shortest CPU time of several searches on one thread. [s]"""
+    """Repeat a search on one thread; return its shortest CPU time."""
     search(method)
     shortest = min(_cpu_seconds(method) for _ in range(REPEATS[method]))
     way = "outcome search (ours)" if method == "outcome" else f"{method} (paper's elements)"

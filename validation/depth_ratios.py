@@ -1,4 +1,4 @@
-"""Ratios of predicted to measured depths, and why the closed form gives greater depths than the trajectory model."""
+"""Ratios of predicted to measured depths, and why depths by the closed form exceed those of the trajectory model."""
 
 import math
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ from validation.report import Comparison, Figure, ReportTable, Section
 MARKS = ("o", "s", "^", "D", "v", "P")
 COLORS = (style.MODEL, style.FINITE_ELEMENT, style.PAPER, "#8a4fae")
 DEPTHS = (0.12, 4.0)
-"""Ends of the axes. [m]"""
+"""Ends of the axes of depth. [m]"""
 
 
 def depth_figure(assessment: Assessment, factor_model: str, name: str) -> Figure:
@@ -65,7 +65,7 @@ def depth_figure(assessment: Assessment, factor_model: str, name: str) -> Figure
 
 
 def _marks(axes: Axes, assessment: Assessment, x: FloatArray, y: FloatArray) -> None:
-    """Draw a mark for each test by series, and a cross for tests that are not counted."""
+    """Draw a mark for each test, by series, and a cross if it is not counted."""
     for series, mark, color in zip(assessment.series, MARKS, COLORS, strict=False):
         places = assessment.chosen(of_series(series))
         axes.plot(x[places], y[places], mark, color=color, markerfacecolor="none", label=series)
@@ -96,14 +96,14 @@ def _ratio(axes: Axes, assessment: Assessment, velocities: FloatArray, ratios: F
 
 
 SERIES = "forrestal-1994"
-"""Series whose mean ratio and variation, with power law and closed form, were predicted before the comparison."""
+"""Series for which mean ratio and variation were fixed before the comparison, for power law and closed form."""
 MEAN_RATIO, MEAN_RATIO_TOLERANCE = 1.02, 0.03
 VARIATION, VARIATION_TOLERANCE = 0.08, 0.02
 FIGURE_NAMES = ("power-law-82.6", "power-law-72", "constant-8.52", "leave-one-out")
 
 
 def ratios_section(assessment: Assessment) -> Section:
-    """Return the section on every choice of the strength factor, with both methods."""
+    """Return the section on predicted over measured depth, for every choice of S and both methods."""
     text = (
         (
             "Four choices of the strength factor S. Two are correlations with the strength f'c in MPa, of Frew et "
@@ -135,7 +135,7 @@ def agreement_1994(assessment: Assessment, method: str) -> Agreement:
 
 
 def _reading(assessment: Assessment) -> str:
-    """Describe the definition of the mean that gives the value predicted before the comparison."""
+    """Return the text on the definition of the mean with which the value fixed before the comparison is met."""
     ratios = assessment.ratios(CLOSED_FORM, POWER_LAW)
     with_outlier = agreement(ratios[[strike.test.series == SERIES for strike in assessment.strikes]])
     without = agreement_1994(assessment, CLOSED_FORM)
@@ -194,36 +194,36 @@ def _ratio_table(assessment: Assessment) -> ReportTable:
 
 
 FASTEST = 1300.0
-"""End of the axis. [m/s]"""
+"""End of the axis of velocity. [m/s]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CraterDifference:
-    """Depth of the closed form less that of the trajectory model, for the counted tests of one nose and calibre."""
+    """Depth by the closed form minus that by the trajectory model, for the counted tests of one nose and calibre."""
 
     diameter: float
-    """[m]"""
+    """Calibre. [m]"""
     caliber_radius_head: float
     static: float
-    """Without inertia, at every speed and strength. [m]"""
+    """Difference without inertia, which is the same at every speed and strength. [m]"""
     strikes: Sequence[PublishedStrike]
     differences: FloatArray
-    """Differences of each test. [m]"""
+    """Difference for each test. [m]"""
 
     @property
     def extent(self) -> str:
-        """Smallest and largest difference, as text."""
+        """Range of the differences, as text."""
         return f"{self.differences.min() * 1e3:.1f} to {self.differences.max() * 1e3:.1f} mm"
 
 
 def static_difference(projectile: Projectile) -> float:
-    """Depth of the closed form less that of the trajectory model if only S f'c resisted. [m]
+    """Return depth by the closed form minus that by the trajectory model for a resistance of S f'c only. [m]
 
     Notes
     -----
-    Full resistance on the area A from the face on would stop the projectile at m V² / (2 S f'c A). With a crater two
-    diameters deep that resists as a linear spring, it goes one diameter deeper. The trajectory model loads the part of
-    the nose inside the target, with which it goes deeper by the length of the nose less its volume over A.
+    With full resistance on the area A from the face on, the projectile would stop at m V² / (2 S f'c A). A crater two
+    diameters deep, which resists as a linear spring, adds one diameter. The trajectory model loads the part of the nose
+    inside the target, which adds the length of the nose minus its volume over A.
     """
     nose = replace(projectile, length=projectile.nose_length, center_of_gravity=None)
     area = math.pi * projectile.radius**2
@@ -231,7 +231,7 @@ def static_difference(projectile: Projectile) -> float:
 
 
 def crater_differences(assessment: Assessment) -> Sequence[CraterDifference]:
-    """Differences by calibre and nose, with the power law 82.6."""
+    """Return the differences by calibre and nose, with the power law 82.6."""
     closed, ours = (assessment.predictions[method, POWER_LAW].depths for method in (CLOSED_FORM, TRAJECTORY))
     kinds: dict[tuple[float, float], list[int]] = {}
     for place in assessment.chosen():
@@ -250,7 +250,7 @@ def crater_differences(assessment: Assessment) -> Sequence[CraterDifference]:
 
 
 def crater_section(assessment: Assessment) -> Section:
-    """Quantify the difference between the two ways to a depth."""
+    """Return the section on the difference between closed form and trajectory model."""
     differences = crater_differences(assessment)
     return Section(
         title="The closed form and the trajectory model",

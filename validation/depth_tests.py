@@ -29,16 +29,16 @@ from validation.report import Progress
 
 OUTLIER_ROW = 55
 LIKELY_VELOCITY = 690.0
-"""Velocity of that test, if its 590 m/s are a slip. [m/s]"""
+"""Probable velocity of that test, whose 590 m/s seem to be a misprint. [m/s]"""
 STEEL_DENSITY = 7850.0
 """Density of steel. [kg/m³]"""
 NEXT_GRADE = 1.25
-"""A strength more than this many times the next lower one of its series begins another grade of concrete."""
+"""Ratio of a strength to the next lower one of its series above which it is another grade of concrete. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PublishedStrike:
-    """A test with the inputs of the solver."""
+    """A published test, with the inputs of the solver for it."""
 
     test: PenetrationTest
     projectile: Projectile
@@ -55,13 +55,13 @@ class PublishedStrike:
 
 
 def strikes(tests: Sequence[PenetrationTest]) -> tuple[PublishedStrike, ...]:
-    """Prepare every test, in the given order."""
+    """Return the solver inputs for every test, in the given order."""
     groups = grades(tests)
     return tuple(_strike(test, group) for test, group in zip(tests, groups, strict=True))
 
 
 def grades(tests: Sequence[PenetrationTest]) -> list[str]:
-    """Name series and grade of concrete of each test: strengths of a series that lie close together are one grade."""
+    """Return series and grade of concrete of each test; neighbouring strengths of a series are one grade."""
     names: dict[tuple[str, float], str] = {}
     for series in dict.fromkeys(test.series for test in tests):
         grade: list[float] = []
@@ -87,7 +87,7 @@ def _strike(test: PenetrationTest, group: str) -> PublishedStrike:
 
 
 def _projectile(test: PenetrationTest) -> Projectile:
-    """The projectile. If its length is not known, it is that of a solid steel body with the mass of the test."""
+    """Return the projectile of a test; an unknown length is that of a solid steel body of the same mass."""
     nose = Ogive(caliber_radius_head=test.caliber_radius_head)
     nose_length = nose.length(test.diameter / 2.0)
     body = Projectile(nose=nose, diameter=test.diameter, length=test.length or nose_length, mass=test.mass)
@@ -103,7 +103,7 @@ CURVE_DEGREE = 6
 """Degree of the polynomial that approximates depth over S in a fit, to 10⁻⁶ of the depth."""
 
 DepthCurve: TypeAlias = Callable[[float], float]
-"""Depth of the nose tip by strength factor. [m]"""
+"""Function from the strength factor to the depth of the nose tip. [m]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,7 +115,7 @@ class Prediction:
     factors: FloatArray
     """Strength factor of each test. [1]"""
     depths: FloatArray
-    """[m]"""
+    """Predicted depth of each test. [m]"""
 
 
 TRAJECTORY, CLOSED_FORM = "trajectory model", "closed form"
@@ -125,12 +125,12 @@ FACTOR_MODELS: Mapping[str, StrengthFactor] = {
     SQUARE_ROOT: StrengthPowerLaw(coefficient=72.0, exponent=-0.5),
     CONSTANT: ConstantStrengthFactor(value=8.52),
 }
-"""Correlations of Frew et al. (1998) and of Li and Chen (2003), and the paper's value at 0°."""
+"""Choices of S: correlations of Frew et al. (1998) and of Li and Chen (2003), and the paper's value at 0°."""
 ALL_MODELS = (POWER_LAW, SQUARE_ROOT, CONSTANT, LEFT_OUT)
 
 
 def trajectory_depth(strike: PublishedStrike, factor: float) -> float:
-    """Greatest depth of the nose tip by the trajectory model. [m]"""
+    """Return the greatest depth of the nose tip by the trajectory model. [m]"""
     depths = penetration_depths(
         projectile=strike.projectile,
         target=strike.target,
@@ -141,7 +141,7 @@ def trajectory_depth(strike: PublishedStrike, factor: float) -> float:
 
 
 def crater_depth(strike: PublishedStrike, factor: float) -> float:
-    """Depth by the closed form with a crater two diameters deep. [m]"""
+    """Return the depth by the closed form with a crater two diameters deep. [m]"""
     return closed_form_depth(
         projectile=strike.projectile,
         target=strike.target,
@@ -157,7 +157,7 @@ METHODS: Mapping[str, Callable[[PublishedStrike, float], float]] = {
 
 
 def predict(strikes: Sequence[PublishedStrike], method: str, curves: Sequence[DepthCurve]) -> list[Prediction]:
-    """Depths of all strikes with one method, for every choice of S; `curves` are their depth curves."""
+    """Predict all depths with one method, for every choice of S; `curves` are the depth curves of the strikes."""
     depth = METHODS[method]
     found = [
         Prediction(
@@ -174,7 +174,7 @@ def predict(strikes: Sequence[PublishedStrike], method: str, curves: Sequence[De
 
 
 def model_factors(strikes: Sequence[PublishedStrike], model: StrengthFactor) -> FloatArray:
-    """Strength factor of each strike by a law of the concrete. [1]"""
+    """Return the strength factor of each strike by a law of the concrete. [1]"""
     resistance = Resistance(strength_factor=model)
     return np.array(
         [
@@ -185,7 +185,7 @@ def model_factors(strikes: Sequence[PublishedStrike], model: StrengthFactor) -> 
 
 
 def depth_curve(strike: PublishedStrike, method: str) -> DepthCurve:
-    """Depth over S as a polynomial in their logarithms, so that a fit costs only a dozen runs."""
+    """Return depth over S as a polynomial in their logarithms, so that a fit costs only a dozen runs."""
     depth = METHODS[method]
 
     def logarithms(factors: FloatArray) -> FloatArray:
@@ -197,7 +197,7 @@ def depth_curve(strike: PublishedStrike, method: str) -> DepthCurve:
 
 
 def leave_one_out(strikes: Sequence[PublishedStrike], curves: Sequence[DepthCurve]) -> FloatArray:
-    """Strength factor of each strike, fitted to the others of its group that are counted. [1]"""
+    """Return the strength factor of each strike, fitted to the other counted strikes of its group. [1]"""
     factors = []
     for index, strike in enumerate(strikes):
         others = [
@@ -219,7 +219,7 @@ def fit_factor(measured: Sequence[tuple[float, DepthCurve]]) -> float:
 
 
 def exact_factor(strike: PublishedStrike, curve: DepthCurve) -> float:
-    """Strength factor that gives the measured depth of a test; nan if there is none in `FIT_RANGE`. [1]"""
+    """Return the strength factor that gives the measured depth of a test; nan if none in `FIT_RANGE` does. [1]"""
 
     def difference(factor: float) -> float:
         return curve(factor) - strike.test.depth
@@ -230,7 +230,7 @@ def exact_factor(strike: PublishedStrike, curve: DepthCurve) -> float:
 
 
 BAND = 0.2
-"""Distance of the lines in the figures, on either side. [1]"""
+"""Deviation from 1 that the figures mark and the statistics count. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -239,15 +239,15 @@ class Agreement:
 
     number: int
     mean_ratio: float
-    """[1]"""
+    """Mean of predicted over measured depth. [1]"""
     coefficient_of_variation: float
     """Sample standard deviation, with n - 1, over the mean. [1]"""
     within_band: int
-    """Tests with a ratio of 1 ± `BAND`."""
+    """Number of tests with a ratio of 1 ± `BAND`."""
 
 
 def agreement(ratios: FloatArray) -> Agreement:
-    """Return the statistics of some ratios."""
+    """Return the statistics of ratios of predicted to measured depth."""
     mean = float(ratios.mean())
     return Agreement(
         number=len(ratios),
@@ -258,56 +258,56 @@ def agreement(ratios: FloatArray) -> Agreement:
 
 
 Choice: TypeAlias = Callable[[PublishedStrike], bool]
-"""Predicate that selects tests."""
+"""Predicate that selects tests for statistics."""
 
 
 def every(_: PublishedStrike) -> bool:
-    """Select all tests."""
+    """Predicate that selects every test."""
     return True
 
 
 def of_series(series: str) -> Choice:
-    """Select the tests of one series."""
+    """Return a predicate that selects the tests of one series."""
     return lambda strike: strike.test.series == series
 
 
 def of_group(group: str) -> Choice:
-    """Select the tests of one series and grade of concrete."""
+    """Return a predicate that selects the tests of one series and grade of concrete."""
     return lambda strike: strike.group == group
 
 
 def of_diameter(diameter: float) -> Choice:
-    """Select the tests of one calibre. [m]"""
+    """Return a predicate that selects the tests of one calibre. [m]"""
     return lambda strike: strike.test.diameter == diameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assessment:
-    """All tests, and every prediction of their depths."""
+    """All tests, with every prediction of their depths and the fits behind them."""
 
     strikes: Sequence[PublishedStrike]
     predictions: Mapping[tuple[str, str], Prediction]
-    """By method and choice of the strength factor."""
+    """Predictions by method and choice of the strength factor."""
     group_factors: Mapping[tuple[str, str], float]
     """Strength factor fitted to all counted tests of a group, by method and group. [1]"""
     exact_factors: FloatArray
-    """Strength factor of each test with which the trajectory model gives its depth; nan if there is none. [1]"""
+    """Strength factor with which the trajectory model gives the measured depth, by test; nan if there is none. [1]"""
 
     @property
     def measured(self) -> FloatArray:
-        """Depth of each test. [m]"""
+        """Measured depth of each test. [m]"""
         return np.array([strike.test.depth for strike in self.strikes])
 
     def ratios(self, method: str, factor_model: str) -> FloatArray:
-        """Predicted over measured depth of each test, counted or not. [1]"""
+        """Return predicted over measured depth of each test, counted or not. [1]"""
         return self.predictions[method, factor_model].depths / self.measured
 
     def chosen(self, choice: Choice = every) -> list[int]:
-        """Indices of the tests that are counted and selected."""
+        """Return the indices of the tests that are counted and chosen."""
         return [place for place, strike in enumerate(self.strikes) if strike.counted and choice(strike)]
 
     def agreement(self, method: str, factor_model: str, choice: Choice = every) -> Agreement:
-        """Statistics of the tests that are counted and selected."""
+        """Return the statistics of the tests that are counted and chosen."""
         return agreement(self.ratios(method, factor_model)[self.chosen(choice)])
 
     @property
@@ -322,12 +322,12 @@ class Assessment:
 
 
 def percent(share: float) -> str:
-    """Return a share as text."""
+    """Return a fraction as text in percent."""
     return f"{100.0 * share:.0f} %"
 
 
 def assess(progress: Progress) -> Assessment:
-    """Compute every depth."""
+    """Compute all predictions and fits."""
     prepared = strikes(penetration_tests())
     predictions: dict[tuple[str, str], Prediction] = {}
     group_factors: dict[tuple[str, str], float] = {}

@@ -1,4 +1,4 @@
-"""The table of evidence: one row for each kind of test, with what was left out and a verdict."""
+"""The table of evidence: for each kind of test its number, source, exclusions, result and a verdict."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -40,7 +40,7 @@ class Evidence:
 
     what: str
     number: int
-    """Number of tests that are counted."""
+    """Number of tests used."""
     source: str
     left_out: str
     result: str
@@ -57,16 +57,16 @@ PLATE_CORE: Final = Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.0
 PLATE: Final = Target(compressive_strength=265e6, density=2710.0, youngs_modulus=70e9, thickness=0.02)
 """AA6082-T651, with its yield strength in place of f'c."""
 PLATE_LIMITS: Final[Mapping[float, float]] = {0.0: 514.0, 15.0: 535.0, 30.0: 597.0, 45.0: 723.0}
-"""Ballistic limits by angle from the normal. [°, m/s]"""
+"""Measured ballistic limits by angle from the normal. [°, m/s]"""
 HANSSON_SHOT: Final = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.075, length=0.225, mass=6.28)
-"""The source does not state the nose; a solid steel body of this size has this mass with a calibre-radius-head of 2."""
+"""The source does not state the nose. With a calibre-radius-head of 2 a solid steel body of this size has this mass."""
 HANSSON_TARGET: Final = Target(compressive_strength=33.8e6, density=2300.0)
 HANSSON_VELOCITY, HANSSON_DEPTH = 485.0, 0.6575
-"""[m/s, m]"""
+"""Measured velocity and depth of that shot. [m/s, m]"""
 
 
 def plate_limit(law: FreeSurface, value: float, degrees: float) -> float:
-    """Limit speed of the plate with one S. [m/s]"""
+    """Return the limit speed of the plate with a constant S. [m/s]"""
     found = limit_velocity(
         projectile=PLATE_CORE,
         target=PLATE,
@@ -78,7 +78,7 @@ def plate_limit(law: FreeSurface, value: float, degrees: float) -> float:
 
 @cache
 def plate_misses() -> dict[str, tuple[float, ...]]:
-    """Predicted limit over measured minus 1 at each oblique angle, by law; S is fitted at normal impact only. [1]"""
+    """Return the relative error of limit speeds at oblique angles, by law, with S fitted in normal impact. [1]"""
     oblique = [angle for angle in PLATE_LIMITS if angle > 0.0]
     found = {}
     for name, law in LAWS.items():
@@ -90,7 +90,7 @@ def plate_misses() -> dict[str, tuple[float, ...]]:
 
 @cache
 def motion_misfits() -> dict[tuple[Mesh, str], float]:
-    """Normalised root mean square of the motion of every oblique finite element run, each at its own S. [1]"""
+    """Return the normalised RMS misfit over the motions of all oblique finite element runs, each with its own S. [1]"""
     found = {}
     for mesh in MESHES:
         runs = [run for run in finite_element_runs(mesh) if run.oblique_angle > 0.0]
@@ -215,7 +215,7 @@ def _finite_elements() -> Evidence:
 
 @cache
 def evidence() -> tuple[Evidence, ...]:
-    """Return every row of the table."""
+    """Return all rows of the table of evidence."""
     return (_depths(), _never_fitted(), _plates(), _hansson(), _spheres(), _slabs(), _finite_elements())
 
 

@@ -1,4 +1,4 @@
-"""The finite element comparison: both decay laws calibrated on both meshes, and the critical angles that follow."""
+"""The finite element comparison: both decay laws calibrated with both meshes, and the resulting critical angles."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,23 +26,23 @@ from validation.report import Comparison, Progress, ReportTable, Section
 
 SEPARATE_CALCULATION = "a separate calculation on the same runs"
 SEPARATE_RMS = {"mohr_coulomb": 0.051, "elastic_plastic": 0.090, "none": 0.216}
-"""Normalised root mean square over the oblique runs, from a separate calculation. [1]"""
+"""Normalised RMS misfit over the oblique runs by decay law, from a separate calculation as a cross-check. [1]"""
 SEPARATE_ANGLES: Mapping[tuple[str, Mesh, str], float] = {
     ("mohr_coulomb", "coarse", CHOSEN): 46.8,
     ("mohr_coulomb", "fine", CHOSEN): 46.5,
     ("elastic_plastic", "coarse", TO_45): 51.4,
     ("elastic_plastic", "fine", TO_45): 49.1,
 }
-"""Calibrated critical angles computed independently of this module, as a cross-check. [°]"""
+"""Calibrated critical angles by law, mesh and fit, from a separate calculation as a cross-check. [°]"""
 
 
 def section(progress: Progress) -> Section:
-    """Return the comparison with this project's finite element runs."""
+    """Compute all fits, and return the section that compares the model with this project's finite element runs."""
     return compare(calibrations(progress), progress)
 
 
 def compare(found: Mapping[Mesh, Calibration], progress: Progress) -> Section:
-    """Return the comparison from the fits."""
+    """Return the section for fits that have been computed."""
     progress("finite elements: critical angles")
     predicted = predictions(found)
     ends = {mesh: bracket(finite_element_runs(mesh)) for mesh in MESHES}
@@ -129,7 +129,7 @@ def _with_error(prediction: Prediction) -> str:
 
 
 def _laws(found: Mapping[Mesh, Calibration]) -> ReportTable:
-    """Return the table of each law over all runs of a mesh."""
+    """Return the table that compares the decay laws over all runs of each mesh."""
     rows: list[Sequence[object]] = []
     for mesh, calibration in found.items():
         for law, name in LAW_NAMES.items():
@@ -202,7 +202,7 @@ def _quantities(found: Mapping[Mesh, Calibration]) -> ReportTable:
 
 
 def _outcomes(found: Mapping[Mesh, Calibration]) -> ReportTable:
-    """Return the table of outcomes of the model at the S of each run, compared with the finite elements."""
+    """Return the table that compares outcomes of the model, with the S of each run, with the finite elements."""
     rows: list[Sequence[object]] = []
     for calibration in found.values():
         for run in calibration.runs:

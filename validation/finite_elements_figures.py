@@ -52,7 +52,7 @@ MESH_COLORS: Mapping[Mesh, str] = {"coarse": style.FINITE_ELEMENT, "fine": style
 
 
 def rms_figure(found: Mapping[Mesh, Calibration]) -> Figure:
-    """Draw the normalised root mean square of each run over its angle, by decay law."""
+    """Draw the normalised RMS misfit of each run over its angle, by decay law."""
     figure, panels = style.panels(2, height=3.6, sharey=True)
     series: dict[str, dict[str, Column]] = {}
     for axes, later in zip(panels, (False, True), strict=True):
@@ -84,7 +84,7 @@ def rms_figure(found: Mapping[Mesh, Calibration]) -> Figure:
 
 
 def fitted_figure(found: Mapping[Mesh, Calibration]) -> Figure:
-    """Draw histories at 15°, 30° and 45° for both meshes, and for both decay laws at the S fitted to the coarse run."""
+    """Draw histories at 15°, 30° and 45°: both meshes, and the model under both decay laws with S of the coarse run."""
     figure, panels = style.panels(3 * len(PAPER_ANGLES), rows=len(PAPER_ANGLES), height=0.5 + 2.1 * len(PAPER_ANGLES))
     coarse = found["coarse"]
     series: dict[str, dict[str, Column]] = {}
@@ -144,7 +144,7 @@ def tip_figure(found: Mapping[Mesh, Calibration]) -> Figure:
 def factor_figure(
     found: Mapping[Mesh, Calibration], predicted: Predictions, brackets: Mapping[Mesh, tuple[float, float]]
 ) -> Figure:
-    """Draw S over the angle with a panel for each decay law: fitted points and polynomials; brackets are in radians."""
+    """Draw fitted points and polynomials of S over the angle, a panel for each decay law; brackets are in radians."""
     figure, panels = style.panels(len(LAWS), height=4.4, sharey=True)
     series: dict[str, dict[str, Column]] = {}
     for axes, law in zip(panels, LAWS, strict=True):
@@ -170,7 +170,7 @@ def factor_figure(
 
 
 def angle_figure(predicted: Predictions, brackets: Mapping[Mesh, tuple[float, float]]) -> Figure:
-    """Draw the critical angle of every calibration, and the change of outcome of the finite elements."""
+    """Draw the critical angle of every calibration, and the angles between which the finite elements change outcome."""
     shown = [each for each in predicted.each if each.degrees is not None]
     figure, (axes,) = style.panels(1, height=1.4 + 0.2 * len(shown))
     _shade(axes, brackets)
@@ -219,7 +219,7 @@ def _color(each: Prediction) -> str:
 
 
 def _computed(found: Mapping[Mesh, Calibration], angle: float) -> dict[str, MotionHistory]:
-    """Finite element histories at an angle, by mesh. [°]"""
+    """Return the finite element histories at an angle, by mesh. [°]"""
     return {
         f"finite elements, {mesh} mesh": history_of(run)
         for mesh, calibration in found.items()
@@ -229,7 +229,7 @@ def _computed(found: Mapping[Mesh, Calibration], angle: float) -> dict[str, Moti
 
 
 def _modelled(calibration: Calibration, run: FiniteElementRun) -> dict[str, MotionHistory]:
-    """The model at the S fitted to a run, by decay law."""
+    """Return the motion of the model with the S fitted to a run, by decay law."""
     return {
         LAW_NAMES[name]: motion_of(
             impact_of(run),
@@ -250,7 +250,7 @@ def _look(name: str) -> dict[str, Any]:
 
 
 def _end(calibration: Calibration, run: FiniteElementRun) -> float:
-    """Time at which the fit of a run ends. [s]"""
+    """Return the time at which the fit of a run ends. [s]"""
     return float(calibration.own("elastic_plastic")[run.degrees].predicted.time[-1])
 
 
@@ -286,7 +286,7 @@ def _polynomial(axes: Axes, prediction: Prediction) -> dict[str, Column]:
 
 
 def _points(axes: Axes, points: Mapping[float, Estimate], mesh: Mesh) -> dict[str, Column]:
-    """Draw fitted strength factors with their intervals, and return them; angles in degrees."""
+    """Draw fitted strength factors with their intervals, by angle in degrees, and return the points."""
     estimates, angles = list(points.values()), list(points)
     values = np.array([each.strength_factor for each in estimates])
     ends = np.array([each.confidence_interval for each in estimates]).T

@@ -1,4 +1,4 @@
-"""Strength factors fitted to the finite element runs, and the outcomes and critical angles that follow."""
+"""Strength factors fitted to the finite element runs, and the resulting outcomes and critical angles."""
 
 import math
 import time
@@ -54,12 +54,12 @@ from validation.report import Progress, ReportTable
 
 ELASTIC_PLASTIC, MOHR_COULOMB = ElasticPlastic(), MohrCoulomb()
 LAWS: Mapping[str, FreeSurface] = {law.name: law for law in (ELASTIC_PLASTIC, MOHR_COULOMB)}
-"""Decay laws with which a critical angle is predicted."""
+"""Decay laws for which a critical angle is predicted."""
 LAW_NAMES = {"elastic_plastic": "elastic-plastic", "mohr_coulomb": "Mohr-Coulomb", "none": "no decay"}
 PAPER_ANGLES = (15.0, 30.0, 45.0)
 """Oblique angles at which the paper calibrates. [°]"""
 ROUGHER = Numerics(relative_tolerance=1e-5)
-"""Numerics for fits to one quantity, which determine S to two decimals only."""
+"""Coarser numerics for fits to one quantity, which determine S to two decimals only."""
 ALONE = {
     "depth_displacement": Weights(lateral=0.0, rotation=0.0),
     "lateral_displacement": Weights(depth=0.0, rotation=0.0),
@@ -69,41 +69,41 @@ ALONE = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """Everything fitted to the runs with one mesh."""
+    """The runs with one mesh, and all fits to them."""
 
     mesh: Mesh
     runs: Sequence[FiniteElementRun]
-    """Oblique runs, by angle."""
+    """Oblique runs, in the order of their angles."""
     fits: DecayLawFits
-    """Fits until the nose tip of each run is deepest."""
+    """Fits to each run until its nose tip is deepest."""
     later_fits: DecayLawFits
-    """Fits until the centre of gravity of each run is deepest, which is later at steep angles."""
+    """Fits to each run until its centre of gravity is deepest, which is later at steep angles."""
     by_depth: DepthFit
-    """Fit to the greatest depths in normal impact, which no decay law changes."""
+    """Fit to the greatest depths in normal impact, which do not depend on the decay law."""
     alone: Mapping[str, Mapping[float, Mapping[str, Estimate | None]]]
-    """S from each quantity alone, by law and oblique angle; None where the quantity does not determine S. [°]"""
+    """S fitted to each quantity alone, by law, oblique angle [°] and quantity; None if it does not determine S."""
     cpu_seconds: float
     """Processor time of `fits`. [s]"""
 
     def own(self, law: str, *, later: bool = False) -> dict[float, MotionFit]:
-        """Fit of each run alone with a law, by oblique angle, except those that do not determine S. [°]"""
+        """Return the fit of each run alone with a law, by oblique angle, for runs that determine S. [°]"""
         found = (self.later_fits if later else self.fits).laws[law]
         alone = found.alone if found else ()
         return {run.degrees: fit for run, fit in zip(self.runs, alone, strict=False) if fit is not None}
 
     def factors(self, law: str, *, later: bool = False) -> dict[float, Estimate]:
-        """S by oblique angle: from depths at 0°, from motions at other angles. [°]"""
+        """Return S by oblique angle: from depths at 0°, from motions at other angles. [°]"""
         return {0.0: self.by_depth.estimate} | {
             angle: fit.estimate for angle, fit in self.own(law, later=later).items()
         }
 
     def normalized_root_mean_square(self, law: str, *, later: bool = False) -> float:
-        """Normalised root mean square over all runs, each at its own S. [1]"""
+        """Return the normalised RMS misfit over all runs, each with its own S. [1]"""
         return overall(self.own(law, later=later).values())
 
 
 def overall(fits: Iterable[MotionFit]) -> float:
-    """Normalised root mean square of several fits with equal weights. [1]"""
+    """Return the normalised RMS misfit of several fits with equal weights. [1]"""
     return math.sqrt(float(np.mean([fit.normalized_root_mean_square**2 for fit in fits])))
 
 
@@ -115,7 +115,7 @@ def calibrations(progress: Progress) -> dict[Mesh, Calibration]:
 def _calibrate(mesh: Mesh, progress: Progress) -> Calibration:
     runs = [run for run in finite_element_runs(mesh) if run.oblique_angle > 0.0]
     progress(f"finite elements, {mesh} mesh: fits to the motion")
-    fit_laws([runs[0]], [time_of_deepest_tip(runs[0])])  # compile before times are measured
+    fit_laws([runs[0]], [time_of_deepest_tip(runs[0])])  # Compile before times are measured.
     ends = [time_of_deepest_tip(run) for run in runs]
     start = time.process_time()
     fits = fit_laws(runs, ends)
@@ -138,7 +138,7 @@ def _calibrate(mesh: Mesh, progress: Progress) -> Calibration:
 
 
 def fit_laws(runs: Sequence[FiniteElementRun], ends: Sequence[float]) -> DecayLawFits:
-    """Fit runs with every decay law, each up to some instant. [s]"""
+    """Fit runs with every decay law, each up to a given instant. [s]"""
     return fit_decay_laws(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,
@@ -150,7 +150,7 @@ def fit_laws(runs: Sequence[FiniteElementRun], ends: Sequence[float]) -> DecayLa
 
 
 def _alone(run: FiniteElementRun, end: float, law: FreeSurface) -> dict[str, Estimate | None]:
-    """Return S from each quantity alone."""
+    """Fit S to each quantity of a run alone."""
     return {name: _fit_quantity(run, end, law, weights) for name, weights in ALONE.items()}
 
 
@@ -190,12 +190,12 @@ class Ending:
 
     @property
     def turned_away(self) -> bool:
-        """Whether both nose tip and centre of gravity move out of the target, with at least 1 % of the energy."""
+        """Whether nose tip and centre of gravity move out of the target, with at least 1 % of the energy."""
         return max(self.tip_velocity, self.center_velocity) < 0.0 and self.energy_share >= RETAINED
 
     @property
     def outcome(self) -> Outcome:
-        """Outcome: turned away, embedded if the energy is spent, otherwise undecided."""
+        """Outcome of the run: ricochet, embedded if the energy is spent, otherwise in motion."""
         if self.turned_away:
             return Outcome.RICOCHET
         return Outcome.EMBEDDED if self.energy_share < RETAINED else Outcome.IN_MOTION
@@ -215,7 +215,7 @@ def ending(run: FiniteElementRun) -> Ending:
 
 
 def _energy(run: FiniteElementRun, row: int) -> float:
-    """Kinetic energy of a row for unit mass. [J/kg]"""
+    """Return the kinetic energy in a row for unit mass. [J/kg]"""
     properties = mass_properties(PAPER_PROJECTILE)
     gyration = properties.moment_of_inertia / properties.mass
     speeds = run.depth_velocity[row] ** 2 + run.lateral_velocity[row] ** 2
@@ -223,7 +223,7 @@ def _energy(run: FiniteElementRun, row: int) -> float:
 
 
 def modelled_outcome(run: FiniteElementRun, *, strength_factor: float, free_surface: FreeSurface) -> Outcome:
-    """Outcome of the model in the strike of a run."""
+    """Return the outcome by the model of the strike of a run."""
     law = ConstantStrengthFactor(value=strength_factor)
     return simulate(
         projectile=PAPER_PROJECTILE,
@@ -235,13 +235,13 @@ def modelled_outcome(run: FiniteElementRun, *, strength_factor: float, free_surf
 
 
 def bracket(runs: Sequence[FiniteElementRun]) -> tuple[float, float]:
-    """Largest angle below which no run is turned away, and smallest angle at which one is. [rad]"""
+    """Return the largest angle at which a run is not turned away, and the smallest at which one is. [rad]"""
     turned = {run.oblique_angle: ending(run).turned_away for run in runs if run.oblique_angle > 0.0}
     return max(angle for angle, away in turned.items() if not away), min(a for a, away in turned.items() if away)
 
 
 def endings_table(runs: Sequence[FiniteElementRun]) -> ReportTable:
-    """Return the table of the last rows of the oblique runs."""
+    """Return the table with the last row of each oblique run."""
     endings = [ending(run) for run in runs if run.oblique_angle > 0.0]
     words = {
         Outcome.RICOCHET: "turned away",
@@ -279,14 +279,15 @@ NEAR = "constant, mean of 45° to 50°"
 TO_45 = "second order, up to 45°"
 PAPER = "the paper's eq. 9"
 SCAN = math.radians(0.3)
-"""Scan interval: where S falls to zero, projectiles are turned away over a range that a wider scan can miss. [rad]"""
+"""Interval of the scan. Where S falls to zero, projectiles are turned away over a range that a wider interval could
+miss. [rad]"""
 NEAR_ANGLES = (45.0, 48.0, 50.0)
 """Angles near the change of outcome. [°]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """A model of the strength factor and the critical angle that follows."""
+    """A model of the strength factor, and the critical angle that it gives."""
 
     law: str
     mesh: Mesh | None
@@ -295,18 +296,18 @@ class Prediction:
     model: StrengthFactor
     fit: ObliquityFit | None
     fitted_to: float
-    """Largest oblique angle with a fitted strength factor. [°]"""
+    """Largest oblique angle for which S was fitted. [°]"""
     answer: CriticalAngle
     cpu_seconds: float
 
     @property
     def degrees(self) -> float | None:
-        """The critical angle; None without one. [°]"""
+        """The critical angle; None if there is none. [°]"""
         return None if self.answer.angle is None else math.degrees(self.answer.angle)
 
     @property
     def error_degrees(self) -> float | None:
-        """Its standard error; None if it is not known. [°]"""
+        """Standard error of the critical angle; None if it is not known. [°]"""
         return None if self.answer.standard_error is None else math.degrees(self.answer.standard_error)
 
     @property
@@ -316,7 +317,7 @@ class Prediction:
 
     @property
     def factor(self) -> float | None:
-        """Strength factor at the critical angle; None without one. [1]"""
+        """Strength factor at the critical angle; None if there is none. [1]"""
         if self.answer.angle is None:
             return None
         resistance = Resistance(strength_factor=self.model)
@@ -327,7 +328,7 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True)
 class Predictions:
-    """All predictions, in the order of `endings_table`."""
+    """All predictions, and access to single ones."""
 
     each: Sequence[Prediction]
 
@@ -337,7 +338,7 @@ class Predictions:
         return found
 
     def chosen(self, law: str, mesh: Mesh) -> Prediction:
-        """Return the prediction of a law from all runs with a mesh."""
+        """Return the prediction with a law fitted to all runs with a mesh."""
         return self.of(law, mesh, CHOSEN)
 
     @property
@@ -350,7 +351,7 @@ def predictions(found: Mapping[Mesh, Calibration]) -> Predictions:
     """Compute the critical angle for each law, mesh and fit, and for the paper's eq. 9."""
     shared = [run.degrees for run in found["fine"].runs]
     equation = ObliquityPolynomial(coefficients=equation_9())
-    _predict("elastic_plastic", None, PAPER, equation, None, PAPER_ANGLES[-1])  # compile before times are measured
+    _predict("elastic_plastic", None, PAPER, equation, None, PAPER_ANGLES[-1])  # Compile before times are measured.
     each = [_predict("elastic_plastic", None, PAPER, equation, None, PAPER_ANGLES[-1])]
     for law in LAWS:
         for mesh, calibration in found.items():
@@ -377,7 +378,7 @@ def _of_mesh(law: str, mesh: Mesh, calibration: Calibration, shared: Sequence[fl
 
 
 def _only(factors: Mapping[float, Estimate], angles: Sequence[float]) -> dict[float, Estimate]:
-    """Return the strength factors at the given angles, which are in degrees."""
+    """Return the strength factors at the given angles. [°]"""
     return {angle: factor for angle, factor in factors.items() if angle in angles}
 
 

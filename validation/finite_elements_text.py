@@ -24,7 +24,7 @@ Brackets = Mapping[Mesh, tuple[float, float]]
 
 
 def paragraphs(found: Mapping[Mesh, Calibration], predicted: Predictions, brackets: Brackets) -> tuple[str, ...]:
-    """Return the text of the section from its numbers; brackets are in radians."""
+    """Return the paragraphs of the section for its numbers; brackets are in radians."""
     degrees = {mesh: (math.degrees(low), math.degrees(high)) for mesh, (low, high) in brackets.items()}
     return (
         _worth(),
@@ -166,7 +166,7 @@ def _depths(found: Mapping[Mesh, Calibration]) -> str:
 
 
 def _deeper() -> float:
-    """Greatest depth of the fastest normal shot with the fine mesh over that with the coarse one. [mm]"""
+    """Return greatest depth of the fastest normal shot with the fine mesh minus that with the coarse one. [mm]"""
     fine, coarse = (finite_element_run(name) for name in ("fine-normal-369.5", "normal-369.5"))
     return 1e3 * float(fine.depth_displacement.max() - coarse.depth_displacement.max())
 
@@ -233,12 +233,12 @@ def _answer(prediction: Prediction) -> str:
 
 
 def with_extrapolation(prediction: Prediction) -> str:
-    """Return the text for a critical angle with its standard error, and whether S is extrapolated."""
+    """Return a critical angle with its standard error as text, which also says if S is extrapolated."""
     return _answer(prediction) + (", extrapolated" if prediction.extrapolated else "")
 
 
 def outcomes(calibration: Calibration, law: str) -> dict[float, bool]:
-    """Whether the model turns the projectile away at the S fitted to each run, by oblique angle. [°]"""
+    """Return whether the model turns the projectile away with the S fitted to each run, by oblique angle. [°]"""
     runs = {run.degrees: run for run in calibration.runs}
     return {
         angle: modelled_outcome(runs[angle], strength_factor=fit.estimate.strength_factor, free_surface=LAWS[law])
@@ -248,12 +248,12 @@ def outcomes(calibration: Calibration, law: str) -> dict[float, bool]:
 
 
 def placed(prediction: Prediction, low: float, high: float) -> str:
-    """Describe a predicted angle relative to the bracket of the finite elements. [°]"""
+    """Return where a predicted angle lies relative to the bracket of the finite elements, as text. [°]"""
     return place(prediction.degrees, prediction.error_degrees, low, high)
 
 
 def place(angle: float | None, error: float | None, low: float, high: float) -> str:
-    """Describe an angle relative to two others. [°]"""
+    """Return where an angle lies relative to two others, as text. [°]"""
     if angle is None:
         return "which cannot be compared"
     if low <= angle <= high:
@@ -306,7 +306,7 @@ def _cost(found: Calibration, predicted: Predictions) -> str:
 
 
 def short(estimate: Estimate) -> str:
-    """Return the text for a strength factor and its standard error."""
+    """Return a strength factor and its standard error as text."""
     return f"{estimate.strength_factor:.2f} ± {estimate.standard_error:.2f}"
 
 
@@ -315,7 +315,7 @@ def _factor(estimate: Estimate | None) -> str:
 
 
 def _turned(motion: MotionHistory) -> float:
-    """Rotation in the last row; nan without one. [°]"""
+    """Return the rotation in the last row of a run; nan without one. [°]"""
     return math.nan if motion.rotation is None else math.degrees(float(motion.rotation[-1]))
 
 

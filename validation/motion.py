@@ -1,4 +1,4 @@
-"""Figures 9 to 11, 17 and 18: motion in oblique strikes, by strength factor and by step and number of elements."""
+"""Figures 9 to 11, 17 and 18: motion in oblique strikes for various strength factors, steps and numbers of elements."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -33,14 +33,14 @@ LABELS = {
     "depth_displacement": "depth displacement [m]",
     "rotation": "rotation [°]",
 }
-"""Label of each quantity."""
+"""Axis label of each quantity."""
 END = 5e-3
 """Duration of the paper's oblique runs. [s]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A history and how it is drawn."""
+    """A history, and the style in which it is drawn."""
 
     label: str
     history: MotionHistory
@@ -63,7 +63,7 @@ def draw_histories(
     curves
         Curves; the last one is drawn on top.
     mark
-        Time of a dotted line. [s]
+        Time of a vertical dotted line. [s]
     against
         A history at the times of the curves; a second row of panels shows their differences from it.
     """
@@ -95,7 +95,7 @@ def _draw_differences(axes: Axes, curves: Sequence[Curve], against: MotionHistor
 
 
 def history_columns(curves: Sequence[Curve]) -> dict[str, list[object]]:
-    """Return the numbers of these curves for `Figure.data`."""
+    """Return the curves as columns for `Figure.data`."""
     return stack(
         "series",
         {
@@ -116,7 +116,7 @@ NUMBERS = {15: 9, 30: 10, 45: 11}
 
 
 def motion_section(progress: Progress) -> Section:
-    """Return Figures 9 to 11."""
+    """Return the section with Figures 9 to 11."""
     progress("motion in oblique strikes")
     runs = {degrees: finite_element_run(f"oblique-{degrees}") for degrees in NUMBERS}
     with ThreadPoolExecutor(THREADS) as pool:
@@ -221,11 +221,11 @@ def _fit_figure(run: FiniteElementRun, number: int) -> Figure:
 
 OBLIQUE_ANGLE = math.radians(45.0)
 STEPS = (1e-4, 5e-5, 2e-5, 1e-5, 5e-6)
-"""[s]"""
+"""Time steps that are compared. [s]"""
 ELEMENTS = (750, 1500, 3000, 6000, 12_000, 24_000)
 PAPER_STEP, PAPER_ELEMENTS = 1e-5, 12_000
 TIMES = np.linspace(0.0, 5e-3, 501)
-"""[s]"""
+"""Times at which histories are compared. [s]"""
 STRIKE = paper_strike(OBLIQUE_ANGLE)
 STRENGTH = strength_factor(
     resistance=Resistance(), oblique_angle=OBLIQUE_ANGLE, target=PAPER_TARGET, projectile=PAPER_PROJECTILE
@@ -249,16 +249,16 @@ CLOSE = {"lateral_displacement": 1e-3, "depth_displacement": 1e-3, "rotation": 0
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A fixed-step run."""
+    """A run with fixed steps."""
 
     elements: int
     step: float
-    """[s]"""
+    """Time step. [s]"""
     history: MotionHistory
 
 
 def sensitivity_section(progress: Progress) -> Section:
-    """Return Figures 17 and 18."""
+    """Return the section with Figures 17 and 18."""
     progress("sensitivity to step and elements")
     settings = [(PAPER_ELEMENTS, step) for step in STEPS] + [(count, PAPER_STEP) for count in ELEMENTS]
     with ThreadPoolExecutor(THREADS) as pool:
@@ -302,7 +302,7 @@ def _grid(elements: int, step: float) -> Grid:
 
 
 def _farthest(history: MotionHistory, other: MotionHistory, quantity: str) -> float:
-    """Return the greatest difference of a quantity. [m, °]"""
+    """Return the greatest difference of a quantity between two histories. [m, °]"""
     return float(np.max(np.abs(column(history, quantity) - column(other, quantity))))
 
 

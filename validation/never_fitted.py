@@ -1,4 +1,4 @@
-"""An external check of the law of S: series of articles that no fit has seen."""
+"""An external check of the law of S, with articles that were not used in any fit."""
 
 import math
 from collections.abc import Collection
@@ -26,14 +26,14 @@ from validation.strength_law import (
 )
 
 PROGRAMME: Final = frozenset({29, 30, 64})
-"""Articles of one programme with partly repeated rows, whose 12.7 mm bodies weigh a third of solid steel."""
+"""Articles on one test programme, which partly repeat rows; its 12.7 mm bodies weigh a third of solid steel."""
 LAW: Final = SeriesScatter(between=PublishedTests.between_series, within=PublishedTests.within_series)
 
 
 def counted_rows(without: Collection[int] = ()) -> tuple[DepthShot, ...]:
-    """Return the rows that a law of a rigid body can be compared with, except those of some articles.
+    """Return the rows to which a law for rigid bodies applies, without those of some articles.
 
-    Three rows of article 43 are left out too: they are shots of article 40, which the law was fitted to.
+    Three rows of article 43 are left out because they repeat shots of article 40, to which the law was fitted.
     """
     fitted = {_numbers(shot) for shot in depth_shots()}
     return tuple(
@@ -44,12 +44,12 @@ def counted_rows(without: Collection[int] = ()) -> tuple[DepthShot, ...]:
 
 
 def _numbers(shot: DepthShot) -> tuple[float, ...]:
-    """Return the numbers that identify the same shot in two articles."""
+    """Return the numbers by which a shot is recognised in another article."""
     return shot.mass, shot.velocity, shot.depth, shot.compressive_strength
 
 
 def check(without: Collection[int] = ()) -> tuple[Coverage, ...]:
-    """Coverage of the law of the solver after no, one and two shots of a series, without some articles."""
+    """Return the coverage of the solver's law after no, one and two shots of a series, without some articles."""
     found = [UnseenSeries(misses=misses, scatter=LAW) for misses in series_misses(without)]
     return tuple(coverage(found, count) for count in range(3))
 
@@ -64,13 +64,13 @@ def series_misses(without: Collection[int] = ()) -> list[np.ndarray[tuple[int, .
 
 @cache
 def normal_half_width() -> float:
-    """Half width of the 90 % interval without shots by the mixed model, whose series and shots are normal. [ln]"""
+    """Return the half width of the 90 % interval without own shots by the mixed model, which is normal. [ln]"""
     law = chosen_law()
     return NORMAL_QUANTILE * math.hypot(law.between, law.within)
 
 
 def never_fitted_section() -> Section:
-    """Return the section on how often the intervals contain the shots of articles that no fit has seen."""
+    """Return the section on how often the intervals contain shots of articles that were not used in any fit."""
     rows, lines = [], ["Shots of articles that no fit has seen, in their 90 % interval of S, mean of series:"]
     for name, without in (("all", ()), ("without articles 29, 30 and 64", PROGRAMME)):
         for each in check(without):

@@ -1,4 +1,4 @@
-"""The report of `make validate`: its tests one by one, its limits, and the order of its sections."""
+"""The report of `make validate`: the order of its sections, the table of tests, and deviations of the model."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -36,7 +36,7 @@ from validation.strength_law import strength_law_section
 from validation.walls import walls_section
 
 ALIKE = 0.05
-"""Relative difference up to which speeds are compared directly. [1]"""
+"""Relative difference up to which two speeds count as equal. [1]"""
 
 
 def tests_section(assessment: Assessment) -> Section:
@@ -223,12 +223,12 @@ PARTS: Final[Mapping[str, Callable[[Assessment], Section]]] = {
     "closed form and trajectory model": crater_section,
     "walls": lambda _: walls_section(),
 }
-"""Sections in the order of the page."""
+"""Functions that return the sections, by name, in the order of the page."""
 COUNT: Final = len(PARTS)
 
 
 def sections(progress: Progress) -> Iterator[Section]:
-    """Compute and write the sections one by one.
+    """Compute all depths, then yield the sections one by one.
 
     Parameters
     ----------

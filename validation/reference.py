@@ -1,6 +1,6 @@
-"""Published numbers, tests and finite element runs that the reports compare with, and fits to those runs.
+"""Published numbers, tests and finite element runs with which the reports compare, and fits to those runs.
 
-Sources: `data/SOURCES.md`.
+Their sources are in `data/SOURCES.md`.
 """
 
 import csv
@@ -33,7 +33,7 @@ Mesh: TypeAlias = Literal["coarse", "fine"]
 MESHES: Final[tuple[Mesh, ...]] = ("coarse", "fine")
 """Meshes of the finite element runs: cubes of 10 mm and 7.5 mm near the point of impact."""
 THREADS = 2
-"""Threads of long computations."""
+"""Number of threads of long computations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,11 +53,11 @@ class PublishedShot:
 
     name: str
     mass: float
-    """[kg]"""
+    """Mass of the projectile. [kg]"""
     velocity: float
-    """[m/s]"""
+    """Impact velocity. [m/s]"""
     depth: float
-    """[m]"""
+    """Depth of penetration. [m]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,24 +66,24 @@ class PenetrationTest:
 
     series: str
     row: int
-    """Row in the data set that it was taken from."""
+    """Row in the data set from which it was taken."""
     mass: float
-    """[kg]"""
+    """Mass of the projectile. [kg]"""
     diameter: float
-    """[m]"""
+    """Diameter of the projectile. [m]"""
     length: float | None
-    """None if not known. [m]"""
+    """Length of the projectile; None if not known. [m]"""
     caliber_radius_head: float
     compressive_strength: float
-    """[Pa]"""
+    """Compressive strength of the concrete. [Pa]"""
     density: float
     """Density of the concrete. [kg/m³]"""
     target_diameter: float
-    """[m]"""
+    """Diameter of the target. [m]"""
     velocity: float
-    """[m/s]"""
+    """Impact velocity. [m/s]"""
     depth: float
-    """[m]"""
+    """Depth of penetration. [m]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,54 +93,54 @@ class DepthShot:
     row: int
     article: int
     concrete: str
-    """Its name in the compilation, often the label of a specimen."""
+    """Name of the concrete in the compilation, often the label of a specimen."""
     compressive_strength: float
-    """[Pa]"""
+    """Compressive strength of the concrete. [Pa]"""
     density: float
     """Density of the concrete. [kg/m³]"""
     thickness: float | None
     """Thickness of the target; None if not known. [m]"""
     area: float | None
-    """Area of the face of the target; None where not known. [m²]"""
+    """Area of the face of the target; None if not known. [m²]"""
     mass: float
-    """nan where not known. [kg]"""
+    """Mass of the projectile; nan if not known. [kg]"""
     diameter: float
-    """[m]"""
+    """Diameter of the projectile. [m]"""
     length: float
-    """[m]"""
+    """Length of the projectile. [m]"""
     caliber_radius_head: float | None
-    """None where not known, or where the nose has none. [1]"""
+    """Calibre-radius-head; None if not known, or if the nose has none. [1]"""
     projectile_density: float
-    """[kg/m³]"""
+    """Density of the projectile's material. [kg/m³]"""
     velocity: float
     """Impact velocity; nan if not known. [m/s]"""
     depth: float
-    """nan where not known. [m]"""
+    """Depth of penetration; nan if not known. [m]"""
 
     @property
     def series(self) -> tuple[int, float]:
-        """Article and strength: shots that the same people fired into the same concrete."""
+        """Article and strength, which identify shots fired by the same people into the same concrete."""
         return self.article, self.compressive_strength
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FiniteElementRun:
-    """A run of the project's finite element model of the paper's strike; displacements since first contact."""
+    """A run of the project's finite element model of the paper's strike, with displacements since first contact."""
 
     name: str
     mesh: Mesh
     oblique_angle: float
-    """[rad]"""
+    """Oblique angle of the strike. [rad]"""
     velocity: float
-    """[m/s]"""
+    """Impact velocity. [m/s]"""
     greatest_tip_depth: float
-    """[m]"""
+    """Greatest depth of the nose tip. [m]"""
     outcome: str
-    """Name of the outcome in the solver; `in_motion` if the run ends before it is decided."""
+    """Name of the outcome in the solver; `in_motion` if the run ends before the outcome is decided."""
     cpu_seconds: float | None
     """CPU time; None if it was not recorded. [s]"""
     time: FloatArray
-    """[s]"""
+    """Time since first contact. [s]"""
     depth_displacement: FloatArray
     """Displacement of the centre of gravity along the inward normal. [m]"""
     lateral_displacement: FloatArray
@@ -148,21 +148,21 @@ class FiniteElementRun:
     rotation: FloatArray
     """Rotation, positive if the nose turns toward the face. [rad]"""
     depth_velocity: FloatArray
-    """[m/s]"""
+    """Velocity of the centre of gravity along the inward normal. [m/s]"""
     lateral_velocity: FloatArray
-    """[m/s]"""
+    """Velocity of the centre of gravity along the face. [m/s]"""
     angular_velocity: FloatArray
-    """[rad/s]"""
+    """Rate of the rotation. [rad/s]"""
 
     @property
     def degrees(self) -> float:
-        """Oblique angle in the name of the run. [°]"""
+        """Oblique angle. [°]"""
         return round(float(np.degrees(self.oblique_angle)), 6)
 
 
 @cache
 def paper_numbers() -> tuple[PaperNumber, ...]:
-    """Every number of the paper that the project uses, in its order."""
+    """Return every number of the paper that the project uses, in the order of the paper."""
     return tuple(
         PaperNumber(
             table=row["table"],
@@ -181,14 +181,14 @@ def paper_value(quantity: str, key: str | None = None) -> float:
     Parameters
     ----------
     quantity, key
-        Names in `paper_tables.csv`; the key where a quantity has several values.
+        Names in `paper_tables.csv`; `key` distinguishes several values of a quantity.
     """
     (found,) = (each for each in paper_numbers() if each.quantity == quantity and key in (None, each.key))
     return found.value
 
 
 def table_1() -> tuple[PublishedShot, ...]:
-    """Depth tests of the paper's Table 1, slowest first."""
+    """Return the depth tests of the paper's Table 1, slowest first."""
     shots = []
     for each in paper_numbers():
         if each.table == "1":
@@ -198,18 +198,18 @@ def table_1() -> tuple[PublishedShot, ...]:
 
 
 def table_2() -> tuple[tuple[float, float], ...]:
-    """Oblique angle and strength factor of the paper's Table 2. [°, 1]"""
+    """Return oblique angles and strength factors of the paper's Table 2. [°, 1]"""
     return tuple((float(each.key.split()[-2]), each.value) for each in paper_numbers() if each.table == "2")
 
 
 def equation_9() -> tuple[float, ...]:
-    """Coefficients of the paper's eq. 9. [1, 1/°, 1/°²]"""
+    """Return the coefficients of the paper's eq. 9. [1, 1/°, 1/°²]"""
     return tuple(each.value for each in paper_numbers() if each.table == "eq9")
 
 
 @cache
 def penetration_tests() -> tuple[PenetrationTest, ...]:
-    """Published depth tests, all of them, in the order of the file."""
+    """Return all published depth tests, in the order of the file."""
     return tuple(
         PenetrationTest(
             series=row["series"],
@@ -230,13 +230,13 @@ def penetration_tests() -> tuple[PenetrationTest, ...]:
 
 @cache
 def depth_shots() -> tuple[DepthShot, ...]:
-    """Every row of the compilation of depth tests, in the order of the file."""
+    """Return every row of the compilation of depth tests, in the order of the file."""
     return _depth_shots("depth_tests.csv")
 
 
 @cache
 def never_fitted_shots() -> tuple[DepthShot, ...]:
-    """Every row of the articles that no fit has seen, in the order of the file; only for an external check."""
+    """Return every row of the articles that no fit may use, for an external check, in the order of the file."""
     return _depth_shots("depth_tests_never_fitted.csv")
 
 
@@ -263,13 +263,13 @@ def _depth_shots(name: str) -> tuple[DepthShot, ...]:
 
 
 def _optional(text: str) -> float | None:
-    """A number, or None for an empty field or a 0 that stands for one."""
+    """Return a number, or None for an empty field or for 0, which means the same."""
     return (float(text) or None) if text else None
 
 
 @cache
 def finite_element_runs(mesh: Mesh = "coarse") -> tuple[FiniteElementRun, ...]:
-    """Runs with one mesh: the normal ones by velocity, then the oblique ones by angle."""
+    """Return the runs with one mesh: normal ones by velocity, then oblique ones by angle."""
     return tuple(_finite_element_run(row) for row in _rows("finite_element/runs.csv") if row["mesh"] == mesh)
 
 
@@ -305,17 +305,17 @@ def _rows(name: str) -> list[dict[str, str]]:
 
 
 def paper_strike(oblique_angle: float) -> Impact:
-    """The paper's strike at an oblique angle. [rad]"""
+    """Return the paper's strike at an oblique angle. [rad]"""
     return Impact(velocity=PAPER_VELOCITY, oblique_angle=oblique_angle)
 
 
 def impact_of(run: FiniteElementRun) -> Impact:
-    """The strike of a finite element run."""
+    """Return the strike of a finite element run."""
     return Impact(velocity=run.velocity, oblique_angle=run.oblique_angle)
 
 
 def history_of(run: FiniteElementRun) -> MotionHistory:
-    """The motion of a finite element run; a normal one has depth only."""
+    """Return the motion of a finite element run; that of a normal one has depths only."""
     depth_only = MotionHistory(time=run.time, depth_displacement=run.depth_displacement)
     if run.oblique_angle == 0.0:
         return depth_only
@@ -324,7 +324,7 @@ def history_of(run: FiniteElementRun) -> MotionHistory:
 
 @cache
 def finite_element_fit(name: str) -> MotionFit:
-    """Strength factor that fits a finite element run best until its nose tip is deepest."""
+    """Fit S to a finite element run until its nose tip is deepest."""
     run = finite_element_run(name)
     return fit_motion(
         projectile=PAPER_PROJECTILE,
@@ -336,19 +336,19 @@ def finite_element_fit(name: str) -> MotionFit:
 
 @cache
 def finite_element_depths(mesh: Mesh = "coarse") -> DepthFit:
-    """Strength factor that fits the greatest depths of the normal finite element runs best."""
+    """Fit S to the greatest depths of the normal finite element runs."""
     normal = [run for run in finite_element_runs(mesh) if run.oblique_angle == 0.0]
     tests = [DepthTest(velocity=run.velocity, depth=float(run.depth_displacement.max())) for run in normal]
     return fit_depth(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, tests=tests)
 
 
 def time_of_deepest_tip(run: FiniteElementRun) -> float:
-    """Time at which the nose tip of a finite element run is deepest; its tail may sink further. [s]"""
+    """Return the time at which the nose tip of a finite element run is deepest; the tail may sink further. [s]"""
     return float(run.time[int(np.argmax(path_of_run(run).depth))])
 
 
 def path_of_run(run: FiniteElementRun) -> TipPath:
-    """Path of the nose tip of a finite element run."""
+    """Return the path of the nose tip of a finite element run."""
     return tip_path(
         PAPER_PROJECTILE,
         time=run.time,
@@ -373,7 +373,7 @@ def motion_of(
 
 
 def path_of(history: MotionHistory, impact: Impact) -> TipPath:
-    """Path of the nose tip in an oblique strike."""
+    """Return the path of the nose tip in an oblique strike."""
     depth, lateral, rotation = history.depth_displacement, history.lateral_displacement, history.rotation
     if depth is None or lateral is None or rotation is None:
         raise ValueError("a path from the side needs depth, lateral displacement and rotation")

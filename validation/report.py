@@ -1,4 +1,4 @@
-"""Reports: sections, page, and the files of figures and tables."""
+"""Reports: their sections, the HTML page, and the files of figures and tables."""
 
 import csv
 import math
@@ -19,12 +19,12 @@ from solver.arrays import FloatArray
 
 Column: TypeAlias = Sequence[object] | FloatArray
 Progress: TypeAlias = Callable[[str], None]
-"""Function that is called with a short description of the next step."""
+"""Function that receives a short description of the next step."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """Comparison of a computed number with a reference."""
+    """A computed number and the reference with which it is compared."""
 
     what: str
     ours: float
@@ -52,10 +52,10 @@ class Comparison:
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """A figure and its numbers."""
+    """A figure and the numbers that it shows."""
 
     name: str
-    """Name of its files, without suffix."""
+    """Name of the files, without suffix."""
     caption: str
     figure: Drawing
     data: Mapping[str, Column]
@@ -67,7 +67,7 @@ class ReportTable:
     """A table with named columns."""
 
     name: str
-    """Name of its file, without suffix."""
+    """Name of the file, without suffix."""
     caption: str
     columns: Sequence[str]
     rows: Sequence[Sequence[object]]
@@ -75,7 +75,7 @@ class ReportTable:
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A part of a report. `code` and **strong** are understood in its text."""
+    """A section of a report; `code` and **strong** in its text are formatted."""
 
     title: str
     text: Sequence[str]
@@ -87,7 +87,7 @@ class Section:
 
 
 def paragraphs(text: str) -> list[str]:
-    """Split a text at blank lines into the paragraphs of `Section.text`; other line ends are ignored."""
+    """Split a text at blank lines into paragraphs for `Section.text`; other line ends become blanks."""
     return [re.sub(r"[ \n]+", " ", part).strip() for part in text.strip().split("\n\n")]
 
 
@@ -139,9 +139,9 @@ def write_report(folder: Path, *, title: str, introduction: Sequence[str], secti
     folder
         Folder of the report; it is made if it is missing.
     title, introduction
-        Head of the page.
+        Title and first paragraphs of the page.
     sections
-        Sections, fetched one by one with the style of figures active, so that a generator can draw.
+        Sections. They are taken one by one while the style of figures is active, so that a generator can draw them.
 
     Returns
     -------
@@ -202,7 +202,7 @@ def _write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[objec
 
 
 def _cell(value: object) -> object:
-    """Return a value for CSV with nine digits; "" for None."""
+    """Return a value as text for CSV, numbers with nine digits; "" for None."""
     if value is None:
         return ""
     if isinstance(value, float):
@@ -212,32 +212,32 @@ def _cell(value: object) -> object:
 
 NARROW = "\N{NARROW NO-BREAK SPACE}"
 SHORT = 5
-"""Significant digits of a number that is written out."""
+"""Significant digits up to which a number is shown in full."""
 MOST_SPREAD = 1e5
-"""Ratio of the numbers in a column beyond which each number has its own decimals."""
+"""Ratio of largest to smallest number of a column above which each number has its own decimals. [1]"""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True, slots=True)
 class ShownSection:
-    """A section and its figures as SVG."""
+    """A section of a report, and its figures as SVG."""
 
     section: Section
     pictures: Sequence[bytes]
 
     @property
     def anchor(self) -> str:
-        """Anchor of the section for the table of contents."""
+        """Anchor to which the table of contents links."""
         return re.sub(r"[^a-z0-9]+", "-", self.section.title.lower()).strip("-")
 
 
 def _render(*, title: str, introduction: Sequence[str], shown: Sequence[ShownSection]) -> str:
-    """Return the page as text.
+    """Return the HTML page.
 
     Parameters
     ----------
     title, introduction
-        Head of the page.
+        Title and first paragraphs of the page.
     shown
         Sections of the page.
     """
@@ -258,25 +258,25 @@ def _render(*, title: str, introduction: Sequence[str], shown: Sequence[ShownSec
 
 
 def _prose(text: str) -> Markup:
-    """Convert `code` and **strong** to HTML, and escape the rest."""
+    """Convert `code` and **strong** in a text to HTML, and escape the rest."""
     marked = re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text)))
     return Markup(re.sub(r"\*\*([^*]+)\*\*", r"<strong>\1</strong>", marked))  # noqa: S704 (escaped above)
 
 
 def _number(value: float | None, digits: int = 4) -> str:
-    """Return a number with a few significant digits, or all digits of a short number; "" for None."""
+    """Return a number with a few significant digits as text, or all digits of a short number; "" for None."""
     if value is None or math.isnan(value):
         return ""
     return _printed(f"{value:.{max(digits, SHORT) if _is_short(value) else digits}g}")
 
 
 def _ours(comparison: Comparison) -> str:
-    """Return the computed number with four significant digits, or the decimals of the reference if more."""
+    """Return the computed number as text, with four significant digits or, if more, the decimals of the reference."""
     return _printed(f"{comparison.ours:.{_decimals(comparison)}f}")
 
 
 def _difference(comparison: Comparison) -> str:
-    """Return the difference with the decimals of the computed number, and up to two more if it is smaller."""
+    """Return the difference as text, with the decimals of the computed number, or up to two more for a small one."""
     if comparison.difference is None:
         return ""
     decimals = _decimals(comparison)
@@ -291,7 +291,7 @@ def _decimals(comparison: Comparison) -> int:
 
 
 def _cells(table: ReportTable) -> list[list[tuple[str, bool]]]:
-    """Return the rows as texts, each with whether it is a number; numbers of a column have the same decimals."""
+    """Return the rows as pairs of a text and whether it is a number; numbers of a column have the same decimals."""
     columns = [_column(values) for values in zip(*table.rows, strict=True)]
     return [list(row) for row in zip(*columns, strict=True)]
 
@@ -311,7 +311,7 @@ def _column(values: Sequence[object]) -> list[tuple[str, bool]]:
 
 
 def _common_places(numbers: Sequence[float]) -> int | None:
-    """Return the decimals for all of these numbers; None if they differ too much in size."""
+    """Return the number of decimals for all numbers of a column; None if they differ too much in size."""
     sizes = [abs(value) for value in numbers if value]
     if not sizes:
         return 0
@@ -324,7 +324,7 @@ def _common_places(numbers: Sequence[float]) -> int | None:
 
 
 def _places(value: float, digits: int) -> int:
-    """Return the decimals that give this many significant digits."""
+    """Return the number of decimals with which a number has this many significant digits."""
     return max(digits - 1 - math.floor(math.log10(abs(value))), 0) if value else 0
 
 
@@ -333,12 +333,12 @@ def _is_short(value: float) -> bool:
 
 
 def _natural_places(value: float) -> int:
-    """Return the decimals of a short number as it is written; 0 for a multiple of ten."""
+    """Return the number of decimals of a short number; 0 for a multiple of ten."""
     return max(0, -int(Decimal(f"{value:.{SHORT}g}").normalize().as_tuple().exponent)) if value else 0
 
 
 def _printed(text: str) -> str:
-    """Replace exponents and hyphens by printed powers of ten and minus signs."""
+    """Replace exponents such as e-05 by powers of ten, and hyphens by minus signs."""
     mantissa, _, power = text.partition("e")
     raised = f"{NARROW}×{NARROW}10{str(int(power)).translate(SUPERSCRIPTS)}" if power else ""
     return mantissa.replace("-", "\N{MINUS SIGN}") + raised

@@ -1,4 +1,4 @@
-"""The report of `make reproduce`: the figures of the paper, compared with its numbers."""
+"""The report of `make reproduce`: the figures of the paper, and a comparison with its numbers."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -55,8 +55,8 @@ SEPARATE = {
     "no decay near the face": 57.53,
     "tip at 5 ms": 48.61,
 }
-"""Critical angles from an independent program with 96,000 panels and steps of 1 µs: the first by the
-outcome, the others by the depth of the tip at 5 ms. [°]"""
+"""Critical angles by an independent program with 96,000 panels and steps of 1 µs. The first is by the outcome, the
+others by the depth of the tip at 5 ms. [°]"""
 OPEN_POINTS = paragraphs(
     """
     Where the paper does not say, we had to choose. Each row changes one thing in our reading of it
@@ -82,12 +82,12 @@ OPEN_POINTS = paragraphs(
     """
 )
 CLOSE = 0.03
-"""Tolerance of the comparison with these angles. [°]"""
+"""Tolerance of the comparison with `SEPARATE`. [°]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """One way to fill a gap."""
+    """A choice of something that the paper does not state."""
 
     gap: str
     choice: str
@@ -137,7 +137,7 @@ def open_points_section(progress: Progress) -> Section:
 
 
 def _choices() -> list[Choice]:
-    """Yield the choices of this project, then one change at a time."""
+    """Return the choices of this project, then others with one change each."""
     solid = mass_properties(PAPER_PROJECTILE)
     moved = [replace(PAPER_PROJECTILE, center_of_gravity=solid.center_of_gravity + shift) for shift in (-0.01, 0.01)]
     turned = [replace(PAPER_PROJECTILE, moment_of_inertia=solid.moment_of_inertia * part) for part in (0.9, 1.1)]
@@ -166,7 +166,7 @@ def _choices() -> list[Choice]:
 
 
 def _by_position(instant: float) -> float:
-    """Root of the depth of the nose tip at an instant, by the adaptive route. [°]"""
+    """Return the angle at which the nose tip is at the face at an instant, by the adaptive route. [°]"""
     return _degrees(
         solver.critical_angle(
             projectile=PAPER_PROJECTILE,
@@ -195,11 +195,11 @@ SECTIONS: Final[tuple[Callable[[Progress], Section], ...]] = (
     finite_elements.section,
     open_points_section,
 )
-"""Sections in the order of the page."""
+"""Functions that return the sections, in the order of the page."""
 COUNT: Final = len(SECTIONS)
 
 
 def sections(progress: Progress) -> Iterator[Section]:
-    """Yield the sections one by one, each computed when it is needed."""
+    """Yield the sections one by one, each computed when it is requested."""
     for section in SECTIONS:
         yield section(progress)

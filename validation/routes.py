@@ -1,7 +1,7 @@
-"""Random strikes over the whole input space by both routes: Gauss points, and panels with fixed steps.
+"""Comparison of the two routes, Gauss points and panels with fixed steps, for strikes all over the input space.
 
-A strike is a combination of all choices that the model offers, with random sizes, speeds and angles. A new
-choice has to be added to `Combination`, so that the table of what was compared has a cell for it.
+A strike combines all choices that the model offers with random sizes, speeds and angles. A new choice has to be added
+to `Combination`, so that the table of compared combinations has a cell for it.
 """
 
 import itertools
@@ -46,7 +46,7 @@ BODIES = (
     "ogive", "cone", "cap", "flat", "pointed profile", "truncated profile",
     "sphere", "boat-tail", "tapering profile",
 )  # fmt: skip
-"""Bodies by their nose; the last three by the part behind their widest point."""
+"""Bodies, by their nose or, for the last three, by the part behind their widest point."""
 DECAYS: dict[str, FreeSurface] = {
     "elastic-plastic": ElasticPlastic(),
     "elastic-plastic, inertia": ElasticPlastic(inertia=True),
@@ -55,24 +55,25 @@ DECAYS: dict[str, FreeSurface] = {
     "none": NoFreeSurface(),
 }
 MOST_STEPS = 190_000
-"""Largest number of steps of the panel route, a little below its own limit."""
+"""Largest number of steps of a run with panels, a little below the limit of the solver."""
 PANELS, RAMP, GRAZING = "finer panels", "shorter ramp", "contact between panels"
-"""Explanations of a difference; the last is a contact so shallow that no panel has its centre in the concrete."""
+"""Explanations of a difference between routes. The last is a contact so shallow that no panel has its centre in the
+concrete."""
 SHORT_RAMPS = (0.01, 0.001)
-"""Factors on the usual ramp of the static stress on the Gauss points route. The ramp lets a shank that lies in its hole
-creep, which turns it by tenths of a degree over a long path, and moves its last contact with the hole.
-Panels have no ramp. [1]"""
+"""Factors on the usual ramp of the static stress on the Gauss point route, which panels do not have. The ramp lets a
+shank that lies in its hole creep, which turns it by tenths of a degree over a long path and moves its last contact with
+the hole. [1]"""
 GRAZING_DEPTH = 1e-3
-"""Depth over length below which a contact may lie between two rows of panels: their spacing. [1]"""
+"""Depth over length below which a contact may lie between two rows of panels, i.e. the spacing of the rows. [1]"""
 NEAR_THRESHOLD = 3.0
-"""Factor of the retention energy within which the outcomes of the routes may differ. [1]"""
+"""Outcomes of the routes may differ if the energy left is within this factor of the retention energy. [1]"""
 SPEED_TOLERANCE, DEPTH_TOLERANCE = 0.01, 0.02
-"""Tolerances of the exit speed over the striking speed, and of depth and protrusion over the larger of depth
-and diameter. [1]"""
+"""Tolerance of the exit speed relative to the striking speed, and of depth and protrusion relative to the larger of
+depth and diameter. [1]"""
 
 
 class Resolution(NamedTuple):
-    """Resolution of the panels."""
+    """Resolution of the panel route."""
 
     panels: int
     steps: float
@@ -81,13 +82,13 @@ class Resolution(NamedTuple):
 
 COARSE = Resolution(4_000, 40.0)
 FINER = (Resolution(16_000, 160.0), Resolution(64_000, 640.0))
-"""If a difference vanishes with these panels, the error of the coarse ones was its reason."""
+"""Finer resolutions; a difference that vanishes with them was an error of the coarse panels."""
 FINEST = Resolution(256_000, 640.0)
-"""Takes minutes for a strike: only used if neither finer panels nor a shorter ramp remove a difference."""
+"""Resolution for strikes whose difference neither finer panels nor a shorter ramp removes; it takes minutes each."""
 
 
 class Combination(NamedTuple):
-    """The choices of a strike."""
+    """The combination of choices in a strike."""
 
     body: str
     wall: bool
@@ -99,40 +100,40 @@ class Combination(NamedTuple):
 
 
 CELLS = tuple(itertools.product(BODIES, (False, True), DECAYS))
-"""Body, target and decay, which occur in turn."""
+"""Combinations of body, wall and decay; strikes have them in turn."""
 EXTRAS = {
     wall: tuple(itertools.product((False, True), (False, True) if wall else (False,), (False, True), (False, True)))
     for wall in (False, True)
 }
-"""Crater, plug, angle of attack and spin on a half-space and on a wall."""
+"""Combinations of crater, plug, angle of attack and spin, without and with a wall."""
 STRIDE = 5
-"""Step in `EXTRAS` from one round of cells to the next: prime to their number, so that all occur in turn."""
+"""Step in `EXTRAS` from one round of cells to the next. It is coprime to their number, so that all occur in turn."""
 COMBINATIONS = tuple(Combination(*cell, *extras) for cell in CELLS for extras in EXTRAS[cell[1]])
 FULL_TABLE = len(CELLS) * len(EXTRAS[True])
-"""Number of strikes after which every combination has occurred."""
+"""Number of strikes after which every combination has been generated."""
 
 
 class End(NamedTuple):
-    """End of a run, on which the routes have to agree."""
+    """The end of a run, in which the routes are compared."""
 
     outcome: Outcome
     energy: float
-    """Kinetic energy left over the translational energy at first contact; for a sphere without rotation. [1]"""
+    """Final kinetic energy, without rotation for a sphere, over the translational energy at first contact. [1]"""
     speed: float | None
-    """Exit speed; None if the projectile stays. [m/s]"""
+    """Exit speed; None if the projectile does not leave. [m/s]"""
     depth: float
     """Greatest depth of the deepest point. [m]"""
     protrusion: Protrusion | None
-    """Protrusion from the rear face of a wall."""
+    """Protrusion from the rear face of a wall, if any."""
     at_rest: bool
-    """Whether the run ends at rest instead of with the end of all load. Panels may never detect rest."""
+    """Whether the run ended at rest, not with the end of all loads. Panels may not detect rest."""
     time: float
-    """[s]"""
+    """Time of the end. [s]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strike:
-    """One strike, as arguments of `simulate`."""
+    """A strike, as arguments of `simulate`."""
 
     combination: Combination
     projectile: Projectile
@@ -141,7 +142,7 @@ class Strike:
     resistance: Resistance
 
     def end(self, numerics: Numerics = USUAL, ramp_share: float = 1.0) -> End:
-        """Return the end of the strike, with the ramp of the static stress multiplied by a factor."""
+        """Return the end of the strike; `ramp_share` multiplies the ramp of the static stress."""
         prepared, run = self.run(numerics, ramp_share)
         body = prepared.model.body
         outcome = OUTCOMES[run.end]
@@ -155,7 +156,7 @@ class Strike:
         return End(outcome, energy / self.impact.velocity**2, speed, run.maximum_depth, out, at_rest, run.time)
 
     def run(self, numerics: Numerics, ramp_share: float = 1.0) -> tuple[PreparedCase, Run]:
-        """Integrate the strike to the termination time of these numerics, or as long as `simulate` does."""
+        """Integrate the strike to the termination time of the numerics or, without one, as long as `simulate` does."""
         longest = usual_termination_time(length=self.projectile.length, velocity=self.impact.velocity)
         prepared = prepare(
             projectile=self.projectile,
@@ -171,16 +172,16 @@ class Strike:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """One strike by both routes."""
+    """A strike by both routes, and how they differ."""
 
     number: int
     strike: Strike
     adaptive: End
     panels: End
     explained: str
-    """Reason of a difference that vanished: finer panels or a shorter ramp; empty if there was none."""
+    """Explanation of a difference that vanished, such as finer panels; empty if there was none."""
     difference: str
-    """Differences without an explanation; empty if there are none."""
+    """Difference without an explanation; empty if there is none."""
 
 
 def combination(number: int) -> Combination:
@@ -192,7 +193,7 @@ def combination(number: int) -> Combination:
 
 
 def random_strikes(count: int, seed: int) -> Iterator[Strike]:
-    """Yield strikes, every cell in turn.
+    """Yield random strikes, with the combinations in `CELLS` in turn.
 
     Diameter 5 to 250 mm, shank of 1 to 8 diameters, velocity 30 to 900 m/s and walls of 0.2 to 6 diameters, evenly in
     their logarithms; mean density 3000 to 12,000 kg/m³; concrete of 10 to 150 MPa and 1900 to 2600 kg/m³; oblique angle
@@ -265,7 +266,8 @@ def _random_nose(shape: str, radius: float, random: np.random.Generator) -> Nose
     if shape in ("flat", "sphere"):
         return Flat() if shape == "flat" else Sphere()
     height, begin = 2.0 * slope * radius, 0.0 if shape == "pointed profile" else front * radius
-    bend = begin + (radius - begin) * (middle + 0.5 * (1.0 - middle))  # above the straight line, and therefore convex
+    # The middle point lies above the straight line, so the outline is convex.
+    bend = begin + (radius - begin) * (middle + 0.5 * (1.0 - middle))
     if shape == "tapering profile":
         behind = ((height + front * radius, radius), (height + (front + roundness) * radius, (1.0 - middle) * radius))
         return Profile(points=((0.0, begin), (height, radius), *behind))
@@ -273,7 +275,7 @@ def _random_nose(shape: str, radius: float, random: np.random.Generator) -> Nose
 
 
 def compare(number: int, strike: Strike) -> Comparison:
-    """Compare both routes; if they differ, refine the panels and then shorten the ramp of the other route."""
+    """Compare both routes; if they differ, refine the panels, then shorten the ramp of the Gauss point route."""
     adaptive, explained = strike.end(), ""
     sharp = adaptive
     panels = strike.end(_panel_numerics(strike, adaptive, COARSE))
@@ -305,11 +307,10 @@ def compare(number: int, strike: Strike) -> Comparison:
 
 
 def _grazes(strike: Strike, adaptive: End, panels: End) -> bool:
-    """Return whether the routes agree until the panels lose contact, and the rest is shallower than a panel.
+    """Return whether the routes agree until the panels lose contact, and all later contact is shallow.
 
-    With a hundred thousand panels the rows are a thousandth of the length apart. An edge that enters the concrete less
-    than that is seen by the Gauss points, which are on the part of the surface below the face, but by no
-    panel.
+    With a hundred thousand panels the rows are a thousandth of the length apart. An edge that is less deep has Gauss
+    points, which lie on the part of the surface below the face, but no panel centre in the concrete.
     """
     if adaptive.speed is None or panels.speed is None or panels.time >= adaptive.time:
         return False
@@ -321,9 +322,9 @@ def _grazes(strike: Strike, adaptive: End, panels: End) -> bool:
 
 
 def _panel_numerics(strike: Strike, adaptive: End, resolution: Resolution) -> Numerics:
-    """Numerics with this resolution, for the time that `MOST_STEPS` allow.
+    """Return numerics with this resolution, up to the time that `MOST_STEPS` allow.
 
-    Fixed steps may never detect rest, so a body that rests in the target is followed for half as long again only.
+    Fixed steps may not detect rest, so a body that comes to rest in the target is followed for only half as long again.
     """
     velocity = strike.impact.velocity
     step = strike.projectile.diameter / velocity / resolution.steps
@@ -335,7 +336,7 @@ def _panel_numerics(strike: Strike, adaptive: End, resolution: Resolution) -> Nu
 
 
 def _difference(strike: Strike, one: End, other: End) -> str:
-    """Return the differences beyond their tolerances."""
+    """Return the first difference beyond its tolerance as text; empty if there is none."""
     if one.outcome is not other.outcome:
         near = any(
             1.0 / NEAR_THRESHOLD < end.energy / RETENTION_ENERGY_FRACTION < NEAR_THRESHOLD for end in (one, other)
@@ -348,8 +349,8 @@ def _difference(strike: Strike, one: End, other: End) -> str:
     on_wall = strike.target.thickness is not None
     drifts = on_wall and one.outcome is Outcome.EMBEDDED and not one.at_rest
     if one.outcome is Outcome.PERFORATED or drifts:
-        # The distance that a body flies behind a wall is not compared, nor where one that drifts through the hole of
-        # its plug, with too little energy to count as perforating, touches it for the last time.
+        # How far a body flies behind a wall is not compared. Nor is the last contact of a body that drifts through the
+        # hole of its plug with too little energy to count as perforating.
         return ""
     size = max(one.depth, strike.projectile.diameter)
     error = abs(one.depth - other.depth) / size
@@ -358,14 +359,14 @@ def _difference(strike: Strike, one: End, other: End) -> str:
     ways = [(0.0 if end.protrusion is None else end.protrusion.greatest) for end in (one, other)]
     error = abs(ways[0] - ways[1]) / size
     if one.at_rest:
-        # The same holds for a body that creeps back through its hole.
+        # The final protrusion is compared only at rest, because a body may also creep back through its hole.
         ends = [(0.0 if end.protrusion is None else end.protrusion.final or 0.0) for end in (one, other)]
         error = max(error, abs(ends[0] - ends[1]) / size)
     return f"protrusion: by {100.0 * error:.2g} %" if error > DEPTH_TOLERANCE else ""
 
 
 def table_of_combinations(strikes: Iterator[Strike] | list[Strike]) -> Counter[Combination]:
-    """Number of occurrences of each combination, including 0."""
+    """Count the strikes of each combination, including combinations without any."""
     counts: Counter[Combination] = Counter(dict.fromkeys(COMBINATIONS, 0))
     counts.update(strike.combination for strike in strikes)
     return counts

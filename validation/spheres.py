@@ -23,11 +23,11 @@ from solver.formulas import Limit
 
 SPHERE: Final = Projectile(nose=Sphere(), diameter=0.0206, length=0.0206, mass=0.0359)
 DEPTHS: Final[Mapping[float, tuple[float, ...]]] = {29.7e6: (0.052, 0.054), 55.8e6: (0.067, 0.069)}
-"""Printed depths of the four shots by strength; only the range of their speeds is known. [Pa, m]"""
+"""Printed depths of four shots by strength of the concrete; only the range of their speeds is known. [Pa, m]"""
 VELOCITIES: Final = (350.0, 1283.0)
 """Slowest and fastest shot of the series. [m/s]"""
 SCABBED: Final = (859.0, 925.0)
-"""Fastest shot that did not scab a slab of 140 mm and 29.7 MPa, and slowest that did. [m/s]"""
+"""Fastest shot that did not scab a slab of 140 mm and 29.7 MPa, and slowest shot that did. [m/s]"""
 SCABBED_SLAB: Final = 0.14
 THIN_SLAB: Final = 0.07
 """Thickness of the thin slab. [m]"""
@@ -44,38 +44,38 @@ FASTEST: Final = 5000.0
 
 
 def concrete(strength: float, thickness: float | None = None) -> Target:
-    """Return a slab of this strength, with an assumed density. [Pa, m]"""
+    """Return concrete of this strength with an assumed density, of infinite thickness by default. [Pa, m]"""
     return Target(compressive_strength=strength, density=2300.0, thickness=thickness)
 
 
 def model_depth(strength: float, velocity: float, resistance: Resistance) -> float:
-    """Depth in thick concrete. [m]"""
+    """Return the depth by the model in thick concrete. [m]"""
     impact = Impact(velocity=velocity, oblique_angle=0.0)
     run = simulate(
         projectile=SPHERE, target=concrete(strength), impact=impact, resistance=resistance, sample_interval=None
     )
-    return run.maximum_depth or 0.0  # it exists, because thick concrete is not perforated
+    return run.maximum_depth or 0.0  # It is not None, because thick concrete is not perforated.
 
 
 def formula_values(strength: float, velocity: float, limit: Limit) -> Mapping[str, float]:
-    """Values of the formulas within their range, by name. [m]"""
+    """Return the value of each formula that is in its range, by name. [m]"""
     impact = Impact(velocity=velocity, oblique_angle=0.0)
     found = formulas(projectile=SPHERE, target=concrete(strength), impact=impact)
     return {each.formula: value for each in found if each.in_range and (value := getattr(each, limit)) is not None}
 
 
 def speed_at(value: Callable[[float], float], wanted: float) -> float:
-    """Speed at which a depth or thickness that increases with it has this value. [m/s]"""
+    """Return the speed at which an increasing depth or thickness has the wanted value. [m/s]"""
     return float(brentq(lambda velocity: value(velocity) - wanted, 50.0, FASTEST, xtol=0.1))
 
 
 def needed_speeds(strength: float, resistance: Resistance) -> Sequence[float]:
-    """Speeds at which the model gives the depth of each shot. [m/s]"""
+    """Return the speeds at which the model gives the measured depth of each shot. [m/s]"""
     return [speed_at(lambda v: model_depth(strength, v, resistance), depth) for depth in DEPTHS[strength]]
 
 
 def formula_speeds(strength: float, thickness: float, limit: Limit) -> Mapping[str, float]:
-    """Speed above which each formula in range requires a thicker slab. [m/s]"""
+    """Return the speed above which a formula requires a thicker slab, for each formula in range. [m/s]"""
     names = formula_values(strength, sum(SCABBED) / 2.0, limit)
     return {
         name: speed_at(lambda v, name=name: _value(name, strength, v, limit), thickness)  # type: ignore[misc]
@@ -84,14 +84,14 @@ def formula_speeds(strength: float, thickness: float, limit: Limit) -> Mapping[s
 
 
 def _value(name: str, strength: float, velocity: float, limit: Limit) -> float:
-    """Value of one formula, in its range or not. [m]"""
+    """Return the value of one formula, in its range or not. [m]"""
     impact = Impact(velocity=velocity, oblique_angle=0.0)
     found = {each.formula: each for each in formulas(projectile=SPHERE, target=concrete(strength), impact=impact)}
     return float(getattr(found[name], limit))
 
 
 def wall_speeds(strength: float) -> Mapping[str, float | None]:
-    """Limit speed of the thin slab by model of the wall; None if there is none. [m/s]"""
+    """Return the limit speed of the thin slab by each model of the wall; None if there is none. [m/s]"""
     target = concrete(strength, THIN_SLAB)
     return {
         name: limit_velocity(projectile=SPHERE, target=target, oblique_angle=0.0, resistance=resistance).value
@@ -100,7 +100,7 @@ def wall_speeds(strength: float) -> Mapping[str, float | None]:
 
 
 def spread(values: Sequence[float], factor: float = 1.0) -> str:
-    """Return smallest and largest of some values as text."""
+    """Return the range of some values as text."""
     return f"{factor * min(values):.0f} to {factor * max(values):.0f}"
 
 

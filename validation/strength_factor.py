@@ -1,4 +1,4 @@
-"""Tables 1 and 2, eq. 9 and Figures 6, 8 and 12: the strength factor in normal impact and over the oblique angle."""
+"""Tables 1 and 2, eq. 9 and Figures 6, 8 and 12: S in normal impact, and over the oblique angle."""
 
 import math
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ FIRED_DIAMETER = 0.0762
 
 
 def depth_section(progress: Progress) -> Section:
-    """Return Table 1 and Figures 6 and 8."""
+    """Return the section with Table 1 and Figures 6 and 8."""
     progress("depths of normal impact")
     shots = table_1()
     with_mean, with_own = fit(shots), fit(shots, own_masses=True)
@@ -95,9 +95,9 @@ def fit(
     shots
         Shots to fit.
     own_masses
-        Whether each shot has its measured mass; otherwise all have that of the projectile.
+        Whether to use the measured mass of each shot instead of the mass of the projectile.
     deeper
-        Length added to every depth. [m]
+        Length to add to every depth. [m]
     projectile
         Projectile of the shots.
     """
@@ -118,7 +118,7 @@ def _depths(velocities: FloatArray, strength: float) -> FloatArray:
 
 
 def _computed_depth(shot: PublishedShot) -> float:
-    """Greatest depth of the tip in the finite element run of a shot. [m]"""
+    """Return the greatest depth of the tip in the finite element run of a shot. [m]"""
     return next(run.greatest_tip_depth for run in finite_element_runs() if run.velocity == shot.velocity)
 
 
@@ -246,16 +246,16 @@ def _figure_8(shots: Sequence[PublishedShot], strength: float) -> Figure:
 
 
 OBLIQUE_RUNS = {15.0: "oblique-15", 30.0: "oblique-30", 45.0: "oblique-45"}
-"""Names of the oblique runs by angle. [°]"""
+"""Names of the oblique finite element runs, by angle. [°]"""
 HALF_DIGITS = (0.0005, 0.00005, 0.00005)
 """Half of the last printed digit of each coefficient of eq. 9. [1, 1/°, 1/°²]"""
 UNITS = ("1", "1/°", "1/°²")
 ANGLES = np.linspace(0.0, 60.0, 121)
-"""Angles of the curves. [°]"""
+"""Angles at which curves are drawn. [°]"""
 
 
 def obliquity_section(progress: Progress) -> Section:
-    """Return Table 2, eq. 9 and Figure 12."""
+    """Return the section with Table 2, eq. 9 and Figure 12."""
     progress("strength factor over the oblique angle")
     fitted = fit_table_2()
     printed = dict(table_2())
@@ -289,7 +289,7 @@ def obliquity_section(progress: Progress) -> Section:
 
 
 def fall(first: float, last: float) -> float:
-    """Decrease from the first to the last value. [%]"""
+    """Return the decrease from the first to the last value. [%]"""
     return 100.0 * (1.0 - last / first)
 
 
@@ -387,7 +387,7 @@ def _figure_12(fitted: ObliquityFit, own: dict[float, Estimate]) -> Figure:
 
 
 def _draw_polynomial(axes: Axes, fitted: ObliquityFit) -> None:
-    """Draw the fitted polynomial, and the range in which the paper uses it."""
+    """Draw the fitted polynomial, marking the range in which the paper uses it."""
     curve, inside = _polynomial(fitted, ANGLES), ANGLES <= 45.0
     axes.plot(ANGLES[inside], curve[inside], color=style.MODEL, label="second order through Table 2 (eq. 9)")
     axes.plot(ANGLES[~inside], curve[~inside], color=style.MODEL, linestyle="--", label="the same, extrapolated")

@@ -1,4 +1,4 @@
-"""S from the depth tests of 68 articles: rules for the rows, a mixed model, and its predictions for unseen series."""
+"""The law of S from depth tests in 68 articles: rows used, a mixed model, and predictions for unseen series."""
 
 import math
 import re
@@ -36,13 +36,13 @@ from validation.reference import DepthShot, depth_shots, table_1
 from validation.report import Comparison, ReportTable, Section, paragraphs
 
 REFERENCE_STRENGTH, REFERENCE_DIAMETER = 39e6, 0.0762
-"""Strength and diameter at which S is the coefficient of the law. [Pa, m]"""
+"""Strength and diameter at which S equals the coefficient of the law. [Pa, m]"""
 RIGID_UP_TO = 900.0
 """Speed above which noses of steel erode. [m/s]"""
 HEAVIEST_STEEL = 9000.0
-"""Density above which a projectile is not made of steel. [kg/m³]"""
+"""Density above which a projectile cannot be of steel. [kg/m³]"""
 STRENGTHS = (10e6, 110e6)
-"""Range of strengths. [Pa]"""
+"""Range of the strengths used. [Pa]"""
 LEAST_CALIBERS = 2.0
 """Depth over diameter below which the front crater governs. [1]"""
 LEAST_THICKNESS = 1.5
@@ -50,28 +50,28 @@ LEAST_THICKNESS = 1.5
 OTHER_MATERIAL = re.compile(
     r"UHP|UHMWPE|UHTCC|FRC|FRH|RPC|Reactive|Fib|SHCC|VHSC|HSSB|NSSB|Steel|Granite|G Mix", re.IGNORECASE
 )
-"""Names of fibre, reactive powder and ultra-high-performance mixes, of targets with steel bars, and of rock."""
+"""Matches names of fibre, reactive powder and ultra-high-performance mixes, of targets with steel bars, and of rock."""
 CONTRADICTED: Mapping[int, str] = {
     **dict.fromkeys((9, 10), "the same body at the same speed went 2 to 3 times as deep in rows 6 to 8"),
     55: "590 m/s is probably a slip for 690 m/s",
 }
-"""Rows that cannot be true together with the others of their article."""
+"""Rows that contradict others of their article, with the contradiction."""
 NORMALISED = frozenset((*range(721, 734), 735, 737, 738))
-"""Rows of article 71 whose depths seem to be normalised to its 29.9 mm body: at 650 m/s bodies of 0.04, 0.12, 1 and
-8 kg are all said to go 0.6 to 0.8 m deep, so that S would be 22 of the largest and 2.4 of the smallest."""
+"""Rows of article 71 whose depths seem to be normalised to its 29.9 mm body. At 650 m/s bodies of 0.04, 0.12, 1 and
+8 kg all have a depth of 0.6 to 0.8 m, so that S would be 22 for the largest and 2.4 for the smallest."""
 NORMALISED_TO = 0.0299
-"""Diameter of that body. With every depth times the diameter over this one, S is 6 to 12. [m]"""
+"""Diameter of that body. If every depth is multiplied by diameter over this one, S is 6 to 12. [m]"""
 MEASURED_IN_GRAMS = 100.0
-"""Mass over that of a solid cylinder above which the mass must be in grams. [1]"""
+"""Mass over that of a solid cylinder above which the mass must have been given in grams. [1]"""
 HEAVIEST = 1.05
-"""Mass over that of a solid cylinder of the size and material of the row above which one of them is wrong. [1]"""
+"""Mass over that of a solid cylinder above which mass, size or material of a row must be wrong. [1]"""
 FREEDOM = PublishedTests.degrees_of_freedom
 FREEDOMS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 1e6)
-"""Degrees of freedom to compare; the last value is practically a normal distribution. [1]"""
+"""Degrees of freedom that are compared; the last value is practically a normal distribution. [1]"""
 
 
 def reason_left_out(shot: DepthShot) -> str | None:
-    """Why no law of a rigid body may be fitted to a row, the first reason of several; None if it may be."""
+    """Return the first reason why a law for rigid bodies must not be fitted to a row; None if there is none."""
     lowest, highest = STRENGTHS
     reasons = {
         "mass, speed or depth unknown": math.isnan(shot.mass * shot.velocity * shot.depth),
@@ -95,7 +95,7 @@ def reason_left_out(shot: DepthShot) -> str | None:
 
 
 def _heaviest(shot: DepthShot) -> float:
-    """Mass of a solid cylinder of the size and material of a row. [kg]"""
+    """Return the mass of a solid cylinder of the size and material of a row. [kg]"""
     return shot.projectile_density * math.pi / 4.0 * shot.diameter**2 * shot.length
 
 
@@ -108,7 +108,7 @@ def counted_shots() -> tuple[DepthShot, ...]:
 def factor_of(
     shot: DepthShot, *, inertia_factor: float = 1.0, crater: Crater | None = None, depth: float | None = None
 ) -> float:
-    """Strength factor with which the model gives the depth of a shot. [1]"""
+    """Return the strength factor with which the model gives the depth of a shot. [1]"""
     nose = Ogive(caliber_radius_head=shot.caliber_radius_head or math.nan)
     # Only the nose is loaded in normal impact, so a length too short for the nose of the row does not matter.
     length = max(shot.length, 1.01 * nose.length(shot.diameter / 2.0))
@@ -130,27 +130,27 @@ COVARIATES: Mapping[str, Callable[[DepthShot], float]] = {
     "sectional mass": lambda shot: shot.mass / shot.diameter**3 / 2e4,
     "target size": lambda shot: math.sqrt(shot.area) / shot.diameter / 20.0 if shot.area else 1.0,
 }
-"""Quantities of which S may be a power. A target of unknown size counts as one of the usual size."""
+"""Quantities on which S may depend by a power law. A target of unknown size counts as one of the usual size."""
 CHOSEN = ("strength", "diameter")
 
 
 def design(shots: Sequence[DepthShot], names: Sequence[str]) -> FloatArray:
-    """Return the (n, 1 + names) matrix of the logarithms."""
+    """Return the design matrix: a column of ones, and the logarithms of the named quantities, a row for each shot."""
     columns = [np.ones(len(shots)), *(np.log([COVARIATES[name](shot) for shot in shots]) for name in names)]
     return np.column_stack(columns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MixedModel:
-    """``ln S = X b + series + shot``, with normal series and shots."""
+    """The model ``ln S = X b + series + shot`` with normal effects of series and shot."""
 
     coefficients: FloatArray
     """Coefficients b."""
     standard_errors: FloatArray
     between: float
-    """Standard deviation of the series. [ln]"""
+    """Standard deviation between series. [ln]"""
     within: float
-    """Standard deviation of the shots of a series. [ln]"""
+    """Standard deviation of shots within a series. [ln]"""
 
 
 def fit_mixed(values: FloatArray, matrix: FloatArray, groups: Sequence[object]) -> MixedModel:
@@ -172,7 +172,7 @@ def fit_mixed(values: FloatArray, matrix: FloatArray, groups: Sequence[object]) 
     gram, moment, square = matrix.T @ matrix, matrix.T @ values, float(values @ values)
 
     def solve(between: float, within: float) -> tuple[FloatArray, FloatArray, float]:
-        # Each series has covariance within² I + between² 1 1ᵀ, whose inverse and determinant are known.
+        # The covariance of a series is within² I + between² 1 1ᵀ, whose inverse and determinant have closed forms.
         variance = within**2 + counts * between**2
         weights = between**2 / variance
         information = (gram - (sums.T * weights) @ sums) / within**2
@@ -194,17 +194,17 @@ def fit_mixed(values: FloatArray, matrix: FloatArray, groups: Sequence[object]) 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeriesScatter:
-    """Scatter of ln S about a law, as in `PublishedTests`: Student's distribution between and within series."""
+    """Scatter of ln S about a law, as in `PublishedTests`: Student's distributions between and within series."""
 
     between: float
     """Scale between series. [ln]"""
     within: float
     """Scale within a series. [ln]"""
     degrees_of_freedom: float = FREEDOM
-    """[1]"""
+    """Degrees of freedom of the distribution. [1]"""
 
     def log_density(self, series: Sequence[FloatArray]) -> FloatArray:
-        """Logarithm of the joint density of all shots of each series, from their misses. [ln]"""
+        """Return the logarithm of the joint density of the residuals of each series."""
         count = np.array([len(each) for each in series], float)
         mean = np.array([each.mean() for each in series])
         squares = np.array([float(((each - each.mean()) ** 2).sum()) for each in series])
@@ -217,7 +217,7 @@ class SeriesScatter:
 
 
 def fit_scatter(series: Sequence[FloatArray], degrees_of_freedom: float = FREEDOM) -> SeriesScatter:
-    """Fit the scales to the misses of series by maximum likelihood."""
+    """Fit the scales to the residuals of each series by maximum likelihood."""
 
     def scatter(logarithms: FloatArray) -> SeriesScatter:
         between, within = np.exp(logarithms).tolist()
@@ -237,10 +237,10 @@ def fit_scatter(series: Sequence[FloatArray], degrees_of_freedom: float = FREEDO
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenSeries:
-    """Prediction for the shots of a series by a model fitted without it."""
+    """Residuals of a series about a law fitted without it, and the scatter of that law."""
 
     misses: FloatArray
-    """ln S minus that of the law, (n,)."""
+    """Residuals: ln S of each shot minus that of the law, (n,)."""
     scatter: SeriesScatter
 
     def after(self, given: Sequence[int]) -> ShotPrediction:
@@ -253,7 +253,7 @@ class UnseenSeries:
         )
 
     def covered_after(self, count: int) -> tuple[float, float]:
-        """Share of the other shots in the 90 % interval after some shots, and its half width. [1, ln]"""
+        """Return the share of the other shots in the 90 % interval after `count` shots, and its half width. [1, ln]"""
         covered: list[bool] = []
         widths = []
         for given in combinations(range(len(self.misses)), count):
@@ -264,7 +264,7 @@ class UnseenSeries:
 
 
 def in_series(values: FloatArray, names: Sequence[object]) -> list[FloatArray]:
-    """Split values by series."""
+    """Split values by the name of their series."""
     return [values[[place for place, each in enumerate(names) if each == name]] for name in dict.fromkeys(names)]
 
 
@@ -289,21 +289,21 @@ def unseen_series(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
-    """Share of shots of unseen series in their 90 % interval, after some shots of the same series."""
+    """How often the 90 % interval contains shots of unseen series, given some other shots of the series."""
 
     shots_given: int
     series: int
-    """Number of series with more shots than that."""
+    """Number of series with more than `shots_given` shots."""
     covered: float
     """Mean over these series of the share of their other shots in the interval. [1]"""
     covered_shots: float
-    """Share of all other shots in the interval. [1]"""
+    """Share of the other shots of all series in the interval. [1]"""
     half_width: float
     """Mean half width of the interval, over these series. [ln]"""
 
 
 def coverage(found: Sequence[UnseenSeries], shots_given: int) -> Coverage:
-    """Return the coverage after some shots."""
+    """Return the coverage after a number of shots of the same series."""
     enough = [each for each in found if len(each.misses) > shots_given]
     shares, widths = zip(*(each.covered_after(shots_given) for each in enough), strict=True)
     others = [len(each.misses) if shots_given == 0 else len(each.misses) - shots_given for each in enough]
@@ -318,32 +318,32 @@ def coverage(found: Sequence[UnseenSeries], shots_given: int) -> Coverage:
 
 @cache
 def chosen_law() -> MixedModel:
-    """Return the law of strength and diameter over the counted rows."""
+    """Fit the law of strength and diameter to the counted rows."""
     shots = counted_shots()
     return fit_mixed(logarithms(shots), design(shots, CHOSEN), [shot.series for shot in shots])
 
 
 @cache
 def chosen_scatter(degrees_of_freedom: float = FREEDOM) -> SeriesScatter:
-    """Return the scatter about that law."""
+    """Fit the scatter about the law of `chosen_law`."""
     return fit_scatter(chosen_misses(), degrees_of_freedom)
 
 
 @cache
 def chosen_misses() -> tuple[FloatArray, ...]:
-    """Return ln S minus that of the law, for the shots of each series. [ln]"""
+    """Return the residuals of `chosen_law`, i.e. measured minus fitted ln S, for the shots of each series."""
     shots = counted_shots()
     misses = logarithms(shots) - design(shots, CHOSEN) @ chosen_law().coefficients
     return tuple(in_series(misses, [shot.series for shot in shots]))
 
 
 def likelihood(degrees_of_freedom: float) -> float:
-    """Return the logarithm of the likelihood of that scatter."""
+    """Return the log-likelihood of `chosen_scatter`."""
     return float(chosen_scatter(degrees_of_freedom).log_density(chosen_misses()).sum())
 
 
 def law_with_article_71(*, normalised: bool) -> MixedModel:
-    """Return the law with the rows of article 71 as printed, or read as normalised to its 29.9 mm body."""
+    """Fit the law with the rows of article 71 too, either as printed or taken as normalised to its 29.9 mm body."""
     others = [shot for shot in depth_shots() if shot.row in NORMALISED]
     if normalised:
         others = [replace(shot, depth=shot.depth * shot.diameter / NORMALISED_TO) for shot in others]
@@ -353,20 +353,20 @@ def law_with_article_71(*, normalised: bool) -> MixedModel:
 
 
 def logarithms(shots: Sequence[DepthShot], *, inertia_factor: float = 1.0, crater: Crater | None = None) -> FloatArray:
-    """Logarithm of the strength factor of each shot."""
+    """Return the logarithm of the strength factor of each shot."""
     return np.log([factor_of(shot, inertia_factor=inertia_factor, crater=crater) for shot in shots])
 
 
 @cache
 def coverages(*, by_article: bool) -> tuple[Coverage, ...]:
-    """Coverage of the law after no, one and two shots."""
+    """Return the coverage of the law for unseen series or articles, after no, one and two shots."""
     shots = counted_shots()
     found = unseen_series(shots, logarithms(shots), CHOSEN, by_article=by_article)
     return tuple(coverage(found, count) for count in range(3))
 
 
 def score(names: Sequence[str], *, inertia_factor: float = 1.0, crater: Crater | None = None) -> tuple[float, float]:
-    """Mean log density per shot of the measured depth of unseen articles, and half the 90 % interval after one shot."""
+    """Return mean log density of measured depths of unseen articles, and half width of the interval after one shot."""
     shots = counted_shots()
     values = logarithms(shots, inertia_factor=inertia_factor, crater=crater)
     found = unseen_series(shots, values, names, by_article=True)
@@ -388,11 +388,11 @@ CANDIDATES: Mapping[str, tuple[Sequence[str], float, Crater | None]] = {
     **{f"strength, diameter, with B = {factor:g}": (CHOSEN, factor, None) for factor in (0.5, 1.5, 2.0)},
     "strength, diameter, with a crater of 2 diameters": (CHOSEN, 1.0, Crater()),
 }
-"""Candidates: variables of the law of S, B and crater."""
+"""Candidate laws by name: quantities on which S depends, B, and crater."""
 
 
 def strength_law_section() -> Section:
-    """Return the section on the law of S, its scatter, and the coverage of its intervals for unseen series."""
+    """Return the section on the law of S, its scatter, and coverage of its intervals for unseen series."""
     shots, law = counted_shots(), chosen_law()
     values = logarithms(shots)
     constant, strength, diameter = law.coefficients.tolist()
@@ -455,7 +455,7 @@ def strength_law_section() -> Section:
 
 
 def _comparisons(law: MixedModel) -> tuple[Comparison, ...]:
-    """Compare the constants of the law of the solver with those fitted here."""
+    """Return comparisons of the constants of the solver's law with those fitted here."""
     constant, strength, diameter = law.coefficients.tolist()
     numbers = (
         ("coefficient", math.exp(constant), PublishedTests.law.coefficient, 0.01),
@@ -539,7 +539,7 @@ def _series_table(values: FloatArray) -> ReportTable:
 
 
 def paper_range(own_shots: int, law: FreeSurface) -> tuple[float, float, tuple[float, float, float]]:
-    """S from a number of the paper's own shots, its scale, and the paper's angle at its 95, 50 and 5 % quantile. [°]
+    """Return S after some of the paper's own shots, its scale, and critical angles at its 95, 50 and 5 % quantiles. [°]
 
     A larger S gives a smaller critical angle.
     """

@@ -1,4 +1,4 @@
-"""Walls: least thickness and limit speed by both models of the rear face and by the formulas, and tests."""
+"""Walls: least thickness and limit speed by both models of the rear face and by formulas, compared with tests."""
 
 import math
 from collections.abc import Mapping
@@ -31,11 +31,11 @@ ANGLES_DEG = (0.0, 30.0)
 SLAB, SLAB_SHOT = 0.178, Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.0254, length=0.144, mass=0.5)
 SLAB_STRENGTHS = (48e6, 140e6)
 SLAB_SLOWEST = 300.0
-"""Lowest impact speed with a measured residual speed, from the abstract. [m/s]"""
+"""Lowest impact speed for which a residual speed was measured, from the abstract. [m/s]"""
 
 
 def walls_section() -> Section:
-    """Compare thicknesses and limit speeds of both models of the rear face with the formulas and with tests."""
+    """Return the section that compares both models of the rear face with formulas and with tests."""
     thicknesses, speeds = _thickness_table(), _speed_table()
     model, plugged, both = (row[1] for row in thicknesses.rows[: len(MODELS)])
     required = sorted(
@@ -61,7 +61,7 @@ def walls_section() -> Section:
 
 
 def _thickness_table() -> ReportTable:
-    """Least thicknesses of the paper's strike."""
+    """Return the table of least thicknesses for the paper's strike."""
     impacts = [Impact(velocity=PAPER_VELOCITY, oblique_angle=math.radians(angle)) for angle in ANGLES_DEG]
     case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
     rows: list[tuple[object, ...]] = []
@@ -85,18 +85,18 @@ def _thickness_table() -> ReportTable:
 
 
 def slab(strength: float) -> Target:
-    """Return the slab of Hanchak et al. with one strength. [Pa]"""
+    """Return the slab of Hanchak et al. with one of its strengths. [Pa]"""
     return Target(compressive_strength=strength, density=2400.0, thickness=SLAB)
 
 
 def slab_limit_speed(resistance: Resistance, strength: float) -> float | None:
-    """Limit speed of this slab in normal impact, with S of the published tests. [m/s]"""
+    """Return the limit speed of this slab in normal impact, with S of the published tests. [m/s]"""
     law = replace(resistance, strength_factor=PublishedTests())
     return limit_velocity(projectile=SLAB_SHOT, target=slab(strength), oblique_angle=0.0, resistance=law).value
 
 
 def _speed_table() -> ReportTable:
-    """Limit speeds of the slabs of Hanchak et al."""
+    """Return the table of limit speeds of the slabs of Hanchak et al."""
     walls = [slab(strength) for strength in SLAB_STRENGTHS]
     rows: list[tuple[object, ...]] = []
     for name, resistance in MODELS.items():

@@ -72,11 +72,11 @@ POOL_SECONDS = 1
 TRACES_SECONDS = 0.5
 """Time allowed for sending the last traces, after everything else has stopped [s]."""
 STOP_SECONDS = POOL_SECONDS + 1
-"""Part of the grace period reserved for jobs and workers to stop after the last response [s]. The second beyond
-`POOL_SECONDS` is a judgement: jobs write their last marks and the caches close."""
+"""Part of the grace period reserved for stopping jobs and workers after the last response [s]: `POOL_SECONDS` for the
+workers, and one second, by judgement, for saving the progress of jobs and closing the caches."""
 REFUSAL_SECONDS = 1
-"""Part of the grace period before that, in which unfinished requests are refused [s]. The refusals are sent within
-milliseconds; 1 s is a judgement."""
+"""Part of the grace period in which unfinished requests are refused, just before jobs and workers are stopped [s]. The
+refusals are sent within milliseconds; one second leaves a margin."""
 RESOURCES = (studies, umbridge, queries, jobs, health, page)
 """Modules whose routers follow those of the operations, in the order in which routes are matched."""
 CORS: dict[str, Any] = {
@@ -93,7 +93,7 @@ CORS: dict[str, Any] = {
         "Retry-After",
     ],
 }
-"""Methods and headers that pages of allowed origins may send, and headers of responses that they may read."""
+"""Methods and request headers that pages of allowed origins may use, and response headers that they may read."""
 
 log = logging.getLogger(__name__)
 
@@ -106,8 +106,8 @@ class Application(FastAPI):
         super().__init__(**options)
 
     def openapi(self) -> dict[str, Any]:
-        """Return the contract. The first call takes most of a second, so the service makes it in a thread."""
-        with self._making:  # Two threads would otherwise edit one schema at the same time.
+        """Return the OpenAPI document. The first call builds it, which takes most of a second: call it in a thread."""
+        with self._making:  # Without the lock, two threads could build and edit the same document at once.
             return self._openapi()
 
     def _openapi(self) -> dict[str, Any]:
@@ -141,7 +141,7 @@ class Application(FastAPI):
             inner = CORSMiddleware(inner, settings.cors_origins, **CORS)
         if settings.gzip:
             inner = CompressionMiddleware(inner)
-        inner = HeadMiddleware(inner)  # Outside the compression, so that the headers equal those of `GET`.
+        inner = HeadMiddleware(inner)  # Wraps the compression, so that `HEAD` gets the same headers as `GET`.
         inner = RefusalMiddleware(HeaderLimits(inner))
         return telemetry.RequestLog(inner, services.metrics.observe, settings.log_level, secret=PREFIX)
 
@@ -233,7 +233,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services.executor = executor_for(settings)
         await asyncio.gather(
             start_executor(services.executor, stack),
-            # Both take 0.1 to 0.2 s, for which the event loop would stand still when they are first needed.
+            # The next two take 0.1 to 0.2 s each. If they ran on first use, they would block the event loop.
             run_sync(known_fields),
             run_sync(importlib.import_module, "scipy.special"),
         )
@@ -269,6 +269,6 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
 
 
 async def start_executor(executor: Executor, stack: AsyncExitStack) -> None:
-    """Start the workers, and register their stop as soon as they run, whatever else of the start fails."""
+    """Start the workers, and register their stop at once, so that they are stopped if the rest of the start fails."""
     await executor.start()
     stack.push_async_callback(executor.stop, POOL_SECONDS)

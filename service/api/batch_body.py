@@ -41,9 +41,9 @@ from solver import ParameterError
 CASES_AT_ONCE = 200
 """Number of cases validated in one call, which takes about 5 ms."""
 CHECKED_AT_ONCE = 50
-"""Number of cases that a worker checks in one call. It takes some milliseconds, for which single queries wait."""
+"""Number of cases that a worker checks in one call. A call takes some milliseconds, and single queries wait for it."""
 CHECK_COST = 0.01
-"""Cost of checking a case, which takes some 0.1 ms where an ordinary case takes 10 to 20 ms [ordinary cases]."""
+"""Cost of checking a case [ordinary cases]: the check takes some 0.1 ms, computing an ordinary case 10 to 20 ms."""
 BYTES_AT_ONCE = 256 * 1024
 """Size of the lines validated in one call [bytes]: a few long lines take as much time as many short ones."""
 
@@ -55,7 +55,7 @@ class BatchBody:
     Parameters
     ----------
     blocks
-        Cases in blocks.
+        Iterator over the validated cases, in blocks.
     count
         Number of cases; 0 for JSONL, where it is unknown until the body has been read.
     sweep
@@ -67,7 +67,7 @@ class BatchBody:
     count: int = 0
     sweep: StoredSweep | None = None
     estimate: Callable[[], int] = lambda: 0
-    """Returns the number of cases of a JSONL body, extrapolated from the lines read; 0 without a Content-Length."""
+    """Extrapolates the number of cases of a JSONL body from the lines read; returns 0 without a Content-Length."""
 
     def digest(self) -> str:
         """Return the hash of path, media type and body. It is complete only when the body has been read."""
@@ -94,7 +94,7 @@ class BatchReader:
         self._services: Services = services_of(request)
         self._limits = self._services.settings
         self._read_count, self._read_bytes = 0, 0
-        """Number and length of the lines of a JSONL body read so far."""
+        """Number of lines of a JSONL body read so far, and their total length. [1, bytes]"""
 
     async def read_batch(self) -> BatchBody:
         """Return the cases of a batch. A JSON body is validated here, the lines of JSONL as they are read.
@@ -141,7 +141,7 @@ class BatchReader:
         body = await read_body(self._request, limits)
         digest.update(body)
         outline, grid = await run_sync(self._lay_grid, body, limits, limiter=self._services.reading)
-        # The sweep is stored as the client sent it, so that the job can be shown and repeated as it was asked for.
+        # The sweep is stored as the client sent it, so that the job can be shown and repeated with the same request.
         sent = {"base": outline.base, "axes": [axis.model_dump(mode="json") for axis in outline.axes]}
         sweep = StoredSweep(sent, tuple(grid.fields), tuple(grid.values))
         return BatchBody(self._read_points(grid), digest, grid.count, sweep)
@@ -171,7 +171,7 @@ class BatchReader:
                 errors[number] = validation_errors(errors_found(error), place)
             except ParameterError as error:
                 errors[number] = behind(place, field_errors(error))
-            # No more errors are sent than this, so that the rest of the part need not be validated.
+            # A response lists at most `MAX_ERRORS` errors, so that the rest of the part need not be validated.
             if sum(map(len, errors.values())) > MAX_ERRORS:
                 break
         return cases, errors
@@ -216,7 +216,7 @@ class BatchReader:
         return length * self._read_count // max(1, self._read_bytes)
 
     def _validate_lines(self, lines: Sequence[bytes], first: int) -> list[JobCase]:
-        """Validate some lines, up to the first invalid one, which raises."""
+        """Validate consecutive lines; raise an error for the first invalid one."""
         return [self._validate_line(line, number) for number, line in enumerate(lines, first)]
 
     def _validate_line(self, line: bytes, number: int) -> JobCase:
@@ -254,7 +254,7 @@ class BatchReader:
             yield cases
 
     def _validate_points(self, grid: Grid, points: Iterator[tuple[int, tuple[float, ...]]]) -> list[JobCase]:
-        """Validate the next points, up to the first invalid one, which raises."""
+        """Validate the next points of a sweep; raise an error for the first invalid one."""
         return [self._validate_point(grid, *numbered) for numbered in itertools.islice(points, CASES_AT_ONCE)]
 
     def _validate_point(self, grid: Grid, number: int, point: tuple[float, ...]) -> JobCase:
@@ -278,12 +278,12 @@ async def split_lines(
 ) -> AsyncIterator[list[bytes]]:
     """Split a body into lines, and yield them in blocks.
 
-    Reading stops at a line that exceeds `max_bytes`: the rest yielded for it is long enough to be refused.
+    Reading stops in a line that exceeds `max_bytes`. Its beginning is yielded, and is long enough to be refused.
     """
     lines, size, rest = list[bytes](), 0, b""
     async for chunk in chunks:
         digest.update(chunk)
-        # The last part is a line that may go on in the next chunk.
+        # The text after the last line break may continue in the next chunk.
         *whole, rest = (rest + chunk).split(b"\n")
         for line in whole:
             lines.append(line)

@@ -1,4 +1,4 @@
-"""Responses to batches and sweeps: the results if there are few cases, else a job, or as the client prefers."""
+"""Responses to batches and sweeps: the results if there are few cases, else a job, unless the client prefers a job."""
 
 import asyncio
 import re
@@ -51,10 +51,10 @@ Prefer = Annotated[
 
 
 PREFERENCE = re.compile(r'(?:"(?:[^"\\]|\\.)*"?|[^",])+')
-"""Element of a comma-separated header; commas within quotes do not separate. The alternatives begin with different
-characters and nothing follows the group, so that no header can make the pattern backtrack."""
+"""Pattern of an element of a comma-separated header; commas within quotes do not separate. The alternatives begin with
+different characters and nothing follows the group, so that no header can make the pattern backtrack."""
 MOST_DIGITS = 9
-"""Number of digits of `wait` that are read. They hold thirty years; Python refuses to convert thousands of digits."""
+"""Number of digits of `wait` that are read, enough for thirty years. Python refuses to convert thousands of digits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,15 +84,15 @@ def read_preference(headers: Iterable[str]) -> Preference:
     """Return the preferences in `Prefer` headers. Unknown and malformed ones are ignored, as RFC 7240 demands."""
     found: dict[str, str] = {}
     for text in PREFERENCE.findall(",".join(headers).lower()):
-        name, _, value = text.partition(";")[0].partition("=")  # A semicolon begins parameters, which ours do not have.
-        found.setdefault(name.strip(), value.strip().strip('"'))  # Of repeated preferences the first one counts.
+        name, _, value = text.partition(";")[0].partition("=")  # Neither preference has parameters after a semicolon.
+        found.setdefault(name.strip(), value.strip().strip('"'))  # The first of repeated preferences wins (RFC 7240).
     wait = found.get("wait", "")
     seconds = int(wait[:MOST_DIGITS]) if wait.isascii() and wait.isdigit() else None
     return Preference("respond-async" in found, seconds)
 
 
 async def preference_of(request: Request, prefer: Prefer = "") -> Preference:
-    """Return the preferences of the client; a dependency of routes."""
+    """Return the preferences of the client. Routes use this function as a FastAPI dependency."""
     return read_preference(request.headers.getlist("prefer") if prefer else ())
 
 
@@ -134,7 +134,10 @@ class JobResponse:
         count: int = 0,
         estimate: Callable[[], int] = lambda: 0,
     ) -> JobState:
-        """Create the job of these cases, or find that of the idempotency key; see `JobManager.accept`."""
+        """Create a job with these cases, or return the one created earlier with the same idempotency key.
+
+        See `JobManager.accept` for the parameters.
+        """
         idempotency = Idempotency(self._token, digest) if self._token else None
         owner = self._context.principal.owner
         state, new = await self._jobs.accept(
@@ -149,7 +152,7 @@ class JobResponse:
             estimate=estimate,
         )
         self._context.job = state.id
-        if not new:  # The first request with this idempotency key was charged.
+        if not new:  # The request that created the job has already been charged.
             self._context.give_back()
         return state
 
@@ -165,8 +168,7 @@ class JobResponse:
         headers
             Headers with the preferences that were applied.
         """
-        # A connection that waits longer than this may be closed by a proxy in between, so that the service bounds the
-        # wait.
+        # A proxy may close a connection on which nothing is sent for too long, so the service limits the wait.
         waited = None if self.preference.wait is None else min(self.preference.wait, self._settings.most_wait_seconds)
         if waited:
             changes = until(self._stopping, self._jobs.changes(state.id))
@@ -178,7 +180,7 @@ class JobResponse:
         return state, waited is not None and state.status == "successful", headers
 
     def accepted(self, state: JobState, headers: dict[str, str]) -> Response:
-        """Return the response 202 with the job and its location."""
+        """Return a response with status 202, the job and its location."""
         headers = headers | {"Location": f"{self.root}/jobs/{state.id}"} | retry_after(state, self._jobs)
         return job_response(self.root, state, HTTPStatus.ACCEPTED, headers, queue=queue_of(state, self._jobs))
 
@@ -202,7 +204,8 @@ class BatchResponse(JobResponse):
     async def to(self, body: BatchBody) -> Response:
         """Return a response with the results, or with the job that computes them. Refused work is not charged."""
         try:
-            # No more cases are read than decide between results and job, so that a refusal comes early.
+            # Only as many cases are read here as are needed to choose between results and a job. The rest is read by
+            # the job manager, which refuses too many cases early.
             most = self._settings.small_cases // OPERATIONS[self.operation].weight
             small, rest = await take(self._charged(body.blocks), most)
             if rest is None and not self.preference.respond_async:
@@ -224,12 +227,12 @@ class BatchResponse(JobResponse):
     async def _answer_now(self, cases: Sequence[JobCase], sweep: StoredSweep | None) -> Response:
         results = self._jobs.run_now(self.operation, cases, owner=self._context.queue_owner)
         if self.form == JSONL:
-            beginning = begin(results)  # The first result is awaited, since after the status no error can be sent.
+            beginning = begin(results)  # The first result is awaited: once the status is sent, no error can be.
             begun = await unless_left(self._request, beginning)
             lines = (to_lines([result], self.path, sweep) async for result in begun)
             return StreamingResponse(closing(lines, results), media_type=JSONL, headers=VARY)
         found = await unless_left(self._request, all_of(results))
-        # The header has one value for the whole response, a hit only if no case was computed.
+        # `Cache-Status` has one value for the whole response: a hit only if no case was computed.
         status = "ricochet; hit" if all(result.cached for result in found) else "ricochet; fwd=miss"
         if self.form == CSV:
             content = csv_head(self.operation, sweep) + csv_rows(found, self.operation, sweep)
@@ -249,7 +252,7 @@ class BatchResponse(JobResponse):
 
 
 def batch_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Response]]:
-    """Return the handler of the batch route."""
+    """Return the handler of the batch route of an operation."""
 
     async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
         response = BatchResponse(request, operation.name, preference, idempotency_key)
@@ -259,7 +262,7 @@ def batch_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Res
 
 
 def sweep_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Response]]:
-    """Return the handler of the sweep route."""
+    """Return the handler of the sweep route of an operation."""
 
     async def handle(request: Request, preference: WantedPreference, idempotency_key: IdempotencyKey = "") -> Response:
         response = BatchResponse(request, operation.name, preference, idempotency_key)
@@ -271,7 +274,7 @@ def sweep_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Res
 async def take(
     blocks: AsyncIterator[list[JobCase]], count: int
 ) -> tuple[list[JobCase], AsyncIterator[list[JobCase]] | None]:
-    """Read blocks until there are more than `count` cases; return these cases, and the remaining blocks if any."""
+    """Read blocks until there are more than `count` cases; return these, and the remaining blocks or None."""
     taken: list[JobCase] = []
     async for cases in blocks:
         taken += cases
@@ -317,7 +320,7 @@ async def until(stopping: asyncio.Event, changes: AsyncGenerator[JobState, None]
                 try:
                     await asyncio.wait({change, stopped}, return_when=asyncio.FIRST_COMPLETED)
                 finally:
-                    # A generator must not be closed while its next item is awaited.
+                    # A generator cannot be closed while its next item is being awaited.
                     await settle(change)
                 if change.cancelled() or (state := change.result()) is None:
                     return
@@ -330,7 +333,7 @@ async def settle(task: asyncio.Future[Any]) -> None:
     """Cancel a task unless it is done, and wait until it has ended."""
     if not task.done():
         task.cancel()
-        # The wait is shielded: this runs while the request is being cancelled.
+        # Without the shield the wait would be cancelled too: this often runs while a request is being cancelled.
         with CancelScope(shield=True):
             await asyncio.wait({task})
 
@@ -343,12 +346,12 @@ async def closing(content: AsyncIterator[bytes], source: AsyncGenerator[Any, Non
 
 
 def retry_after(state: JobState, jobs: JobManager) -> dict[str, str]:
-    """Return the `Retry-After` header of a job."""
+    """Return the `Retry-After` header for a job, its estimated remaining time up to `LONGEST_RETRY`."""
     return {"Retry-After": str(min(LONGEST_RETRY, jobs.seconds_until_done(state)))}
 
 
 def queue_of(state: JobState, jobs: JobManager) -> dict[str, int] | None:
-    """Return the place of a job and the time that is left of it; None if it has ended."""
+    """Return the number of jobs ahead of a job and its estimated remaining time; None if it has ended."""
     if state.final:
         return None
     return {"jobs_ahead": jobs.jobs_ahead(state), "remaining_s": jobs.seconds_until_done(state)}
@@ -391,7 +394,7 @@ def to_job(
     partial: dict[str, Any] | None = None,
     queue: dict[str, int] | None = None,
 ) -> dict[str, Any]:
-    """Return a job as JSON data of the contract, with its request, partial answer or place in the queue if given."""
+    """Return the fields of a job in the contract; `request`, `partial` and `queue` are included if given."""
     path = f"{root}/jobs/{state.id}"
     times = {name: getattr(state, name) for name in ("created", "started", "finished", "expires")}
     problem = None if state.problem is None else {**state.problem, "instance": path}

@@ -28,20 +28,21 @@ from service.schemas.problems import json_pointer
 from service.settings import Settings
 
 MAX_FIELDS = 30
-"""Largest number of fields of one object, twice that of the largest object in the contract."""
+"""Largest number of fields of one object, twice as many as the largest object in the contract has."""
 MAX_LISTED_FIELDS = 10_000
-"""Largest number of fields in the body of one request. A thousand shots of four fields have 4,000. Validation takes
-some 10 ms."""
+"""Largest number of fields in the body of one request. A resistance with a thousand test shots of four fields has
+4,000. Validating this many takes some 10 ms."""
 MAX_LISTED_VALUES = 10_000
-"""Largest number of list items and fields in the body of one request. A profile of 1,000 points has 3,000."""
+"""Largest number of list items and fields in the body of one request. A nose profile of 1,000 points has 3,000."""
 MAX_BATCH_FIELDS = 100_000
-"""Largest number of fields in a JSON batch, five times those of 1,000 usual cases. Parsing takes some 20 ms, in a
-thread."""
+"""Largest number of fields in a JSON batch, five times as many as 1,000 usual cases have. Parsing this many takes some
+20 ms, in a thread."""
 MAX_SERIES_FIELDS = 25_000
 """Largest number of fields in a calibration or a sweep. A thousand tests of eight fields have 8,000."""
 MAX_SERIES_VALUES = 250_000
-"""Largest number of list items and fields in a batch, a calibration or a sweep. An axis may have 100,000 values; 20
-runs with four columns of 3,000 rows have 240,000. Parsing and validation take some 20 ms, in a thread."""
+"""Largest number of list items and fields in a batch, a calibration or a sweep. An axis of a sweep may have 100,000
+values; a calibration to 20 runs with four columns of 3,000 rows has 240,000. Parsing and validation of this many take
+some 20 ms, in a thread."""
 CONTAINERS = (dict, list)
 
 
@@ -65,7 +66,7 @@ class BodyLimits:
     depth
         Depth of nested objects and lists.
     fields, values
-        Number of fields of all objects, and of these and the items of all lists.
+        Number of fields of all objects, and number of fields and list items together.
     """
 
     length: int
@@ -106,11 +107,11 @@ class BoundedRequest(Request):
         self._content = content
 
     async def body(self) -> bytes:
-        """Return the body."""
+        """Return the body, which has been read already. FastAPI calls this."""
         return self._text
 
     async def json(self) -> Any:
-        """Return the parsed content of the body."""
+        """Return the content of the body, which has been parsed already. FastAPI calls this."""
         return self._content
 
 
@@ -122,7 +123,7 @@ class CheckedRoute(APIRoute):
     """
 
     long = False
-    """True if the body may hold long lists."""
+    """True if the JSON body may hold long lists, as in a calibration."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Return FastAPI's handler, preceded by the checks."""
@@ -184,7 +185,7 @@ async def bounded(request: Request, *, long: bool) -> BoundedRequest:
     text = await read_body(request, limits)
     if not text:
         raise InvalidBodyError([{"pointer": "", "detail": "the body is missing"}])
-    if long:  # Parsing takes some 20 ms, for which the event loop must not stand still.
+    if long:  # Parsing takes some 20 ms, which would block the event loop for too long.
         content = await run_sync(parse_json, text, limits, limiter=services.reading)
     else:
         await next_turn(services.parsing)
@@ -211,7 +212,8 @@ async def stream_up_to(request: Request, limit: int) -> AsyncIterator[bytes]:
     HTTPException
         413 as soon as the body is known to be too long, 400 if the client leaves.
     """
-    # The declared length refuses a body before it is sent; a chunked body has none, and is counted as it arrives.
+    # A body whose declared length is too large is refused before it is read. A chunked body declares no length, so its
+    # bytes are counted as they arrive.
     length = int(request.headers.get("content-length", 0))
     if length <= limit:
         length = 0
@@ -267,8 +269,8 @@ def parse_json(text: bytes, limits: BodyLimits) -> Any:
         raise HTTPException(HTTPStatus.BAD_REQUEST, f"the body {named}; send UTF-8 without one")
     if text[1:2] == b"\x00" or text[:1] == b"\x00":
         raise HTTPException(HTTPStatus.BAD_REQUEST, "the body is in UTF-16 or UTF-32; send UTF-8")
-    # Counting colons and commas bounds the time of parsing before it begins. Those in texts count too, which does not
-    # matter: no text of a request is long.
+    # Counting colons and commas limits the time of parsing before it begins. Those within texts are counted too, which
+    # does not matter, because no text of a request is long.
     fields = text.count(b":")
     if fields > limits.fields or text.count(b",") > limits.values:
         detail = f"the body may have {limits.fields:,} fields and {limits.values:,} values at most"
@@ -276,12 +278,12 @@ def parse_json(text: bytes, limits: BodyLimits) -> Any:
     try:
         content = from_json(text)
     except ValueError as error:
-        # The parser gives up at a depth of its own, some 200, which is beyond the limit of the settings.
+        # The parser has a limit of its own, some 200 levels, which is above the limit of the settings.
         deep = "recursion limit" in str(error)
         detail = too_deep(limits.depth) if deep else f"not JSON: {error}"
         raise HTTPException(HTTPStatus.BAD_REQUEST, detail) from error
-    # A difference means that the fast parser has dropped a repeated field, or that a text has a colon. Only the slow
-    # parser of the standard library reports repeated fields, so it runs in these cases alone.
+    # If the numbers of fields and colons differ, the fast parser has dropped a repeated field, or a text has a colon.
+    # Only the slow parser of the standard library reports repeated fields, so it runs in these cases alone.
     if count_fields(content, limits.depth) != fields:
         json.loads(text, object_pairs_hook=refuse_repeated)
     return content
@@ -320,7 +322,7 @@ def too_deep(max_depth: int) -> str:
 
 
 def refuse_repeated(fields: list[tuple[str, Any]]) -> None:
-    """Refuse an object with a repeated field, of which parsers differ in taking the first or the last.
+    """Refuse an object with a repeated field: some parsers use the first value, others the last.
 
     Raises
     ------
@@ -335,6 +337,6 @@ def refuse_repeated(fields: list[tuple[str, Any]]) -> None:
 
 
 async def next_turn(parsing: asyncio.Lock) -> None:
-    """Wait for a turn to parse a body. One is parsed per iteration of the event loop, so that many do not block it."""
+    """Wait until a body may be parsed: one per iteration of the event loop, so that many bodies do not block it."""
     async with parsing:
         await asyncio.sleep(0)

@@ -93,14 +93,14 @@ PROBLEMS: Responses = {
 
 
 def problems(*statuses: int) -> Responses:
-    """Return the declarations of responses with these error statuses."""
+    """Return the declarations of responses with the given error statuses."""
     return {status: {"model": Problem, **PROBLEMS[status]} for status in statuses}
 
 
 COMPUTED: Responses = {
     200: {
-        # CSV and HDF5 are named in words only: declared as media types, they would turn the answers of generated
-        # clients into unions with text.
+        # CSV and HDF5 are named in words only. If they were declared as media types, generated clients would return
+        # either a model or a text, and callers would have to tell which.
         "description": "The answer. `Accept` selects CSV or HDF5, as of `/results/{key}`.",
         "headers": CACHE_STATUS,
         "links": RESULT_LINK,
@@ -173,7 +173,7 @@ def many_bodies(model: type[BaseModel], line: type[BaseModel]) -> dict[str, Any]
 
 
 def reference(model: type[BaseModel]) -> dict[str, str]:
-    """Return a reference to a model among the components."""
+    """Return a JSON reference to the schema of a model in the components of the document."""
     return {"$ref": f"#/components/schemas/{model.__name__}"}
 
 
@@ -184,7 +184,7 @@ def declare_bodies(schemas: dict[str, Any], models: Sequence[type[BaseModel]]) -
     )
     for name, schema in found["$defs"].items():
         schemas.setdefault(name, schema)
-    for name in sorted(schemas):  # FastAPI sorts its components, and a stable order keeps differences small.
+    for name in sorted(schemas):  # FastAPI sorts its components; in the same order, diffs of the document stay small.
         schemas[name] = schemas.pop(name)
 
 
@@ -216,7 +216,7 @@ def components_in(node: Any, schemas: dict[str, Any], found: set[str] | None = N
 
 
 FORMATS = {"number": "double", "integer": "int64"}
-"""Formats of number types. Without them some generators of clients choose 32 bits."""
+"""OpenAPI formats of number types. Without them some client generators choose 32-bit numbers."""
 
 
 def declare_formats(node: Any) -> None:
@@ -233,7 +233,7 @@ def declare_formats(node: Any) -> None:
 
 
 def declare_access(operation: dict[str, Any]) -> None:
-    """Declare that a key is optional, since a service may be open, and the responses to requests without access."""
+    """Declare the key as optional, since a service may be open, and add the responses to requests without access."""
     if "security" not in operation:
         operation["security"] = []
         return
@@ -267,7 +267,7 @@ def declare_events(responses: dict[str, Any]) -> None:
 
 
 def declare_problems(responses: dict[str, Any]) -> None:
-    """Set the media type of error responses, to which FastAPI gives that of the route."""
+    """Declare error responses as problem documents. FastAPI gives them the media type of the route's answer."""
     for status, response in responses.items():
         if status >= "400":
             (content,) = response["content"].values()

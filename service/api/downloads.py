@@ -1,4 +1,4 @@
-"""Files of results for download: a few are written at a time, each once, and kept while there is room."""
+"""Files of results for download. Few are written at a time, each for all its clients, and kept while there is room."""
 
 import asyncio
 import os
@@ -19,13 +19,13 @@ from service.private_files import make_private, make_private_folder
 FOLDER = "downloads"
 """Name of the folder of downloads in the data folder."""
 SHARE = 0.1
-"""Fraction of the disk limit of the cache that downloads may take, a judgement: a download can be written again from
-results, but a result has to be computed again."""
+"""Fraction of the disk limit of the cache that downloads may take. It is small, by judgement, because a download can be
+written again from results, while a result has to be computed again."""
 WRITTEN_AT_ONCE = 2
 """Number of files that are written at the same time. Each takes some 10 MB of memory and most of a core."""
 PIECE_BYTES = 256 * 1024
-"""Size of the pieces in which a file is sent [bytes]. Each piece costs a change of threads and this much memory per
-client; the value is a judgement."""
+"""Size of the pieces in which a file is sent [bytes]. A smaller piece costs more switches between threads, a larger one
+more memory per client; the value is chosen by judgement."""
 
 
 class Downloads:
@@ -47,19 +47,19 @@ class Downloads:
         self._most_bytes = most_bytes
         self._check_folder = check_folder
         self._kept: OrderedDict[str, int] = OrderedDict()
-        """Sizes of the files by name, the most recently used last. [bytes]"""
+        """Sizes of the files in the folder by name, the most recently used last. [bytes]"""
         self._open: WeakSet[BufferedReader] = WeakSet()
-        """Files that are being sent."""
+        """Open files that are being sent to clients."""
         self._turns = asyncio.Semaphore(WRITTEN_AT_ONCE)
         self._writing: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
-        """One lock for each file, which lives as long as a request holds it."""
+        """Locks of the files that are being opened or written, by name; dropped when no request uses them."""
 
     def clear(self) -> None:
-        """Remove the files of an earlier service, of which nothing is known any more."""
+        """Remove the files of an earlier process, which kept the record of them in memory only."""
         shutil.rmtree(self._folder, ignore_errors=True)
 
     async def open(self, name: str, write: Callable[[Path], Awaitable[None]], *, keep: bool) -> BufferedReader:
-        """Open a file, and write it first unless it exists. Simultaneous requests for one file share it.
+        """Open a file, and write it first if it does not exist. Simultaneous requests for one file share it.
 
         The open file stays readable after it has been evicted. Cancellation stops the writing and removes the partial
         file.
@@ -82,7 +82,7 @@ class Downloads:
 
     @property
     def _sent_bytes(self) -> int:
-        """Size of removed files that are still being sent, and take disk space until they are closed. [bytes]"""
+        """Size of removed files that are still being sent; they take disk space until they are closed. [bytes]"""
         found = [os.fstat(file.fileno()) for file in self._open if not file.closed]
         return sum({(each.st_dev, each.st_ino): each.st_size for each in found if not each.st_nlink}.values())
 
@@ -96,7 +96,7 @@ class Downloads:
             return None
         try:
             file = await run_sync((self._folder / name).open, "rb")
-        except FileNotFoundError:  # It may be removed by somebody else, or by an eviction since it was looked up.
+        except FileNotFoundError:  # The file was removed by hand, or evicted after the test above.
             self._kept.pop(name, None)
             return None
         if name in self._kept:
@@ -128,7 +128,7 @@ class Downloads:
                 await run_sync(lambda: path.unlink(missing_ok=True))
 
     async def remove(self, names: Iterable[str]) -> None:
-        """Remove files. Clients that are receiving one still get all of it, as it is open."""
+        """Remove files. Clients that are downloading one still get all of it, because it is open."""
         for name in names:
             self._kept.pop(name, None)
             await run_sync(lambda path: path.unlink(missing_ok=True), self._folder / name)

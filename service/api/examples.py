@@ -14,11 +14,11 @@ from service.workers.worker import compute_single
 
 FILE = Path(__file__).with_name("examples.json")
 LONG = frozenset({"formulas", "history", "iterations"})
-"""Fields whose lists are shortened, as they would fill pages of the contract."""
+"""Fields whose lists are shortened in the examples, as they would fill pages of the contract."""
 SHOWN = 2
 """Number of items shown of a shortened list or column."""
 DIGITS = 6
-"""Number of significant digits. Later digits differ between processors."""
+"""Number of significant digits of the numbers in the examples. Later digits differ between processors."""
 
 
 @cache
@@ -29,7 +29,7 @@ def computed() -> dict[str, Any]:
 
 
 def declare_examples(schemas: dict[str, Any], operations: Iterable[Operation]) -> None:
-    """Set the computed answers as the first examples of the models of answers, single and in batches."""
+    """Add the computed answers to the models of single answers and of batches, as their first examples."""
     for operation in operations:
         if (answer := computed().get(operation.name)) is None:
             continue

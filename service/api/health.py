@@ -116,6 +116,6 @@ async def metrics(request: Request) -> Response:
     """Return the metrics of the service in the text format of Prometheus."""
     services = services_of(request)
     services.metrics.look_up(services.jobs, services.queries, await services.jobs.tally())
-    # A busy service has thousands of lines, which would block the event loop while they are written.
+    # The metrics of a busy service have thousands of lines, and formatting them would block the event loop.
     content = await run_sync(generate_latest, services.metrics.registry)
     return Response(content, media_type=CONTENT_TYPE_LATEST)

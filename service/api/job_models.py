@@ -49,7 +49,7 @@ class SweepRequest(Part):
 
 
 LISTED_OPERATIONS = sorted(OPERATIONS.values(), key=lambda each: (each.study is not None, each.name != "trajectory"))
-"""All operations in the order of the contract. Generated clients depend on it, so it is fixed here."""
+"""All operations in the order of the contract. Generated clients depend on the order, so it is fixed here."""
 
 
 def union_of(name: str, models: Iterable[type[Part]], description: str) -> Any:
@@ -94,7 +94,7 @@ JobOperation.__doc__ = (
 
 
 class JobStatus(StrEnum):
-    """Status of a job: waiting, begun, or one of the final ones: all cases done, failed, cancelled, unreadable."""
+    """Status of a job: waiting, running, or ended: all cases done, failed, cancelled (`dismissed`) or unreadable."""
 
     ACCEPTED = "accepted"
     RUNNING = "running"
@@ -111,15 +111,15 @@ class JobCounts(Part):
 
     total: Number
     done: Number
-    """Cases with a result or a problem, including `cached` and `failed`."""
+    """Number of cases with a result or a problem, including `cached` and `failed`."""
     cached: Number
-    """Cases whose result was in the cache."""
+    """Number of cases whose result was in the cache."""
     failed: Number
-    """Cases that ended with a problem."""
+    """Number of cases that ended with a problem."""
 
 
 class JobLinks(Part):
-    """Paths of a job."""
+    """Paths of a job and its results, and of its events and cancellation."""
 
     model_config = with_examples(LINKS)
 
@@ -130,14 +130,14 @@ class JobLinks(Part):
 
 
 class JobQueue(Part):
-    """Place of a job that has not ended, and when it is likely to have."""
+    """Place in the queue of a job that has not ended, and its estimated remaining time."""
 
     model_config = with_examples({"jobs_ahead": 1, "remaining_s": 12})
 
     jobs_ahead: Number
-    """Jobs of the same owner that are computed first, because they have fewer cases left."""
+    """Number of jobs of the same owner that are computed first, because they have fewer cases left."""
     remaining_s: Number
-    """Time until the job is likely to have ended, at the rate of the last half minute; 3600 is an hour or more."""
+    """Estimated time until the job ends, at the rate of the last half minute; 3600 means an hour or more."""
 
 
 UNSHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
@@ -170,7 +170,7 @@ class Job(Part):
     status: JobStatus
     counts: JobCounts
     title: str | MISSING = MISSING
-    """Title given by the client. By default that of a sweep names its axes and the projectile."""
+    """Title given by the client. The default title of a sweep names its axes and the projectile."""
     created: AwareDatetime
     """Time at which the job was accepted."""
     started: AwareDatetime | MISSING = MISSING
@@ -180,7 +180,7 @@ class Job(Part):
     expires: AwareDatetime | MISSING = MISSING
     """Time at which the job will be removed. Its results may be kept longer under their keys."""
     queue: JobQueue | MISSING = MISSING
-    """Place and remaining time of a job that has not ended; absent in events."""
+    """Place in the queue and remaining time of a job that has not ended; absent in events."""
     problem: Problem | MISSING = MISSING
     """Reason why the job failed."""
     axes: list[str] | MISSING = MISSING
@@ -204,7 +204,7 @@ class Jobs(Part):
 
 
 class JobItem(Item):
-    """One case of a job with its result, or with the problem that prevented one."""
+    """One case of a job, with its result or its problem."""
 
     model_config = with_examples({"index": 0, "custom_id": "paper", "result": FOUND | VERSIONED})
 

@@ -51,7 +51,7 @@ async def manager_of(request: Request) -> JobManager:
 
 
 async def event_stream(request: Request, context: ReadContext) -> AsyncIterator[None]:
-    """Count an event stream while its request lasts, for the owner of the key or, without a key, for the address."""
+    """Count an open event stream of the owner of the key or, without a key, of the address, until its request ends."""
     principal = context.principal
     holder = principal.owner if principal.key else f"address {client_of(request.scope)}"
     with services_of(request).streams.held(holder):
@@ -68,7 +68,7 @@ async def job_of(job_id: JobId, jobs: CurrentManager, context: ReadContext) -> J
 
 
 def known(state: JobState | None) -> JobState:
-    """Return the job, or raise if it is None.
+    """Return the job, or raise an error if it is None.
 
     Raises
     ------
@@ -165,13 +165,13 @@ async def get_job_results(
     JSON comes in pages. JSON lines, HDF5, CSV and Parquet (one row per case, with its summary) have all available
     results from the cursor on, unless a limit is given. Parquet is refused by a service without the extra `parquet`.
     """
-    # Parquet is the last form, and needs an optional package.
+    # Parquet, the last of the media types, needs an optional package.
     forms = FORMS if has_parquet() else FORMS[:-1]
     form = choose(request.headers.get("accept", "*/*"), forms)
     if form is None:
         more = "" if has_parquet() else f"; {missing_package('Parquet', 'pyarrow', 'parquet')}"
         raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"results are given as {', '.join(forms)}{more}")
-    # A file is wanted whole; only JSON, which clients read into memory, is cut into pages by default.
+    # Files and streams are complete by default. Only JSON is cut into pages, because clients read it into memory.
     most = limit if form == JSON or "limit" in request.query_params else None
     ready = ReadyResults(jobs, job, await jobs.sweep(job), read_cursor(cursor), most, context.take)
     if form in FILES:
@@ -184,12 +184,12 @@ async def get_job_results(
     else:
         page = Page(job, ready.start, limit)
         content = as_array(ready, path, page.note, page.end)
-    # `Vary` keeps a shared cache from answering one form with another.
+    # `Vary` keeps a shared cache from answering a request for one media type with another.
     return StreamingResponse(content, media_type=form, headers={"Vary": "Accept"})
 
 
 class Page:
-    """Cursor of the page that follows a page of results while that is being sent.
+    """A page of results that is being sent, and the cursor of the next page.
 
     Parameters
     ----------
@@ -213,9 +213,9 @@ class Page:
         self._next = results[-1].number + 1
 
     def end(self) -> bytes:
-        """Return the JSON after the results: the cursor of the next page, or nothing if there will be none."""
+        """Return the JSON after the results: the cursor of the next page, or nothing if no more results will come."""
         complete = self._job.status != "damaged" and self._next >= self._job.total
-        # The state from before the results is used: a job that ended meanwhile may have more results than were read.
+        # `_job` is the state before the results were read: a job that has ended since may have more results.
         if complete or (self._job.final and self._count < self._limit):
             return b""
         return b',"next":"%b"' % write_cursor(self._next)
@@ -263,7 +263,7 @@ async def follow_job(
         async for state in changes:
             if context.principal.key and not keys.holds(context.principal.key):
                 return  # The key has been revoked.
-            # The end is sent even to a client that has seen it: a stream without events would not tell it to stop.
+            # The final state is sent even to a client that has it. Otherwise the client would reconnect for ever.
             if state.final or str(state.revision) != last_event_id:
                 content = job_json(root_of(request), state, partial=await jobs.partial(state))
                 yield ServerSentEvent(raw_data=content.decode(), id=str(state.revision))

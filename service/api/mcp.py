@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 router = APIRouter(dependencies=[RUN], include_in_schema=False)
 ENVELOPE_DEPTH = 5
-"""Depth of the objects of a message around the request of a tool, with one or two to spare."""
+"""Number of levels of nesting that a message adds around the request of a tool, with a margin of one or two."""
 
 
 def is_installed() -> bool:
@@ -35,9 +35,9 @@ def is_installed() -> bool:
 
 
 class McpServer:
-    """Stateless server of the protocol, which answers each message by itself.
+    """Stateless server of the protocol, which answers each message independently of earlier ones.
 
-    It starts with the first message, because its imports take a second and few services need them.
+    It starts when the first message arrives, because its imports take a second and few services need them.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class McpServer:
         self._running: asyncio.Task[None] | None = None
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one HTTP request."""
+        """Answer one HTTP request. The first one starts the server."""
         async with self._starting:
             manager = self._manager or await self._start()
         await manager.handle_request(scope, receive, send)
@@ -82,7 +82,7 @@ class McpServer:
 
         self._running = asyncio.create_task(run())
         await started.wait()
-        # Without this, each full garbage collection would scan the objects of the SDK for tens of milliseconds.
+        # Freezing the objects of the SDK saves each full garbage collection tens of milliseconds of scanning them.
         gc.freeze()
         self._manager = manager
         return manager
@@ -105,7 +105,7 @@ class McpResponse(Response):
         self._message = message
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Have the SDK answer, with the body replayed as its first message."""
+        """Pass the request to the SDK, with the body that has already been read as its first ASGI message."""
         given = False
 
         async def receive_message() -> Message:
@@ -130,7 +130,7 @@ async def serve_mcp(request: Request) -> Response:
 
 
 async def compute(operation: str, content: Mapping[str, Any], request: Request) -> dict[str, Any]:
-    """Return the answer to a request of a tool, charged and counted like that of a route.
+    """Return the answer to a request of a tool, which is charged and counted like a request to a route.
 
     Raises
     ------
@@ -142,7 +142,7 @@ async def compute(operation: str, content: Mapping[str, Any], request: Request) 
     try:
         found: dict[str, Any] = orjson.loads(await _answer(operation, content, request))
     except Exception as error:
-        if isinstance(error, HTTPException):  # Raised when the client has left.
+        if isinstance(error, HTTPException):  # `unless_left` raises it when the client has left.
             raise ToolError(ProblemType.of_status(error.status_code).content(error.detail)) from error
         problem = case_problem(error)
         if isinstance(error, ServiceError) and error.status in {

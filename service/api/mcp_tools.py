@@ -134,7 +134,7 @@ class ToolOperations:
 
 
 def tools_of(operations: Iterable[Operation]) -> dict[str, ToolOperations]:
-    """Return the tools of these operations by name."""
+    """Return the tools of the given operations by name."""
     found: dict[str, dict[str, Operation]] = {}
     texts: dict[str, ToolText] = {}
     for operation in operations:
@@ -147,7 +147,7 @@ def tools_of(operations: Iterable[Operation]) -> dict[str, ToolOperations]:
 KEPT = ("type", "const", "enum", "required")
 """Keywords of a schema that are copied to the list of tools unchanged."""
 REMARK = re.compile(r"(?<=\.) (?=[A-Z`]).*?(?= \[[^\]]+\]$)|(?<=\]) .*", re.DOTALL)
-"""Sentences after the first one in the description of a quantity, which explain its bounds."""
+"""Pattern of the sentences after the first one in the description of a quantity, which explain its bounds."""
 
 
 def brief(

@@ -28,10 +28,10 @@ from service.settings import Settings
 from service.telemetry import path_of
 
 DRAIN_BYTES = 64 * 1024 * 1024
-"""Largest part of the body of a refused request that is read and discarded [bytes]: half a second of work."""
+"""Largest part of the body of a refused request that is read and discarded [bytes]. It takes half a second of work."""
 DRAIN_SECONDS = 5.0
-"""Longest time for which a refused body is read before the response is sent [s]. A judgement: on a usual connection
-`DRAIN_BYTES` arrive within it, and a client that sends slowly on purpose holds a connection no longer."""
+"""Longest time for which a refused body is read before the response is sent [s]. Chosen by judgement: long enough for
+`DRAIN_BYTES` on a usual connection, and a limit for clients that send slowly on purpose."""
 
 
 class RefusalMiddleware:
@@ -136,7 +136,7 @@ class HeadMiddleware:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, a `HEAD` as `GET` with its body discarded."""
+        """Pass a request on. `HEAD` is passed on as `GET`, and the body of the response is discarded."""
         if scope["type"] != "http" or scope["method"] != "HEAD":
             await self._app(scope, receive, send)
             return
@@ -192,7 +192,7 @@ class CompressionMiddleware:
                     headers["etag"] = "W/" + headers["etag"]
                 if "etag" in headers:  # A 304 must have the `Vary` header of the 200 (RFC 9110, section 15.4.5).
                     headers.add_vary_header("Accept-Encoding")
-                if "vary" in headers:  # Assets set it themselves, and the responder adds it again.
+                if "vary" in headers:  # Static files have set it as well, so it may name a header twice.
                     headers["vary"] = ", ".join(dict.fromkeys(headers["vary"].split(", ")))
             await send(message)
 
@@ -208,11 +208,11 @@ class CompressionMiddleware:
 
 
 PROBES = frozenset({"/livez", "/readyz"})
-"""Paths polled by monitors, which use the address of the service instead of its name, and have no key."""
+"""Paths polled by monitors, which send the address of the service instead of its name as `Host`, and have no key."""
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 """Methods that change nothing."""
 OWN_SITES = frozenset({b"same-origin", b"none"})
-"""Values of `Sec-Fetch-Site` for requests of the service's own page and of the user."""
+"""Values of `Sec-Fetch-Site` for requests from the service's own page, and for addresses that the user has entered."""
 KEY_FIELDS = frozenset({"access_token", "api_key", "api-key", "apikey", "auth", "authorization", "key", "token"})
 """Query parameters in which clients send keys by mistake."""
 LOOPBACK_NAMES = frozenset({b"localhost", b"127.0.0.1", b"[::1]"})
@@ -227,7 +227,7 @@ CHUNKED = b"chunked"
 
 Pairs = list[tuple[bytes, bytes]]
 POLICY = b"default-src 'none'; frame-ancestors 'none'"
-"""Content security policy of responses that are no pages, in case a browser displays one. Pages set their own."""
+"""Content security policy of responses other than pages, in case a browser displays one. Pages set their own."""
 ALWAYS: Pairs = [
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
@@ -235,14 +235,14 @@ ALWAYS: Pairs = [
     (b"content-security-policy", POLICY),
 ]
 TRANSPORT: Pairs = [(b"strict-transport-security", b"max-age=31536000")]
-"""Strict-Transport-Security for a year, the usual value; sent over TLS only, since browsers ignore it elsewhere."""
+"""Strict-Transport-Security header, valid for a year as usual; sent over TLS only, as browsers ignore it elsewhere."""
 NO_STORE: Pairs = [(b"cache-control", b"no-store")]
-"""Cache policy of most responses: they belong to one client, so that no proxy may store them."""
+"""Cache policy of most responses: no proxy may store them, because each is meant for one client."""
 REVALIDATE: Pairs = [(b"cache-control", b"private, no-cache")]
 """Cache policy of responses with an entity tag, which the client may keep and revalidate."""
 USUAL, USUAL_TLS = [*ALWAYS, *NO_STORE], [*ALWAYS, *NO_STORE, *TRANSPORT]
 DECIDING = frozenset({b"etag", *(name for name, _ in USUAL_TLS)})
-"""Headers of a response that change which headers are added to it."""
+"""Headers of a response that determine which headers are added to it."""
 
 
 class AuthMiddleware:
@@ -281,7 +281,7 @@ class AuthMiddleware:
                 await self._app(scope, receive, send)
             return
         status, key_required = 0, self._requires_key(scope)
-        tls = self._tls or scope.get("scheme") == "https"  # The scheme is that which a trusted proxy reports.
+        tls = self._tls or scope.get("scheme") == "https"  # Behind a trusted proxy, uvicorn sets the scheme it reports.
         public = self._metrics_open and path_of(scope) == "/metrics"
         context = RequestContext(
             self._keys, self._quotas, key_required=key_required and not public, client=client_of(scope)
@@ -336,8 +336,8 @@ class AuthMiddleware:
         if path not in PROBES:
             if self._hosts:
                 refuse_other_hosts(headers.get(b"host", b""), self._hosts)
-            # Without keys, the name is the only defence against a page whose own name resolves to this machine. A
-            # socket file has no network address, and no browser reaches it.
+            # Without keys, checking the host name is the only defence against DNS rebinding: a page of another site
+            # whose own name resolves to this machine. A service on a socket file cannot be reached by a browser.
             elif not key_required and is_loopback(address_of(scope)) is not None:
                 refuse_other_hosts(headers.get(b"host", b""), LOOPBACK_NAMES)
         if scope["method"] not in SAFE:
@@ -351,7 +351,7 @@ def address_of(scope: Scope) -> str | None:
 
 
 def client_of(scope: Scope) -> str | None:
-    """Return the address of the client, behind a trusted proxy the one in its `X-Forwarded-For`."""
+    """Return the address of the client; behind a trusted proxy, the one in `X-Forwarded-For`."""
     client = scope.get("client")
     return client[0] if client else None
 
@@ -439,11 +439,11 @@ def refuse_other_sites(headers: Mapping[bytes, bytes], origins: frozenset[bytes]
         403.
     """
     origin, site = headers.get(b"origin"), headers.get(b"sec-fetch-site")
-    if origin is None and site is None:  # Every current browser sends one of them, so this is another program.
+    if origin is None and site is None:  # Every current browser sends one of the two, so the client is no browser.
         return
     if site in OWN_SITES or origin in origins:
         return
-    with suppress(ValueError):  # A malformed origin is refused like that of another site.
+    with suppress(ValueError):  # A malformed origin is refused like another site.
         if site is None and origin is not None and urlsplit(origin).netloc == headers.get(b"host"):
             return
     raise HTTPException(HTTPStatus.FORBIDDEN, "requests by pages of other sites are refused; see RICOCHET_CORS_ORIGINS")
@@ -451,7 +451,7 @@ def refuse_other_sites(headers: Mapping[bytes, bytes], origins: frozenset[bytes]
 
 def secured(headers: Pairs, *, tls: bool) -> Pairs:
     """Return the headers of a response with the missing security headers added; existing ones are kept."""
-    # The usual case, without an entity tag or a header of its own, is answered from a prepared list.
+    # Most responses have none of the headers in `DECIDING`. They get a list that was prepared once.
     for name, _ in headers:
         if name in DECIDING:
             break

@@ -23,19 +23,19 @@ ANSWERED = (
     "`/jobs/{job_id}/results`. A search for perforation counts as 20 cases, and a service may be configured to another "
     f"number than 100. {PREFERENCES}"
 )
-"""Part of the description of batch and sweep routes: when the answer is a job."""
+"""Paragraph in the descriptions of batch and sweep routes that states when the answer is a job."""
 STUDY_ANSWERED = (
     "\n\nThe answer is 200 once the samples are computed. A study whose `max_samples` exceeds 16,384, unless the "
     "service is configured otherwise, becomes a job and is answered with 202, unless its answer is stored. "
     f"{PREFERENCES}"
 )
-"""Part of the description of study routes: when the answer is a job."""
+"""Paragraph in the descriptions of study routes that states when the answer is a job."""
 
 
 def add_routes(router: APIRouter, operations: Mapping[str, Operation]) -> None:
-    """Add the routes of these operations. Those of many cases are sorted by the number of runs of an operation.
+    """Add the routes of the given operations. Batch and sweep routes are sorted by the number of runs of a case.
 
-    They are added to the router of the application, because FastAPI matches the routes of an included router twice.
+    `router` is the application's own, because FastAPI matches the routes of an included router twice.
     """
     single = [each for each in operations.values() if each.study is None]
     many = [(each, each.many) for each in sorted(single, key=lambda each: each.runs) if each.many is not None]
@@ -51,7 +51,7 @@ def add_routes(router: APIRouter, operations: Mapping[str, Operation]) -> None:
 
 
 def bodies_of(operations: Iterable[Operation]) -> list[type[BaseModel]]:
-    """Return the models of the bodies that routes read themselves: batches, which may be JSON lines, and sweeps."""
+    """Return the models of batches and sweeps, whose bodies the routes read themselves, without FastAPI."""
     found: list[type[BaseModel]] = []
     for each in operations:
         found += (each.many.models.batch, each.many.models.sweep) if each.many else ()
@@ -101,7 +101,7 @@ def add_many(
 
 
 def batch_description(many: Many) -> str:
-    """Return the description of a batch route after its first words."""
+    """Return the description of a batch route without its first words, which name the operation."""
     return (
         ": up to 1,000 as JSON, up to 100,000 as JSON lines.\n\n"
         f"{many.note}{' ' * bool(many.note)}"
@@ -118,4 +118,4 @@ SWEEP_DESCRIPTION = (
     "values of its axes. An error that only the solver finds at a point is the problem of that point alone."
     f"{ANSWERED}"
 )
-"""Description of a sweep route after its first words."""
+"""Description of a sweep route without its first words, which name the operation."""

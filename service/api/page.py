@@ -36,7 +36,7 @@ NAMES = ("choices", "quantities", "formulas", "outcomes", "statuses", "warnings"
 
 FOLDER = Path(__file__).parents[1] / "page"
 NO_STYLE = "'sha256-47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU='"
-"""Hash of the empty style sheet that Plotly adds. Rules that a script then inserts into it need no permission."""
+"""Hash of the empty style sheet that Plotly adds. A policy does not apply to rules that a script inserts afterwards."""
 MAP_STYLE = "'sha256-ji27qzEtxXZW+7dun6UwjHXJ18e6WAin1VvNtkzIE/o='"
 """Hash of the style sheet for geographic maps, which Plotly's bundle adds when it is loaded."""
 REPORT_SHEET = (Path(__file__).parents[1] / "reports" / "assessment.css").read_bytes()
@@ -63,24 +63,24 @@ HEADERS = {
 }
 
 IMMUTABLE = "public, max-age=31536000, immutable"
-"""Cache-Control of the files under a version, which never change; a year is the longest that caches keep anything."""
+"""Cache-Control of files at an address with a version, which never change; a year is the usual maximum."""
 VERSION = re.compile("[0-9a-f]{16}")
-"""Folder that names the version in the address of a file of the page."""
+"""Pattern of a version of the page, the first folder in the address of its files."""
 OWN_FILE = re.compile(rb'"page/(?!contract\.json)')
-"""Address of a file of the page in its document; the schemas in contract.json belong to the service, not the page."""
+"""Pattern of the address of a file of the page in index.html, except for contract.json, which has no version."""
 
 
 class Assets(StaticFiles):
-    """Files of a folder with the headers of the page, compressed for clients that accept it."""
+    """Static files with the headers of the page, compressed for clients that accept it."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """Return a file, or 304 if the browser has it; under the present version the browser need not ask again."""
+        """Return a file, or 304 if the browser has it. A file under the present version may be cached for a year."""
         version, _, rest = path.partition("/")
         is_versioned = VERSION.fullmatch(version) is not None
         response = await super().get_response(rest if is_versioned else path, scope)
         response.headers.update(HEADERS | {"Vary": "Accept-Encoding"})
-        # A page that stays open while the service is replaced asks for its own, older version. It gets the present
-        # file, which must not be kept under the older address.
+        # A page that stays open while the service is upgraded requests files of its own, older version. It gets the
+        # present files, which must not be cached under the older address.
         if is_versioned and version == await run_sync(page_version):
             response.headers["Cache-Control"] = IMMUTABLE
         plain = coding_of(Headers(scope=scope).get("Accept-Encoding", ""), ("gzip",)) != "gzip"
@@ -98,7 +98,7 @@ def page_version() -> str:
 
 @lru_cache(maxsize=1)
 def _page_version(files: tuple[tuple[str, int], ...]) -> str:
-    """Return the digest of files, given by path and time of change; the time makes the cache miss after a change."""
+    """Return the digest of files, given by path and modification time, which causes a cache miss after a change."""
     digest = sha256()
     for path, _ in files:
         digest.update(Path(path).name.encode() + b"\0" + Path(path).read_bytes() + b"\0")
@@ -106,9 +106,9 @@ def _page_version(files: tuple[tuple[str, int], ...]) -> str:
 
 
 def index_content() -> tuple[bytes, bytes, str]:
-    """Return the document, plain and compressed, and its ETag.
+    """Return index.html, plain and compressed, and its ETag.
 
-    The document refers to its files under a version, so that a browser that has them need not ask for any: each
+    The addresses of its files contain a version, so that a browser that has the files need not request any: each
     request takes a round trip, and on a slow line fifty of them take seconds.
     """
     content = (FOLDER / "index.html").read_bytes()
@@ -141,8 +141,8 @@ DOCS_ASSETS = StaticFiles(directory=Path(fastapi_offline.__file__).parent / "sta
 DOCS_POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; img-src 'self' data:"
 )
-"""Content security policy of Swagger UI: it reaches no address outside the service. Its page has a script and styles of
-its own, hence `unsafe-inline`."""
+"""Content security policy of Swagger UI, which may not connect to other sites. Its page contains an inline script and
+inline styles, hence `unsafe-inline`."""
 DOCS_DARK = """<style>
 @media (prefers-color-scheme: dark) {
   html { background: #14171b; color-scheme: dark; }
@@ -158,7 +158,7 @@ PLOTLY = Assets(directory=plotly_folder())
 
 @router.get("/")
 async def page(request: Request) -> Response:
-    """Serve the start page."""
+    """Serve index.html, or 304 if the browser has the present version."""
     plain, packed, tag = await run_sync(index_content)
     headers = HEADERS | {"ETag": tag, "Vary": "Accept-Encoding"}
     if tag in request.headers.get("If-None-Match", ""):
@@ -216,7 +216,7 @@ async def docs() -> HTMLResponse:
         title="ricochet",
         swagger_js_url="docs/assets/swagger-ui-bundle.js",
         swagger_css_url="docs/assets/swagger-ui.css",
-        swagger_favicon_url="data:,",  # An empty image keeps FastAPI's own, from another site, out of the page.
+        swagger_favicon_url="data:,",  # An empty image, since FastAPI's icon would be loaded from another site.
         swagger_ui_parameters={"validatorUrl": None, "tryItOutEnabled": True},
     )
     content = bytes(response.body).replace(b"</head>", DOCS_DARK.encode() + b"</head>")
@@ -224,7 +224,7 @@ async def docs() -> HTMLResponse:
 
 
 INLINE = re.compile(rb"<(script|style)>(.*?)</\1>", re.DOTALL)
-"""Inline scripts and style sheets of a page, of which the theme of the manual has two."""
+"""Pattern of the inline scripts and style sheets in a page of the manual."""
 MANUAL_HEADERS = {
     "Cache-Control": "no-cache",
     "Cross-Origin-Opener-Policy": "same-origin",
@@ -245,12 +245,12 @@ NO_MANUAL = """<!doctype html>
 
 
 class Manual(StaticFiles):
-    """Files of the manual.
+    """Static files of the built manual, or an explanation if it has not been built.
 
     Parameters
     ----------
     folder
-        Folder of the manual. It may appear or go while the service runs.
+        Folder of the manual. It may be created or removed while the service runs.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -260,7 +260,7 @@ class Manual(StaticFiles):
         """Accept a missing folder, for which Starlette would raise an error."""
 
     def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
-        """Return the file at a path, and the first page for the path of the manual itself."""
+        """Find the file at a path. The path of the manual itself leads to its first page."""
         return super().lookup_path("index.html" if path == "." else path)
 
     async def get_response(self, path: str, scope: Scope) -> Response:
@@ -293,5 +293,5 @@ def policy_of(file: str, _modified: int) -> str:
 
 @router.get("/manual")
 async def manual() -> Response:
-    """Redirect to the first page, by a relative address, which is right behind the prefix of a proxy too."""
+    """Redirect to the first page. The relative address is valid behind the path prefix of a proxy too."""
     return RedirectResponse("manual/", headers={"Cache-Control": "no-cache"})

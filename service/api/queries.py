@@ -1,4 +1,4 @@
-"""Single queries of all operations: `resolve`, which makes every answer; representations of results; their route."""
+"""Single queries: `resolve`, which answers the request of any operation, media types of results, route of a result."""
 
 import asyncio
 import csv
@@ -141,7 +141,7 @@ async def _answer_query(request: Request, operation: Operation, case: Any, query
         try:
             found, known = await computed(services, context, name, KeyedRequest.of(name, other))
         except Exception as error:
-            # A failed alternative has its problem in its place; a full queue concerns the whole request.
+            # A failed alternative is answered with its problem. Other errors, such as a full queue, fail the request.
             if ProblemType.of(error).status != HTTPStatus.UNPROCESSABLE_ENTITY:
                 raise
             return {**laws, "problem": {**problem_of(error), "instance": request.scope["path"]}}, "miss"
@@ -160,7 +160,7 @@ async def _answer_query(request: Request, operation: Operation, case: Any, query
 
 
 async def _answer_study(request: Request, operation: Operation, case: Any, query: KeyedRequest) -> Resolved:
-    """Answer a study. Its samples are charged as they are taken; a stored answer is charged as one case."""
+    """Answer a study. Its samples are charged before they are computed; a stored answer is charged as one case."""
     services, context = services_of(request), context_in(request.scope)
     status: CacheStatus = "hit"
     record = await services.queries.result(query.key)

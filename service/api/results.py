@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from pyarrow import DataType
 
 JSON_PIECE = 128 * 1024
-"""Size of the pieces of JSON that are sent. [bytes] A smaller piece costs as much to send as to encode; a larger one
-holds up other requests. The value is a judgement."""
+"""Size of the pieces of JSON that are sent [bytes]. A smaller piece costs as much to send as to encode; a larger one
+delays other requests. The value is chosen by judgement."""
 
 Value = TypeVar("Value")
 
@@ -74,7 +74,7 @@ class ReadyResults:
 
 
 def to_item(result: CaseResult, instance: str, sweep: StoredSweep | None) -> bytes:
-    """Return the JSON of a case; `instance` is the path in its problem, if it has one."""
+    """Return the JSON of a case. `instance` is added to its problem, if it has one."""
     head: dict[str, Any] = {"index": result.number}
     if result.custom_id is not None:
         head["custom_id"] = result.custom_id
@@ -132,7 +132,7 @@ async def as_array(
 
 
 def in_pieces(items: Iterable[bytes]) -> Iterator[bytes]:
-    """Join items to pieces of about `JSON_PIECE` bytes."""
+    """Join items into pieces of about `JSON_PIECE` bytes."""
     piece: list[bytes] = []
     size = 0
     for item in items:
@@ -168,7 +168,7 @@ async def write_hdf5(path: Path, ready: ReadyResults) -> None:
         ) as blocks:
             async for _ in blocks:
                 pass
-        await run_sync(batch.finish)  # In a thread, as it compresses the rest and reads the whole file for its hash.
+        await run_sync(batch.finish)  # Runs in a thread, because it compresses and writes the rest of the file.
 
 
 GROUP_ROWS = 4096
@@ -187,7 +187,7 @@ def csv_head(operation: str, sweep: StoredSweep | None) -> bytes:
 
 
 def csv_rows(results: Iterable[CaseResult], operation: str, sweep: StoredSweep | None) -> bytes:
-    """Return the CSV rows of these results."""
+    """Return the results as CSV rows, without the header."""
     base = _base(sweep).values()
     return _lines([*_row(result, operation, sweep), *base] for result in results)
 
@@ -270,7 +270,7 @@ class ParquetTable:
         self._writer = parquet.ParquetWriter(path, self._schema)
 
     def write(self, results: Sequence[CaseResult]) -> None:
-        """Add the rows of these cases."""
+        """Add a row for each case, and write a row group when `GROUP_ROWS` have been added."""
         self._rows += (_row(result, self._operation, self._sweep) for result in results)
         if len(self._rows) >= GROUP_ROWS:
             self._write_group()
@@ -291,7 +291,7 @@ class ParquetTable:
 
 
 def _arrow_type(column: Column) -> "DataType":
-    """Return the type of a column in Arrow."""
+    """Return the Arrow type of a column."""
     import pyarrow as pa  # noqa: PLC0415 (an extra)
 
     return {"f": pa.float64(), "i": pa.int64(), "S": pa.string(), "?": pa.bool_()}[column.dtype.lstrip("<")[0]]

@@ -34,7 +34,8 @@ from solver import ENGINE_VERSION
 Result = TypeVar("Result")
 
 READING_THREADS = 1
-"""Number of threads that validate cases. More would only take the interpreter lock from the event loop more often."""
+"""Number of threads that validate cases. More would not be faster, and would compete with the event loop for the
+interpreter lock."""
 HISTOGRAM_SECONDS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
 """Bucket bounds of the request histogram [s]: a cached answer takes well under 1 ms, the longest query a minute."""
 
@@ -44,14 +45,14 @@ LABELS = {
     "ricochet_chunk_width": ("place",),
     "ricochet_jobs": ("status",),
 }
-"""Labels of the metrics that have any."""
+"""Names of the labels of metrics. Metrics that are not listed have no labels."""
 
 
 class Metrics:
     """Metrics for Prometheus. Requests and cases are counted as they come, the rest is read at each scrape."""
 
     def __init__(self) -> None:
-        # Each counter would have a second series with the time of its creation, which nobody reads.
+        # By default each counter has a second series with the time of its creation, which nobody reads.
         disable_created_metrics()  # type: ignore[no-untyped-call]
         self.registry = registry = CollectorRegistry()
         self._cases = Counter(
@@ -101,7 +102,7 @@ class Metrics:
         Info("ricochet_build", "Versions of the service", registry=registry).info(build)
 
     def observe(self, method: str, route: str, status: int, seconds: float) -> None:
-        """Record the duration of a request."""
+        """Add the duration of a request to the histogram. [s]"""
         self._seconds.labels(method, route, status).observe(seconds)
 
     def count(self, operation: str, outcome: str, cache: str, count: int) -> None:
@@ -159,7 +160,7 @@ class Services:
     jobs: JobManager = field(init=False)
     stopping: asyncio.Event = field(init=False)
     ending: "asyncio.Future[None]" = field(init=False)
-    """Done near the end of the grace period, when unfinished requests are refused."""
+    """Future that is done once unfinished requests are to be refused, near the end of the grace period."""
     reading: CapacityLimiter = field(init=False)
     parsing: asyncio.Lock = field(init=False)
     mcp: ASGIApp = field(init=False)
@@ -200,7 +201,7 @@ async def unless_left(request: Request, work: Coroutine[Any, Any, Result]) -> Re
 
 
 async def in_time(work: Coroutine[Any, Any, Result], seconds: float) -> Result:
-    """Return the result of work within a timeout. [s]
+    """Return the result of work, for which `seconds` are allowed.
 
     Raises
     ------

@@ -84,13 +84,13 @@ async def answer_with_job(
     """
     services, context = services_of(request), context_in(request.scope)
     query = KeyedRequest.of(operation.name, case)
-    await run_sync(case.study)  # Making the study refuses inconsistent inputs now, instead of as a failed job.
+    await run_sync(case.study)  # Raises an error for inconsistent inputs now, so that no job is created for them.
     read = time.perf_counter()
     try:
-        # All samples are charged beforehand, so that two studies at once cannot exceed the quota together.
+        # All samples are charged beforehand, so that two simultaneous studies cannot exceed the quota together.
         charge = context.charge(most)
         state = await response.accept(one_block(JobCase(query)), digest, charge=charge)
-    # Cancellation, which is no `Exception`, gives the charge back as well.
+    # Not `Exception`: the charge is given back after a cancellation too.
     except BaseException:
         context.give_back()
         raise
@@ -111,7 +111,7 @@ async def one_block(case: JobCase) -> AsyncIterator[list[JobCase]]:
 PAGE_COST = 50
 """Cost of drawing the page of a report, which takes some 0.5 s [ordinary cases]."""
 NEEDED = "cra"
-"""Name of the query that a verdict and a report cannot do without."""
+"""Name of the query whose failure fails a verdict or a report."""
 
 
 @router.post(
@@ -134,7 +134,7 @@ async def judge_strike(request: Request, strike: ReportRequest) -> Response:
 
 
 async def verdict_answers(request: Request, strike: ReportRequest) -> dict[str, Any]:
-    """Return the answers that a verdict is made from, by name; a failed query has an object with a `problem`."""
+    """Return the answers that a verdict is made from, by name. A failed query is answered with its `problem`."""
     found = await answer_all(request, verdict_queries(strike))
     return found | await answer_all(request, weighing_queries(strike, found[NEEDED]))
 
@@ -180,7 +180,7 @@ async def write_report(request: Request, strike: ReportRequest, given: Any) -> s
 
 
 async def answers_to(request: Request, strike: ReportRequest) -> dict[str, Any]:
-    """Return the answers that a report is made from, by name; a failed query has an object with a `problem`."""
+    """Return the answers that a report is made from, by name. A failed query is answered with its `problem`."""
     found = await answer_all(request, first_queries(strike))
     return found | await answer_all(request, strike_queries(strike, found[NEEDED]))
 
@@ -192,14 +192,14 @@ async def answer_all(request: Request, queries: Mapping[str, Query]) -> dict[str
 
 
 async def answer_query(request: Request, name: str, query: Query) -> Any:
-    """Answer one query. If it fails and the report can do without it, return its problem."""
+    """Answer one query. If the strike makes it impossible, return its problem instead, unless it is `NEEDED`."""
     operation = OPERATIONS[query.operation]
     try:
         case = validated(query.body, operation, services_of(request))
         return orjson.loads((await resolve(request, operation, case, watched=False)).content)
     except Exception as error:
-        # A query that is impossible for this strike is a part of the answer; a busy or failed service is an error of
-        # the whole request.
+        # A query that is impossible for this strike is reported within the answer. A busy or failing service fails the
+        # whole request.
         if name == NEEDED or ProblemType.of(error).status != HTTPStatus.UNPROCESSABLE_ENTITY:
             raise
         return {"problem": problem_of(error)}

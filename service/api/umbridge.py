@@ -37,11 +37,11 @@ STATUSES = list(SearchStatus)
 OUTCOMES = [Outcome.EMBEDDED, Outcome.RICOCHET, Outcome.IN_MOTION, Outcome.PERFORATED]
 
 router = APIRouter(prefix="/umbridge", dependencies=[RUN], include_in_schema=False)
-"""Router outside the OpenAPI document: the protocol defines the routes, and its errors are no problems (RFC 9457)."""
+"""Router outside the OpenAPI document: the protocol defines the routes, and its errors are not problem documents."""
 
 
 class ModelInput(Part):
-    """One element of the input vector."""
+    """One element of the input vector: the number in `field` of the request, divided by `scale`."""
 
     field: Annotated[str, Field(max_length=100)]
     scale: Annotated[Num, Field(gt=0.0)] = 1.0
@@ -56,14 +56,17 @@ VECTOR = TypeAdapter(list[Num])
 
 
 def critical_angle_output(answer: Mapping[str, Any]) -> list[float]:
-    """Return angle and status. Without an angle it is 90° (no ricochet, not converged) or 0° (always ricochet)."""
+    """Return critical angle [°] and number of the status.
+
+    Without an angle, the first is 0° if every angle gives a ricochet, else 90° (no ricochet, or not converged).
+    """
     status = SearchStatus(answer["status"])
     limit = 0.0 if status is SearchStatus.ALWAYS_RICOCHET else 90.0
     return [answer.get("critical_angle_deg", limit), float(STATUSES.index(status))]
 
 
 def trajectory_output(answer: Mapping[str, Any]) -> list[float]:
-    """Return outcome, greatest depth, exit speed and exit angle.
+    """Return number of the outcome, greatest depth, exit speed and exit angle. [1, m, m/s, °]
 
     The depth is 0 if the wall is perforated, and the angle is 0 unless the projectile ricochets: the protocol has no
     missing numbers.
@@ -75,7 +78,7 @@ def trajectory_output(answer: Mapping[str, Any]) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """An operation as a function from numbers to numbers."""
+    """A UM-Bridge model: an operation as a function from an input vector to an output vector."""
 
     base: Mapping[str, Any]
     """Request that `config` modifies and the inputs vary."""
@@ -114,7 +117,7 @@ async def info() -> dict[str, Any]:
 
 @router.post("/{endpoint}")
 async def call(endpoint: str, request: Request) -> Response:
-    """Answer a call of the protocol."""
+    """Respond to a call of the protocol, with an error in its format if the call fails."""
     try:
         content = await answer(endpoint, request)
     except ProtocolError as error:

@@ -32,7 +32,7 @@ LOCAL = "local"
 PREFIX = "ricochet_"
 """Prefix of a token, by which programs that scan repositories and logs for secrets can find it."""
 ID_BYTES, SECRET_BYTES = 4, 32
-"""Random bytes of id and secret. Four tell the keys of one service apart; 32 cannot be guessed."""
+"""Numbers of random bytes of id and secret. Four tell the keys of one service apart; 32 cannot be guessed."""
 TOKEN = re.compile(PREFIX + r"([0-9a-f]{8})_[A-Za-z0-9_-]{43}")
 UNKNOWN_DIGEST = "0" * 64
 """Digest that the token of an unknown key is compared with, so that response times do not reveal which keys exist."""
@@ -99,7 +99,7 @@ class ApiKey:
     revoked: float | None = None
 
     def usable_at(self, now: float) -> bool:
-        """Return True if the key is valid at a time, in seconds since 1970. [s]"""
+        """Return True if the key is valid at the time `now`. [s since 1970]"""
         return self.revoked is None and (self.expires is None or now < self.expires)
 
     def may(self, scope: str) -> bool:
@@ -107,7 +107,7 @@ class ApiKey:
         return scope in self.scopes or "admin" in self.scopes
 
     def fits(self, token: str) -> bool:
-        """Return True if a token is that of the key. The comparison takes the same time wherever they differ."""
+        """Return True if this is the token of the key. The comparison takes the same time for every wrong token."""
         return hmac.compare_digest(self.digest, digest_of(token))
 
 
@@ -164,7 +164,7 @@ class ApiKeyStore:
         self._failed = False
         self._keys: Mapping[str, ApiKey] = read_keys(folder)
         self.lost = not (folder / FILE).exists() and (folder / LOCK).exists()
-        """True if the lock file shows that there were keys, and their file is missing."""
+        """True if the file of the keys is missing although the lock file shows that there were keys."""
         self.required = self.lost or (folder / FILE).exists()
         """True if keys are or were configured, revoked ones included."""
 
@@ -174,13 +174,13 @@ class ApiKeyStore:
         return any(key.usable_at(self._clock.now()) for key in self._keys.values())
 
     def reload(self) -> None:
-        """Read the keys again if the file has changed."""
+        """Read the keys again if the file has changed, which is checked at most once per `RELOAD_SECONDS`."""
         now = self._clock.monotonic()
-        # Every request calls this, and thousands a second must not read the file as often.
+        # Every request calls this, up to thousands of times a second, which is too often to look at the file.
         if now - self._checked < RELOAD_SECONDS:
             return
         self._checked = now
-        # The file is polled, as another process, `ricochet keys`, changes it.
+        # The file is polled because another process, `ricochet keys`, changes it.
         stamp = _stamp(self._folder / FILE)
         if stamp == self._seen and not self._failed:
             return
@@ -201,13 +201,13 @@ class ApiKeyStore:
         match = TOKEN.fullmatch(token)
         key = self._keys.get(match[1]) if match else None
         if key is None:
-            # The result is ignored; the comparison only takes the time that a known key would take.
+            # The result is ignored. The comparison only makes the refusal take as long as with a known key.
             hmac.compare_digest(UNKNOWN_DIGEST, digest_of(token))
             return None
         return key if key.fits(token) and key.usable_at(self._clock.now()) else None
 
     def holds(self, key: ApiKey) -> bool:
-        """Return True if a key that was valid still is, for responses that last longer than a key may."""
+        """Return True if a key is still valid. Event streams call this, as they may last longer than their key."""
         self.reload()
         found = self._keys.get(key.id)
         return found is not None and found.usable_at(self._clock.now())
@@ -295,8 +295,7 @@ def _insert(folder: Path, key: ApiKey) -> None:
         # The file gets its permissions before SQLite writes hashes into it.
         make_private(folder / FILE)
         with _readable(), connected(folder) as connection:
-            # The write lock is taken at once, as a read lock that has to be upgraded can fail when another process
-            # writes.
+            # The write lock is taken at once, because upgrading a read lock can fail while another process writes.
             connection.execute("BEGIN IMMEDIATE")
             if is_new:  # An existing file without tables is damaged, and must not be repaired to a store without keys.
                 for statement in filter(str.strip, TABLES.split(";")):
@@ -325,7 +324,7 @@ def _to_dict(cursor: sqlite3.Cursor, row: tuple[Any, ...]) -> dict[str, Any]:
 def _stamp(path: Path) -> tuple[int, int, int, bytes] | None:
     """Return a value that changes with every change of the file; None if there is no file.
 
-    The header is included because two changes within the resolution of the modification time keep time and size.
+    The header is included because two changes in quick succession may leave modification time and size the same.
     """
     try:
         with path.open("rb") as file:

@@ -48,19 +48,19 @@ class AuditLog:
             self._log.addHandler(logging.StreamHandler() if self._path is None else PrivateFileHandler(self._path))
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file, if there is one."""
         for handler in list(self._log.handlers):
             self._log.removeHandler(handler)
             handler.close()
 
     def record(self, scope: Mapping[str, Any], context: RequestContext, status: int) -> None:
-        """Write an entry for a request."""
+        """Write an entry for a request as one line of JSON."""
         principal, client = context.principal, scope.get("client")
         line = {
             "event": "audit",
             "timestamp": datetime.now(UTC).isoformat(),
             "request_id": get_contextvars().get("request_id"),
-            # Without a valid key the owner is only the default, which would name somebody who sent nothing.
+            # Without a valid key the owner is the default `local`, which did not send the request.
             "owner": principal.owner if status != 401 else None,
             "key": principal.key.id if principal.key else None,
             "client": client[0] if client else None,

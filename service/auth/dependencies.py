@@ -23,7 +23,7 @@ from solver import ParameterError
 CONTEXT = "ricochet.context"
 """Key of the `RequestContext` in the ASGI scope of a request."""
 REFUSALS = (InvalidBodyError, ParameterError, PoolUnavailableError, QueueFullError)
-"""Errors of cases that were not computed, and so are not charged to the quota."""
+"""Errors of requests that were refused before they were computed. They are not charged to the quota."""
 CHALLENGE = {"WWW-Authenticate": "Bearer"}
 INVALID_TOKEN = {"WWW-Authenticate": 'Bearer error="invalid_token"'}
 
@@ -48,7 +48,7 @@ class Principal:
 
     @property
     def visible_owner(self) -> str | None:
-        """Owner whose jobs the principal can see; None for those of all owners."""
+        """Owner whose jobs the principal can see; None if it can see the jobs of all owners."""
         return None if self.key is None or self.key.may(SCOPES[-1]) else self.owner
 
 
@@ -83,11 +83,11 @@ class RequestContext:
 
     @property
     def queue_owner(self) -> str:
-        """Owner in whose turn work is computed; without a key, the address of the client."""
+        """Owner whose share of the workers the work counts against; without a key, the address of the client."""
         return self.principal.owner if self.principal.key else f"address {network_of(self._client)}"
 
     def authorize(self, token: str | None, scopes: Iterable[str]) -> None:
-        """Identify the principal by its token, and check that its key has these scopes.
+        """Identify the principal by its token, and check that its key has the given scopes.
 
         Raises
         ------
@@ -102,7 +102,7 @@ class RequestContext:
         key = self._keys.find(token.strip())
         if key is None:
             raise HTTPException(HTTPStatus.UNAUTHORIZED, "invalid or expired API key", headers=INVALID_TOKEN)
-        # The principal is set before the scopes are checked, so that the audit log names whose key was refused.
+        # The principal is set before the scopes are checked, so that the audit log names the owner of a refused key.
         self.principal = Principal(key.owner, key, self._quotas.quota(key.id, key.cases_per_hour))
         for scope in scopes:
             if not key.may(scope):
@@ -121,9 +121,9 @@ class RequestContext:
         self.cases += count
 
     def charge(self, count: int) -> Charge | None:
-        """Charge the cases that a job may take, and return the charge, with which the job gives back the rest.
+        """Charge the cases that a job may take, and return the charge, of which the job gives back the unused part.
 
-        Without a quota the charge is None.
+        Without a quota, return None.
 
         Raises
         ------
@@ -163,7 +163,7 @@ class RequestContext:
 
 @lru_cache(maxsize=1024)
 def network_of(address: str | None) -> str | None:
-    """Return an IPv4 address unchanged, and the /64 network of an IPv6 address, all of which one client may use."""
+    """Return an IPv4 address unchanged, or the /64 network of an IPv6 address, any of which a client may use."""
     try:
         return str(IPv6Network((address or "", 64), strict=False))
     except ValueError:
@@ -180,7 +180,7 @@ class Authorization(HTTPBearer):
     """Security scheme that declares keys in the contract and also checks them.
 
     A separate dependency for the check would cost each request another call through FastAPI's dependency solver.
-    `__call__` has one parameter more than that of the base class, which FastAPI fills in.
+    FastAPI fills in the parameter that `__call__` has in addition to that of the base class.
     """
 
     async def __call__(self, request: Request, required: SecurityScopes) -> RequestContext:  # type: ignore[override]
@@ -200,7 +200,7 @@ authorize = Authorization(
     scheme_name="key",
     description="API key made by `ricochet keys add`, where the service requires one. A key with the scope `admin` has "
     "all scopes and sees the jobs of all owners.",
-    auto_error=False,  # An open service has no keys, and the base class would answer without naming the problem.
+    auto_error=False,  # The base class would require a key of an open service too, and send no problem document.
 )
 
 
@@ -231,7 +231,7 @@ class ConcurrencyLimit:
     per_owner, total
         Largest number of concurrent uses. `total` is None for no limit.
     owner_error, total_error
-        Functions that make the error from the limit that was reached.
+        Functions that return the error to raise, given the limit that was reached.
     """
 
     def __init__(
@@ -263,5 +263,5 @@ class ConcurrencyLimit:
             yield
         finally:
             self._held[owner] -= 1
-            if not self._held[owner]:  # Without this the table would grow by every address that was ever seen.
+            if not self._held[owner]:  # Otherwise the table would grow with every new address.
                 del self._held[owner]

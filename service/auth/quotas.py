@@ -15,18 +15,18 @@ from service.clock import SYSTEM, Clock
 from service.errors import QuotaError, QuotaTooSmallError
 
 WINDOW = 3600
-"""Length of the sliding window over which cost is counted. Quotas are given in cases per hour. [s]"""
+"""Length of the sliding window over which cost is counted, an hour because quotas are in cases per hour. [s]"""
 STEP = 60
-"""Cases requested within this time share one entry and leave the window together, so that a key has at most 61 entries.
-[s]"""
+"""Length of the time steps in which cases are counted [s]. The cases of one step leave the window together, so that a
+key has at most 61 counts."""
 SAVE_SECONDS = 10
-"""Interval between writes of the counts to disk, a judgement: a crash forgives at most this much use. [s]"""
+"""Interval between writes of the counts to disk, chosen by judgement [s]. A crash loses the counts of one interval."""
 
 
 def steady(clock: Clock) -> Callable[[], float]:
-    """Return a clock that starts at the present date and ignores later changes of it. [s since 1970]
+    """Return a clock that starts at the present time and ignores later changes of the system clock. [s since 1970]
 
-    Nobody gains or loses cases when the clock of the machine is set.
+    Setting the clock of the machine therefore does not change what is left of a quota.
     """
     since_1970 = clock.now() - clock.monotonic()
     return lambda: since_1970 + clock.monotonic()
@@ -40,7 +40,7 @@ class Quota:
     most
         Largest number of cases within the window; None for no limit.
     entries
-        Saved counts: the begin of each entry, in seconds since 1970, and its cases.
+        Saved counts: start of each time step, in seconds since 1970, and number of cases charged in it.
     time
         Clock; see `steady`. [s since 1970]
     """
@@ -54,17 +54,17 @@ class Quota:
         self.most = most
         self._time = time or steady(SYSTEM)
         now = self._time()
-        # Entries from the future were saved before the clock was set back, and would never leave the window.
+        # Counts dated in the future were saved before the clock was set back. They would stay in the window too long.
         self.entries = deque((began, count) for began, count in entries or () if began <= now)
         self._count = sum(count for _, count in self.entries)
 
     def take(self, count: int, before: int = 0) -> int:
-        """Charge cases, and return the begin of the entry that counts them.
+        """Charge cases, and return the start of the time step in which they are counted. [s since 1970]
 
         Parameters
         ----------
         before
-            Cases of the same request that have been charged before.
+            Number of cases of the same request that have already been charged.
 
         Raises
         ------
@@ -90,7 +90,7 @@ class Quota:
         return began
 
     def give_back(self, count: int) -> None:
-        """Give back refused cases, from the latest entries first."""
+        """Give back refused cases, taking them from the latest time steps first."""
         while count > 0 and self.entries:
             began, here = self.entries.pop()
             if here > count:
@@ -99,7 +99,7 @@ class Quota:
             count -= here
 
     def give_back_from(self, began: int, count: int) -> None:
-        """Give back cases of the entry with this begin, unless it has left the window."""
+        """Give back cases charged in the time step that began at `began`, unless it has left the window."""
         self._forget(self._time())
         for place, (begin, here) in enumerate(self.entries):
             if begin == began:
@@ -166,9 +166,9 @@ class QuotaStore:
         return found
 
     def give_back(self, key_id: str, count: int, began: int) -> None:
-        """Give unused cases back to a key, from the entry with this begin."""
+        """Give back to a key unused cases that were charged in the time step that began at `began`."""
         if key_id not in self._quotas:
-            # The limit is set when the key is next used.
+            # The limit is not known here. `quota` sets it when the key is next used.
             self._quotas[key_id] = Quota(None, self._earlier.get(key_id), self._time)
         self._quotas[key_id].give_back_from(began, count)
 

@@ -40,12 +40,12 @@ KEY = re.compile(r"[0-9a-f]{64}")
 PROBE = bytes(65_536)
 """Data written to test the disk, large enough for a full disk to refuse it."""
 JOURNAL_RECORDS, JOURNAL_BYTES = 200, 2 * 1024 * 1024
-"""Number and size of results at which the journal is written to segments, some tens of milliseconds of work in a thread
-[1, bytes]. Its size also bounds the memory of the results that wait."""
+"""Number and size of results in the journal at which they are written to segments, which takes a thread some tens of
+milliseconds [1, bytes]. The size also limits the memory of the results in the journal."""
 EVICTED_SHARE = 0.1
-"""Fraction of the limit freed by one eviction, so that not every new result causes one; a judgement."""
+"""Fraction of the limit freed by one eviction, so that not every new result causes one; chosen by judgement."""
 EVICTED_AT_ONCE = 64
-"""Largest number of segments evicted in one step. Storing of results waits for a step, not for a whole eviction."""
+"""Largest number of segments evicted in one step. A result to be stored waits for a step, not for a whole eviction."""
 
 log = logging.getLogger(__name__)
 
@@ -84,7 +84,7 @@ class FolderLock:
     def check(self) -> None:
         """Check that the path still leads to the locked folder.
 
-        After a replacement another service could lock the new folder, and both would write there.
+        If the folder were replaced, another service could lock the new one, and both would write to it.
 
         Raises
         ------
@@ -127,8 +127,8 @@ class ResultCache:
 
     Notes
     -----
-    Methods do not raise for a disk that is full, read-only or gone: results are answered nevertheless, and `last_error`
-    has the reason. Only `recall` may be called on the event loop; all other methods may wait for the disk.
+    Methods do not raise an error for a disk that is full, read-only or gone, so that requests are still answered;
+    `last_error` has the reason. Only `recall` may be called on the event loop; all other methods may wait for the disk.
     """
 
     def __init__(self, folder: Path, *, memory_bytes: int, disk_bytes: int) -> None:
@@ -146,16 +146,17 @@ class ResultCache:
         self._flushing = threading.Lock()
         self._flusher = ThreadPoolExecutor(1, "journal")
         self._flushed: Future[None] | None = None
-        """Latest flush in the flusher's thread."""
+        """Latest flush in the thread of `_flusher`; None before the first one."""
         self._pending: dict[str, Record] = {}
         """Results in the journal that are in no segment yet."""
         self._pending_bytes = 0
-        """Approximate length of these answers. [bytes] Threads add to it without a lock, and each flush counts anew."""
+        """Approximate size of the answers in `_pending` [bytes]. Threads add to it without a lock, so that an addition
+        may be lost; each flush counts again."""
         self._lock: FolderLock | None = None
         with self._noting():
             self._lock = FolderLock(folder)
         try:
-            self._index = self._open_index()  # First, because a folder of another version must not be changed.
+            self._index = self._open_index()  # Raises FolderLayoutError before a folder of another version is changed.
             self._segments.sweep()
             self.writable()
             self._reconcile()
@@ -164,7 +165,7 @@ class ResultCache:
             self._release()
             raise
         self.found_results = bool(self._pending or self.statistics().cases)
-        """True if there were results at the start."""
+        """True if there were results in the folder at the start."""
         self.flush()
         self._make_room()
 
@@ -177,7 +178,7 @@ class ResultCache:
     def recall(self, key: str) -> Record | None:
         """Return the record of a key if it is in memory.
 
-        It is a copy: the content that callers parse from a record would stay in the cached one and take memory.
+        The record is a copy, because content that callers parse from the cached record itself would stay in memory.
         """
         with self._remembering:
             record = self._recent.get(key)
@@ -191,7 +192,7 @@ class ResultCache:
         return record
 
     def get_many(self, keys: Sequence[str]) -> dict[str, Record]:
-        """Return the records of these keys; missing ones are left out.
+        """Return the records of the given keys; missing ones are left out.
 
         Records from disk are not kept in memory, since those of one batch would evict everything else.
         """
@@ -305,7 +306,7 @@ class ResultCache:
                     self._index.drop(names)
 
     def verify(self) -> list[str]:
-        """Read every segment, add missing ones to the index, set damaged ones aside, and return the names of these."""
+        """Read every segment, add missing ones to the index, and set damaged ones aside; return the damaged names."""
         return [name for name in sorted(self._segments.names()) if not self._adopt(name)]
 
     def rebuild(self) -> None:
@@ -341,7 +342,7 @@ class ResultCache:
         with self._noting():
             make_private_folder(self._index_path.parent)
             return Index(self._index_path)
-        return Index(None)  # An index in memory is filled from the segments, so that stored results can be read.
+        return Index(None)  # If the disk fails, `_reconcile` fills an index in memory from the segments.
 
     def _open_journal(self) -> Journal | None:
         """Open the journal, and load the results that a killed process has left in it."""
@@ -397,7 +398,7 @@ class ResultCache:
         return False
 
     def _reconcile(self) -> None:
-        """Make the index agree with the files, as a crash may have come between the changes of both."""
+        """Make the index match the files: a crash may have come between a change of one and of the other."""
         with self._noting():
             indexed, there = self._index.names(), self._segments.names()
             self._index.drop(indexed - there)
@@ -431,7 +432,7 @@ class ResultCache:
             raise
 
     def _make_room(self, latest: str = "") -> None:
-        # Only one thread evicts. The others go on: the total exceeds the limit for a moment at most.
+        # Only one thread evicts. The others go on without waiting, so the total may exceed the limit for a moment.
         if self.statistics().bytes > self._disk_bytes and self._evicting.acquire(blocking=False):
             try:
                 self.evict(round(self._disk_bytes * (1.0 - EVICTED_SHARE)), keep=latest)
@@ -440,7 +441,7 @@ class ResultCache:
 
     def _find(self, keys: Sequence[str]) -> dict[str, Location]:
         with self._noting():
-            # A key may come from a URL, so that it can be any text.
+            # A key may come from a URL, where it can be any text.
             return self._index.find([key for key in keys if KEY.fullmatch(key)])
         return {}
 
@@ -449,11 +450,11 @@ class ResultCache:
             self._index.use(names)
 
     def _read(self, name: str, rows: Mapping[str, int]) -> dict[str, Record]:
-        """Return the results in these rows of a segment."""
+        """Return the results in the given rows of a segment."""
         with self._missing(name):
             records = self._segments.decoded(name).records(rows.values())
             if [record.key for record in records] != list(rows):
-                self._index.drop([name])  # The entry of the segment is wrong, so it is made again from the file.
+                self._index.drop([name])  # The entry of the segment is wrong; `_adopt` makes it again from the file.
                 self._adopt(name)
             return {record.key: record for record in records if record.key in rows}
         return {}

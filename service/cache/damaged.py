@@ -1,4 +1,4 @@
-"""Setting aside of damaged files in the folder `damaged`."""
+"""Moving of damaged files to the folder `damaged`."""
 
 import logging
 import time
@@ -28,4 +28,4 @@ def set_aside(path: Path, folder: Path, reason: str) -> None:
     path.replace(aside)
     with suppress(FileNotFoundError):
         Path(f"{path}-wal").replace(f"{aside}-wal")
-    Path(f"{path}-shm").unlink(missing_ok=True)  # SQLite makes the shared memory file again from the log.
+    Path(f"{path}-shm").unlink(missing_ok=True)  # SQLite rebuilds the shared memory file from the log.

@@ -53,22 +53,22 @@ NEW_FILE: Mapping[str, Any] = {"libver": ("earliest", "v108"), "track_order": Tr
 """Options of new files: the oldest structures of the format, which HDF5 1.8, MATLAB, Octave, R and Julia can read, and
 columns in the order in which they were created."""
 GZIP_LEVEL = 3
-"""Compression level of gzip. The next levels take twice the time and save a tenth."""
+"""Compression level of gzip. The next higher levels take twice the time and save a tenth."""
 COMPRESSED_BYTES = 4096
 """Size of the smallest dataset that is compressed [bytes]. A chunk of HDF5 takes 2 kB in addition to its data, so that
 smaller datasets would grow."""
 SEGMENT_BYTES = 16 * 1024 * 1024
 """Largest size of the histories and texts of one segment [bytes]. All of it is read and decompressed for one result."""
 CHUNK_ROWS = 4096
-"""Number of rows of a chunk in a file that is written in blocks: few enough to wait in memory, and enough to be
+"""Number of rows of a chunk in a file that is written in blocks: few enough to be held in memory, and enough to be
 compressed well."""
 CHUNK_BYTES = 1024 * 1024
-"""Size of a chunk of texts, whose rows can be long [bytes]."""
+"""Size of a chunk of texts [bytes]. It is not a number of rows, because the rows of texts can be long."""
 CHUNK_CACHE_BYTES = 64 * 1024
-"""Size of HDF5's chunk cache for each dataset [bytes]. Only whole chunks are written, which need no cache; the default
-of several megabytes for each of some tens of datasets would take hundreds."""
+"""Size of HDF5's chunk cache for each dataset [bytes]. Only whole chunks are written, which need no cache. The default
+of several megabytes would take hundreds of megabytes for some tens of datasets."""
 SPOOLED_BYTES = 8 * 1024 * 1024
-"""Size of the texts held in memory until they are written [bytes]. Larger ones are held in a temporary file."""
+"""Size up to which texts are held in memory until they are written [bytes]; beyond it, in a temporary file."""
 LAYOUT = "2"
 """Version of the layout, raised when a change requires programs that read the files to change."""
 DESCRIPTIONS = {
@@ -82,8 +82,8 @@ DESCRIPTIONS = {
 
 HDF5 = threading.RLock()
 """Lock held while a file is open, because the HDF5 library is not thread-safe. The lock of h5py should suffice, but a
-server once crashed with corrupted memory, for a reason that was not found. Measured with eight threads that write and
-read 200 files of 64 results: 1.4 and 1.7 s with this lock, 1.1 and 2.1 s without, the same bytes."""
+server once crashed with corrupted memory, for a reason that was not found. Eight threads that write and read 200 files
+of 64 results take 1.4 and 1.7 s with this lock, and 1.1 and 2.1 s without it; the bytes are the same."""
 
 Segment: TypeAlias = tuple[Sequence[str], bytes]
 """Keys of the records of a segment, in the order of its rows, and the content of the file."""
@@ -92,7 +92,7 @@ Segment: TypeAlias = tuple[Sequence[str], bytes]
 def digest_of(content: bytes) -> str:
     """Return the hash of a segment, which is its name.
 
-    Every byte is thereby checked before the HDF5 library reads the file, which damaged files can crash.
+    The hash is checked before a file is opened, because a damaged file can crash the HDF5 library.
     """
     return hashlib.sha256(content).hexdigest()[:32]
 
@@ -127,7 +127,7 @@ def encode_segments(records: Sequence[Record]) -> list[Segment]:
     histories, longest = 0, 0
     for record in records:
         nbytes = sum(column.nbytes for column in (record.history or {}).values())
-        # Texts have a fixed length in the file, so that each row takes as much as the longest one.
+        # Texts have a fixed length in the file, so that each row takes as much space as the longest one.
         text = len(record.answer_json) + len(record.request_json)
         if part and histories + nbytes + (len(part) + 1) * max(longest, text) > SEGMENT_BYTES:
             segments.append(([each.key for each in part], to_segment(*part)))
@@ -157,12 +157,12 @@ class DecodedSegment:
                 self._history = {name: dataset[()] for name, dataset in file.get("history", {}).items()}
                 names = ("operation", "engine_version", "schema_version")
                 self._operation, self._engine, self._schema = (file.attrs[name] for name in names)
-        # The hash has been checked, so that a file that cannot be decoded was written by another version.
+        # The hash has been checked, so a file that cannot be decoded was written by another version.
         except (LookupError, OSError, TypeError, ValueError, AttributeError) as error:
             raise DamagedFileError(f"no segment of this version: {error}") from error
 
     def records(self, rows: Iterable[int]) -> list[Record]:
-        """Return the results in these rows.
+        """Return the results in the given rows.
 
         Raises
         ------
@@ -245,7 +245,7 @@ class BatchFile:
                 self.finish()
         finally:
             self._contents.close()
-            with HDF5, suppress(OSError):  # A full disk has been reported by the write that failed.
+            with HDF5, suppress(OSError):  # The write that failed has already reported a full disk.
                 self._file.close()
 
     def finish(self) -> None:
@@ -256,7 +256,7 @@ class BatchFile:
                 self._file.close()
 
     def write(self, cases: Sequence[CaseResult], points: Sequence[Sequence[float]] = ()) -> None:
-        """Add cases; `points` has the values of the axes at those of a sweep."""
+        """Add cases; for a sweep, `points` has the values of the axes at each case."""
         summaries = []
         for case, point in zip(cases, points or itertools.repeat(()), strict=False):
             summary = summary_of(case.record) if case.record else {}
@@ -386,8 +386,8 @@ class GrowingTable:
 class GrowingText:
     """A dataset of lines of text, which is written when the longest line is known.
 
-    The lines are padded to this length, because HDF5 does not compress texts of variable length: with them the file of
-    a job would be ten times as large.
+    The lines are padded to this length, because HDF5 does not compress texts of variable length, which would make the
+    file of a job ten times as large.
 
     Parameters
     ----------
@@ -406,13 +406,13 @@ class GrowingText:
         self._count, self._longest = 0, 1
 
     def append(self, lines: Sequence[bytes]) -> None:
-        """Add lines."""
+        """Add lines, which are held until `finish` writes them."""
         self._lines.writelines(line + b"\n" for line in lines)
         self._count += len(lines)
         self._longest = max(self._longest, *map(len, lines))
 
     def finish(self) -> None:
-        """Write all lines."""
+        """Write all lines to the dataset, padded to the length of the longest one."""
         dtype, rows = h5py.string_dtype("utf-8", self._longest), max(1, CHUNK_BYTES // self._longest)
         chunks = (min(rows, max(1, self._count)),)
         dataset = self._file.create_dataset(
@@ -430,14 +430,14 @@ class GrowingText:
 
 
 def _create(group: h5py.Group, name: str, values: Rows, *, grows: bool = False) -> h5py.Dataset:
-    """Create a one-dimensional dataset with these values, texts declared as UTF-8."""
+    """Create a one-dimensional dataset with the given values, texts declared as UTF-8."""
     is_text = values.dtype.kind == "S"
     if is_text:
         values = values.astype(h5py.string_dtype("utf-8", values.dtype.itemsize))
     more: dict[str, Any] = {}
     if grows or values.nbytes >= COMPRESSED_BYTES:
-        # Shuffling (the first bytes of all values, then the second ones, and so on) makes compressed numbers smaller,
-        # but compressed texts larger by half.
+        # Shuffling stores the first bytes of all values, then all second bytes, and so on. It makes compressed numbers
+        # smaller, but compressed texts larger by half.
         more = {"compression": "gzip", "compression_opts": GZIP_LEVEL, "shuffle": not is_text}
         more |= {"chunks": (CHUNK_ROWS,), "maxshape": (None,)} if grows else {"chunks": values.shape}
     return group.create_dataset(name, data=values, **more)

@@ -21,9 +21,9 @@ from service.cache.sqlite import LAYOUT, check_layout, decode
 from service.private_files import make_private
 
 KEYS_AT_ONCE = 1000
-"""Number of keys looked up in one query, which takes a few milliseconds during which storing waits."""
+"""Number of keys looked up in one query. It takes a few milliseconds, during which no result can be stored."""
 FLUSH_SECONDS = 60.0
-"""Longest delay before times of last use are written [s]. Losing them in a crash only changes the order of eviction."""
+"""Shortest interval between writes of times of last use [s]. Losing some in a crash only changes the eviction order."""
 
 INDEX_TABLES = """
 CREATE TABLE segments (
@@ -75,7 +75,7 @@ class Location:
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """Total size of the segments, and their number and that of their results."""
+    """Total size of the segments [bytes], number of segments, and number of results in them."""
 
     bytes: int
     segments: int
@@ -137,7 +137,7 @@ class Index:
         self._grow(-gone.bytes, -gone.segments, -gone.cases)
 
     def use(self, segments: Iterable[str]) -> None:
-        """Record that segments are used now. The times are written every `FLUSH_SECONDS`."""
+        """Record that segments are used now. The times are written at most once per `FLUSH_SECONDS`."""
         now = time.time()
         with self._lock:
             self._used.update(dict.fromkeys(segments, now))
@@ -159,7 +159,7 @@ class Index:
             return self._connection.execute(OLDEST, (but, count)).fetchall()
 
     def names(self) -> set[str]:
-        """Return the names of all segments."""
+        """Return the names of all segments in the index."""
         with self._lock:
             return {name for (name,) in self._connection.execute("SELECT name FROM segments")}
 
@@ -187,7 +187,7 @@ class Index:
 
 
 def read_statistics(path: Path) -> Statistics:
-    """Return the statistics of an index, which a service may have open.
+    """Return the statistics of an index, which may be in use by a service.
 
     Raises
     ------
@@ -271,13 +271,13 @@ class Journal:
         return records, len(rows) - len(records)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file. The next process takes over the results in it."""
         with self._lock:
             self._connection.close()
 
 
 def count_results(path: Path) -> int:
-    """Return the number of results in a journal, which a service may have open; 0 if there is no journal.
+    """Return the number of results in a journal, which may be in use by a service; 0 if there is no journal.
 
     Raises
     ------
@@ -292,7 +292,7 @@ def count_results(path: Path) -> int:
 
 
 def digest(*row: str | bytes) -> bytes:
-    """Return the hash of a row. SQLite has no checksums, so a damaged result would be answered without it."""
+    """Return the hash of a row. SQLite has no checksums, and would return a damaged result without an error."""
     found = hashlib.sha256()
     for value in row:
         found.update(value.encode() if isinstance(value, str) else value)
@@ -307,7 +307,7 @@ def discard_database(path: Path) -> None:
 
 
 def _opened(path: Path | None, tables: str, aside: Path | None = None) -> sqlite3.Connection:
-    """Open a SQLite file with these tables, and replace it if it is damaged.
+    """Open a SQLite file with the given tables, and replace it if it is damaged.
 
     Parameters
     ----------
@@ -316,7 +316,7 @@ def _opened(path: Path | None, tables: str, aside: Path | None = None) -> sqlite
     """
     try:
         return _connected(path, tables)
-    except sqlite3.OperationalError:  # An error of the disk or of a lock says nothing about the content.
+    except sqlite3.OperationalError:  # The disk or a lock failed, which does not mean that the file is damaged.
         raise
     except sqlite3.DatabaseError as error:
         if path is None:
@@ -336,8 +336,8 @@ def _connected(path: Path | None, tables: str) -> sqlite3.Connection:
         layout = check_layout(connection, path.name if path else "")
         connection.execute("PRAGMA journal_mode = WAL")  # `ricochet cache stat` reads while the service writes.
         connection.execute("PRAGMA foreign_keys = ON")  # Results are deleted with their segment.
-        # Without a synchronisation at each commit, a power cut may lose the last entries, which are added again from
-        # the segments or computed again.
+        # NORMAL does not synchronise at each commit, so a power cut may lose the last entries. They are added again
+        # from the segments, or computed again.
         connection.execute("PRAGMA synchronous = NORMAL")
         if layout == 0:
             connection.executescript(f"BEGIN; {tables} PRAGMA user_version = {LAYOUT}; COMMIT;")

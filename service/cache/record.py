@@ -1,4 +1,4 @@
-"""Records: results as they are stored and answered."""
+"""Records: results as they are stored and sent to clients."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,13 +16,14 @@ ENTRY_BYTES = 600
 """Memory of a cached record in addition to its texts [bytes]: 460 measured over 16,000 records, and the overhead of
 malloc."""
 TEXT_LENGTH = 2.3
-"""Approximate ratio of the length of numbers in JSON to that of their bytes."""
+"""Approximate length of numbers in JSON, relative to their size in memory. [1]"""
 
 
 class Record:
     """A request with its answer and the versions that computed it. Callers must not modify it.
 
-    A record holds the answer as it is sent, or its parts, or both. Each is made from the other on first use.
+    A record holds the answer as it is sent (`json`), or its parts (`answer` and `history`), or both. Each form is made
+    from the other on first use.
 
     Parameters
     ----------
@@ -80,11 +81,11 @@ class Record:
         self._json = json
         self._outcome = outcome
         self.stored = True
-        """False if the disk refused the record, which is then lost with this process."""
+        """False if the record could not be written to the disk. It is then lost when this process ends."""
 
     @property
     def json(self) -> bytes:
-        """Answer as it is sent, JSON."""
+        """Answer as it is sent, with key, version and history, as JSON."""
         if self._json is None:
             self._json = self._encode()
         return self._json
@@ -124,7 +125,7 @@ class Record:
     @property
     def history(self) -> FloatColumns | None:
         """Columns of the history; None if there is none."""
-        # With any other part present, the record was made from its parts and has no history to split off.
+        # A record with `_answer` or `_answer_json` was made from its parts, or has been split already.
         if self._history is None and self._json is not None and self._answer_json is None and self._answer is None:
             self._answer = self._split()
         return self._history
@@ -137,12 +138,12 @@ class Record:
         return self._outcome
 
     def compact(self, *, exact: bool = False) -> "Record":
-        """Return the record with its texts only, without parsed content, which takes ten times their memory.
+        """Return a copy of the record with its texts only. Parsed content takes ten times as much memory.
 
         Parameters
         ----------
         exact
-            Copy the texts into memory of their exact length. The texts of orjson keep its buffer, 4 kB for 100 bytes.
+            Copy the texts into memory of their exact length. A text of orjson keeps its buffer: 4 kB for 100 bytes.
         """
         record = Record(
             self.key,
@@ -167,7 +168,7 @@ class Record:
         return motion_in(self.operation, self.answer)
 
     def with_warning(self, code: str, detail: str) -> "Record":
-        """Return the record with an additional warning."""
+        """Return a copy of the record with an additional warning."""
         history = self.history
         warnings = [*self.answer.get("warnings", []), {"code": code, "detail": detail}]
         return Record(
@@ -181,7 +182,7 @@ class Record:
         )
 
     def _encode(self) -> bytes:
-        """Return the answer with key, version and history. Texts are joined, so that a stored answer is not parsed."""
+        """Return the answer with key, version and history. Texts are joined to avoid parsing a stored answer."""
         text, history = self.answer_json, self._history
         more: dict[str, Any] = {"key": self.key, "engine_version": self.engine_version}
         if history is not None:
@@ -190,7 +191,7 @@ class Record:
             if self.operation == "trajectory":
                 more["history"] = columns
             elif self.motion is not None:
-                # The history lies within another part of the answer, so that the answer has to be encoded anew.
+                # The history belongs inside another part of the answer, so the whole answer has to be encoded again.
                 text = _dumps({**self.answer, "trajectory": {**self.motion, "history": columns}})
         return text[:-1] + b"," * (len(text) > len(b"{}")) + _dumps(more)[1:]
 

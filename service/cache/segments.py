@@ -22,7 +22,7 @@ from service.private_files import make_private_folder, open_private
 
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
 MOST_REMEMBERED = 100_000
-"""Number of segments remembered as intact, in some 20 MB of memory. Others are read again when they are checked."""
+"""Number of segments remembered as intact, in some 20 MB of memory. Others are read when they are checked."""
 
 
 class Segments:
@@ -35,8 +35,8 @@ class Segments:
 
     Notes
     -----
-    Files are not synchronised to the disk (fsync). The remains of a file after a power cut do not have the hash that is
-    its name, and its results are computed again, which costs less than waiting for the disk at every file.
+    Files are not synchronised to the disk (fsync). A file that is incomplete after a power cut does not match the hash
+    in its name, and its results are computed again, which costs less than waiting for the disk at every file.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -49,16 +49,16 @@ class Segments:
         self._decoding = threading.Lock()
 
     def sweep(self) -> None:
-        """Remove files that a crash left half written, and create the folder.
+        """Remove files that a crash left half written, and create the folder of the segments.
 
-        The folder exists even when it is empty, so that a backup that names it does not fail.
+        The folder exists even when it is empty, so that a backup command that names it does not fail.
         """
         shutil.rmtree(self._partial, ignore_errors=True)
         with suppress(OSError):
             make_private_folder(self._segments)
 
     def names(self) -> set[str]:
-        """Return the names of all segments."""
+        """Return the names of all segments on the disk."""
         files = {name for _, _, names in os.walk(self._segments) for name in names}
         return {name.removesuffix(".h5") for name in files if FILE.fullmatch(name)}
 
@@ -69,7 +69,7 @@ class Segments:
     def stage(self, content: bytes) -> Path:
         """Write the content of a segment to a temporary file.
 
-        `place` renames it, so that a segment appears as a whole and no crash leaves a partial one under its name.
+        `place` then renames it, so that a crash never leaves a partial segment under the name of a complete one.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class Segments:
         return staged
 
     def place(self, staged: Path, name: str) -> None:
-        """Rename a staged file to the segment with this name.
+        """Turn a staged file into the segment with this name.
 
         Raises
         ------
@@ -149,7 +149,7 @@ class Segments:
         with self._decoding:  # One segment is decoded at a time, and readers of the same one share it.
             signature, latest = _signature(self.path(name)), self._latest
             if latest is None or latest[:2] != (name, signature):
-                latest = self._latest = None  # Frees the previous segment before the memory of the next is taken.
+                latest = self._latest = None  # Frees the memory of the previous segment before loading this one.
                 latest = self._latest = (name, signature, DecodedSegment(self.read(name)))
             return latest[2]
 
@@ -178,7 +178,7 @@ class Segments:
 
     def _remember(self, name: str, signature: tuple[int, int]) -> None:
         if len(self._whole) >= MOST_REMEMBERED:
-            self._whole.clear()  # Forgotten segments are checked again when they are used.
+            self._whole.clear()  # Segments that are no longer remembered are checked again when they are used.
         self._whole[name] = signature
 
 

@@ -6,12 +6,12 @@ from functools import partial
 from service.errors import FolderLayoutError
 
 LAYOUT = 3
-"""Number of the layout of these files and of the segments, raised when one of them changes. A folder with another
+"""Number of the layout of the SQLite files and of the segments, raised when one of them changes. A folder with another
 layout is refused, and neither read nor changed."""
 
 
 def check_layout(connection: sqlite3.Connection, name: str) -> int:
-    """Return the layout number of a file, 0 for a new file, before anything is written to it.
+    """Return the layout number of a file, 0 for a new file. To be called before anything is written to it.
 
     Raises
     ------
@@ -27,5 +27,5 @@ def check_layout(connection: sqlite3.Connection, name: str) -> int:
 
 
 decode = partial(str, encoding="utf-8", errors="replace")
-"""Function that decodes a text, with replacements for damaged bytes. The damage is then reported by the check of the
-value, with its job or key, instead of by SQLite for a whole query."""
+"""Function that decodes a text, with replacements for damaged bytes. The damage is then found when the value is
+checked, and reported with its job or key; SQLite would fail the query."""

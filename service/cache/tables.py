@@ -53,7 +53,7 @@ def summary_of(record: Record) -> dict[str, Any]:
 
 
 def table_of(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Convert rows to a table with these columns."""
+    """Convert rows to a table with the given columns."""
     return {column.name: fill(column, [row.get(column.name) for row in rows]) for column in columns} if rows else {}
 
 
@@ -64,7 +64,7 @@ def trial_table_columns(answer: type[Part]) -> tuple[Column, ...]:
 
 
 def trials_of(columns: Iterable[Column], records: Sequence[Record | None], first: int) -> Table:
-    """Return all trials of these results with their row in the summary, which starts at `first`."""
+    """Return all trials of the given results with the row of each search in the summary, counted from `first`."""
     searches = [record.answer.get("iterations", ()) if record else () for record in records]
     trials = [trial for search in searches for trial in search]
     rows = np.repeat(np.arange(first, first + len(records)), list(map(len, searches)))
@@ -137,7 +137,7 @@ def _motion(history: Mapping[str, Any], fit: Mapping[str, Any]) -> dict[str, lis
 
 
 def _stacked(motions: Sequence[Mapping[str, list[Any]]]) -> dict[str, list[Any]]:
-    """Concatenate the tables of several runs, with NaN for quantities that a run was not given."""
+    """Concatenate the tables of several runs, with NaN for quantities that were not measured in a run."""
     names = [column.name for column in RESIDUALS if any(column.name in motion for motion in motions)]
     lengths = [len(motion["time_s"]) for motion in motions]
     stacked: dict[str, list[Any]] = {RUN.name: [run for run, length in enumerate(lengths) for _ in range(length)]}
@@ -151,7 +151,7 @@ def _stacked(motions: Sequence[Mapping[str, list[Any]]]) -> dict[str, list[Any]]
 
 
 def residual_table(records: Sequence[Record | None], first: int) -> Table:
-    """Return the detailed table of a result with its row in the summary. Only one of the records may have one."""
+    """Return the detailed table of the only record that has one, with its row in the summary; empty if none has."""
     found = [
         (row, columns) for row, record in enumerate(records, first) if record and (columns := residuals_of(record))
     ]
@@ -163,7 +163,7 @@ def residual_table(records: Sequence[Record | None], first: int) -> Table:
 
 
 def histories_of(records: Sequence[Record | None], first: int = 0) -> Table:
-    """Return all histories of these results with their row in the summary. All must have the same columns."""
+    """Return all histories of the given results with their row in the summary. All must have the same columns."""
     histories = [(row, record.history) for row, record in enumerate(records, first) if record and record.history]
     if not histories:
         return {}

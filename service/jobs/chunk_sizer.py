@@ -5,15 +5,15 @@ from collections.abc import Sequence
 FIRST_CASES = 4
 """Number of cases in the first chunk, whose time is unknown: the slowest cases take a minute each."""
 MOST_CASES = 256
-"""Largest number of cases in a chunk. With cases of 1 ms it takes 0.25 s, as long as a usual chunk."""
+"""Largest number of cases in a chunk. With cases of 1 ms such a chunk takes 0.25 s, the usual duration."""
 MOST_BYTES = 16 * 1024 * 1024
-"""Largest size of the answers of one chunk, as of a segment [bytes]. Answers with long histories take 4 MB each."""
+"""Largest size of the answers of one chunk, the same as of a segment [bytes]. Some answers take 4 MB each."""
 SHRUNK = 8
-"""Factor by which chunks shrink after one that exceeded its timeout. A judgement: two steps reach single cases from the
-usual chunk of some 20."""
+"""Factor by which chunks shrink after one that exceeded its timeout. Chosen by judgement: two steps lead from the usual
+20 cases or so to single ones."""
 NEWEST = 0.3
-"""Weight of the latest chunk in the moving average, as the cases of a sweep become slower or faster on the way. A
-judgement: one odd chunk should not decide, and ten chunks should be forgotten."""
+"""Weight of the latest chunk in the moving averages, which follow a sweep as its cases become slower or faster. Chosen
+by judgement: a single odd chunk should not decide, and chunks should be forgotten after some ten others."""
 
 
 class ChunkSizer:
@@ -41,7 +41,7 @@ class ChunkSizer:
         return max(1, int(min(by_time, by_bytes, self._most)))
 
     def shrink(self, cases: int) -> None:
-        """Make the next chunks smaller, because one with this many cases exceeded its timeout."""
+        """Make the next chunks smaller, because a chunk of `cases` cases exceeded its timeout."""
         self._most = max(1, min(self._most, cases // SHRUNK))
 
     def note(self, seconds: Sequence[float], nbytes: int) -> None:

@@ -18,12 +18,12 @@ from service.errors import FolderReplacedError, StorageError, storage_error
 from service.private_files import make_private, make_private_folder
 
 BUSY_SECONDS = 10.0
-"""Timeout for a lock that another process, such as a backup, holds on the file; a judgement. [s]"""
+"""Timeout for a lock that another process, such as a backup, holds on the file; chosen by judgement [s]."""
 CHECKPOINT_SECONDS = 0.1
-"""Longest wait of a checkpoint for a reader [s]. Writers wait as long; a checkpoint that fails is repeated later."""
+"""Longest wait of a checkpoint for a reader [s], during which writers have to wait. A failed one is repeated later."""
 
-# Requests of sweeps have a table of their own, because they can be large, and SQLite writes the whole row of `jobs` at
-# each progress of a job.
+# Requests of sweeps have a table of their own, because they can be large, and SQLite writes the whole row of `jobs`
+# whenever the progress of a job changes.
 TABLES = """
 CREATE TABLE jobs (
     number INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -104,7 +104,7 @@ class Database:
         self._opened: os.stat_result | None = None
         self._checked = False
         self._written = True
-        """True if the log may contain transactions, at first those of an earlier process."""
+        """True if the log may contain transactions. At the start it may contain those of an earlier process."""
         self._opening = threading.Lock()
         self._locks = {"write": threading.Lock(), "read": threading.Lock()}
         self._connections: dict[str, sqlite3.Connection] = {}
@@ -119,7 +119,7 @@ class Database:
             If the transaction fails; nothing has changed then.
         """
         with self._connected("write") as connection:
-            connection.execute("BEGIN IMMEDIATE")  # Takes the write lock now, so that no later statement fails for it.
+            connection.execute("BEGIN IMMEDIATE")  # Takes the write lock now: no later statement can fail to get it.
             self._written = True
             try:
                 yield connection
@@ -177,7 +177,7 @@ class Database:
     def check(self) -> None:
         """Check that the open file is still the one at its path.
 
-        Jobs written to a file that has been removed would be gone with this process.
+        Jobs written to a file that has been removed would be lost when this process ends.
 
         Raises
         ------
@@ -211,7 +211,7 @@ class Database:
         make_private(self._path)
         try:
             return self._connect()
-        except sqlite3.OperationalError:  # An error of the disk or of a lock says nothing about the content.
+        except sqlite3.OperationalError:  # The disk or a lock failed, which does not mean that the file is damaged.
             raise
         except sqlite3.DatabaseError as error:
             set_aside(self._path, self._path.parent / "damaged", str(error))
@@ -227,7 +227,7 @@ class Database:
             connection.execute("PRAGMA journal_mode = WAL")  # Readers do not wait for the writer.
             connection.execute("PRAGMA synchronous = FULL")  # An accepted job must survive a power cut.
             connection.execute("PRAGMA foreign_keys = ON")  # Cases are deleted with their job.
-            connection.execute("PRAGMA wal_autocheckpoint = 0")  # An automatic one may copy a part of the log only.
+            connection.execute("PRAGMA wal_autocheckpoint = 0")  # An automatic checkpoint may copy only a part.
             if layout == 0:
                 self.was_missing = not self._checked
                 connection.executescript(f"BEGIN IMMEDIATE; {TABLES} PRAGMA user_version = {LAYOUT}; COMMIT;")

@@ -31,12 +31,12 @@ from service.telemetry import NO_TRACER, current_traceparent
 EXPIRY_SECONDS = 3600.0
 """Interval between removals of expired jobs [s]. An hour is short against a retention of days."""
 REOPEN_SECONDS = 5.0
-"""Interval between attempts to read jobs that could not be read at the start; a judgement. [s]"""
+"""Interval between attempts to load jobs that could not be read at the start, chosen by judgement. [s]"""
 CHECKPOINT_SECONDS = 5.0
-"""Interval between checkpoints, and thereby the longest progress that a damaged log can cost [s]. A checkpoint takes
-some milliseconds."""
+"""Interval between checkpoints, each of which takes some milliseconds [s]. A damaged log loses the progress of at most
+this time."""
 CHANGE_SECONDS = 0.2
-"""Shortest interval between events of a job: five a second look continuous to a reader [s]."""
+"""Shortest interval between events of a job [s]. Five updates a second look continuous to a person."""
 OWNER = "local"
 
 Value = TypeVar("Value")
@@ -59,7 +59,7 @@ class JobManager:
     give_back
         Function that gives unused cases of an ended job back to its quota; see `GiveBack`.
     tracer
-        Tracer of the work of jobs.
+        Tracer for the spans of jobs.
     clock
         Clock by which jobs expire.
     """
@@ -76,7 +76,7 @@ class JobManager:
         clock: Clock = SYSTEM,
     ) -> None:
         self.warning = ""
-        """Warning of lost jobs for the readiness probe; empty if there is none."""
+        """Warning that jobs were lost, for the readiness probe; empty if none were."""
         self._clocks = ClockWatch(clock)
         self._count = count
         self._jobs = jobs
@@ -90,11 +90,11 @@ class JobManager:
         )
         self._reader = ResultReader(queries, jobs, self._runner, self._studies)
         self._accepting: set[tuple[str, str]] = set()
-        """Owners and idempotency keys of requests that are being read."""
+        """Owners and idempotency keys of requests that are being accepted."""
         # Cases are counted while a body is being read, as several large bodies at once could otherwise exceed the limit
         # together.
         self._received: Counter[str] = Counter()
-        """Numbers of cases of jobs that are being read, by owner."""
+        """Numbers of cases received so far for jobs whose bodies are being read, by owner."""
         self._going_on = False
         """True once the unfinished jobs in the store have been loaded."""
         self._beginning = asyncio.Lock()
@@ -121,7 +121,7 @@ class JobManager:
         return len(self._scheduler.ahead(state))
 
     def seconds_until_done(self, state: JobState) -> int:
-        """Return the estimated time until a job has ended, in whole seconds. [s]
+        """Return the estimated time until a job ends, in whole seconds.
 
         The estimate counts the cases that are computed before its end, and all samples of a study. It uses the measured
         rate or, before there is one, the cost of the cases.
@@ -166,7 +166,7 @@ class JobManager:
         Parameters
         ----------
         more
-            Number of further cases of the same request.
+            Number of cases of the same request that follow in later calls.
 
         Raises
         ------
@@ -175,8 +175,8 @@ class JobManager:
         PoolUnavailableError
             During the iteration, if no worker can take the cases.
         """
-        # The check is made before the generator starts, so that a route can refuse with a status instead of in the
-        # middle of a response.
+        # The check is made before the generator starts, so that a route can refuse the request with an error status
+        # instead of breaking off a response.
         self._admit(owner, len(cases))
         return self._counted(operation, self._runner.results(operation, cases, more, owner=owner))
 
@@ -197,9 +197,9 @@ class JobManager:
         study
             Validated request.
         owner
-            Owner in whose turn samples are computed.
+            Owner whose share of the workers the samples count against.
         take
-            Function called with the number of samples before they are computed.
+            Function called with the cost of samples before they are computed. [ordinary cases]
         limiter
             Limiter of the threads in which samples are validated.
 
@@ -231,7 +231,8 @@ class JobManager:
         blocks
             Blocks of cases.
         queue
-            Owner in whose turn the cases are computed, if other than `owner`, until the service restarts.
+            Owner whose share of the workers the cases count against, if other than `owner`. After a restart of the
+            service it is `owner`.
         sweep
             Request of a sweep.
         charge
@@ -239,7 +240,7 @@ class JobManager:
         count
             Number of cases, if it is known beforehand. Too many are then refused before any is stored.
         estimate
-            Returns an estimate of the number of cases, for the `Retry-After` of a refusal while they are being read.
+            Returns an estimate of the number of cases, for the `Retry-After` of a refusal while the body is being read.
 
         Returns
         -------
@@ -264,7 +265,7 @@ class JobManager:
         )
         if idempotency is None:
             return await receive(), True
-        # Two owners may use the same idempotency key without knowing of each other.
+        # Two owners may choose the same idempotency key by chance.
         token = owner, idempotency.token
         if token in self._accepting:
             raise IdempotencyBusyError("the request with this idempotency key is still being accepted; try again")
@@ -369,7 +370,7 @@ class JobManager:
         sent = None
         while not self._stopping:
             active = self._scheduler.active.get(name)
-            # The event is taken before the state, so that a change between both wakes this up.
+            # The event is read before the state, so that a change between the two is noticed by `wait` below.
             changed = active.changed if active is not None else None
             state = await self._state(name)
             if state is None:
@@ -380,7 +381,7 @@ class JobManager:
             if state.final or changed is None:
                 return
             await changed.wait()
-            # The pause limits the rate of events; all changes during it become one.
+            # The pause limits the rate of events. All changes during it are sent as one.
             await asyncio.sleep(CHANGE_SECONDS)
 
     def _run_samples(
@@ -398,9 +399,14 @@ class JobManager:
         return queued
 
     def _admit(self, owner: str, count: int, more: int = 0) -> None:
-        """Refuse cases of an owner if too many would wait. `more` is the number of further cases of the request.
+        """Refuse cases of an owner if too many would wait.
 
-        An owner may take half of what the others leave, so that there is always room for another owner.
+        One owner may fill half of the space that the others leave, so that there is always room for another owner.
+
+        Parameters
+        ----------
+        more
+            Number of cases of the request that follow, for the `Retry-After` of the refusal.
         """
         queued = self._queued
         over = queued[owner] + count - math.ceil((self._most_queued - queued.total() + queued[owner]) / 2)
@@ -421,13 +427,13 @@ class JobManager:
     ) -> JobState:
         self._admit(queue, count)
         await self._go_on()
-        # The span is read here, as the thread that stores the job has no context of the request.
+        # The span is read here, because the thread that stores the job does not have the context of the request.
         traceparent = current_traceparent()
         job = await run_sync(lambda: self._jobs.create(operation, owner, sweep, traceparent=traceparent))
         received = 0
 
         def append(number: int, cases: Sequence[JobCase]) -> None:
-            """Compress and store a block, in a thread because both take long."""
+            """Compress and store a block. Both take long, so this runs in a thread."""
             self._jobs.append(job, number, CaseBlock.of(cases))
 
         try:
@@ -474,7 +480,10 @@ class JobManager:
         return self._present(name) or await run_sync(self._jobs.job, name)
 
     async def _go_on(self) -> None:
-        """Load unfinished jobs once, and before any new job is stored: a job that is being read is unfinished too."""
+        """Load the unfinished jobs of an earlier process, and remove those that it did not accept completely.
+
+        This is done once, before any new job is stored, since the removal would include jobs that are being received.
+        """
         async with self._beginning:
             if self._going_on:
                 return
@@ -492,7 +501,7 @@ class JobManager:
 
     async def _expire(self) -> None:
         while True:
-            # Until the jobs could be read, the same task retries to read them.
+            # As long as the jobs could not be loaded, this task also tries again to load them, and does so more often.
             await asyncio.sleep(EXPIRY_SECONDS if self._going_on else REOPEN_SECONDS)
             await self._scheduler.write_ends()
             with suppress(StorageError):

@@ -62,7 +62,7 @@ class StoredSweep:
     values: tuple[Sequence[float], ...]
 
     def point(self, number: int) -> tuple[float, ...]:
-        """Return the values of the axes at a case."""
+        """Return the values of the axes for the case with this number."""
         # The step of an axis is the number of combinations of all axes after it.
         later = itertools.accumulate(map(len, reversed(self.values)), lambda total, count: total * count, initial=1)
         steps = list(later)[-2::-1] if self.values else []
@@ -70,11 +70,11 @@ class StoredSweep:
 
     @property
     def count(self) -> int:
-        """Number of cases."""
+        """Number of cases, one for each combination of values."""
         return math.prod(map(len, self.values))
 
     def pack(self) -> bytes:
-        """Encode the sweep for the store."""
+        """Encode the sweep for the store, as compressed JSON."""
         content = orjson.dumps({"request": self.request, "fields": self.fields, "values": self.values})
         return zlib.compress(content, FASTEST)
 
@@ -87,7 +87,7 @@ class StoredSweep:
 
 @lru_cache(maxsize=64)
 def fields_of(packed: bytes) -> tuple[str, ...]:
-    """Return the fields of the axes of a stored sweep, cached because lists of jobs and each progress need them."""
+    """Return the fields of the axes of a stored sweep. They are cached, because every update of a job needs them."""
     return StoredSweep.unpack(packed).fields
 
 
@@ -122,7 +122,7 @@ class Idempotency:
     token
         Idempotency key chosen by the client.
     digest
-        Hash of path and body. While the body is still being read, a function that returns it afterwards.
+        Hash of path and body, or a function that returns it once the body has been read.
     """
 
     token: str
@@ -140,7 +140,7 @@ class Charge(NamedTuple):
     key_id: str
     cases: int
     began: int
-    """Begin of the entry of the quota that counts the cases, in seconds since 1970. [s]"""
+    """Start of the time step in which the quota counts the cases, in seconds since 1970. [s]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +161,7 @@ class JobState:
     problem: dict[str, Any] | None
     revision: Natural
     number: int = field(repr=False)
-    """Number of the row in the store."""
+    """Row number in the store. Later jobs have greater numbers."""
     owner: str = field(repr=False)
     versions: str = field(repr=False)
     axes: tuple[str, ...] = ()
@@ -172,7 +172,7 @@ class JobState:
     """Title given by the client, or the default title of a sweep."""
     charge: Charge | None = field(default=None, repr=False)
     traceparent: str | None = field(default=None, repr=False)
-    """Span of the request that created the job, if it was traced."""
+    """Header `traceparent` (W3C) with the span of the request that created the job, if it was traced."""
 
     @property
     def final(self) -> bool:
@@ -191,13 +191,13 @@ class JobState:
             return 0
         if self.cached or self.progress is None:
             return self.charge.cases - 1
-        # At least one case is charged, as an answer from the cache costs one too.
+        # A study costs at least one case, as an answer from the cache does too.
         taken, most = max(1, int(self.progress["samples"])), int(self.progress["max_samples"])
         return max(0, self.charge.cases * (most - taken) // most)
 
 
 class CaseRow(NamedTuple):
-    """A case as it is stored."""
+    """Stored case with its state and, if it failed, its problem."""
 
     number: int
     state: CaseState
@@ -231,17 +231,17 @@ class CaseBlock:
 
     @property
     def count(self) -> int:
-        """Number of cases."""
+        """Number of cases in the block."""
         return len(self.keys) // KEY_BYTES
 
 
 def join_keys(keys: Iterable[str]) -> bytes:
-    """Encode keys for the store."""
+    """Concatenate hexadecimal keys, as bytes, for the store."""
     return b"".join(map(bytes.fromhex, keys))
 
 
 def split_keys(keys: bytes) -> list[str]:
-    """Decode stored keys."""
+    """Split stored bytes into hexadecimal keys."""
     return [keys[i : i + KEY_BYTES].hex() for i in range(0, len(keys), KEY_BYTES)]
 
 
@@ -252,7 +252,7 @@ def split_requests(requests: bytes) -> tuple[bytes, ...]:
 
 
 def split_custom_ids(custom_ids: bytes | None, count: int) -> list[str | None]:
-    """Decode the stored names of `count` cases."""
+    """Decode the stored `custom_id` of each of `count` cases; None for cases without one."""
     if custom_ids is None:
         return [None] * count
     names: list[str | None] = orjson.loads(zlib.decompress(custom_ids))

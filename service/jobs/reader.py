@@ -29,8 +29,8 @@ FIRST_CASES = 4
 READ_BYTES = 1024 * 1024
 """Approximate size of the answers read at once [bytes]. Answers with long histories take 4 MB each."""
 BLOCKS_AT_ONCE = 2
-"""Number of blocks of results in memory, of all readers together. One can take twenty times the size of its answers
-while it is encoded."""
+"""Number of blocks of results in memory, of all readers together. While a block is encoded it can take twenty times the
+size of its answers."""
 
 Value = TypeVar("Value")
 Take: TypeAlias = Callable[[int], None]
@@ -83,7 +83,7 @@ class ResultReader:
         take
             Charges the cost of results that are computed again; raises QuotaError if the quota is too small.
         whole
-            Raise that error. Otherwise it is the problem of the cases, since the response may have begun.
+            True to raise QuotaError. By default it becomes the problem of the cases, since the response may have begun.
         """
         count, left = FIRST_CASES, math.inf if limit is None else limit
         while left > 0 and (state := await current()) is not None:
@@ -107,11 +107,11 @@ class ResultReader:
         *,
         whole: bool,
     ) -> tuple[int, Value]:
-        """Return the number of cases to read next, and the value of `use` for the results of these cases."""
+        """Return the number of cases to read next, and the value of `use` for the results of the given cases."""
         again: dict[int, CaseResult] = {}
 
         def gather() -> list[CaseRow] | tuple[int, Value]:
-            """Return the evicted cases or, if there are none, use the results, which are freed when this returns."""
+            """Return the evicted cases or, if there are none, the values of `_use`, and free the results."""
             stored = [row for row in rows if row.problem is None and row.number not in again]
             records = self._queries.cache.get_many(list({row.key for row in stored}))
             if lost := [row for row in stored if row.key not in records]:
@@ -127,21 +127,21 @@ class ResultReader:
             return next_count(results), use(results)
 
         while isinstance(found := await run_sync(gather, limiter=self._blocks), list):
-            # Outside the limiter, so that computing evicted results does not hold up other readers.
+            # This runs outside the limiter, so that computing evicted results does not hold up other readers.
             again |= await self._compute(state, found, take, whole=whole)
         return found
 
     async def _compute(
         self, state: JobState, rows: Sequence[CaseRow], take: Take, *, whole: bool
     ) -> dict[int, CaseResult]:
-        """Compute these cases again at the cost of the reader. Cases that cannot be computed have a problem."""
+        """Compute evicted cases again at the cost of the reader. Cases that cannot be computed have a problem."""
         cases = await run_sync(lambda: [again_of(state, row) for row in rows])
         found = {row.number: damaged(row) for row, case in zip(rows, cases, strict=True) if case is None}
         places = [(row, case) for row, case in zip(rows, cases, strict=True) if case is not None]
         try:
             if is_study(state.operation):
                 run = partial(self._runner.results, owner=state.owner)
-                for row, case in places:  # Most samples of the study may still be in the cache.
+                for row, case in places:  # Only samples that have been evicted too are computed again.
                     record, _ = await self._studies.answer(state.operation, case.request, run, take=take)
                     found[row.number] = CaseResult(
                         row.number, row.custom_id, record, None, row.state == CaseState.CACHED
@@ -163,10 +163,10 @@ class ResultReader:
 
 
 def again_of(state: JobState, row: CaseRow) -> JobCase | None:
-    """Return a case with an evicted result for another computation; None if its request is damaged."""
+    """Return the case to compute again, because its result was evicted; None if its request is damaged."""
     if row.request is None or state.operation == UNKNOWN:
         return None
-    # A result of an earlier engine cannot be computed any more, so that the case gets the key of this engine.
+    # The result of an earlier engine cannot be computed any more, so the case gets the key of the present versions.
     key = row.key if state.versions == VERSIONS else result_key(state.operation, orjson.loads(row.request))
     if not is_of(state.operation, row.request, key):
         return None
@@ -177,14 +177,14 @@ def again_of(state: JobState, row: CaseRow) -> JobCase | None:
 
 
 def belongs(state: JobState, row: CaseRow, record: Record) -> bool:
-    """Return True if the result found by the key of a case belongs to its request, which a damaged key need not."""
+    """Return True if the record found by the key of a case answers its request; a damaged key may find another one."""
     if row.request is None or record.request_json == row.request:
         return True
     return is_of(state.operation, row.request, result_key(state.operation, record.request))
 
 
 def damaged(row: CaseRow) -> CaseResult:
-    """Return the result of a damaged case, a problem."""
+    """Return a result that reports a case as damaged."""
     problem = problem_of(DamagedCasesError(row.number, row.number))
     return CaseResult(row.number, row.custom_id, None, problem, cached=False)
 
@@ -197,6 +197,6 @@ def rows_ready(rows: Sequence[CaseRow], *, final: bool) -> list[CaseRow]:
 
 
 def next_count(results: Sequence[CaseResult]) -> int:
-    """Return the number of cases to read next, from the size of these results."""
+    """Return the number of cases to read next, from the size of the results read last."""
     nbytes = sum(result.record.length for result in results if result.record is not None)
     return max(1, min(MOST_CASES, READ_BYTES * len(results) // max(nbytes, 1)))

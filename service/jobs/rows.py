@@ -1,4 +1,4 @@
-"""Decoding of stored jobs and blocks of cases, with checks for damage by a disk or by hand.
+"""Decoding of stored jobs and blocks of cases, with checks for damage by the disk or by manual changes.
 
 A job with a damaged row has the status `damaged`; a damaged case has a problem.
 """
@@ -34,7 +34,7 @@ COLUMNS = (
     "id, operation, status, total, done, cached, failed, created, started, finished, expires, problem, revision, "
     "number, owner, versions, progress, title, traceparent, charge, sweep"
 )
-"""Columns of the tables `jobs` and `sweeps` that make a `JobState`. The last one is decoded to `axes`."""
+"""Columns of the tables `jobs` and `sweeps` for the fields of a `JobState`. The last one is decoded to `axes`."""
 BLOCK_COLUMNS = "keys, states, requests, custom_ids"
 UNKNOWN = "unknown"
 """Operation of a job whose own operation is damaged."""
@@ -102,7 +102,7 @@ def read_job(row: Sequence[Any], operations: Container[str]) -> JobState:
     if len(str(found["versions"]).split()) != VERSIONS_KEPT:
         wrong.add("versions")
     job = _validated({**found, **{name: WITHOUT.get(name) for name in wrong}}, wrong)
-    # Each number may be valid by itself and yet contradict the others.
+    # Each number can be valid by itself and yet contradict the others.
     if not wrong and not 0 <= max(job.cached, job.failed) <= job.done <= job.total:
         wrong.add("done")
     if not wrong:
@@ -122,7 +122,7 @@ def _validated(found: dict[str, Any], wrong: set[str]) -> JobState:
 
 
 def read_block(number: int, count: int, row: Sequence[Any] | None) -> list[CaseRow]:
-    """Decode a row of `BLOCK_COLUMNS` to cases without problems.
+    """Decode a row of `BLOCK_COLUMNS` into cases. Their problems are stored separately, and None here.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def read_block(number: int, count: int, row: Sequence[Any] | None) -> list[CaseR
 
 
 def damaged_case(number: int) -> CaseRow:
-    """Return a case whose block is damaged, with that as its problem."""
+    """Return a case of a damaged block, with the damage as its problem."""
     return CaseRow(number, CaseState.FAILED, "", None, None, problem_of(DamagedCasesError(number, number)))
 
 
@@ -162,7 +162,7 @@ def read_problem(number: int, text: Any) -> dict[str, Any]:
 
 
 def _lines(requests: bytes, count: int) -> Sequence[bytes | None]:
-    """Decode the requests of a block, with None for each if they are damaged: results are found by key without them."""
+    """Decode the requests of a block; None for each if they are damaged. Results can be found by key without them."""
     try:
         return split_requests(requests)
     except DAMAGE:
@@ -170,7 +170,7 @@ def _lines(requests: bytes, count: int) -> Sequence[bytes | None]:
 
 
 def is_of(operation: str, request: bytes, key: str) -> bool:
-    """Return True if a key belongs to a request."""
+    """Return True if this is the key of a request under the present versions."""
     try:
         return result_key(operation, orjson.loads(request)) == key
     except DAMAGE:

@@ -21,32 +21,32 @@ from service.queries import Answered, QueryService, Rate
 URGENT_SECONDS = 0.1
 """Desired duration of a chunk that a client waits for, short so that the first results come soon [s]."""
 CHUNK_SECONDS = 0.25
-"""Desired duration of a chunk of a job [s]. A crash costs at most this much work, and the overhead of a chunk is a
-hundredth of it."""
+"""Desired duration of a chunk of a job [s]. A crash loses at most this much work of each worker, and the overhead of a
+chunk is a hundredth of it."""
 AHEAD_SHARE = 8
-"""Number of workers for each extra chunk that a run queues so that no worker is idle. Preparing a chunk takes far less
-time than computing it, so that one extra chunk for eight workers suffices."""
+"""Number of workers for each additional chunk in the queue. A run keeps one chunk queued, and one more for every eight
+workers, so that no worker is idle; more are not needed, as preparing a chunk takes far less time than computing it."""
 CHUNKS_KEPT = 2
-"""Number of chunks of a run that may be in preparation or being stored, in addition to two per worker. Without a limit,
-finished chunks would fill the memory while a slow disk stores them."""
+"""Number of unfinished chunks that a run may have, in addition to two per worker. Without a limit, computed chunks
+would fill the memory while a slow disk stores them."""
 NO_WORKER_SECONDS = 1.0
 """Delay before retrying cases of a job for which there was no worker [s]. A worker starts in about 1 s."""
 OVERLONG_SECONDS = 10.0
-"""Timeout of a chunk [s]. Cases that take far longer than earlier ones are queued again in smaller chunks, so that all
-workers share them and other work can pass. A judgement: forty times the desired duration."""
+"""Timeout of a chunk [s]: forty times the desired duration, by judgement. Cases that take far longer than earlier ones
+are queued again in smaller chunks, so that all workers share them and other work can pass."""
 TEMPORARY = (ComputationCancelled, PoolUnavailableError, QueueFullError)
-"""Errors that are not caused by the case, which is retried. A case whose worker died has been retried by the executor
-(`DEATHS` in `service/workers/process_pool.py`)."""
+"""Errors that are not caused by the case, and after which it is retried. A case whose worker died is not among them,
+because the executor has already retried it (`DEATHS` in `service/workers/process_pool.py`)."""
 
 Blocks: TypeAlias = AsyncGenerator[Mapping[int, JobCase], None]
-"""Blocks of cases by number, read when a chunk is prepared."""
+"""Generator of blocks of cases by number. It is advanced when a chunk is prepared."""
 Take: TypeAlias = Callable[[list[CaseResult]], Awaitable[None]]
-"""Function that receives results as they finish. The next chunk may wait for it, which limits a fast producer."""
+"""Function that receives results as they finish. A slow one delays the next chunks, so that results do not pile up."""
 
 
 @dataclass(eq=False)
 class Run:
-    """State of the cases of one call of `CaseRunner.run`, whose parameters the first fields are."""
+    """State of one call of `CaseRunner.run`. The first fields are its parameters."""
 
     operation: str
     blocks: Blocks
@@ -66,7 +66,7 @@ class Run:
     read: bool = False
     """True once all blocks have been read."""
     share: int = 1
-    """Largest number of cases in a chunk after that, so that the last cases are spread over all workers."""
+    """Largest number of cases in a chunk once all blocks have been read: the last cases are shared by all workers."""
     preparing: bool = False
     """True while the cases of a chunk are being read."""
     queued: set[object] = field(default_factory=set)
@@ -86,7 +86,7 @@ class Run:
         self.sizer = ChunkSizer(URGENT_SECONDS if self.urgent else CHUNK_SECONDS)
 
     async def next_chunk(self) -> list[JobCase]:
-        """Remove and return the cases of the next chunk, with different keys; none if nothing is left to begin."""
+        """Remove and return the cases of the next chunk, one for each key; none if no case is waiting."""
         while not self.read and len(self.waiting) < self.sizer.cases:
             block = await anext(self.blocks, None)
             self.read = block is None
@@ -97,7 +97,7 @@ class Run:
                 self.cases.setdefault(key, {})[number] = case
         size = min(self.sizer.cases, len(self.waiting))
         if self.read:
-            # Computed anew for each chunk, the share would shrink with the cases left, and the chunks with it.
+            # The maximum keeps the share of the first such chunk. Otherwise chunks would shrink with the cases left.
             self.share = max(self.share, math.ceil(len(self.waiting) / self.capacity))
             size = min(size, self.share)
         return [next(iter(self.cases[self.waiting.popleft()].values())) for _ in range(size)]
@@ -124,7 +124,7 @@ class CaseRunner:
 
     def __init__(self, queries: QueryService, rate: Rate) -> None:
         self.queued: Counter[str] = Counter()
-        """Numbers of unfinished cases of `results`, by owner."""
+        """Numbers of cases that calls of `results` have not finished yet, by owner."""
         self.job_chunks = 0
         """Number of chunks of jobs that are being prepared, queued, computed or stored."""
         self._queries = queries
@@ -138,7 +138,7 @@ class CaseRunner:
         Parameters
         ----------
         more
-            Number of further cases of the same request.
+            Number of cases of the same request that follow in later calls.
 
         Raises
         ------
@@ -181,7 +181,7 @@ class CaseRunner:
                     yield result
             await working
         finally:
-            self.queued -= Counter({owner: left})  # The subtraction also removes owners with nothing queued.
+            self.queued -= Counter({owner: left})  # In-place subtraction of a Counter also removes owners at zero.
             working.cancel()
             with CancelScope(shield=True):
                 await asyncio.wait([working])
@@ -197,20 +197,20 @@ class CaseRunner:
         urgent: bool = True,
         traced: Callable[[int], AbstractContextManager[object]] = nullcontext,
     ) -> None:
-        """Compute all cases of these blocks that are not in the cache by then. Cancellation stops the work.
+        """Compute all cases of the given blocks, except those found in the cache. Cancellation stops the work.
 
         Parameters
         ----------
         take
             Function that receives the results after they have been stored.
         owner
-            Owner in whose turn the cases are computed.
+            Owner whose share of the workers the cases count against.
         remaining
             Returns the cost of the unfinished cases, by which the queue sorts the work of an owner. [ordinary cases]
         urgent
             True if a client waits: chunks are short, and are not retried when no worker can take them.
         traced
-            Returns the context of a chunk from its number of cases, such as a span.
+            Returns a context manager for a chunk with this number of cases, such as a span.
 
         Raises
         ------
@@ -234,7 +234,7 @@ class CaseRunner:
             run.group.start_soon(self._run_chunk, run)
 
     async def _run_chunk(self, run: Run) -> None:
-        """Prepare and compute the next chunk, and begin another one when possible."""
+        """Prepare and compute the next chunk, and begin another one as soon as `Run.may_begin` allows."""
         run.underway += 1
         self.job_chunks += not run.urgent
         token = object()
@@ -253,7 +253,7 @@ class CaseRunner:
         self._begin_chunk(run)
 
     async def _compute(self, run: Run, cases: Sequence[JobCase], token: object) -> None:
-        """Compute these cases, except those that are in the cache by now or in flight elsewhere."""
+        """Compute the cases of a chunk, except those now in the cache or being computed for another request."""
 
         def begun() -> None:
             run.queued.discard(token)
@@ -302,10 +302,10 @@ class CaseRunner:
         if unavailable is not None:
             if run.urgent:
                 raise unavailable
-            # A job has no client that waits for it, and can wait for a worker.
+            # No client waits for a job, so it can wait until there is a worker again.
             await asyncio.sleep(NO_WORKER_SECONDS)
         if again:
-            # The cases go to the front, in their order, so that the first results of a job come first.
+            # The cases return to the front of the queue, in their order, so that results remain in order.
             run.waiting.extendleft(reversed(again))
             self._begin_chunk(run)
 

@@ -1,7 +1,7 @@
 """Scheduler of jobs. Among the jobs of an owner, the one with the fewest cases left comes first.
 
-A crash may come at any instant. The results of a chunk are stored first and its cases marked as done afterwards, so
-that after a restart a chunk is marked, or found in the cache, or computed again.
+The service may crash at any time. The results of a chunk are stored before its cases are marked as done, so that after
+a restart its cases are either done, or found in the cache, or computed again.
 """
 
 import asyncio
@@ -31,14 +31,14 @@ from service.queries import Count, QueryService
 from service.telemetry import span_within
 
 AHEAD = 10
-"""Number of blocks of cases looked up in the cache at once, 2,000 cases. A judgement: enough that a cached job is
-marked in few transactions, and few enough to hold in memory."""
+"""Number of blocks of cases looked up in the cache at once, 2,000 cases. Chosen by judgement: a cached job is marked in
+few transactions, and the cases take little memory."""
 STORED = "stored"
-"""Outcome counted for a case whose result was in the cache, where the record with the real one is not read."""
+"""Outcome in the metrics of a case whose result was in the cache; the record with its actual outcome is not read."""
 
 GiveBack: TypeAlias = Callable[[str, int, int], None]
 """Function that gives cases back to a quota. Its arguments are the id of the API key, the number of cases, and the
-start time of the entry that counts them."""
+start of the time step in which they were charged, in seconds since 1970."""
 log = logging.getLogger(__name__)
 
 
@@ -48,19 +48,19 @@ class ActiveJob:
 
     state: JobState
     queue: str
-    """Owner in whose turn the cases are computed."""
+    """Owner whose share of the workers the cases count against."""
     ended: Callable[[JobState], object] = lambda _: None
     """Function called once, with the final state."""
     scope: CancelScope = field(default_factory=CancelScope)
-    """Scope of the work, which can be cancelled."""
+    """Scope that cancels the work."""
     work: "asyncio.Task[None] | None" = None
     """Task of the work; None before it has begun."""
     changed: asyncio.Event = field(default_factory=asyncio.Event)
-    """Event that is set, and replaced by a new one, at the next change."""
+    """Event that the next change of the state sets, and replaces by a new event."""
 
     @property
     def left(self) -> int:
-        """Number of unfinished cases, or of the samples that a study may still take; 0 while these are unknown."""
+        """Number of unfinished cases, or of samples that a study may still take, 0 before its first progress report."""
         if is_study(self.state.operation):
             progress = self.state.progress or {"max_samples": 0, "samples": 0}
             return int(progress["max_samples"] - progress["samples"])
@@ -68,7 +68,7 @@ class ActiveJob:
 
     def update(self, state: JobState) -> None:
         """Set a newer state, and wake the followers of the job."""
-        # Results are marked in threads, which may finish in another order than they began.
+        # Cases are marked in threads, which may finish in any order, so the given state may be the older one.
         if state.revision > self.state.revision:
             before, self.state = self.state, state
             if state.final and not before.final:
@@ -112,7 +112,7 @@ class Scheduler:
     ) -> None:
         self.active: dict[str, ActiveJob] = {}
         self.unwritten: dict[str, JobState] = {}
-        """Ended jobs whose end could not be written. Without it the next start would continue them."""
+        """Final states that could not be written yet, by id. Otherwise the next start would continue the jobs."""
         self._queries = queries
         self._jobs = jobs
         self._runner = runner
@@ -126,14 +126,14 @@ class Scheduler:
         """Jobs that have begun and still have cases to hand to the runner."""
 
     def add(self, state: JobState, queue: str = "") -> None:
-        """Queue a job; `queue` overrides the owner in whose turn it is computed."""
+        """Queue a job; `queue` overrides the owner whose share of the workers it counts against."""
         if state.final:
             return
         job = self.active[state.id] = ActiveJob(state, queue or state.owner, self._settle_charge)
         self._begin_jobs(job.queue)
 
     def ahead(self, state: JobState) -> list[ActiveJob]:
-        """Return the jobs of the same owner that go before a job: those with fewer cases left, or as many and older."""
+        """Return the owner's jobs that are computed before a job: those with fewer cases left, or as many and older."""
         own = self.active.get(state.id)
         if own is None:
             return []
@@ -141,10 +141,10 @@ class Scheduler:
         return [job for job in self.active.values() if job.queue == own.queue and (job.left, job.state.number) < place]
 
     def cases_until_done(self, state: JobState) -> int:
-        """Return how many cases are likely to be done by the end of a job, its own among them.
+        """Estimate the number of cases that will be computed before a job ends, including its own.
 
-        Its owner's jobs with fewer cases go first; in the turns of another owner as many cases are done as in those of
-        this one, unless that owner has fewer.
+        Jobs of the same owner with fewer cases are computed first. As owners share the workers equally, each other
+        owner has as many cases computed meanwhile, or all of its cases if it has fewer.
         """
         own = self.active.get(state.id)
         if own is None:
@@ -167,12 +167,12 @@ class Scheduler:
     async def halt(self, job: ActiveJob) -> None:
         """Cancel the work of a job, and wait until it has ended."""
         job.scope.cancel()
-        # A task that ends its own job would wait for itself.
+        # The task of a job may call this itself, and must not wait for itself.
         if job.work is not None and job.work is not asyncio.current_task():
             await asyncio.wait([job.work])
 
     async def end(self, job: ActiveJob, status: Status, problem: dict[str, Any] | None = None) -> JobState | None:
-        """End a job and its work, which takes up to a second; return the job, or None if it was deleted meanwhile."""
+        """Cancel the work of a job, which takes up to a second, and end it. Return None if it was deleted meanwhile."""
         await self.halt(job)
         try:
             state = await run_sync(self._jobs.end, job.state.number, status, problem)
@@ -181,7 +181,7 @@ class Scheduler:
             job.update(job.state)
             return None
         except StorageError:
-            # The disk is full or gone. Clients are told of the end nevertheless, and it is written later.
+            # The disk is full or gone. Clients are told that the job has ended; the final state is written later.
             now, revision = datetime.now(UTC), job.state.revision + 1
             state = replace(job.state, status=status, finished=now, problem=problem, revision=revision)
             self.unwritten[state.id] = state
@@ -190,7 +190,7 @@ class Scheduler:
         return state
 
     async def write_ends(self) -> None:
-        """Retry to write the ends of jobs that could not be written before."""
+        """Try again to write the final states in `unwritten`."""
         with suppress(StorageError):
             for state in list(self.unwritten.values()):
                 with suppress(JobGoneError):
@@ -198,10 +198,10 @@ class Scheduler:
                 self.unwritten.pop(state.id, None)
 
     def _begin_jobs(self, owner: str) -> None:
-        """Begin the owner's job with the fewest cases left, unless a running one has fewer and is still handing out.
+        """Begin the owner's job with the fewest cases left, unless a running job with as few still hands out cases.
 
-        All jobs could begin at once, since the queue of the executor has the same order. Beginning them one by one
-        bounds the number of blocks of cases in memory.
+        All jobs could begin at once, because the queue of the executor sorts them in the same way. Beginning them one
+        by one limits the number of blocks of cases in memory.
         """
         jobs = [job for job in self.active.values() if job.queue == owner and not job.scope.cancel_called]
         waiting = sorted((job for job in jobs if job.work is None), key=lambda job: job.left)
@@ -237,7 +237,7 @@ class Scheduler:
                         traced=traced,
                     )
         except Exception as error:
-            # A cancelled job is ended by the one who cancelled it.
+            # A job that was cancelled is ended, or left to the next start, by the caller of `halt`.
             if not job.scope.cancel_called:
                 log.error("job %s failed", state.id, exc_info=error)
                 await self.end(job, "failed", case_problem(error))
@@ -258,7 +258,7 @@ class Scheduler:
         """Answer a study, the only case of its job."""
 
         async def report(progress: dict[str, Any], partial: dict[str, Any] | None) -> None:
-            with suppress(JobGoneError):  # Another job may follow the same computation, which must then continue.
+            with suppress(JobGoneError):  # If this job is deleted, others may still follow the same computation.
                 job.update(await run_sync(self._jobs.report, job.state.number, progress, partial))
 
         run = partial(self._run_cases, owner=job.queue)
@@ -272,7 +272,7 @@ class Scheduler:
                     await self._mark(job, [CaseResult(number, None, record, None, cached=status == "hit")])
 
     async def _blocks(self, job: ActiveJob) -> Blocks:
-        """Yield the unfinished cases of a job in blocks. Those with a result in the cache are marked before."""
+        """Yield the unfinished cases of a job in blocks, and mark those that are already in the cache as done."""
         state = job.state
         if state.versions != VERSIONS:  # The service was upgraded since the job was accepted.
             await run_sync(self._jobs.renew_keys, state.number)
@@ -289,10 +289,10 @@ class Scheduler:
         self._note_handed_out(job)
 
     def _look_up(self, state: JobState, first: int) -> tuple[list[CaseRow], int, JobState | None]:
-        """Mark the cases of the next blocks that are in the cache; return the others, and the number marked."""
+        """Mark cached cases of the next blocks as done; return the others, the number marked, and the new state."""
         waiting = self._jobs.waiting(state, first, AHEAD)
         known = self._queries.cache.known([row.key for row in waiting])
-        # Only keys are compared: reading the records would take far longer, and nobody has asked for them yet.
+        # Only keys are looked up: reading the records would take far longer, and they may never be requested.
         cached = {row.number: CaseState.CACHED for row in waiting if row.key in known}
         marked = self._jobs.mark(state.number, cached) if cached else None
         return [row for row in waiting if row.key not in known], len(cached), marked
@@ -301,7 +301,7 @@ class Scheduler:
         """Load the cases to compute. Those whose key does not belong to their request are marked as damaged."""
 
         def check() -> dict[int, JobCase]:
-            """Read and hash the requests, in a thread because it takes long."""
+            """Read and hash the requests. Both take long, so this runs in a thread."""
             requests = self._jobs.requests(job.state.number, [row.number for row in waiting])
             return {
                 row.number: JobCase(KeyedRequest(row.key, requests[row.number]))

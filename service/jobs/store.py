@@ -47,14 +47,14 @@ from solver import ENGINE_VERSION
 
 DAY = 86_400.0  # [s]
 VERSIONS = f"{ENGINE_VERSION} {SCHEMA_VERSION}"
-"""Versions of solver and contract that the keys of new jobs are made with."""
+"""Versions of solver and contract that are hashed into the keys of new jobs."""
 OWNER_BYTES = 2**30
-"""Default of the disk space for the jobs of one owner: ten million cases [bytes]."""
+"""Default limit on the disk space for the jobs of one owner [bytes]. It holds some ten million cases."""
 JOB_BYTES = 10_000
 """Size charged for a job in addition to its cases [bytes]. It is more than a job takes, so that an owner has at most
 100,000 jobs."""
 CASE_BYTES, PROBLEM_BYTES = 100, 300
-"""Approximate sizes of a case, for jobs whose size was not recorded, and of a problem [bytes]."""
+"""Approximate sizes of a stored case, used for jobs whose size was not recorded, and of a stored problem [bytes]."""
 TAKEN = f"coalesce(bytes, {JOB_BYTES} + {CASE_BYTES} * total) + {PROBLEM_BYTES} * failed"
 """SQL expression for the disk space of a job. [bytes]"""
 BEYOND = f"""
@@ -67,11 +67,11 @@ SELECT number, finished IS NOT NULL FROM (
 )
 WHERE taken > ?
 """  # noqa: S608 (of this file)
-"""Selects the jobs that an owner has no space for, and whether they have ended. The parameters are the number of a job
-of the owner and the limit. Unfinished jobs and those that ended last are kept."""
+"""SQL query for the jobs that exceed the disk space of an owner, and whether they have ended. Its parameters are the
+number of a job of the owner and the limit. Unfinished jobs are counted first, then the jobs that ended last."""
 STATUSES = frozenset(get_args(Status))
 LARGEST = 2**63 - 1
-"""Largest integer of SQLite."""
+"""Largest integer that SQLite can store."""
 SELECT = f"SELECT {COLUMNS} FROM jobs LEFT JOIN sweeps ON sweeps.job = jobs.number"  # noqa: S608 (of the package)
 
 
@@ -110,7 +110,7 @@ class JobStore:
         self._kept_seconds = job_days * DAY
         self._owner_bytes = owner_bytes
         self._most_taken: dict[str, int] = {}
-        """Upper bound of the disk space of each owner's jobs, which are added up only above the limit. [bytes]"""
+        """Upper bounds on the disk space of each owner's jobs [bytes]. Exact sizes are summed only above the limit."""
 
     def expire(self, *, at_start: bool = False) -> int:
         """Remove expired jobs and, at the start, jobs that were never accepted; return the number of jobs removed."""
@@ -160,7 +160,7 @@ class JobStore:
             If the unfinished jobs of its owner would exceed their disk space.
         """
         with self._database.writing() as database:
-            # Room is made in the same transaction, so that a refused job removes nothing.
+            # Older jobs are removed in the same transaction, so that none is removed for a job that is refused.
             self._make_room(database, job, total)
             if idempotency is not None:
                 statement = "INSERT INTO idempotency SELECT owner, ?, ?, number FROM jobs WHERE number = ?"
@@ -176,7 +176,7 @@ class JobStore:
             database.execute("DELETE FROM jobs WHERE number = ?", (job,))
 
     def begin(self, job: int) -> JobState:
-        """Mark a job as running."""
+        """Mark a job as running, and return its new state."""
         with self._database.writing() as database:
             changes = "status = 'running', started = coalesce(started, ?), revision = revision + 1"
             return self._changed(database, job, changes, (self._clock.now(),))
@@ -217,7 +217,7 @@ class JobStore:
             return self._changed(database, job, changes, values)
 
     def rename(self, job: int, title: str) -> JobState:
-        """Change the title of a job."""
+        """Change the title of a job, and return its new state."""
         with self._database.writing() as database:
             return self._changed(database, job, "title = ?", (title,))
 
@@ -284,7 +284,7 @@ class JobStore:
         return self._jobs("status IN ('accepted', 'running') ORDER BY number")
 
     def waiting(self, job: JobState, first: int, count: int) -> list[CaseRow]:
-        """Return the unfinished cases in these blocks.
+        """Return the unfinished cases in `count` blocks, from block `first` on.
 
         Raises
         ------
@@ -321,7 +321,7 @@ class JobStore:
         ]
 
     def requests(self, job: int, cases: Collection[int]) -> dict[int, bytes]:
-        """Return the canonical requests of these cases as JSON.
+        """Return the canonical requests of the given cases as JSON.
 
         Raises
         ------
@@ -336,12 +336,12 @@ class JobStore:
         return found
 
     def renew_keys(self, job: int) -> None:
-        """Replace the keys of a job that was accepted by an earlier version by those of the present version."""
+        """Replace the keys of a job that was accepted by an earlier version with those of the present versions."""
         operation = self._jobs("number = ?", job)[0].operation
         with self._database.reading() as database:
             numbers = database.execute("SELECT slice FROM slices WHERE job = ?", (job,)).fetchall()
-        # One transaction per block, so that other jobs are not held up. After a crash in between, the job still has its
-        # earlier versions and is done again.
+        # One transaction per block, so that other jobs are not held up. If the service crashes in between, the job
+        # still has its earlier versions, and all its keys are replaced after the restart.
         for (number,) in numbers:
             with self._database.reading() as database:
                 requests = _requests_of(database, job, number)
@@ -352,7 +352,7 @@ class JobStore:
             self._changed(database, job, "versions = ?", (VERSIONS,))
 
     def check(self) -> None:
-        """Check that jobs are written to the file that the next start will open."""
+        """Check that the open file is still the one at its path; see `Database.check`."""
         self._database.check()
 
     @property
@@ -365,7 +365,7 @@ class JobStore:
         self._database.checkpoint()
 
     def close(self) -> None:
-        """Close the file."""
+        """Move the write-ahead log into the file, and close the file. The next use opens it again."""
         self._database.close()
 
     def _make_room(self, database: sqlite3.Connection, job: int, total: int) -> None:
@@ -375,10 +375,10 @@ class JobStore:
             "+ coalesce(length(custom_ids), 0)), 0) FROM slices WHERE job = ?) WHERE number = ? RETURNING owner, bytes",
             (job, job),
         ).fetchall()
-        # Each case may yet fail and have a problem stored, which is counted beforehand.
+        # Each case may still fail and have a problem stored, so the space for it is counted in advance.
         most = size + PROBLEM_BYTES * total
-        # The sizes of all jobs are added up only if the bound, which counts removed jobs too, reaches the limit: the
-        # sum takes a time proportional to the number of jobs.
+        # The exact sum takes a time proportional to the number of jobs. It is computed only if the upper bound, which
+        # includes jobs that have been removed since, exceeds the limit.
         if owner in self._most_taken and self._most_taken[owner] + most <= self._owner_bytes:
             self._most_taken[owner] += most
             return
@@ -412,7 +412,7 @@ class JobStore:
             return [read_job(row, self._operations) for row in database.execute(f"{SELECT} WHERE {condition}", values)]
 
     def _blocks(self, job: int, numbers: range) -> dict[int, tuple[Any, ...] | None]:
-        """Return the rows of `BLOCK_COLUMNS` of these blocks, with None for missing ones."""
+        """Return the rows of `BLOCK_COLUMNS` of the given blocks, with None for missing ones."""
         statement = (
             f"SELECT slice, {BLOCK_COLUMNS} FROM slices JOIN states USING (job, slice) "  # noqa: S608 (of the package)
             "WHERE job = ? AND slice >= ? AND slice < ?"

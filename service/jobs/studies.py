@@ -1,4 +1,4 @@
-"""Studies of uncertainty. Each sample is a case like those of a batch, with the same cache and executor."""
+"""Studies of uncertainty. Each sample is a case like those of a batch: cached, and computed by the same executor."""
 
 import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, Mapping, Sequence
@@ -34,12 +34,12 @@ class RunningStudy:
     urgent: bool
     reports: list[Report]
     done: "asyncio.Future[Record | None]" = field(default_factory=lambda: asyncio.get_running_loop().create_future())
-    """Record of the study; None if it ended without one."""
+    """Future of the record of the study; None if it ended without one."""
     latest: tuple[dict[str, Any], dict[str, Any] | None] | None = None
     """Latest progress and partial answer."""
 
     async def report(self, progress: dict[str, Any], partial: dict[str, Any] | None) -> None:
-        """Pass progress on to all followers."""
+        """Record the progress, and report it to all requests and jobs that follow the study."""
         before = self.latest[1] if self.latest else None
         self.latest = progress, partial or before
         for report in list(self.reports):
@@ -73,8 +73,8 @@ class StudyService:
     ) -> Answered:
         """Return the record of a study, and whether it came from the cache or from an equal study in flight.
 
-        If an equal study in flight ends without an answer, for example by cancellation or by the quota of its client,
-        the study is computed here. An urgent study never waits for one that is not.
+        If an equal study in flight ends without an answer, for example because it is cancelled or its client's quota is
+        used up, the study is computed here. An urgent study never waits for one that is not urgent.
 
         Parameters
         ----------
@@ -84,8 +84,8 @@ class StudyService:
             As for `run_study`.
         """
         key, reports = request.key, [report] if report is not None else []
-        # The loop looks again after each wait: when a study ends without an answer, another one may have taken its
-        # place.
+        # The loop checks again after each wait: when a study ends without an answer, another request may have started
+        # it anew.
         while (other := self._in_flight.get(key)) is not None and (other.urgent or not urgent):
             record = await self._follow(other, reports)
             if record is not None:
@@ -103,7 +103,7 @@ class StudyService:
         finally:
             if self._in_flight.get(key) is own:
                 del self._in_flight[key]
-            # The followers are woken even after a failure, and then compute the study themselves.
+            # Followers are woken even after a failure. The first of them then computes the study itself.
             own.done.set_result(record)
 
     async def _follow(self, other: RunningStudy, reports: Sequence[Report]) -> Record | None:
@@ -171,7 +171,7 @@ async def run_study(
 async def _findings(
     operation: StudyOperation, count: int, cases: Mapping[int, JobCase], more: int, run: RunCases
 ) -> list[Any]:
-    """Compute samples, and return the results that the study needs. Samples without a case are outside its range."""
+    """Compute samples, and return the results that the study needs. Samples without a case get `operation.outside`."""
     found, numbers = [operation.outside] * count, list(cases)
     async with aclosing(run(operation.sample, list(cases.values()), more)) as results:
         async for result in results:
@@ -188,7 +188,7 @@ def _finding(operation: StudyOperation, result: CaseResult) -> Any:
 
 
 def advance(steps: Generator[Any, Any, Any], found: Sequence[Any] | None) -> tuple[Any, Any]:
-    """Return the next batch of samples of a study, or None and its answer."""
+    """Return the next batch of samples of a study and None or, when it is complete, None and its answer."""
     try:
         return (next(steps) if found is None else steps.send(found)), None
     except StopIteration as end:

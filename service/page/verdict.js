@@ -16,30 +16,29 @@ import { degreesShown, describeAngle, digits, endingShown, lengthShown, quantity
 
 const REST_MS = 300; // without a change before the spread and the theories are computed: they are hundreds of searches
 const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2, letter: 6 }; // px and °; rows of labels, at least
-const BY_THEORY = /; (?:[\w-]+ decay \(weight [\d.]+\) [\d.]+°(?:, )?)+/;
 
 /**
  * Return the verdict on a strike: in a line what decides, in another what it means, and the design values of a wall.
  *
- * They are the sentence of the service where it is known, without the theories, which the strip names; until then how the strike ends.
+ * Together they are the sentence of the service; until that is known, the first says how the strike ends.
  *
  * @param {{values: object, run: object, found: object, judged?: object}} known the answers to `/trajectory`, `/cra` and
  *   `/verdict` for a case; the range of `judged` may be that of another oblique angle
- * @returns {{first: string, second: string, design: string, angle?: string}} `angle` is the critical one, as `second` has it
+ * @returns {{first: string, second: string, end: string, design: string, angle?: string}} `angle` is the critical one, as `second`
+ *   has it, and `end` where the strike ends with the inputs as given
  */
 function verdictOf({ values, run, found, judged }) {
   const mine = `${clipped(values).impact.oblique_angle_deg}°`; // of the strike that is computed; a warning names it
   const angle = found.critical_angle_deg && degreesShown(found.critical_angle_deg, decimalsOf(judged));
   const range = judged?.range_text ? `, 90 % range ${judged.range_text}` : "";
   if (judged?.oblique_angle_deg !== values.impact.oblique_angle_deg) {
-    const second = `${endOf(run)} ${angle ? `Critical angle ${angle}` : "No critical angle"}${range}.`;
-    return { first: `At ${mine} from the normal, with the inputs as given: ${endingShown(run)}.`, second, design: "", angle };
+    const second = `${angle ? `Critical angle ${angle}` : "No critical angle"}${range}.`;
+    return { first: `At ${mine} from the normal, with the inputs as given: ${endingShown(run)}.`, second, end: endOf(run), design: "", angle };
   }
   const [first, ...others] = sentencesOf(inShownUnits(judged.sentence));
-  const plain = judged.own_law ? others : others.map((each) => each.replace(BY_THEORY, ""));
-  const end = others.findIndex((each) => each.startsWith("Wall ")) + 1 || others.length; // the values of a wall follow
-  const unsearched = range && judged.probability_text === undefined ? [`${mine} is not in the range searched.`] : [];
-  return { first, second: [endOf(run), ...plain.slice(0, end), ...unsearched].join(" "), design: plain.slice(end).join(" "), angle };
+  const last = others.findIndex((each) => each.startsWith("Wall ")) + 1 || others.length; // the values of a wall follow
+  const end = range && judged.probability_text === undefined ? `${mine} is not in the range searched. ${endOf(run)}` : endOf(run);
+  return { first, second: others.slice(0, last).join(" "), end, design: others.slice(last).join(" "), angle };
 }
 
 /** Return the sentences of a text: each ends with a full stop before a capital. */
@@ -48,10 +47,11 @@ export function sentencesOf(text) {
 }
 
 /** Put a verdict into an element: what decides, and in a second line what it means. */
-export function showCard(root, { first, second, angle }, outcome) {
+export function showCard(root, { first, second, end = "", angle }, outcome) {
   const [before, ...after] = second.split(angle);
   const rest = after.length ? [before, element("strong.angle", {}, angle), after.join(angle)] : [before];
-  root.replaceChildren(element("p.outcome.figures", { "data-outcome": outcome }, element("strong", {}, first), " ", element("span.rest", {}, ...rest)));
+  const parts = [element("strong", {}, first), " ", element("span.rest", {}, ...rest), " ", element("span.end", {}, end)];
+  root.replaceChildren(element("p.outcome.figures", { "data-outcome": outcome }, ...parts));
 }
 
 /** Return the section of a verdict: its first part stays at the upper edge of the window, beside the form or above it. */
@@ -216,9 +216,10 @@ function decimalsOf(judged) {
 
 /** Return where a run has ended in a sentence. */
 function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
-  if (outcome === "perforated") return `It goes on at ${quantityShown(exit?.speed_m_s ?? final.depth_velocity_m_s, "m/s")}.`;
-  if (exit) return `It leaves at ${quantityShown(exit.speed_m_s, "m/s")}, ${quantityShown(exit.elevation_deg, "°")} from the face.`;
-  return `It ${outcome === "embedded" ? "stops" : "is"} ${lengthShown(depth)} deep after ${digits(final.time_s * 1e3)} ms.`;
+  const given = "With the inputs as given it";
+  if (outcome === "perforated") return `${given} goes on at ${quantityShown(exit?.speed_m_s ?? final.depth_velocity_m_s, "m/s")}.`;
+  if (exit) return `${given} leaves at ${quantityShown(exit.speed_m_s, "m/s")}, ${quantityShown(exit.elevation_deg, "°")} from the face.`;
+  return `${given} ${outcome === "embedded" ? "stops" : "is"} ${lengthShown(depth)} deep after ${digits(final.time_s * 1e3)} ms.`;
 }
 
 /** Return what the range stands for in words. */

@@ -111,7 +111,7 @@ def usual_scatter_of_page() -> dict[str, dict[str, Any]]:
 THEORY_ANGLE = {"free_surface": "elastic_plastic", "weight": 0.8, "critical_angle_deg": 48.6}
 VERDICT = {
     "sentence": "At 55° from the normal the projectile is turned away (probability above 97 %). Critical angle 48.6° "
-    "from the normal, 90 % range 46° to 51°; elastic-plastic decay (weight 0.8) 48.6°.",
+    "from the normal, 90 % range 46° to 51°.",
     "range_text": "46° to 51°",
     "status": "converged",
     "critical_angle_deg": 48.63,

@@ -25,7 +25,7 @@ from solver import ENGINE_VERSION
 PACKAGES = ("h5py", "llvmlite", "numba", "numpy", "orjson", "pydantic", "scipy")
 """Packages whose version may change the last bit of a result, or its encoding."""
 STOP_SECONDS = 1.0
-"""Time allowed for the pool of a worker to stop, as for the pool of the service. [s]"""
+"""Time allowed for the pool of a worker to stop, the same as for the pool of the service. [s]"""
 
 
 class UnfitWorkerError(Exception):
@@ -61,12 +61,12 @@ class WorkerPlugin(Plugin):
         self._running: dict[str, asyncio.Task[list[CallResult]]] = {}
 
     async def setup(self, worker: Worker) -> None:
-        """Start the pool."""
+        """Start the pool. Dask calls this when the plugin is added to a worker."""
         self._pool = ProcessPool(workers=worker.state.nthreads, task_seconds=self._task_seconds)
         await self._pool.start()
 
     async def teardown(self, worker: Worker) -> None:
-        """Stop the pool."""
+        """Stop the pool. Dask calls this when the worker closes."""
         await self._pool.stop(STOP_SECONDS)
 
     def transition(self, key: object, start: TaskStateState, finish: TaskStateState, **_: object) -> None:
@@ -80,7 +80,7 @@ class WorkerPlugin(Plugin):
             self._pool.run([(answer, (message,)) for message in messages])
         )
         try:
-            return await running  # A worker that closes cancels this, and Dask gives the chunk to another worker.
+            return await running  # A Dask worker that closes cancels this, and the chunk then runs on another one.
         finally:
             del self._running[key]
 
@@ -119,19 +119,19 @@ def plugin_name(task_seconds: float) -> str:
 
 
 LOOK_SECONDS = 1.0
-"""Interval between checks of the list of workers, a judgement: one request to the scheduler each [s]."""
+"""Interval between checks of the list of workers, chosen by judgement [s]. Each is one request to the scheduler."""
 CONNECT_SECONDS = 5.0
-"""Timeout for an answer of the scheduler [s]. It takes milliseconds, so that the scheduler is gone after 5 s; a
-judgement."""
+"""Timeout for an answer of the scheduler, chosen by judgement [s]. An answer takes milliseconds, so a scheduler that
+exceeds the timeout is considered lost."""
 INTRODUCTION_SECONDS = 180.0
-"""Timeout for a worker to report its versions and start its pool [s]. The first on a machine compiles the solver."""
+"""Timeout for a worker to report its versions and start its pool [s]. A machine's first pool compiles the solver."""
 LOOK_AGAIN_SECONDS = 30.0
-"""Delay before retrying a worker that did not report its versions or start its pool, a judgement [s]."""
+"""Delay before retrying a worker that did not report its versions or start its pool, chosen by judgement [s]."""
 SILENT_SECONDS = 10.0
 """Time without a heartbeat after which a worker counts as frozen and its chunks are given to others. [s]
 
-Workers send a heartbeat every half second, in clusters of hundreds every five seconds. Dask itself waits for five
-minutes.
+Workers send a heartbeat every half second, or every five seconds in a cluster of hundreds. Dask itself waits for five
+minutes before it gives up a worker.
 """
 LIBRARIES = ("distributed", "tornado", "bokeh")
 """Libraries whose loggers get handlers when Dask is imported."""
@@ -141,10 +141,10 @@ log = logging.getLogger(__name__)
 
 
 class Cluster:
-    """Connection to a Dask scheduler, which is kept up, and the list of its usable workers.
+    """Connection to a Dask scheduler, re-established when it is lost, and the list of its usable workers.
 
-    A worker gets no chunk before it has reported its versions. One with other versions is not used, and is named in the
-    log. Workers that join later are checked in the same way.
+    A worker gets no chunk before it has reported its versions. A worker with other versions is not used, and is named
+    in the log. Workers that join later are checked in the same way.
 
     Parameters
     ----------
@@ -161,15 +161,15 @@ class Cluster:
         self.threads: dict[str, int] = {}
         """Numbers of threads of the usable workers, by address."""
         self.changed = asyncio.Event()
-        """Event that is set, and replaced by a new one, when usable workers have come or gone."""
+        """Event that is set, and replaced by a new event, when a worker becomes usable or unusable."""
         self.lost = time.monotonic()
-        """Time at which the last worker was lost, on the monotonic clock [s]."""
+        """Time since which there has been no usable worker, if there is none now, on the monotonic clock. [s]"""
         self._task_seconds = task_seconds
         self._seen: dict[str, asyncio.Task[None]] = {}
         self._heartbeats: dict[str, tuple[float, float]] = {}
-        """Latest heartbeat of each worker by the clock of the scheduler, and its time on the monotonic clock here. [s]
+        """Time of each worker's latest heartbeat by the scheduler's clock, and when it was noticed, by our own. [s]
 
-        The clocks of the machines may differ, so that a heartbeat is only compared with the previous one.
+        The clocks of the machines may differ, so that a heartbeat is compared only with the previous one.
         """
         self._watching: asyncio.Task[None] | None = None
 
@@ -189,14 +189,14 @@ class Cluster:
         self._watching = asyncio.create_task(self._watch())
 
     async def stop(self) -> None:
-        """Close the connection."""
+        """Stop checking the workers, and close the connection."""
         if self._watching is not None:
             self._watching.cancel()
             await asyncio.wait([self._watching])
         await self._hang_up()
 
     async def answers(self, seconds: float) -> bool:
-        """Return True if there is a usable worker and the scheduler answers within this time. [s]"""
+        """Return True if there is a usable worker and the scheduler answers within `seconds`."""
         client = self.client
         if client is None or not self.capacity:
             return False
@@ -276,7 +276,7 @@ class Cluster:
             await in_time(client.close, CONNECT_SECONDS)
 
     async def _meet(self, address: str, threads: int) -> None:
-        """Request the versions of a worker, and use the worker if they are those of the service."""
+        """Request the versions of a worker, and use it if they are the same as those of the service."""
         client = self.client
         if client is None:
             return
@@ -306,7 +306,7 @@ class Cluster:
 
 
 async def in_time(call: Callable[[], Awaitable[Value]], seconds: float) -> Value | None:
-    """Return the answer of the cluster to a call, or None if there is none in time. [s]"""
+    """Return the answer of the cluster to a call, or None if it fails or takes longer than `seconds`."""
     try:
         async with asyncio.timeout(seconds):
             return await call()
@@ -315,7 +315,7 @@ async def in_time(call: Callable[[], Awaitable[Value]], seconds: float) -> Value
 
 
 def use_our_log() -> None:
-    """Pass the log entries of Dask to the log of the service, and silence its warnings of large chunks."""
+    """Pass the log entries of Dask to the log of the service, and silence its warnings about large chunks."""
     for name, logger in logging.root.manager.loggerDict.items():
         if name.startswith(LIBRARIES) and isinstance(logger, logging.Logger):
             logger.handlers.clear()

@@ -1,8 +1,8 @@
 """Executor that runs chunks on a Dask cluster and single calls in a local process pool.
 
-A client waits for a single call, which the pool answers within a millisecond of overhead and whatever the state of the
-cluster. Chunks make up most of the work. Both come from one queue. Each worker of the cluster gets a new chunk when it
-has finished one. A chunk that is not returned goes back to the queue, for another worker or, if there is none, for the
+Clients wait for single calls, which the pool runs with a millisecond of overhead, whatever the state of the cluster.
+Chunks make up most of the work. Both come from one queue. Each worker of the cluster gets a new chunk when it has
+finished one. A chunk that is not returned goes back to the queue, for another worker or, if there is none, for the
 pool, so that a job always makes progress.
 """
 
@@ -25,18 +25,19 @@ from service.workers.work_queue import Kind, Work
 from service.workers.worker import dumps, loads
 
 LOSSES = 5
-"""Number of times that a chunk may be lost, by the network or with its worker, before the pool runs it. A judgement: an
-unstable network should not keep a job from ending."""
+"""Number of times that a chunk may be lost, by the network or with its worker, before the pool runs it. Chosen by
+judgement: an unstable network should not keep a job from ending."""
 PAUSE_SECONDS = 0.1
-"""Backoff before a worker that lost a chunk is given another one, doubled each time; a judgement. [s]"""
+"""Backoff before a worker that lost a chunk gets another one, doubled with each loss; chosen by judgement [s]."""
 PATIENCE_SECONDS = 5.0
 """Time that chunks wait for a lost cluster before the pool takes them. Most restarts of a scheduler take less. [s]"""
 CANCEL_SECONDS = 1.0
-"""Timeout for the scheduler to acknowledge a cancellation, after which the chunk is forgotten; a judgement. [s]"""
+"""Timeout for the scheduler to acknowledge a cancellation, chosen by judgement [s]. Its reply is not needed."""
 CHUNKS_A_THREAD = 2
-"""Number of chunks assigned to each thread of a worker, so that it finds the next one when it has finished one."""
+"""Number of chunks assigned to each thread of a worker: the next one is already there when it has finished one."""
 DELIVERY_SECONDS = 30.0
-"""Time for the transport of a chunk, beyond the timeouts of its calls and of the chunk before it; a judgement. [s]"""
+"""Time allowed for transferring a chunk, in addition to the timeouts of its calls and those of the chunk before it;
+chosen by judgement [s]."""
 TEND_SECONDS = 1.0
 """Longest interval between checks of whether the pool should take chunks, well below `PATIENCE_SECONDS`. [s]"""
 
@@ -65,7 +66,7 @@ class DaskExecutor(Executor):
         self.cluster = Cluster(address, task_seconds)
         self._pool = ProcessPool(workers=workers, task_seconds=task_seconds, queue=self.queue, accepts=self._for_pool)
         self._servers: dict[str, list[asyncio.Task[None]]] = {}
-        """Tasks that give chunks to the workers of the cluster, by address."""
+        """Tasks that send chunks to the workers of the cluster, by address of the worker."""
         self._tending: asyncio.Task[None] | None = None
         self._busy = False
 
@@ -105,7 +106,7 @@ class DaskExecutor(Executor):
         return self._pool.single_capacity
 
     async def start(self) -> None:
-        """Start the pool, and connect to the cluster. A cluster that is not there is no error."""
+        """Start the pool, and connect to the cluster. It is no error if the cluster cannot be reached yet."""
         await self._pool.start()
         try:
             await self.cluster.start()
@@ -116,7 +117,7 @@ class DaskExecutor(Executor):
         self._tending = asyncio.create_task(self._tend())
 
     async def probe(self, seconds: float) -> bool:
-        """Return True if a worker of the pool and the cluster answer within this time. [s]"""
+        """Return True if a worker of the pool and the cluster answer within `seconds`."""
         pool, cluster = await asyncio.gather(self._pool.probe(seconds), self.cluster.answers(seconds))
         self._busy = cluster and self._pool.busy
         self.last_error = "cluster unreachable: no worker of it can be used" if pool else self._pool.last_error
@@ -140,7 +141,7 @@ class DaskExecutor(Executor):
         await self._pool.stop(seconds)
 
     def _for_pool(self, work: Work) -> bool:
-        """Return True if the pool takes this work, which it does with chunks only if the cluster cannot."""
+        """Return True if the pool takes this work. It takes a chunk only if the cluster cannot run it."""
         if work.kind is not Kind.CHUNK or work.losses >= LOSSES:
             return True
         return not self.cluster.capacity and time.monotonic() > self.cluster.lost + PATIENCE_SECONDS
@@ -149,16 +150,16 @@ class DaskExecutor(Executor):
         return not self._for_pool(work)
 
     async def _tend(self) -> None:
-        """Adapt the tasks to the workers of the cluster as they come and go."""
+        """Start and cancel tasks as workers join and leave the cluster, until this is cancelled."""
         while True:
             changed = self.cluster.changed
             with suppress(TimeoutError):
                 await asyncio.wait_for(changed.wait(), TEND_SECONDS)
             self._adapt()
-            self.queue.hand_out()  # The pool may take chunks by now, which no event of the queue reports.
+            self.queue.hand_out()  # `_for_pool` may accept chunks by now, and the queue is not told of that.
 
     def _adapt(self) -> None:
-        """Start or cancel tasks, so that each usable worker has its own."""
+        """Start or cancel tasks, so that each usable worker has `CHUNKS_A_THREAD` for each thread, and others none."""
         for address in self._servers.keys() - self.cluster.threads.keys():
             for server in self._servers.pop(address):
                 server.cancel()
@@ -167,7 +168,7 @@ class DaskExecutor(Executor):
             self._servers[address] = [asyncio.create_task(self._serve(address, count)) for _ in range(count)]
 
     async def _serve(self, address: str, places: int) -> None:
-        """Give chunks to a worker until this task is cancelled, which happens when the worker has gone."""
+        """Send chunks to a worker, one at a time, until this task is cancelled because the worker has left."""
         while True:
             work, client = await self.queue.get(self._for_cluster, address, places), self.cluster.client
             work.begin()
@@ -179,8 +180,8 @@ class DaskExecutor(Executor):
                 self._note_loss(work, error)
                 await asyncio.sleep(PAUSE_SECONDS * 2**work.losses)
             except asyncio.CancelledError:
-                # A worker that left while the connection stayed up may have died of the chunk. One that is frozen, or
-                # unreachable like the whole cluster, has not.
+                # A worker that left while the connection stayed up may have been killed by the chunk. A worker that is
+                # frozen, or unreachable with the whole cluster, has not.
                 if self.cluster.client is client and not self.cluster.knows(address):
                     self._blame(work)
                 else:
@@ -196,7 +197,7 @@ class DaskExecutor(Executor):
     def _blame(work: Work) -> None:
         """Record that a worker died while it ran the work.
 
-        From then on the calls run one at a time, so that the one that kills workers can be told from the others.
+        From then on the calls run one at a time, so that the call that kills workers can be identified.
         """
         if work.alone:
             work.crashes += 1
@@ -210,7 +211,7 @@ class DaskExecutor(Executor):
         log.debug("chunk of %d calls was lost %d times: %s", len(work.calls), work.losses, error)
 
     async def _attempt(self, address: str, work: Work) -> None:
-        """Have a worker run the unfinished calls.
+        """Send the unfinished calls to a worker, and set their results.
 
         Raises
         ------
@@ -222,7 +223,7 @@ class DaskExecutor(Executor):
         client, calls = self.cluster.client, work.left
         if client is None:
             raise LostError("there is no connection")
-        # Calls are pickled one by one here, so that a single one that cannot be pickled does not fail the chunk.
+        # Calls are pickled one by one here, so that a call that cannot be pickled does not fail the whole chunk.
         messages = await asyncio.to_thread(all_dumped, calls)
         key = f"ricochet-{uuid.uuid4().hex}"
         try:
@@ -231,7 +232,8 @@ class DaskExecutor(Executor):
             )
         except Exception as error:
             raise LostError(str(error)) from error
-        result = asyncio.ensure_future(task.result())  # Never cancelled, as Dask gathers several chunks in one request.
+        # Cancelling this future could cancel the request in which Dask fetches the results of other chunks too.
+        result = asyncio.ensure_future(task.result())
         try:
             longest = CHUNKS_A_THREAD * len(calls) * self.task_seconds + DELIVERY_SECONDS
             await asyncio.wait([result, work.future], timeout=longest, return_when=asyncio.FIRST_COMPLETED)
@@ -242,7 +244,7 @@ class DaskExecutor(Executor):
                 for reply in await asyncio.to_thread(all_loaded, replies_of(result, len(calls))):
                     work.finish(reply)
         finally:
-            # Retrieving the exception keeps asyncio from reporting it.
+            # Retrieving the exception keeps asyncio from logging it as never retrieved.
             result.add_done_callback(lambda done: done.cancelled() or done.exception())
             if not result.done():
                 await give_up(task)
@@ -264,16 +266,16 @@ def replies_of(result: "asyncio.Future[list[CallResult]]", calls: int) -> list[C
 
 
 async def give_up(task: "Future[Any]") -> None:
-    """Cancel a chunk on the scheduler."""
+    """Cancel a chunk on the scheduler, and wait up to `CANCEL_SECONDS` for the acknowledgement."""
     with suppress(Exception):  # The scheduler may be gone, and the chunk with it.
         await in_time(task.cancel, CANCEL_SECONDS)
 
 
 def all_dumped(calls: Sequence[Call]) -> list[bytes]:
-    """Pickle calls."""
+    """Pickle each call by itself."""
     return [dumps(call) for call in calls]
 
 
 def all_loaded(replies: Sequence[CallResult]) -> list[CallResult]:
-    """Unpickle the replies to calls. Errors of the pool of the worker come as they are."""
+    """Unpickle the replies to calls. A result that is an error of the worker's pool is returned unchanged."""
     return [reply if reply.error is not None else loads(reply.value) for reply in replies]

@@ -15,7 +15,7 @@ Arguments = TypeVarTuple("Arguments")
 Result = TypeVar("Result")
 
 KILL_SECONDS = 0.5
-"""Part of the grace period reserved for stopping running calls [s]: a worker has 0.3 s to obey before it is killed."""
+"""Part of the grace period reserved for stopping running calls [s]. A call has 0.3 s before its worker is killed."""
 
 
 class Executor(ABC):
@@ -80,7 +80,7 @@ class Executor(ABC):
 
     @abstractmethod
     async def close(self, seconds: float) -> None:
-        """Stop all workers, including those that are computing, within this time. [s]"""
+        """Stop all workers, including those that are computing, within `seconds`."""
 
     async def submit(
         self,
@@ -99,7 +99,7 @@ class Executor(ABC):
         Parameters
         ----------
         owner
-            Owner in whose turn the call runs.
+            Owner whose share of the workers the call counts against.
         cost
             Cost of the call. [ordinary cases]
         begun
@@ -121,7 +121,7 @@ class Executor(ABC):
                 waiting.cancel()
             begun()
 
-        # A single call is its own whole job, so that both costs are the same.
+        # A single call is a whole request, so its remaining cost equals its cost.
         work = Work(Kind.SINGLE, [(function, arguments)], owner, cost, cost, taken)
         if longest_wait is not None:
             # The timer covers only the time in the queue: a call that has begun has the timeout of the worker.
@@ -145,11 +145,11 @@ class Executor(ABC):
         remaining: float | None = None,
         begun: Callable[[], None] = lambda: None,
     ) -> list[CallResult]:
-        """Run a chunk of calls one after the other. Single calls may pass it, even between two of its calls.
+        """Run a chunk of calls one after the other. Single calls may run before it, or between two of its calls.
 
         A call that fails, exceeds the timeout or kills its workers has the error as its result, and the others run
         nevertheless. If cancelled in the queue, the chunk never runs; if cancelled while running, it ends after the
-        present call.
+        present call at the latest.
 
         Parameters
         ----------
@@ -169,9 +169,9 @@ class Executor(ABC):
         return await self._finished(Work(Kind.CHUNK, calls, owner, cost, max(cost, remaining or 0.0), begun))
 
     async def probe(self, seconds: float) -> bool:
-        """Return True if a worker answers within this time. [s]
+        """Return True if a worker answers within `seconds`.
 
-        A probe passes all waiting work, and running chunks between two of their calls.
+        A probe goes before all waiting work, and between two calls of a running chunk.
         """
         with suppress(ExecutorError, TimeoutError):
             # `getpid` is the cheapest call that only a living worker can answer.
@@ -183,13 +183,13 @@ class Executor(ABC):
     async def stop(self, grace: float) -> None:
         """Refuse new work, let accepted work finish, and cancel the rest at the end of the grace period. [s]"""
         self.stopping = True
-        # `asyncio.wait` refuses an empty set.
+        # `asyncio.wait` raises an error for an empty set.
         if self._unfinished:
             await asyncio.wait([work.future for work in self._unfinished], timeout=max(0.0, grace - KILL_SECONDS))
         error = PoolUnavailableError("the service is stopping")
         self.queue.fail_all(error)
         await self.close(min(grace, KILL_SECONDS))
-        # Running work does not fail with the queue, and its callers still wait.
+        # `fail_all` covers only work in the queue. The callers of running work are still waiting.
         for work in list(self._unfinished):
             work.fail(error)
 

@@ -15,9 +15,9 @@ from solver import warm_up
 class InThreadExecutor(Executor):
     """Runs calls one after the other in a thread.
 
-    Calls and results are pickled as for a worker process, so that code that works here works there. Unlike a process, a
-    thread cannot be stopped: a call that exceeds its timeout fails only once it has ended, and a call that ends its
-    process ends the service.
+    Calls and results are pickled as for a worker process, so that code that works here also works in one. Unlike a
+    process, a thread cannot be stopped: a call that exceeds its timeout fails only once it has ended, and a call that
+    ends its process ends the service.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class InThreadExecutor(Executor):
         return not self.stopping
 
     async def start(self) -> None:
-        """Load the compiled solver, and begin to take work. The first start of an installation compiles it."""
+        """Load the compiled solver, and begin to take work. The first start of an installation compiles the solver."""
         await asyncio.get_running_loop().run_in_executor(self._thread, warm_up)
         self._task = asyncio.create_task(self._serve())
 
@@ -63,7 +63,7 @@ class InThreadExecutor(Executor):
             await self._work_off(work)
 
     async def _work_off(self, work: Work) -> None:
-        """Run the calls of an item until it is finished, cancelled, or passed by other work."""
+        """Run the calls of an item until it is finished, is cancelled, or has to let other work pass."""
         loop, self._making_way = asyncio.get_running_loop(), False
         if work.kind is Kind.CHUNK:
             self.queue.begin_chunk(work, self._make_way)

@@ -18,10 +18,10 @@ memory on the machine."""
 IDLE_CHECK_SECONDS = 1.0
 """Interval between checks of an idle worker, so that a dead one is replaced before it is needed. [s]"""
 LARGE_BYTES = 1 << 18
-"""Size from which a reply is unpickled in a thread [bytes]. A reply with a history of 4 MB takes 3 ms."""
+"""Size above which a reply is unpickled in a thread [bytes]. Unpickling a history of 4 MB takes 3 ms."""
 RETRY_SECONDS, LONGEST_RETRY_SECONDS = 0.2, 5.0
-"""First and longest backoff between attempts to start a worker, doubled each time [s]. A judgement: a lack of processes
-may pass within a second, and longer delays would keep a service without workers needlessly."""
+"""First and longest backoff between attempts to start a worker, doubled each time [s]. Chosen by judgement: a lack of
+processes may pass within a second, and longer delays would keep a service without workers needlessly."""
 
 log = logging.getLogger(__name__)
 
@@ -46,7 +46,7 @@ class WorkerServer:
     ) -> None:
         self.worker: WorkerProcess | None = None
         self.starts = 0
-        """Number of workers started."""
+        """Number of workers started so far, the first one included."""
         self._queue = queue
         self._accepts = accepts
         self._task_seconds = task_seconds
@@ -83,7 +83,7 @@ class WorkerServer:
                 worker = await self._live_worker()
 
     def close(self) -> None:
-        """Kill the worker."""
+        """Kill the worker, if there is one."""
         worker, self.worker = self.worker, None
         if worker is not None:
             worker.close()
@@ -112,8 +112,8 @@ class WorkerServer:
         serving = True
 
         def abandon(_: object) -> None:
-            # The event loop calls this some time after the future is cancelled. By then the answer may have been read,
-            # and the worker may be running the calls of somebody else.
+            # The event loop calls this some time after the future is cancelled. By then the reply may have been read,
+            # and the worker may be running other work.
             if serving:
                 worker.stop_call()
 
@@ -125,7 +125,7 @@ class WorkerServer:
             work.fail(error)
         except WorkerDiedError:
             self.close()
-            # A worker that was killed while idle did not die of the call that was about to be sent to it.
+            # If the worker had not begun to read the calls, it was killed while idle, and the call is not to blame.
             work.crashes += worker.begun
             if work.crashes == DEATHS:
                 work.finish(CallResult(None, WorkerCrashedError(f"the task ended {DEATHS} worker processes"), 0.0))
@@ -139,7 +139,7 @@ class WorkerServer:
             work.future.set_result(work.results)
 
     async def _converse(self, worker: WorkerProcess, work: Work) -> None:
-        """Send the unfinished calls, and receive results until the last one or until the worker stops the chunk."""
+        """Send the unfinished calls, and receive results until the last one, or until the worker skips the rest."""
         calls, overdue = len(work.left), False
         worker.send(work.left)
         while calls or worker.yielding:
@@ -151,7 +151,7 @@ class WorkerServer:
                     raise PoolUnavailableError(
                         "the worker process was stopped from outside and is being replaced"
                     ) from None
-                # `stop_call` kills the worker if the call does not stop, so that waiting without a timeout is safe.
+                # `stop_call` kills the worker if the call does not stop, so the next wait needs no timeout.
                 overdue = bool(calls)
                 worker.stop_call()
                 continue
@@ -185,7 +185,7 @@ class ProcessPool(Executor):
     workers
         Number of processes.
     task_seconds
-        Timeout of a call, in wall time. The call is then asked to stop, and its worker is killed if it does not. [s]
+        Timeout of a call, in wall time [s]. A call that exceeds it is stopped or, if that fails, its worker is killed.
     queue
         Queue of another executor to share.
     accepts

@@ -1,8 +1,8 @@
 """Template process, which loads the compiled solver once and forks every worker.
 
-A worker started from scratch takes 2 s of processor time and 80 MB of its own; a fork takes 10 ms and 13 MB. The fork
-server of `multiprocessing` does the same through a socket in the folder for temporary files, and can replace no worker
-once that folder has been emptied. This process uses an unnamed socket.
+A worker started from scratch takes 2 s of processor time and 80 MB of memory; a fork takes 10 ms and 13 MB. The fork
+server of `multiprocessing` does the same through a socket in the folder for temporary files, and cannot start another
+worker once that folder has been emptied. This process uses an unnamed socket.
 """
 
 import atexit
@@ -15,7 +15,7 @@ import threading
 from collections.abc import Sequence
 from contextlib import suppress
 
-# Only the standard library is imported here: a command starts the process before its own imports.
+# Only the standard library is imported here, because a command starts the process before its own slow imports.
 
 LIMIT_HINT = "too many processes or threads are running (pids.max of the container, ulimit -u)"
 """Probable cause of a failed fork, for messages."""
@@ -30,10 +30,10 @@ class Template:
         self._channel: socket.socket | None = None
 
     def start(self) -> None:
-        """Start the process unless it runs, and return without waiting until it has loaded the solver.
+        """Start the process if it is not running, without waiting until it has loaded the solver.
 
         A command that will need workers calls this before its own imports, so that both load at the same time. A
-        failure is reported by `fork`.
+        failure is reported later, by `fork`.
         """
         with self._lock, suppress(OSError):
             self._ensure_running()
@@ -66,20 +66,20 @@ class Template:
 
     def _spawn(self) -> None:
         self._channel, theirs = socket.socketpair()
-        # The search path is that of this process, so that both import the same code. -P keeps Python from adding the
-        # working folder, which could hold any file.
+        # The template process gets the search path of this process, so that both import the same code. -P keeps Python
+        # from adding the working folder, whose files could hide modules.
         program = f"import sys; sys.path[:] = {sys.path!r}\nfrom service.workers.worker import fork_workers\n"
         warnings = [f"-W{option}" for option in sys.warnoptions]
         with theirs:
             # The process has its own group, because Ctrl-C in a terminal reaches all processes of the foreground group
-            # and would end this one with a traceback. It has no session of its own, since Linux schedules sessions as
-            # groups, and `nice` would then not count between workers and service.
+            # and would end this one with a traceback. It has no session of its own, because Linux shares processor time
+            # between sessions, and the niceness of the workers would have no effect on the service.
             self._process = subprocess.Popen(  # noqa: S603 (our own)
                 [sys.executable, *warnings, "-P", "-c", f"{program}fork_workers({theirs.fileno()})"],
                 stdin=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],
                 process_group=0,
-                # One BLAS thread per worker, as the workers fill the cores already.
+                # One BLAS thread per worker is enough, as the workers already fill the cores.
                 env={"OPENBLAS_NUM_THREADS": "1"} | os.environ,
             )
 

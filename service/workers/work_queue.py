@@ -19,7 +19,7 @@ from service.workers import Call, CallResult
 
 
 class Kind(IntEnum):
-    """Kinds of work. Probes and single calls may pass a running chunk, chunks may not."""
+    """Kinds of work. Probes and single calls may interrupt a running chunk between two of its calls; chunks may not."""
 
     PROBE = 0
     SINGLE = 1
@@ -62,7 +62,7 @@ class Work:
     losses: int = 0
     """Number of workers of a cluster that took the work and did not return it."""
     number: int = field(default_factory=lambda: next(_numbers))
-    """Number in the order of arrival, which decides between work of equal cost."""
+    """Number in the order of arrival, which decides between work of equal remaining cost and kind."""
 
     @property
     def left(self) -> Sequence[Call]:
@@ -87,7 +87,7 @@ class Work:
         self.crashes = 0
 
     def fail(self, error: Exception) -> None:
-        """Set an error as the outcome of the work, unless it has one."""
+        """Set an error as the outcome of the work, unless it has an outcome already."""
         if not self.future.done():
             self.future.set_exception(error)
 
@@ -138,7 +138,7 @@ class WorkQueue:
 
     @property
     def waiting(self) -> list[Work]:
-        """All waiting work."""
+        """All waiting work: probes, and then the work of each owner."""
         return [*self._probes, *(work for line in self._lines.values() for work in line)]
 
     def put(self, work: Work) -> None:
@@ -168,19 +168,19 @@ class WorkQueue:
             work: Work = await turn
         except asyncio.CancelledError:
             self._servers.pop(turn, None)
-            if turn.done() and not turn.cancelled():  # It was given work just before it was cancelled.
+            if turn.done() and not turn.cancelled():  # Work was assigned to this server just before the cancellation.
                 self.put_back(turn.result())
             raise
         else:
             return work
 
     def hand_out(self) -> None:
-        """Give waiting work to waiting servers. Callers also call this when `accepts` of a server may have changed."""
+        """Give waiting work to waiting servers. To be called whenever the answer of `accepts` may have changed."""
         while (self._probes or self._lines) and self._hand_out_one():
             pass
 
     def _hand_out_one(self) -> bool:
-        """Give one item to the server whose worker has most room; return False if no server takes any."""
+        """Give one item to a server, preferably of a worker with many idle ones; return False if none takes one."""
         free = Counter(server.worker for server in self._servers.values())
         by_room = sorted(self._servers.items(), key=lambda item: -free[item[1].worker] / item[1].places)
         for turn, server in by_room:
@@ -200,7 +200,7 @@ class WorkQueue:
         self._chunks.pop(work, None)
 
     def make_room(self, owner: str, error: Exception) -> bool:
-        """Evict the newest single call of the busiest owner, if `owner` has fewer calls even with one more.
+        """Evict the newest single call of the busiest owner, if `owner` would have fewer calls even with one more.
 
         Return True if a call was evicted; it fails with `error`.
         """
@@ -261,6 +261,7 @@ class WorkQueue:
         """Advance the virtual time of the owner by the cost of the work."""
         self._now = max(self._now, self._times[work.owner])
         self._times[work.owner] += work.cost_left
-        # Owners behind the present time would start at it anyway, so they are removed to keep the table small.
+        # An owner without work whose time has passed would start at the present time anyway. Such owners are removed
+        # to keep the table small.
         for owner in [name for name, time in self._times.items() if time <= self._now and name not in self._lines]:
             del self._times[owner]

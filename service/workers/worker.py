@@ -26,8 +26,8 @@ from solver import ENGINE_VERSION, ParameterError, warm_up
 Compute = Callable[[bytes], tuple[dict[str, Any], FloatColumns | None]]
 
 MOST_CHUNKS = 4
-"""Largest number of chunks whose records are held until the chunk is closed. Other chunks may pass one, and a chunk may
-be closed in another worker, so that its records here are never collected. Four is a judgement."""
+"""Largest number of chunks whose records a worker keeps, chosen by judgement. Another chunk may run before a chunk is
+closed, and a chunk may be closed in another worker, so that its records here are never collected."""
 
 _chunks: dict[str, list[Record]] = {}
 """Records of the chunks being computed, by the id of the chunk."""
@@ -40,7 +40,7 @@ def compute_single(compute: Compute, operation: str, key: str, request: bytes) -
 
 
 def compute_case(compute: Compute, operation: str, key: str, request: bytes, chunk: str) -> tuple[bytes, str]:
-    """Compute one case of a chunk, hold its record for the file of the chunk, and return its JSON and outcome."""
+    """Compute one case of a chunk, keep its record for `close_chunk`, and return the answer's JSON and outcome."""
     record = Record(key, operation, request, *compute(request))
     _chunks.setdefault(chunk, []).append(record)
     if len(_chunks) > MOST_CHUNKS:
@@ -73,12 +73,12 @@ BEGUN = b"begun"
 """Message that a worker sends before it reads calls. A worker that dies without having sent it was not killed by a
 call."""
 LENGTH = struct.Struct("!Q")
-"""Header of a message with its length."""
+"""Header of every message: its length, without this header. [bytes]"""
 NUMBER = struct.Struct("!Q")
 """Header of a reply with the number of the list of calls that it belongs to, so that a late reply to a cancelled list
-is not taken for one to the next."""
+is not mistaken for a reply to the next list."""
 NICENESS = 5
-"""Niceness of workers, so that the service stays responsive while they fill the cores. The value is a judgement."""
+"""Niceness of workers, chosen by judgement, so that the service stays responsive while they fill the cores."""
 
 
 class Hello(NamedTuple):
@@ -87,7 +87,7 @@ class Hello(NamedTuple):
     Parameters
     ----------
     error
-        Reason why no worker could be started.
+        Reason why no worker could be started; empty if one was.
     """
 
     pid: int
@@ -103,8 +103,8 @@ class CallStopped(BaseException):
 
 
 REPEAT_SECONDS = 0.001
-"""Delay before a call is stopped again after Python has ignored the exception. [s] It only has to be longer than a
-destructor takes and shorter than the 0.3 s after which the worker is killed."""
+"""Delay before a call is stopped again after Python has ignored the exception [s]. It only has to be longer than a
+destructor takes, and shorter than the 0.3 s after which the worker is killed."""
 
 
 class StopSignal:
@@ -139,7 +139,7 @@ class StopSignal:
         InterruptedError
             If the call was stopped.
         """
-        # Two nested blocks, because a signal may arrive in the inner `finally` before `_running` is False.
+        # The outer block catches a signal that arrives in the inner `finally`, before `_running` is False.
         try:
             self._running = True
             try:
@@ -163,7 +163,7 @@ def fork_workers(end: int) -> None:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warm_up()
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # The kernel reaps the workers.
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # The kernel then reaps workers that have ended.
     with socket.socket(fileno=end) as requests:
         while True:
             message, descriptors, _, _ = socket.recv_fds(requests, 1, 2)
@@ -220,7 +220,7 @@ def send(channel: socket.socket, message: bytes, before: bytes = b"") -> None:
 
 
 def receive(channel: socket.socket, said_before: bytes = b"") -> bytes:
-    """Return the next message, or an empty one if the socket was closed. `said_before` is sent when it begins."""
+    """Return the next message, or an empty one if the socket was closed. `said_before` is sent once it arrives."""
     head = _receive_exactly(channel, LENGTH.size)
     if not head:
         return b""
@@ -230,7 +230,7 @@ def receive(channel: socket.socket, said_before: bytes = b"") -> bytes:
 
 
 def _receive_exactly(channel: socket.socket, length: int) -> bytes:
-    """Return `length` bytes, or none if the other end closes before."""
+    """Return `length` bytes, or no bytes if the other end is closed earlier."""
     message = bytearray()
     while len(message) < length:
         part = channel.recv(length - len(message))
@@ -262,7 +262,7 @@ def answer(call: bytes) -> bytes:
         return pickle.dumps((result, None, time.perf_counter() - started), pickle.HIGHEST_PROTOCOL)
     except Exception as error:  # noqa: BLE001 (the service has to know any error)
         seconds = time.perf_counter() - started
-        # Pickling drops the traceback, so that it travels as a note.
+        # Pickling drops the traceback of an exception, but keeps its notes.
         error.add_note("".join(traceback.format_exception(error)))
         try:
             return pickle.dumps((None, error, seconds), pickle.HIGHEST_PROTOCOL)
@@ -280,7 +280,7 @@ def dumps(call: Call) -> bytes:
 
 
 def refuse(why: str) -> None:
-    """Raise the error of a call that could not be pickled, in its place."""
+    """Raise PicklingError. A worker runs this in place of a call that could not be pickled."""
     raise pickle.PicklingError(why)
 
 

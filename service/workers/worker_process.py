@@ -16,11 +16,11 @@ from service.workers.template import LIMIT_HINT, template
 from service.workers.worker import BEGUN, LENGTH, NUMBER, STOP, VERSIONS, Hello, dumps
 
 START_SECONDS = 600.0
-"""Timeout for the start of a worker [s]. It takes seconds, but the first one of an installation compiles the solver,
-half a minute on two quiet cores and longer on a busy machine."""
+"""Timeout for the start of a worker [s]. A start takes seconds, but the first one of an installation compiles the
+solver, which takes half a minute on two quiet cores and longer on a busy machine."""
 CANCEL_SECONDS = 0.3
-"""Time allowed for a call to stop when asked; then its worker is killed [s]. The compiled code of most calls returns
-to Python within milliseconds; with the kill, a cancelled call ends within the 0.5 s that `Executor.submit` promises."""
+"""Time allowed for a call to stop before its worker is killed [s]. The compiled code of most calls returns to Python
+within milliseconds. Including the kill, a cancelled call ends within the 0.5 s that `Executor.submit` promises."""
 
 SCRATCH_BYTES = 1 << 16
 """Largest message, including its header, that is read into the shared buffer [bytes]. A longer one gets a buffer of its
@@ -34,7 +34,7 @@ class WorkerDiedError(Exception):
 class Messages(asyncio.BufferedProtocol):
     """Protocol that splits the bytes of a socket into messages.
 
-    Large messages are read into buffers of their own: answers with a history take megabytes, which are not copied.
+    Large messages are read into buffers of their own, so that the megabytes of a history are not copied.
     """
 
     def __init__(self) -> None:
@@ -112,13 +112,13 @@ class WorkerProcess:
     """A worker process, which runs `service.workers.worker.serve`, and the socket to it.
 
     An executor of `concurrent.futures` is no substitute: it hangs, and keeps the interpreter from ending, if a worker
-    dies while it sends a result that does not fit into a pipe. Here the death of a worker at any time closes the only
-    other end of the socket.
+    dies while it sends a result that does not fit into a pipe. Here only the worker holds the other end of the socket,
+    which its death closes at any time.
     """
 
     def __init__(self) -> None:
         self.yielding = False
-        """True while a `STOP` has not been acknowledged."""
+        """True from sending `STOP` until the worker acknowledges it."""
         self.begun = False
         """True once the worker has begun to read the latest calls."""
         self._number = 0
@@ -168,7 +168,7 @@ class WorkerProcess:
         return False
 
     def send(self, calls: Sequence[Call]) -> None:
-        """Send a list of calls to the worker."""
+        """Send a list of calls to the worker, which replies to each call in turn."""
         self.begun = False
         self._number += 1
         self._write(pickle.dumps((self._number, [dumps(call) for call in calls])))
@@ -233,7 +233,7 @@ class WorkerProcess:
             hint = f"; {LIMIT_HINT}" if isinstance(error, BlockingIOError) else ""
             raise PoolUnavailableError(f"no worker process could be started: {error}{hint}") from error
         finally:
-            theirs.close()  # With the only remaining copies in the worker, its death closes the stream.
+            theirs.close()  # Only the worker then holds this end, so that its death closes the stream.
             os.close(watched)
         return ours
 

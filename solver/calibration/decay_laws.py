@@ -51,8 +51,8 @@ def fit_decay_laws(
     projectile, target, runs, numerics, confidence_level
         As for `fit_motions`.
     resistance
-        Inertia factor, and the requested decay law; the others include inertia if it does. The strength factor is not
-        used.
+        Inertia factor, and the requested decay law; the other laws include inertia if this one does. The strength
+        factor is not used.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def fit_decay_laws(
     Raises
     ------
     ParameterError
-        As `fit_motions` for the requested law.
+        If an input is outside its range, or the runs do not determine the strength factor with the requested law.
 
     Examples
     --------

@@ -38,17 +38,17 @@ from solver.target import Target
 from solver.uncertainty.distributions import LogStudentT
 from solver.warnings import ModelWarning
 
-# Depth falls with S, so the sum of squares has one minimum, or nearly, and a coarse grid finds it.
+# Depth falls with S, so the sum of squares has a single minimum in nearly all fits, and a coarse grid finds it.
 FIRST_LOOK = 9
 """Number of strength factors tried before the fit."""
-# A subset is enough for a start, which need not be accurate.
+# A subset of the tests is enough for a starting value, which need not be accurate.
 FIRST_TESTS = 20
-"""Number of tests, approximately, that are computed at each of them."""
+"""Approximate number of tests computed at each of these strength factors."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthTest:
-    """Test in normal impact.
+    """Test in normal impact, with its speed and depth.
 
     Parameters
     ----------
@@ -57,11 +57,11 @@ class DepthTest:
     depth
         Greatest depth of the nose tip. [m]
     mass
-        Mass of this projectile; that of the shared one if not given. [kg]
+        Mass of the projectile in this test; unless given, that of the projectile shared by the tests. [kg]
     weight
-        Weight of its squared residual. [1]
+        Weight of the squared residual of this test. [1]
     group
-        Name of the group it belongs to, if the tests have groups.
+        Name of the group of the test, if the tests have groups.
     """
 
     velocity: float
@@ -118,7 +118,7 @@ class _Shots:
         self.shots: dict[float, PreparedCase] = {}
 
     def run(self, velocity: float, mass: float | None, strength_factor: float) -> Run:
-        """Run one normal impact."""
+        """Integrate one normal impact with a given strength factor."""
         key = self.projectile.mass if mass is None else mass
         if key not in self.shots:
             self.shots[key] = prepare(
@@ -133,7 +133,7 @@ class _Shots:
         return run
 
     def runs(self, tests: Sequence[DepthTest], strength_factor: float) -> list[Run]:
-        """Run the impacts of several tests."""
+        """Integrate the impacts of several tests, in their order."""
         return [self.run(test.velocity, test.mass, strength_factor) for test in tests]
 
     def depths(self, tests: Sequence[DepthTest], strength_factor: float) -> FloatArray:
@@ -166,7 +166,7 @@ def penetration_depths(
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
-        Route and resolution; adaptive unless given.
+        Integration route and resolution; adaptive unless given.
 
     Returns
     -------
@@ -216,7 +216,7 @@ def fit_depth(
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
-        Route and resolution; adaptive unless given.
+        Integration route and resolution; adaptive unless given.
     confidence_level
         Confidence level of the interval. [1]
 
@@ -233,8 +233,9 @@ def fit_depth(
     -----
     The method is that of section 3.1 of the source paper. The standard error follows from the slope of the depths over
     S and the scatter of the residuals, the interval from Student's distribution. The interval covers the scatter of the
-    tests, not an error that all of them share. So that two tests which happen to agree do not seem exact, the scatter
-    within the series of the published tests counts as `PublishedTests.degrees_of_freedom` tests more.
+    tests, not an error that all of them share. Two tests may agree by chance, and would then seem exact. The scatter
+    within the series of the published tests is therefore included, with the weight of
+    `PublishedTests.degrees_of_freedom` further tests.
 
     Examples
     --------
@@ -275,7 +276,7 @@ def _check(tests: Sequence[DepthTest], target: Target) -> None:
 
 
 def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> DepthFit:
-    """Fit the strength factor to some tests."""
+    """Fit one strength factor to all given tests."""
     measured = np.array([test.depth for test in tests])
     weights = np.array([test.weight for test in tests])
     roots = np.sqrt(weights / weights.mean())
@@ -307,7 +308,7 @@ def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> 
 
 
 def _estimate(best: float, misses: FloatArray, slope: FloatArray, confidence_level: float) -> Estimate:
-    """Return the estimate of S from the weighted residuals [m] and their derivatives by ln S [m].
+    """Return the estimate of S from the weighted residuals [m] and their derivatives with respect to ln S [m].
 
     The scatter within the series of published tests enters as a prior of the residual variance.
     """

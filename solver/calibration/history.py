@@ -19,7 +19,7 @@ QUANTITIES: Final = ("depth_displacement", "lateral_displacement", "rotation")
 # Measured histories may be off by some per cent and start slightly before or after contact; a wrong unit is off by far
 # more. Both values are judgements.
 REACH, SLACK = 1.1, 0.1
-"""Tolerance of the check against the energy: a factor on distance and turn, and a part of the body length or radian."""
+"""Tolerances of `check_reach`: a factor on distance and rotation, and an addition in body lengths or radians. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,7 +29,7 @@ class MotionHistory(ComparedByFields):
     Parameters
     ----------
     time
-        (n,) times since first contact, rising. [s]
+        (n,) times since first contact, increasing. [s]
     depth_displacement
         (n,) displacements along the inward normal of the face. [m]
     lateral_displacement
@@ -91,7 +91,7 @@ def _column(name: str, values: FloatArray) -> FloatArray:
     Raises
     ------
     ParameterError
-        If it is no column of finite numbers.
+        If it is not a column of finite numbers.
     """
     column: FloatArray = np.asarray(values, dtype=np.float64)
     require(column.ndim == 1, f"history.{name}", "must be a column of numbers")
@@ -104,7 +104,7 @@ def _column(name: str, values: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Weights:
-    """Relative weights of the squared residuals, after each quantity was scaled by its span.
+    """Relative weights of the squared residuals, after each quantity is divided by its span.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class Weights:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionRun:
-    """Strike and the motion that followed.
+    """Strike and its motion, to which a strength factor is fitted.
 
     Parameters
     ----------
@@ -230,16 +230,17 @@ def predict_motion(
     strength_factor
         Strength factor S. [1]
     times
-        (n,) two or more rising times since first contact. [s]
+        (n,) two or more increasing times since first contact. [s]
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
-        Route and resolution; adaptive unless given. The termination time is the last of the times.
+        Integration route and resolution; adaptive unless given. The termination time is the last of the times.
 
     Returns
     -------
     MotionHistory
-        After the end of the run the body stays where it came to rest, or flies freely once it was released.
+        Motion at the given times. After the end of the run the body stays where it came to rest, or flies freely once
+        it was released.
 
     Raises
     ------

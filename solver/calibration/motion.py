@@ -29,14 +29,16 @@ from solver.strike import Impact, Numerics
 from solver.target import Target
 from solver.warnings import ModelWarning
 
-# Motions are then accurate to micrometres and thousandths of a degree, so that difference quotients over S are smooth.
+# With this tolerance motions are accurate to micrometres and thousandths of a degree, so that difference quotients over
+# S are smooth.
 FIT_TOLERANCE = 1e-6
 """Default relative tolerance of the runs of a fit. [1]"""
-# Motions are accurate to a tenth of a millimetre, which is enough to find the valleys, in a fraction of the time.
+# With these settings motions are accurate to a tenth of a millimetre, which is enough to find the valleys, in a
+# fraction of the time.
 ROUGH = Numerics(relative_tolerance=1e-3, stations=5, points=3)
 """Numerical settings of the runs before the fit."""
-# The outcome may change with S, and each outcome has its own minimum of the sum of squares. With 41 the factors are 12
-# % apart.
+# The outcome may change with S, and each outcome has its own minimum of the sum of squares. With 41 values,
+# neighbouring factors differ by 12 %.
 FIRST_LOOK = 41
 """Number of strength factors tried before the fit."""
 # Residuals are divided by the span of their quantity, and one that hardly changes must not get an unlimited weight.
@@ -48,7 +50,7 @@ FEWEST_SAMPLES = 2.0
 # Two minima whose sums of squares differ by less than half are both possible; the value is a judgement.
 RIVAL = 1.5
 """Sum of squares of another minimum, over the least one, up to which it is reported. [1]"""
-# A good fit of a smooth motion explains more than 99 %. The value is a judgement.
+# A good fit of a smooth motion explains more than 99 % of the variance. The value is a judgement.
 POOR = 0.9
 """Fraction of the variance explained, below which a fit is called poor. [1]"""
 
@@ -66,7 +68,7 @@ class MotionFit:
     root_mean_square: Mapping[str, float]
     """Root mean square of the residuals, by quantity. [m, m, rad]"""
     normalized_root_mean_square: float
-    """Root mean square of all residuals that are fitted, over the spans of their quantities, weighted. [1]"""
+    """Weighted root mean square of the fitted residuals, each over the span of its quantity. [1]"""
     r_squared: Mapping[str, float]
     """Fraction of the variance that the prediction explains, by quantity; absent for one that never changes. [1]"""
     warnings: tuple[ModelWarning, ...]
@@ -84,9 +86,9 @@ class MotionsFit:
     normalized_root_mean_square: float
     """Root mean square, over the runs, of their normalised root mean squares at the common S. [1]"""
     runs: tuple[MotionFit, ...]
-    """Each run at the common S, in the given order."""
+    """Fit of each run at the common S, in the given order."""
     alone: tuple[MotionFit | None, ...]
-    """Each run at the S that fits it best; None for a run that does not determine S."""
+    """Fit of each run at the S that fits it best; None for a run that does not determine S."""
     warnings: tuple[ModelWarning, ...]
     """Warnings of the inputs and of the common fit."""
 
@@ -115,7 +117,7 @@ class _Run:
         return np.concatenate([scale * (self.given.columns[q] - columns[q]) for q, scale in self.scales.items()])
 
     def slopes(self, strength_factor: float) -> dict[str, FloatArray]:
-        """Return the derivatives of the predicted quantities by ln S."""
+        """Return the derivatives of the predicted quantities with respect to ln S."""
         slope = log_slope(lambda factor: np.concatenate(list(self.strike.columns(factor).values())), strength_factor)
         return dict(zip(QUANTITIES, np.split(slope, len(QUANTITIES)), strict=True))
 
@@ -148,9 +150,10 @@ class _Run:
 
 
 def _scales(run: MotionRun, length: float) -> dict[str, float]:
-    """Return the factor of the residuals of each fitted quantity.
+    """Return the factor by which the residuals of each fitted quantity are scaled.
 
-    It is the root of the quantity's share of the weights over the number of rows, divided by the span of the quantity.
+    The factor is the square root of the quantity's share of the weights over the number of rows, divided by the span of
+    the quantity.
     """
     weights = {q: run.weights.of(q) for q in run.history.columns if run.weights.of(q) > 0.0}
     require(bool(weights), "weights", "must be greater than 0 for a quantity of the history")
@@ -186,7 +189,7 @@ def fit_motion(
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
-        Route and resolution; adaptive unless given.
+        Integration route and resolution; adaptive unless given.
     confidence_level
         Confidence level of the interval. [1]
 
@@ -202,10 +205,10 @@ def fit_motion(
     Notes
     -----
     Section 3.2 of the source paper says no more than "least square". Here each quantity is divided by its span, so that
-    metres and radians can be added and each has the same influence. Weights by the scatter of the residuals would let
-    the quantity dominate that the model happens to follow best. The difference between a model and a motion is no white
-    noise: neighbouring residuals are correlated. The standard error therefore counts, for each quantity,
-    n (1-r)/(1+r) samples, where r is the autocorrelation of its residuals at lag one, at least 0 (Bayley and Hammersley
+    metres and radians can be added and each has the same influence. With weights by the scatter of the residuals, the
+    quantity that the model happens to follow best would dominate. The difference between a model and a motion is not
+    white noise: neighbouring residuals are correlated. The standard error therefore counts, for each quantity, n
+    (1-r)/(1+r) samples, where r is the autocorrelation of its residuals at lag one, at least 0 (Bayley and Hammersley
     1946; von Storch and Zwiers 1999, 6.6). This requires rows at about even intervals. An error of the model that all
     rows share moves S itself, and the interval does not include it.
     """
@@ -249,13 +252,13 @@ def fit_motions(
     ------
     ParameterError
         If an input is outside its range, or the runs together do not determine the strength factor. With several runs
-        it names fields by the number of the run, such as ``runs.0.history.time``.
+        the error names fields by the number of the run, such as ``runs.0.history.time``.
 
     Notes
     -----
-    The method is that of `fit_motion`, over all quantities of all runs. Differences between the runs count
-    as scatter of their residuals, with few independent samples: if S changes from run to run, the interval is wide and
-    the common S fits none of them well. Compare it with the strength factors of the runs alone.
+    The method is that of `fit_motion`, over all quantities of all runs. Differences between the runs count as scatter
+    of their residuals, with few independent samples: if S changes from run to run, the interval is wide and the common
+    S fits none of them well. Compare it with the strength factors of the runs alone.
     """
     require_confidence_level(confidence_level)
     require(bool(runs), "runs", "must be at least 1")
@@ -283,7 +286,7 @@ def fit_motions(
 
 @contextmanager
 def _field_prefix(prefix: str) -> Iterator[None]:
-    """Add a prefix to the field of errors that are raised in the block about a run."""
+    """Add a prefix to the field name of errors about a run that are raised in the block."""
     try:
         yield
     except ParameterError as error:
@@ -300,7 +303,7 @@ def _costs(run: _Run) -> FloatArray:
 def _fit(
     runs: Sequence[_Run], costs: Sequence[FloatArray], name: str, confidence_level: float
 ) -> tuple[Estimate, tuple[float, ...]]:
-    """Return the best strength factor of some runs together, and others that fit nearly as well."""
+    """Return the strength factor that fits some runs together best, and others that fit nearly as well."""
 
     def residuals(strength_factor: float) -> FloatArray:
         return np.concatenate([run.residuals(strength_factor) for run in runs])

@@ -16,26 +16,26 @@ from solver.warnings import ModelWarning
 # Published values lie between 5 and 22. A fit beyond this range has a wrong input.
 LOWEST, HIGHEST = 0.5, 50.0
 """Range of strength factors in a fit. [1]"""
-# A minimum that the optimiser cannot tell from the bound means that the sum of squares falls beyond it.
+# A minimum this close to a bound means that the sum of squares is still falling there.
 BOUND_MARGIN = 1e-3
 """Distance from an end of the range within which a result counts as lying there. [ln]"""
 # The change of a motion over this increment is far above the error of a run, about 1e-6.
 LOG_STEP = 1e-3
 """Increment of ln S in difference quotients. [ln]"""
-# This is far below any standard error of a fit.
+# A change of 1e-6 is far below any standard error of a fit.
 FIT_TOLERANCE = 1e-6
 """Change of ln S at which a fit ends. [ln]"""
 # From the bottom of a valley a few evaluations are enough. The limit is reached only if the sum of squares is not
 # smooth.
 MOST_STEPS = 50
 """Largest number of evaluations of a fit."""
-# The valleys have to be compared, not located: the fit itself starts from the deepest.
+# Valleys need only be compared, not located exactly: the fit itself starts from the deepest one.
 ROUGHLY = 1e-3
 """Tolerance of ln S in the comparison of valleys. [ln]"""
 # The square of a smaller slope underflows, and the normal equation would divide by zero.
 SMALLEST_SLOPE = 1e-30
 """Least slope of the residuals over ln S that determines a fit."""
-# On the coarse grid a deeper valley may look shallower than its neighbour. Three is a judgement.
+# On the coarse grid a deeper valley may look shallower than another. Three is a judgement.
 REFINED = 3
 """Largest number of valleys that are compared before the fit."""
 
@@ -60,7 +60,7 @@ class Estimate:
     confidence_level: float
     """Fraction of such intervals that contain the true value. [1]"""
     degrees_of_freedom: float
-    """Degrees of freedom of that distribution. [1]"""
+    """Degrees of freedom of Student's distribution for the interval. [1]"""
 
 
 def build_estimate(
@@ -101,7 +101,7 @@ def valleys(strengths: FloatArray, costs: FloatArray) -> list[tuple[float, float
 
 
 def refine(residuals: Residuals, lower: float, upper: float) -> tuple[float, float]:
-    """Return the strength factor of the least sum of squares between two others, roughly, and that sum."""
+    """Return the strength factor with the least sum of squares between two bounds, to `ROUGHLY`, and that sum."""
     # Brent's bounded minimisation needs no derivative, each of which takes two more runs.
     from scipy.optimize import minimize_scalar  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
 
@@ -115,12 +115,12 @@ def refine(residuals: Residuals, lower: float, upper: float) -> tuple[float, flo
 
 
 def minimise(residuals: Residuals, start: float, field: str) -> float:
-    """Return the strength factor of least squares, from a start.
+    """Return the strength factor with the least sum of squares, searched from `start`. [1]
 
     Raises
     ------
     UndeterminedError
-        For `field`, if the residuals do not change with S, or are least at an end of the range.
+        If the residuals do not change with S, or are least at an end of the range; the error is about `field`.
     """
     from scipy.optimize import least_squares  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
 
@@ -152,7 +152,7 @@ def minimise(residuals: Residuals, start: float, field: str) -> float:
 
 
 def log_slope(values: Residuals, strength_factor: float) -> FloatArray:
-    """Return the derivatives of some values by ln S."""
+    """Return the derivatives of some values with respect to ln S."""
     # Central differences have an error of the order of the squared increment; forward ones would bias the slope.
     upper = values(strength_factor * math.exp(LOG_STEP))
     lower = values(strength_factor * math.exp(-LOG_STEP))
@@ -170,9 +170,10 @@ def _undetermined(field: str) -> UndeterminedError:
 
 # A polynomial of a higher order would oscillate between any realistic number of points.
 HIGHEST_ORDER = 9
-"""Highest order of a polynomial over the angle."""
+"""Highest order of a polynomial in the angle."""
 RIGHT_ANGLE = 90.0
 """Scale of the angle in a fit. [°]"""
+# One in a hundred is a judgement.
 UNLIKELY = 0.01
 """Probability of a larger scatter, below which the standard errors of the points are called too small. [1]"""
 
@@ -198,12 +199,13 @@ class ObliquityPoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ObliquityFit(ComparedByFields):
-    """Polynomial fitted to strength factors, in the oblique angle in degrees."""
+    """Polynomial in the oblique angle, in degrees, fitted to strength factors."""
 
     coefficients: tuple[float, ...]
     """Coefficients from the constant term upwards. [1, 1/°, 1/°², ...]"""
     covariance: tuple[tuple[float, ...], ...] | None
-    """Covariance of the coefficients; None if there are as many as points, and the points have no standard errors."""
+    """Covariance of the coefficients; None if there are as many coefficients as points, and these have no standard
+    errors."""
     residuals: FloatArray
     """(n,) given minus fitted strength factor. [1]"""
     degrees_of_freedom: int
@@ -224,8 +226,8 @@ def fit_obliquity(*, points: "Sequence[ObliquityPoint] | DataFrame", order: int 
     ----------
     points
         Points, or a DataFrame with their fields as columns. Either all points have a standard error or none has. With
-        standard errors a point has the inverse of its square as weight, and the covariance is absolute. Without them
-        all weights are equal, and the covariance follows from the scatter of the residuals.
+        standard errors, the weight of a point is the inverse square of its error, and the covariance is absolute.
+        Without them all weights are equal, and the covariance follows from the scatter of the residuals.
     order
         Highest power of the angle, 0 to 9.
 

@@ -42,13 +42,13 @@ from solver.target import Target
 from solver.warnings import ModelWarning
 
 PAPER_TERMINATION_TIME = 5e-3
-"""Time at which the searches of the paper read the final position. [s]"""
+"""Time after first contact at which the searches of the paper take the depth of the nose tip. [s]"""
 # The paper has no retention energy: its projectile moves until it is at rest.
 PAPER_THRESHOLDS = Thresholds(REST_FRACTION, REST_FRACTION)
-"""Energies that end a run in the searches of the paper."""
-# A body that comes to rest in the target may turn as it likes.
+"""Thresholds of retention and of rest in the searches of the paper, over the initial kinetic energy. [1]"""
+# A projectile that comes to rest in the target is embedded whatever its attitude.
 UNSTOPPED = (Outcome.RICOCHET, Outcome.PERFORATED, Outcome.IN_MOTION)
-"""Outcomes with which a turn of the body leads to a warning."""
+"""Outcomes for which a large turn of the body leads to a warning."""
 
 
 def critical_angle(
@@ -74,18 +74,19 @@ def critical_angle(
     angle_of_attack, angular_velocity
         Angle of attack and rate of the axis angle at first contact, the same for every trial. [rad, rad/s]
     resistance
-        Resistance of the target; eq. 9 and elastic-plastic decay unless given.
+        Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics
-        Route and resolution.
+        Integration route and resolution.
     search
         Method, range and tolerance.
     strength_scatter
-        Tests from which the dispersion of S comes, see `known_strength`; without effect on the angle.
+        Tests from which the dispersion of the strength factor S is taken, see `known_strength`. It does not affect the
+        angle.
 
     Returns
     -------
     CriticalAngle
-        Its angle is None if there is no such angle in the range, and its status gives the reason.
+        Result of the search. Its ``angle`` is None if there is no such angle in the range; ``status`` gives the reason.
 
     Raises
     ------
@@ -96,11 +97,11 @@ def critical_angle(
 
     Notes
     -----
-    A covariance of the strength factor costs two more searches, which give the standard error of the angle. Where the
+    If the strength factor has a covariance, two further searches give the standard error of the angle. Where the
     strength factor falls to zero within the range, the search ends there, with the warning ``range_clipped``.
 
-    Section 2.3 and eqs. 7-8. As printed, eq. 7 averages the last two angles whatever their outcome; here the bracket
-    with the change of sign is kept.
+    The searches of the paper are those of its section 2.3 and eqs. 7-8. As printed, eq. 7 averages the last two angles
+    whatever their outcome; here the bracket with the change of sign is kept.
     """
     search = search or USUAL_SEARCH
     resistance = usual_unless_given(resistance)
@@ -177,13 +178,13 @@ def _seek(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Chang
 def _standard_error(
     prepared: PreparedCase, impact: Impact, search: Search, change: Change
 ) -> tuple[float | None, tuple[ModelWarning, ...]]:
-    """Return the standard error of the critical angle from the covariance of the strength factor, if it has one. [rad]
+    """Return the standard error of the critical angle [rad], None if unknown, and warnings.
 
-    It takes two more searches, with the strength factor one standard error lower and higher.
+    If the strength factor has a covariance, two more searches are run, with S one standard error lower and higher.
     """
-    # The derivative of the angle by S comes from a central difference one standard error wide, so that the result also
-    # holds where the angle is not linear in S. The whole polynomial is shifted by its standard error at the critical
-    # angle: trials near the angle decide.
+    # A central difference over one standard error to either side also holds where the angle is not linear in S. Only
+    # the constant of the polynomial is shifted, by the standard error of S at the critical angle, since only trials
+    # near that angle affect the result.
     model = prepared.resistance.strength_factor
     if not isinstance(model, ObliquityPolynomial) or model.covariance is None:
         return None, ()
@@ -206,7 +207,7 @@ def _shifted_angle(prepared: PreparedCase, impact: Impact, search: Search, shift
     present = replace(prepared, resistance=replace(prepared.resistance, strength_factor=shifted))
     try:
         change, _, _ = _seek(present, impact, search)
-    except RicochetError:  # the angle itself is still known without its error
+    except RicochetError:  # without its standard error the angle is still valid
         return None
     return change.angle if change.status is SearchStatus.CONVERGED else None
 
@@ -232,7 +233,7 @@ def _search_paper(prepared: PreparedCase, impact: Impact, search: Search) -> tup
 
 @lru_cache  # the cases of a study share one search
 def _scan(search: Search) -> FloatArray:
-    """Return the angles of the scan of a search by outcome, evenly spaced over its range. [rad]"""
+    """Return the evenly spaced angles that a search by outcome scans. [rad]"""
     lower, upper = search.bounds
     # The factor keeps rounding from adding an angle to a range that is a whole number of intervals.
     count = math.ceil((upper - lower) / search.scan_interval * (1.0 - 1e-12)) + 1
@@ -242,7 +243,7 @@ def _scan(search: Search) -> FloatArray:
 
 
 def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
-    """Search for changes to and from ricochet and, in a wall, for those to and from perforation."""
+    """Find where ricochet begins and ends and, for a wall, where perforation begins and ends."""
     brackets, trials, nearby = _find_changes(prepared, impact, search, Termination.EXIT)
     change = _first_onset(brackets, trials)
     if change.angle is not None:
@@ -260,7 +261,7 @@ def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> t
 def _near_perforation(
     prepared: PreparedCase, impact: Impact, bracket: tuple[Trial, Trial]
 ) -> tuple[float, float, float]:
-    """Return the angle of a change to or from perforation, and the energy left half a degree to either side of it.
+    """Return the angle of a change to or from perforation, and the energy left half a degree to either side.
 
     For a change less than half a degree from the normal, the energy left in normal impact is taken on that side.
 
@@ -280,7 +281,7 @@ def _near_perforation(
 
 
 def _energy_behind(prepared: PreparedCase, impact: Impact, oblique_angle: float) -> float:
-    """Return the fraction of the energy left behind the wall; 0 without perforation or if the run fails. [1]"""
+    """Return the fraction of the energy left beyond the rear face; 0 without perforation or if the run fails. [1]"""
     if oblique_angle >= math.pi / 2.0:
         return 0.0
     strike, model = replace(impact, oblique_angle=oblique_angle), prepared.model
@@ -288,7 +289,7 @@ def _energy_behind(prepared: PreparedCase, impact: Impact, oblique_angle: float)
     try:
         present = model._replace(law=prepared.law_at(strike))
         run, _ = integrate(prepared, present, strike, keep_steps=False, thresholds=Thresholds(floor, floor))
-    except RicochetError:  # this run serves a warning only
+    except RicochetError:  # the result is needed for a warning only
         return 0.0
     left = exit_of(OUTCOMES[run.end], run.state.tolist(), model.body)
     if left is None or run.end != Termination.PERFORATED:
@@ -301,7 +302,7 @@ def _energy_behind(prepared: PreparedCase, impact: Impact, oblique_angle: float)
 
 
 Brackets: TypeAlias = list[tuple[Trial, Trial]]
-"""Pairs of trials on the two sides of each change, in the order of their angles."""
+"""Pairs of trials just below and just above each change of outcome, in the order of their angles."""
 
 
 def _intervals(
@@ -312,12 +313,12 @@ def _intervals(
     Parameters
     ----------
     turned_away, perforated
-        Outcome at the lower end of the range.
+        Whether the projectile is turned away, and whether it perforates, at the lower end of the range.
     changes, perforating
         Changes to and from ricochet, and to and from perforation.
     """
-    # A change from perforation to ricochet is found twice, each time to the tolerance. An interval between the two that
-    # is no wider than the tolerance is no interval of its own.
+    # Both searches find a change from perforation to ricochet, each to within the tolerance. A gap between the two
+    # angles that is no wider than the tolerance is therefore not reported as an interval.
     lower, upper = search.bounds
     ricochets = [(right.oblique_angle, Outcome.RICOCHET) for _, right in changes]
     crossings = sorted(ricochets + [(right.oblique_angle, Outcome.PERFORATED) for _, right in perforating])
@@ -346,7 +347,8 @@ def _find_changes(
     Returns
     -------
     tuple
-        The brackets of the changes, all trials, and the fractions of the energy left near the first onset.
+        The brackets of the changes, all trials, and the energy left near the smallest angle at which `sought` begins,
+        see `Found.nearby`.
     """
     numerics, target = prepared.numerics, prepared.target
     polynomial = prepared.resistance.strength_polynomial(target=target, projectile=prepared.projectile)
@@ -393,12 +395,12 @@ def _turned_away(trial: Trial) -> bool:
 
 
 def _first_onset(brackets: list[tuple[Trial, Trial]], trials: tuple[Trial, ...]) -> Change:
-    """Build the answer from the brackets of all changes of outcome, in the order of their angles."""
+    """Return the first onset of ricochet among `brackets`, which are in the order of their angles."""
     starts = _turned_away(brackets[0][0] if brackets else trials[-1])
     deciding = tuple(trial for bracket in brackets for trial in bracket)
     onsets = [index for index, (_, right) in enumerate(brackets) if _turned_away(right)]
-    # Where the range begins with ricochet, the critical angle lies below the range. The end of an embedded band above
-    # is one of the other changes only.
+    # If the range begins with ricochet, the critical angle lies below it. A change from embedded to ricochet further up
+    # is then reported among the other changes only.
     if starts or not onsets:
         others = tuple(right.oblique_angle for _, right in brackets)
         status = SearchStatus.ALWAYS_RICOCHET if starts else SearchStatus.NO_RICOCHET
@@ -456,13 +458,13 @@ def _warnings(
 
 
 def _most_turned(trials: tuple[Trial, ...]) -> tuple[float, float]:
-    """Return the largest turn of the axis among fine trials that did not come to rest, and its oblique angle. [rad]"""
+    """Return the largest turn of the axis among fine trials that did not come to rest, and that trial's angle. [rad]"""
     turns = ((trial.turned, trial.oblique_angle) for trial in trials if trial.fine and trial.outcome in UNSTOPPED)
     return max(turns, default=(0.0, 0.0))
 
 
 def _retention_warnings(prepared: PreparedCase, change: Change) -> list[ModelWarning]:
-    """Return the warnings if the angle, or a change to or from perforation, depends on the retention energy."""
+    """Return warnings if the angle, or a change to or from perforation, depends on the retention energy."""
     retention = prepared.numerics.retention_energy_fraction
     warnings = []
     if change.nearby is not None and _moves(change.nearby[0], change.nearby[1], retention):
@@ -484,17 +486,17 @@ def _moves(without: float, having: float, retention: float) -> bool:
     Parameters
     ----------
     without, having
-        Fraction of the energy left half a degree from the change, on the side on which the projectile stays and on the
-        other one. [1]
+        Fraction of the energy left half a degree from the change, on the side on which the projectile stays in the
+        target and on the side on which it leaves. [1]
     """
     least, most = model_warnings.RETENTION_RANGE
     return without != 0.0 or having - retention < (most - least) * retention
 
 
 def _inertia_shift(prepared: PreparedCase, change: Change) -> float | None:
-    """Return the change of the angle with a moment of inertia 10 % larger, to first order; None if unknown. [rad]"""
-    # The energy left falls by the inertia and rises with the angle. The quotient of the two slopes moves the angle at
-    # which it equals the retention energy, without another search.
+    """Return the shift of the angle with a moment of inertia 10 % larger, to first order; None if unknown. [rad]"""
+    # The energy left falls as the inertia grows, and rises with the angle. The quotient of the two slopes gives the
+    # shift of the angle at which it equals the retention energy, without another search.
     if change.nearby is None:
         return None
     _, above, with_more = change.nearby

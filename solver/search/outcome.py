@@ -1,10 +1,10 @@
 """Search for the angles at which the outcome changes, as one compiled call.
 
-A scan tries angles over the whole range on the rough level. Every change of outcome between two of them is then
-narrowed by itself, level by level. The margin of a trial varies smoothly with the angle near a change, so regula falsi
-converges. Each finer level brackets the change anew, beginning at the root of the level before. Where two levels
-disagree, the last one decides. Taken together, the changes must connect the outcomes at the two ends of the range;
-otherwise the scan is repeated on the requested level.
+A scan tries angles over the whole range on the coarsest level of accuracy. Each change of outcome between two of them
+is then narrowed separately, level by level. The margin of a trial, its remaining energy minus the retention energy,
+varies smoothly with the angle near a change, so regula falsi converges. Each finer level brackets the change anew,
+beginning at the root of the level before. Where two levels disagree, the last one decides. Taken together, the changes
+must connect the outcomes at the two ends of the range; otherwise the scan is repeated on the requested level.
 """
 
 import math
@@ -44,43 +44,46 @@ from solver.search.trials import (
 )
 from solver.surface import Body
 
-# A usual search takes about twenty trials. The limit bounds the table and ends searches whose outcome changes with
-# every angle; it is a judgement.
+# A usual search takes about twenty trials. The limit bounds the table, and ends searches whose outcome alternates from
+# one angle to the next; its value is a judgement.
 MOST_TRIALS = 2000
 """Number of trials after which no bracket is narrowed any further."""
-# A trial just inside half the tolerance from an end leaves a bracket within the tolerance if the root lies there, so
-# that it can be the last one.
+# If the root is closer to an end of the bracket than this, a trial at this distance leaves a bracket within the
+# tolerance and is the last one. The value is just under one half, so that the same holds for one trial on each side of
+# a root.
 KEEP_OFF = 0.45
-"""Least distance of a trial from the ends of the bracket, over the tolerance. [1]"""
+"""Least distance of a trial from the ends of the bracket, as a fraction of the tolerance. [1]"""
 # Where the margin is not smooth, regula falsi may shrink a bracket slowly. Bisection then bounds the number of trials.
 # Three is a judgement.
 PATIENCE = 3
 """Number of trials after which a bracket that was not halved is bisected."""
-# The slope of the margin may be wrong by much, but a stride without limit would leave the range of the change.
+# The slope of the margin may be much too small, and a stride computed from it would pass over the change.
 GROWTH = 4.0
 """Largest ratio of two consecutive strides towards a change. [1]"""
 # The error of a root is estimated by SHIFTED × (shift between two levels) + MARGIN_ERROR / (growth of the margin). With
 # these coefficients the estimate is above `DOUBT` for every strike that needs the last level.
 SHIFTED = 0.12
-"""Error of a root over its shift between the last two levels. [1]"""
-# Levels that err alike agree on a wrong root. An error of the margin moves a root by that error over the growth.
+"""Estimated error of a root, as a fraction of its shift between the last two levels. [1]"""
+# Two levels with the same error agree on a wrong root. An error of the margin shifts a root by that error divided by
+# the growth.
 MARGIN_ERROR = 9e-4
 """Error of the margin that two levels may have in common. [1]"""
-# Where the margin wavers about zero, the roots of two levels are far apart and one trial proves nothing.
+# Where the margin oscillates about zero, the roots of two levels are far apart and a single trial proves nothing.
 NEAR = math.radians(0.1)
-"""Largest shift between two levels with which a single trial of the last level may end it. [rad]"""
-# A growth that is not known is 0, and would be a denominator. This value always calls for the last level.
+"""Largest shift of a root between two levels with which one trial on the last level may settle it. [rad]"""
+# An unknown growth is given as 0, by which the estimate cannot be divided. With this value instead, the last level is
+# always used.
 LEAST_GROWTH = 1e-3
 """Smallest growth of the margin used in the error estimate. [1/rad]"""
-# Of 1,800 usual strikes without the last level, all that were off by more than 0.018° had an estimate above 0.0083°, as
-# had 45 % of all strikes.
+# In 1,800 ordinary strikes computed without the last level, the estimate was above 0.0083° for every angle that was
+# wrong by more than 0.018°, and for 45 % of all strikes.
 DOUBT = math.radians(0.008)
 """Estimated error of a root above which the last level decides. [rad]"""
 
 
 @once
 def _bracket(left: int, right: int, tried: int, level: Level, search: SearchState) -> tuple[int, int]:
-    """Bracket a change that a rougher level has found, in strides by the slope of the margin.
+    """Bracket a change that was found on a rougher level, in strides computed from the slope of the margin.
 
     Parameters
     ----------
@@ -111,8 +114,8 @@ def _bracket(left: int, right: int, tried: int, level: Level, search: SearchStat
         last, new = new, attempt(angle, level, search)
         if (turned_away(trials[new]) == rising) != beyond:
             return (new, last) if beyond else (last, new)
-        # Two trials on one side correct the slope. A slope of the wrong sign is noise of the margin: a quarter of the
-        # slope before makes the next stride longer.
+        # Two trials on the same side give a better slope. A slope of the wrong sign is noise in the margin: a quarter
+        # of the previous slope then makes the next stride longer.
         secant = (trials[new, MARGIN] - trials[last, MARGIN]) / (trials[new, ANGLE] - trials[last, ANGLE])
         slope = secant if secant * slope > 0.0 else 0.25 * slope
         longest = GROWTH * stride
@@ -124,7 +127,8 @@ def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[i
     """Narrow the change between two trials to the tolerance of the level; return the trials on its two sides.
 
     The method is regula falsi on the margin with the Illinois rule (Dowell and Jarratt 1971): the margin of an end that
-    is kept is halved. Each trial keeps off the ends, and a bracket that `PATIENCE` trials have not halved is bisected.
+    is kept is halved. Each trial keeps a distance from both ends, and a bracket that `PATIENCE` trials have not halved
+    is bisected.
     """
     # Newton's method and the secant method keep no bracket, which is the result here. Brent's method keeps one too, but
     # does not place the last trial so that the bracket is within the tolerance.
@@ -167,14 +171,15 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
     for k in range(first, LAST + 1):
         if k == LAST:
             # The shift alone is not enough, as both levels may have the same error. Neither term of the estimate costs
-            # a trial, and it spares half of the strikes the last level.
+            # a trial, and the estimate saves the last level in half of the strikes.
             decided_by_time = undecided(trials[left]) or undecided(trials[right])
             growth = max(margin_growth(left, right, trials[:count]), LEAST_GROWTH)
             sure = SHIFTED * shift + MARGIN_ERROR / growth <= DOUBT  # false if a level has no root (NaN)
             if (sure and not decided_by_time) or not is_finer(levels[LAST], levels[REQUESTED]):
                 break
-            # The margin of one finer trial at the root gives the error of the root, unless the margin wavers about
-            # zero, where the roots of two levels are far apart. Without that guard one odd strike was 0.75° off.
+            # The margin of one finer trial at the root gives the error of the root, unless the margin oscillates about
+            # zero. The roots of two levels are then far apart. Without the check of their shift one unusual strike was
+            # 0.75° off.
             tried = attempt(place, levels[LAST], search)
             # Between the ends of the bracket the margin may grow more slowly than further off.
             local = (trials[right, MARGIN] - trials[left, MARGIN]) / (trials[right, ANGLE] - trials[left, ANGLE])
@@ -201,29 +206,31 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
 
 @lean
 def is_same_change(bracket: IntArray, right: int, trials: FloatArray, level: Level) -> bool:
-    """Return whether a change is the one before it: rough outcomes that waver near a change lead to it twice."""
+    """Return whether a change equals the previous one, as it may where rough outcomes alternate near a change."""
     shift = trials[right, ANGLE] - trials[bracket[1], ANGLE]
     return bool(abs(shift) <= 2.0 * level.tolerance and turned_away(trials[right]) == turned_away(trials[bracket[1]]))
 
 
 # Near a change the margin goes through zero. A scan that tries the angles in between only where a margin is small takes
-# 11 trials for the paper's strike instead of 17, and sees the same.
+# 11 trials for the paper's strike instead of 17, and finds the same changes.
 CLEAR = 0.15
-"""Absolute margin above which, at two neighbours with one outcome, a scan leaves out the angles in between. [1]"""
-# Rough trials within this margin may have the wrong outcome, which would send the search to the wrong gap.
+"""Absolute margin of two adjacent trials with the same outcome above which a scan skips the angles between. [1]"""
+# Rough trials within this margin may have the wrong outcome, which would place the change between the wrong angles.
 UNSURE = 0.95
 """Absolute margin over the retention energy below which a rough trial is repeated on the requested level. [1]"""
 HALF_DEGREE = math.radians(0.5)
-# The effect should be linear and still larger than the error of a trial. Two per cent are a judgement.
+# The increase should be small enough for a linear effect, and that effect larger than the error of a trial. Two per
+# cent are a judgement.
 MORE_INERTIA = 1.02
-"""Ratio by which the moment of inertia is raised to find its effect. [1]"""
+"""Factor on the moment of inertia in the trial that measures its effect. [1]"""
 # A law of S that bends strongly between two trials may hide a band of another outcome between them.
 SMOOTH = 0.1
-"""Largest deviation of S half way between two trials from their mean, over it, to leave out the angles between. [1]"""
-# Where S falls far, a projectile may be retained at small angles since they are small, and at large ones since nothing
-# resists it there. A critical angle between two such trials came out 19° too high.
+"""Largest relative deviation of S midway between two trials from their mean, to skip the angles between. [1]"""
+# Where S falls steeply with the angle, a projectile may stay in at small angles because it strikes steeply, and at
+# large angles because S is too small to turn it. Once a critical angle between two such trials was missed, and the
+# result was 19° too high.
 KEEPS = 0.5
-"""Least ratio of the smaller to the larger S at two trials that retain the body, to skip the angles between. [1]"""
+"""Least ratio of the smaller to the larger S of two embedded trials with which the angles between are skipped. [1]"""
 
 
 class Found(NamedTuple):
@@ -234,16 +241,17 @@ class Found(NamedTuple):
     brackets: IntArray
     """(m, 2) rows of the trials on the two sides of each change of outcome, in the order of the angles."""
     nearby: FloatArray
-    """(3,) fraction of the energy left half a degree below the critical angle, half a degree above it, and above it
-    with `MORE_INERTIA`; 0 where less than a tenth of the retention energy is left, NaN where it was not computed."""
+    """(3,) fractions of the initial energy left half a degree below the critical angle, half a degree above it, and
+    half a degree above it with `MORE_INERTIA`; 0 where less than a tenth of the retention energy is left, NaN where not
+    computed."""
 
 
 @lean
 def _is_smooth(left: FloatArray, right: FloatArray, strength: Strength) -> bool:
     """Return whether a scan may leave out the angles between two trials.
 
-    Both trials end alike with a clear margin, and S, the only law of the angle besides its sine and cosine, varies
-    little between them.
+    It may if both trials have the same outcome by a clear margin and S varies little between them. Besides S, a trial
+    depends on the angle only through its sine and cosine.
     """
     if turned_away(left) != turned_away(right) or min(abs(left[MARGIN]), abs(right[MARGIN])) <= CLEAR:
         return False
@@ -256,7 +264,7 @@ def _is_smooth(left: FloatArray, right: FloatArray, strength: Strength) -> bool:
 
 @once
 def _scan(angles: FloatArray, level: Level, search: SearchState) -> int:
-    """Try every sixteenth angle, then every eighth and so on, except between trials that leave no doubt.
+    """Try every sixteenth angle, then every eighth and so on, except between trials whose outcome is clear.
 
     The rows of the trials are written to ``table.numbers`` in the order of their angles.
 
@@ -268,8 +276,8 @@ def _scan(angles: FloatArray, level: Level, search: SearchState) -> int:
     trials, numbers, last = search.table.rows, search.table.numbers, angles.size - 1
     for i in range(angles.size):
         numbers[i] = -1
-    # A few angles far apart settle most strikes, and only gaps that leave a doubt are filled. A gap with a change of
-    # outcome is narrowed anyway, so that it gets no angles closer than four intervals.
+    # A few angles far apart are enough for most strikes, and only the doubtful gaps between them are filled. A gap with
+    # a change of outcome is narrowed later in any case, so it is not divided below four intervals.
     for stride in (16, 8, 4, 2, 1):
         for i in range(angles.size):
             if numbers[i] >= 0 or (i % stride != 0 and i != last):
@@ -311,9 +319,9 @@ def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets:
 
 @once
 def _energy_left(angle: float, level: Level, search: SearchState) -> float:
-    """Return the fraction of the energy left at an angle; 0 where it is less than a tenth of the retention energy."""
+    """Return the fraction of energy left at an angle; 0 if it is less than a tenth of the retention energy. [1]"""
     trial = search.table.rows[attempt(angle, level, search)]
-    search.table.filled[0] -= 1  # this trial is not one of the search
+    search.table.filled[0] -= 1  # this trial does not belong to the search
     left = trial[MARGIN] + search.inputs.retention
     return 0.0 if failed(trial) or undecided(trial) or left < 0.0 else left
 
@@ -338,16 +346,17 @@ def _look_nearby(angle: float, level: Level, search: SearchState, nearby: FloatA
 def _walk_up(change: int, changes: int, level: Level, search: SearchState, brackets: IntArray) -> int:
     """Try every half degree above an onset of ricochet while less than twice the retention energy is left.
 
-    It ends where more energy is left, at the next change, or at the end of the range. Changes on the way are narrowed
-    and inserted into `brackets`.
+    The trials end at the first angle with more energy left, at the next change, or at the end of the range. Changes
+    found among them are narrowed and inserted into `brackets`.
 
     Returns
     -------
     int
-        Number of brackets with those inserted.
+        Number of brackets, including the inserted ones.
     """
-    # With so little energy left a small loss changes the outcome: the projectile may stay in again within a degree, or
-    # several degrees above. The scan alone missed such bands in 5 of 300 odd strikes, with these trials in 2.
+    # With so little energy left a small loss changes the outcome: the projectile may be embedded again within a degree,
+    # or several degrees above. The scan alone missed such bands in 5 of 300 unusual strikes, the scan and these trials
+    # in 2.
     trials, filled = search.table.rows, search.table.filled
     last, at, end = brackets[change, 1], change + 1, 0
     if change + 1 < changes:
@@ -376,14 +385,14 @@ def _walk_up(change: int, changes: int, level: Level, search: SearchState, brack
 
 
 def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Levels) -> Found:
-    """Scan `angles` in rising order, then narrow every change of outcome level by level.
+    """Scan `angles` in increasing order, then narrow every change of outcome level by level.
 
     If a trial could not be integrated, or the strength factor is not above zero at one of the angles, that trial is the
     last of the table and there are no brackets.
     """
 
     def search(control: IntArray) -> Found:
-        # The limit is checked before a bracket is narrowed, so scans and first strides may exceed it.
+        # The limit on trials is checked before a bracket is narrowed, so scans and first strides may exceed it.
         table = make_trial_table(MOST_TRIALS + 8 * angles.size, control)
         brackets, nearby = np.empty((angles.size, 2), np.int64), np.full(3, np.nan)
         changes = _search(angles, inputs, model, levels, table, brackets, nearby)
@@ -423,11 +432,11 @@ def _find_changes(angles: FloatArray, search: SearchState, brackets: IntArray) -
         if not has_strength(angles[i], inputs.strength):
             attempt(angles[i], levels[ROUGH], search)
             return 0
-    panels = search.model.panels.area.size > 0  # panels have one resolution, so the levels differ in nothing
+    panels = search.model.panels.area.size > 0  # panels have one resolution, so all levels are alike
     first, changes, earlier = REQUESTED if panels else ROUGH, 0, 0
     # If the changes do not connect the two ends of the range, a rough trial with a wrong outcome has hidden one. The
-    # scan is then repeated on the requested level, as it is if there is no change at all. This costs 3 % and moved one
-    # of 2,400 random angles, from 47.6° to 18.1°.
+    # scan is then repeated on the requested level, as it is if there is no change at all. This costs 3 % of the time
+    # and corrected one of 2,400 random angles, from 47.6° to 18.1°.
     for scan in range(2):
         count = _scan(angles, levels[first], search)
         for i in range(count - 1):

@@ -15,7 +15,7 @@ Try: TypeAlias = Callable[[float], Trial]
 
 
 def _ends_of_paper_search(attempt: Try, search: Search) -> tuple[Trial, Trial, Change | None]:
-    """Try both ends of the range; the third value is the answer if the lower end is turned away or neither end is."""
+    """Try both ends of the range; the third value is the result if these two trials already decide it."""
     first, second = (attempt(angle) for angle in search.bounds)
     if first.final_position > 0.0 and second.final_position > 0.0:
         return first, second, Change(SearchStatus.NO_RICOCHET)

@@ -1,4 +1,4 @@
-"""Compiled trials of a search by outcome: runs at one oblique angle each, on four levels of accuracy, in a table."""
+"""Trials of a search by outcome: compiled runs at one oblique angle each, on one of four levels of accuracy."""
 
 import math
 from functools import lru_cache
@@ -33,25 +33,25 @@ from solver.time_integration import (
 )
 
 ROUGH, MIDDLE, REQUESTED, LAST = range(4)
-"""Indices of the levels in `Levels`. `REQUESTED` has the numerical settings of the case; `LAST` decides where the two
-levels before disagree."""
-# Before this level existed, 7 of 200 random angles were off by more than 0.02°, with it one. Fewer stations or points
-# saved up to 18 % and left three to ten times as many off.
+"""Indices of the levels in `Levels`. `REQUESTED` has the numerical settings of the case; `LAST` decides where `MIDDLE`
+and `REQUESTED` disagree."""
+# Without this level 7 of 200 random angles were off by more than 0.02°, with it one. Fewer stations or points saved up
+# to 18 % of the time, but left three to ten times as many angles off.
 LAST_TOLERANCE, LAST_STATIONS, LAST_POINTS = 3e-5, 16, 5
 """Relative tolerance, stations and points of the last level, unless the case has finer ones."""
 
 
 class Level(NamedTuple):
-    """Resolution of trials, and width to which they narrow a bracket."""
+    """Resolution of the trials on one level, and the width to which they narrow a bracket."""
 
     quadrature: Quadrature
     accuracy: Accuracy
     ramp_fraction: float
-    """Ramp velocity of the static stress over the impact velocity. [1]"""
+    """Ramp velocity of the static stress, as a fraction of the impact velocity. [1]"""
     smooth_ramp: bool
-    """Selects the smooth ramp, see `solver.surface_integration.Law`."""
+    """True for the smooth ramp, see `solver.surface_integration.Law`."""
     stride: float
-    """Longest first stride from the change that the level before has found. [rad]"""
+    """Longest first stride away from the change that was found on the level before. [rad]"""
     tolerance: float
     """Width of the final bracket. [rad]"""
     fine: bool
@@ -59,13 +59,13 @@ class Level(NamedTuple):
 
 
 Levels = tuple[Level, Level, Level, Level]
-# Usual trials take some tens of steps. One that takes more than this has lost the motion and is repeated on the
-# requested level.
+# Usual trials take some tens of steps. A trial that takes more than this has failed to follow the motion, and is
+# repeated on the requested level.
 MOST_STEPS = 1000
 """Largest number of steps of a trial on the first two levels."""
-# Two stations, two points and a tolerance of 0.03 place a change to a few tenths of a degree at a quarter of the cost.
-# The ramp is as wide as the tolerance allows, so that rough steps do not chatter once the body is stuck: 499
-# evaluations instead of 1,831.
+# Two stations, two points and a tolerance of 0.03 locate a change to a few tenths of a degree at a quarter of the cost
+# of the requested level. The ramp is as wide as the tolerance allows, so that rough steps do not chatter once the body
+# is stuck: 499 evaluations instead of 1,831.
 ROUGH_LEVEL = Level(
     quadrature=build_quadrature(stations=2, points=2),
     accuracy=Accuracy(relative_tolerance=3e-2, largest_step=1.0, most_steps=MOST_STEPS),
@@ -76,8 +76,8 @@ ROUGH_LEVEL = Level(
     fine=False,
 )
 """Level of the scan."""
-# It places a change to a few hundredths of a degree at two thirds of the cost. Searches without this level were 10 %
-# faster for the paper's strike, but 3 to 6 of 600 random angles were off instead of 1.
+# This level locates a change to a few hundredths of a degree at two thirds of the cost of the requested level. Searches
+# without it were 10 % faster for the paper's strike, but 3 to 6 of 600 random angles were off instead of 1.
 MIDDLE_LEVEL = Level(
     quadrature=build_quadrature(stations=5, points=3),
     accuracy=Accuracy(relative_tolerance=2e-3, largest_step=LARGEST_STEP, most_steps=MOST_STEPS),
@@ -87,12 +87,12 @@ MIDDLE_LEVEL = Level(
     tolerance=math.radians(0.3),
     fine=False,
 )
-"""Level that corrects the scan before the requested one."""
+"""Level between the scan and the requested level."""
 
 
 @lru_cache  # the cases of a study share their settings
 def search_levels(*, relative_tolerance: float, stations: int, points: int, tolerance: float) -> Levels:
-    """Build the four levels for the settings of a case and the width of the final bracket. [rad]"""
+    """Build the four levels from the settings of a case and `tolerance`, the width of the final bracket. [rad]"""
     requested = Level(
         quadrature=build_quadrature(stations=stations, points=points),
         accuracy=Accuracy(float(relative_tolerance), LARGEST_STEP),
@@ -126,7 +126,7 @@ ANGLE, POSITION, END, MARGIN, FINE, STATE = range(6)
 Oblique angle [rad], final depth of the nose tip [m], a value of `Termination`, the margin (see `_margin`), 1 for a
 trial of the requested resolution or a finer one, and the six numbers of the final state [m, rad, s]."""
 COLUMNS = STATE + 6
-"""Number of columns."""
+"""Number of columns of the table of trials."""
 TIME, RETAINED, EXIT = Termination.TIME.value, Termination.RETAINED.value, Termination.EXIT.value
 STEP_LIMIT, NOT_FINITE = Termination.STEP_LIMIT.value, Termination.NOT_FINITE.value
 PERFORATED, TUMBLED = Termination.PERFORATED.value, Termination.TUMBLED.value
@@ -134,20 +134,20 @@ NO_STRENGTH, CANCELLED = Termination.NO_STRENGTH.value, Termination.CANCELLED.va
 # A trial continues below the retention energy, since the energy left varies smoothly with the angle there too and
 # secants need values on both sides of the change. A tenth is a judgement.
 ENERGY_FLOOR = 0.1
-"""Energy at which a trial ends, over the retention energy. [1]"""
-# A margin of zero would have no sign, and would be the denominator of a secant.
+"""Kinetic energy at which a trial ends, as a fraction of the retention energy. [1]"""
+# A margin of zero has no sign, and two of them would make the denominator of a secant zero.
 LEAST = 1e-9
 """Smallest absolute value of a margin. [1]"""
 # Within this distance the error of the margin is a large part of the difference of two margins.
 CLOSE = math.radians(0.3)
-"""Least distance of a trial from a change to estimate the growth of the margin from it. [rad]"""
+"""Least distance from a change at which a trial is used to estimate the growth of the margin. [rad]"""
 
 
 class Strength(NamedTuple):
     """Strength factor S over the oblique angle, as a polynomial."""
 
     coefficients: FloatArray
-    """Coefficients of the angle in degrees, constant first."""
+    """Coefficients of the powers of the angle in degrees, beginning with the constant."""
     held_from: float
     """Angle from which S is constant. [°]"""
 
@@ -173,11 +173,11 @@ class TrialInputs(NamedTuple):
     sought: int
     """Termination on one side of each change: `Termination.EXIT` or `Termination.PERFORATED`."""
     vary_inertia: bool
-    """Selects a trial with a larger moment of inertia, to find its effect on the angle."""
+    """Whether to run a trial with a larger moment of inertia, to find its effect on the angle."""
 
 
 class TrialTable(NamedTuple):
-    """All trials of a search, with the scratch arrays of the next one."""
+    """All trials of a search, with scratch arrays for the next one."""
 
     rows: FloatArray
     """(n, `COLUMNS`) trials in the order of computation; rows after the last trial are zero."""
@@ -228,11 +228,11 @@ def has_strength(oblique_angle: float, strength: Strength) -> bool:
 
 @lean
 def _margin(end: int, state: FloatArray, model: Model, energy: float, retention: float, sought: int) -> float:
-    """Return the margin by which a projectile ended as sought: above zero if it did, below zero if not. [1]
+    """Return the margin of a trial: above zero if it ended as sought, below zero if not. [1]
 
     The margin is the energy left minus the retention energy, over the initial energy. It varies smoothly with the angle
-    on both sides of zero, so that secants converge. If the projectile did not leave, the margin falls with the distance
-    of the nose tip from the face sought.
+    on both sides of zero, so that secants converge. If the projectile did not leave through the face sought, the margin
+    falls with the square of the distance of the nose tip from that face.
     """
     if end == sought:
         margin = energy - retention
@@ -329,7 +329,7 @@ def undecided(trial: FloatArray) -> bool:
 
 @lean
 def turned_away(trial: FloatArray) -> bool:
-    """Return whether a trial ended as sought, by ricochet or, in a search for perforation, behind the rear face."""
+    """Return whether a trial ended as sought: in ricochet or, in a search for perforation, beyond the rear face."""
     return bool(trial[MARGIN] > 0.0)
 
 

@@ -32,8 +32,8 @@ class Search:
     Parameters
     ----------
     method
-        ``outcome`` brackets the change of outcome. ``bisection`` and ``secant`` are those of the paper, on the depth of
-        the nose tip at the termination time (eqs. 7 and 8).
+        ``outcome`` brackets the change of outcome. ``bisection`` and ``secant`` are the searches of the paper, for the
+        angle at which the depth of the nose tip at the termination time is zero (eqs. 7 and 8).
     lower
         Lower end of the range; 5° unless given, or 40° for the searches of the paper. [rad]
     upper
@@ -43,12 +43,12 @@ class Search:
     relative_tolerance
         Relative difference of two consecutive angles at which the searches of the paper end. [1]
     scan_interval
-        Interval of the angles that ``"outcome"`` tries first. It begins with every sixteenth angle, and leaves out
-        those between two that are clearly turned away, or clearly not, and those within four intervals of a change. A
-        band of another outcome between two neighbouring angles is missed: one narrower than 1.25° by default, near a
-        change narrower than 5°, and up to 20° where more than 15 % of the energy is left or the nose is deep inside.
-        Above the first critical angle, while less than twice the retention energy is left, every half degree is tried.
-        [rad]
+        Spacing of the angles that ``outcome`` scans. The scan begins with every sixteenth angle. It skips angles
+        between two at which the projectile is clearly turned away, or clearly not, and angles within four intervals of
+        a change. A band of another outcome between two angles tried is missed. By default such a band is narrower than
+        1.25°, or than 5° near a change, or than 20° where more than 15 % of the energy is left or the nose is deep
+        inside. Above the first critical angle every half degree is tried while less than twice the retention energy is
+        left. [rad]
 
     Raises
     ------
@@ -95,7 +95,7 @@ class Search:
 
 
 USUAL_SEARCH = Search()
-"""Default search: for the change of outcome, from 5° to 85°."""
+"""Default search: by outcome, from 5° to 85°."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,12 +109,12 @@ class Trial:
     outcome: Outcome
     """Outcome of the trial."""
     fine: bool = True
-    """True at the final resolution. Other trials only narrow the range to search: they are rougher, and may have the
-    wrong outcome within a degree of the critical angle."""
+    """True at the final resolution. Other trials only narrow the range to search: they are less accurate, and may have
+    the wrong outcome within a degree of the critical angle."""
     exit: Exit | None = None
     """State of the projectile as it leaves the target; None if it stays."""
     turned: float = 0.0
-    """Turn of the axis by the end of the trial; 0 for a sphere, which looks alike from all sides. [rad]"""
+    """Turn of the axis by the end of the trial; 0 for a sphere, whose axis has no effect. [rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,9 +124,9 @@ class OutcomeInterval:
     outcome: Outcome
     """Outcome of a strike in the interval."""
     lower: float
-    """Lower end, known to the tolerance of the search or an end of its range. [rad]"""
+    """Lower end: a change of outcome, known to the tolerance of the search, or the lower end of its range. [rad]"""
     upper: float
-    """Upper end, known as well as the lower one. [rad]"""
+    """Upper end: a change of outcome, known to the tolerance of the search, or the upper end of its range. [rad]"""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -137,9 +137,9 @@ class CriticalAngle:
     """Result of the search: an angle, or the reason why there is none."""
     angle: float | None
     """Smallest oblique angle, from the normal, at which the projectile is turned away, if there is one. In a search by
-    outcome it is the upper end of the final bracket, which was seen to ricochet. [rad]"""
+    outcome it is the upper end of the final bracket, at which a trial ended in ricochet. [rad]"""
     bracket: tuple[float, float] | None
-    """Angles on the two sides of the change, at the end of the search. [rad]"""
+    """Angles on the two sides of the change of outcome, at the end of the search. [rad]"""
     iterations: tuple[Trial, ...]
     """All trials, in the order of computation."""
     other_crossings: tuple[float, ...]
@@ -151,23 +151,23 @@ class CriticalAngle:
     """Share of the initial kinetic energy left half a degree below the critical angle, 0 if it is less than a tenth of
     the retention energy. None without an angle, and in the searches of the paper. [1]"""
     energy_fraction_above: float | None = None
-    """Share of the initial kinetic energy left half a degree above the critical angle: the less it is, the more the
-    threshold decides. [1]"""
+    """Share of the initial kinetic energy left half a degree above the critical angle. The smaller it is, the more the
+    angle depends on the retention energy. [1]"""
     strength_factor: float | None = None
-    """Strength factor in use at the critical angle, if there is one. [1]"""
+    """Strength factor used at the critical angle, if there is one. [1]"""
     strength_factor_dispersion: float | None = None
-    """Standard deviation of ln S of the next shot into the same concrete, by own shots or by the law of the published
-    tests; None without an angle. [ln]"""
+    """Standard deviation of ln S for the next shot into the same concrete, from own shots or from the published tests;
+    None without an angle. [ln]"""
     own_tests: StrengthPosterior | None = None
     """Posterior of S from shots into the same concrete; None without any, or without an angle."""
     exit: Exit | None = None
     """State of the projectile as it leaves the target at the critical angle; None without an angle."""
     outcomes: tuple[OutcomeInterval, ...] = ()
-    """Intervals of the outcome over the whole range, in order, for a target with a thickness in a search by outcome;
-    empty otherwise."""
+    """Intervals of one outcome each over the whole range, in order; empty unless the target has a thickness and the
+    search is by outcome."""
 
     def row(self) -> Row:
-        """Return status, angle and bracket by the names of the columns of `solver.columns`."""
+        """Return status, angle and bracket under the column names of `solver.columns`. [rad]"""
         low, high = self.bracket or (None, None)
         return {
             "status": self.status.value,
@@ -233,19 +233,20 @@ def _degrees(angle: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Changes of outcome that a search has found, before warnings are added to them."""
+    """Changes of outcome found by a search, before warnings are added."""
 
     status: SearchStatus
     angle: float | None = None
     """Smallest angle of a change to ricochet. [rad]"""
     bracket: tuple[float, float] | None = None
-    """Angles on the two sides of that change. [rad]"""
+    """Angles on the two sides of the change to ricochet at `angle`. [rad]"""
     other_crossings: tuple[float, ...] = ()
-    """Angles of the other changes. [rad]"""
+    """Angles of the other changes of outcome. [rad]"""
     starts_turned_away: bool = False
-    """True if the lower end of the range is a ricochet."""
+    """True if the projectile is turned away at the lower end of the range."""
     deciding: tuple[Trial, ...] = ()
-    """Trials on either side of the changes of outcome; empty if all trials decide."""
+    """Trials on which the result depends, on either side of each change of outcome; empty if it depends on all
+    trials."""
     nearby: tuple[float, float, float] | None = None
     """Fractions of the energy left half a degree below and above the angle, and above it with more inertia. [1]"""
     outcomes: tuple[OutcomeInterval, ...] = ()

@@ -42,19 +42,21 @@ from solver.uncertainty.sampling import (
 from solver.uncertainty.surrogate import Expansion, Moments, direct_indices, expansion_moments, fit_expansion
 from solver.warnings import ModelWarning
 
-# This is far below the usual scatter of the angle, some degrees, and the correction by the samples covers the rest.
+# An error of 0.1° is far below the usual scatter of the angle, some degrees, and the correction by the samples covers
+# the rest.
 SURROGATE_ERROR = math.radians(0.1)
 """Largest root mean square error at held-out points with which the surrogate is used. [rad]"""
-# An evaluation takes microseconds. So many points make the sampling error of the surrogate negligible.
+# An evaluation of the surrogate takes microseconds, and this number of points makes its sampling error negligible.
 SURROGATE_POINTS = 4096
 """Number of points of each scrambling at which the surrogate is evaluated."""
-# With fewer the intervals of the indices are so wide that they tell nothing; the value is a judgement.
+# With fewer samples the intervals of the indices are too wide to be of use; the value is a judgement.
 FEWEST_BASE_SAMPLES = 64
 """Least number of base samples for Sobol indices by the direct method."""
 # A base sample takes one search for every input and one more. With 512 of them, 95 % intervals contain the true
 # first-order indices of Ishigami's function in 89 or 90 of 100 seeds (`tests/uncertainty/test_coverage.py`).
 SENSITIVITY_SAMPLES = 4096
 """Largest number of base samples for Sobol indices by the direct method."""
+# 2,001 angles are one every 0.04° over the default range; the limit is a judgement.
 MOST_ANGLES = 2001
 """Largest number of angles of the probability curve."""
 
@@ -71,7 +73,7 @@ class AngleStudy:
     uncertain
         Independent inputs with their distributions.
     oblique_angles
-        Rising angles at which the probability is computed. [rad]
+        Increasing angles at which the probability is computed. [rad]
     sampling
         Accuracy, budget and seed.
     sensitivity
@@ -80,17 +82,18 @@ class AngleStudy:
         Index of the factor on S among the inputs, and the expected scatter after own shots, as `next_shots` returns
         them.
     bounds
-        Bounds of the search: in the Sobol indices, a sample without an angle counts as one of them. [rad]
+        Bounds of the search. A sample without an angle enters the Sobol indices as the bound beyond which its angle
+        lies. [rad]
     accepts
         Function from the index and the value of an input to True if the model accepts it; all values are accepted
-        unless given. The surrogate also has an answer for other values, which counts as unknown.
+        unless given. The answer of the surrogate at other values counts as unknown.
     warnings
         Warnings of the strike, which every answer has.
 
     Raises
     ------
     ParameterError
-        If values do not fit each other, such as a budget below the fewest samples of these inputs.
+        If arguments are inconsistent, such as a budget below the fewest samples that these inputs need.
 
     Notes
     -----
@@ -137,7 +140,7 @@ class AngleStudy:
 
     @cached_property
     def _beyond(self) -> npt.NDArray[np.bool_]:
-        """Mask of these points with an input that the model does not accept."""
+        """Mask of the points of `_unit` at which the model does not accept an input."""
         return self.design.beyond(self._unit, self.accepts)
 
     def steps(self) -> Steps:
@@ -208,7 +211,7 @@ class AngleStudy:
         )
 
     def _by_surrogate(self, tables: Tables, expansion: Expansion) -> AngleUncertainty:
-        """Return the answer of the surrogate."""
+        """Compute the answer from the surrogate."""
         # The probability is that of the surrogate at many points, plus a correction from the samples: the fraction of
         # the samples that are turned away minus that of their predictions by fits without them. The interval is that of
         # the correction, widened by the probability of outcomes that no sample shows.

@@ -22,25 +22,25 @@ NODES = 48
 # The density is 3e-18 of its maximum there, below the rounding error of a sum.
 FAR = 9.0
 """Standard deviations beyond which a normal density is neglected. [1]"""
-# The angle as a function of an input bends over factors of this size. A smaller range takes no high orders.
+# Over a range of this size the angle is a curved function of an input. Smaller ranges need no high orders.
 WIDE = 0.2
-"""Dispersion from which polynomials of higher order are tried in an input alone. [ln]"""
+"""Dispersion of an input from which polynomials of higher order in that input alone are tried. [ln]"""
 # One standard deviation is then a factor of 22,000 either way, more than any input has.
 LARGEST_DISPERSION = 10.0
 """Largest dispersion accepted. [1]"""
 # Below 1 the 90 % interval hardly describes the tails. Above a million the distribution is normal to rounding.
 FREEDOM = (1.0, 1e6)
 """Range of the degrees of freedom accepted. [1]"""
-# This is half a cell of the sample points, which have 30 bits.
+# The least probability is half a cell of the sample points, which have 30 bits.
 TINY = 2.0**-31
 """Least probability of a sample. [1]"""
-# Weights that are written with nine or more digits must pass.
+# The tolerance admits weights that are written with nine or more digits.
 WEIGHTS_SUM = 1e-9
 """Largest difference of the sum of weights from 1. [1]"""
 
 
 class Continuous(Protocol):
-    """Interface of the distributions of a number.
+    """Interface of the distributions of a continuous number.
 
     Polynomials of an input are made in its standard variable, a smooth function of the input.
     """
@@ -56,7 +56,7 @@ class Continuous(Protocol):
 
 
 def _spread(mean: float, deviation: float | None, variation: float | None) -> float:
-    """Return the standard deviation, which is given itself or as a coefficient of variation."""
+    """Return the standard deviation, which is given directly or as a coefficient of variation."""
     given = (deviation is None) + (variation is None) == 1
     require(given, f"{FIELD}.standard_deviation", "must be given, or else coefficient_of_variation, but not both")
     if deviation is not None:
@@ -88,7 +88,7 @@ class Normal:
     mean
         Mean in the unit of the field.
     standard_deviation, coefficient_of_variation
-        Standard deviation in the unit of the field, or as a fraction of the mean; one of both.
+        Standard deviation in the unit of the field, or as a fraction of the mean; exactly one of them must be given.
     """
 
     name: ClassVar[str] = "normal"
@@ -102,7 +102,7 @@ class Normal:
         _require_finite_spread(_spread_name(self.standard_deviation), self.mean, deviation)
 
     def standard(self, u: FloatArray) -> FloatArray:
-        """Return standard deviations from the mean at these probabilities."""
+        """Return the distances from the mean, in standard deviations, at given probabilities."""
         from scipy.special import ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
 
         return np.asarray(ndtri(u), float)
@@ -112,7 +112,7 @@ class Normal:
         return self.mean + _spread(self.mean, self.standard_deviation, self.coefficient_of_variation) * z
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
-        """Return nodes and weights of a mean."""
+        """Return nodes and weights for a mean over the distribution."""
         return _hermite()
 
 
@@ -153,13 +153,13 @@ class TruncatedNormal:
 
     @property
     def _bounds(self) -> tuple[float, float]:
-        """Bounds in standard deviations from the mean."""
+        """Bounds as distances from the mean, in standard deviations."""
         lower = -math.inf if self.lower is None else (self.lower - self.mean) / self._deviation
         upper = math.inf if self.upper is None else (self.upper - self.mean) / self._deviation
         return lower, upper
 
     def standard(self, u: FloatArray) -> FloatArray:
-        """Return standard deviations from the mean at these probabilities."""
+        """Return the distances from the mean, in standard deviations, at given probabilities."""
         from scipy.special import ndtr, ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
 
         # The upper tail is computed by itself, as one minus the distribution function would cancel. The quantile of an
@@ -174,7 +174,7 @@ class TruncatedNormal:
         return self.mean + self._deviation * z
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
-        """Return nodes and weights of a mean."""
+        """Return nodes and weights for a mean over the distribution."""
         lower, upper = self._bounds
         # No standard rule has a truncated normal density as its weight. Twice the nodes make up for that.
         x, w = leggauss(2 * NODES)
@@ -193,7 +193,7 @@ class Lognormal:
     median, dispersion
         Median of the number, and standard deviation of its natural logarithm. [1]
     mean, standard_deviation, coefficient_of_variation
-        Mean of the number and one of the two others, instead of median and dispersion.
+        Mean of the number, and its standard deviation or coefficient of variation, in place of median and dispersion.
     """
 
     name: ClassVar[str] = "lognormal"
@@ -260,7 +260,7 @@ class Lognormal:
         return np.asarray(np.exp(middle + z / np.sqrt((1.0 - z) * (1.0 + z))), float)
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
-        """Return nodes and weights of a mean."""
+        """Return nodes and weights for a mean over the distribution."""
         nodes, weights = _normal_panel()
         return self._bounded(nodes), weights
 
@@ -338,12 +338,13 @@ class LogStudentT:
         return np.asarray(x / np.sqrt(1.0 + x * x), float)
 
     def value(self, z: FloatArray) -> FloatArray:
-        """Return the input at these values of the standard variable."""
+        """Return the input at values of the standard variable."""
         return np.asarray(self.median * np.exp(z / np.sqrt((1.0 - z) * (1.0 + z))), float)
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
-        """Return nodes and weights for a mean."""
-        # The rule is over probabilities: no number of scales, as in a normal distribution, contains the heavy tails.
+        """Return nodes and weights for a mean over the distribution."""
+        # The rule is over probabilities, since no finite number of scales, as for a normal distribution, contains the
+        # heavy tails.
         x, w = leggauss(4 * NODES)
         return self.standard(0.5 * (1.0 + x)), 0.5 * w
 
@@ -375,7 +376,7 @@ class Uniform:
         return 0.5 * (self.lower + self.upper) + 0.5 * (self.upper - self.lower) * z
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
-        """Return nodes and weights of a mean."""
+        """Return nodes and weights for a mean over the distribution."""
         x, w = leggauss(NODES)
         return x, 0.5 * w
 
@@ -411,7 +412,7 @@ class Triangular:
         return self.lower + (self.upper - self.lower) * z
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
-        """Return nodes and weights of a mean."""
+        """Return nodes and weights for a mean over the distribution."""
         # One rule on each side of the mode, where the density has a corner.
         peak, (x, w) = self._peak, leggauss(NODES)
         x, w = 0.5 * (1.0 + x), 0.5 * w
@@ -426,7 +427,7 @@ class Discrete:
     Parameters
     ----------
     values
-        Different values.
+        Values, none of them repeated.
     weights
         Probabilities of the values, which sum to 1; equal unless given.
     """
@@ -483,7 +484,7 @@ def stated_values(distribution: Distribution) -> list[tuple[str, Any]]:
 
 @lru_cache(maxsize=1)
 def _normal_panel() -> tuple[FloatArray, FloatArray]:
-    """Return nodes and weights for a mean over a normal variable, for smooth functions that are no polynomials."""
+    """Return nodes and weights for a mean over a normal variable, for smooth functions other than polynomials."""
     # A Gauss-Hermite rule is exact for polynomials, but its nodes are too wide apart for a function that levels off.
     x, w = leggauss(4 * NODES)
     weights = w * np.exp(-0.5 * (FAR * x) ** 2)

@@ -58,17 +58,16 @@ class NextShot:
 
     Notes
     -----
-    A depth gives the product S f'c. Its squared scale d² in the study is the sum of those of the factor on
-    S and of the strength. Shots reduce the part that exceeds the scatter within a series, t² = d² - w²: after n shots
-    with the usual scatter it is 1/(1/t² + n/w²). A factor with Student's distribution has n degrees of freedom more.
-    The strength keeps its scatter unless it would then have more than half of the remaining variance, as in
-    `StrengthScatter`.
+    A depth gives the product S f'c. Its squared scale d² in the study is the sum of those of the factor on S and of the
+    strength. Shots reduce the part that exceeds the scatter within a series, t² = d² - w²: after n shots with the usual
+    scatter it is 1/(1/t² + n/w²). A factor with Student's distribution has n degrees of freedom more. The strength
+    keeps its scatter unless it would then have more than half of the remaining variance, as in `StrengthScatter`.
     """
 
     shots: int
     """Number of shots."""
     dispersion: float
-    """Standard deviation of ln S of the next shot after them, at the stated strength. [ln]"""
+    """Standard deviation of ln S for the shot after these, at the stated strength. [ln]"""
     parts: tuple[Narrowed, ...]
     """Inputs that scatter less."""
 

@@ -42,9 +42,9 @@ class Crossings(NamedTuple):
     """Result of a search for the critical angle, as a study stores it."""
 
     angles: tuple[float, ...] = ()
-    """Angles at which the outcome changes, in rising order. [rad]"""
+    """Angles at which the outcome changes, in increasing order. [rad]"""
     starts_turned_away: bool = False
-    """True if the projectile is turned away below the first of them."""
+    """True if the projectile is turned away at the lower end of the range."""
     problem: Problem = ""
     """Reason for a missing result; empty otherwise."""
 
@@ -87,11 +87,11 @@ class AfterShots:
     shots: int
     """Number of shots."""
     dispersion: float
-    """Standard deviation of ln S of the next shot after them, at the stated strength. [ln]"""
+    """Standard deviation of ln S for the shot after these, at the stated strength. [ln]"""
     lower: float
     """Lower end of the 90 % range, if the shots leave the median of S as it is. [rad]"""
     upper: float
-    """Upper end of that range. [rad]"""
+    """Upper end of the 90 % range. [rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,7 +207,7 @@ class AngleUncertainty(ComparedByFields):
     oblique_angles: FloatArray
     """Oblique angles of the probability curve. [rad]"""
     probability: FloatArray
-    """Probability of being turned away, at each of them."""
+    """Probability of being turned away at each oblique angle."""
     lower: FloatArray
     """Lower end of the interval of each probability."""
     upper: FloatArray
@@ -215,9 +215,9 @@ class AngleUncertainty(ComparedByFields):
     mean: Estimate | None
     """Mean of the critical angle among the samples that have one; None if none has. [rad]"""
     standard_deviation: Estimate | None
-    """Standard deviation of the critical angle among these samples; None if none has one. [rad]"""
+    """Standard deviation of the critical angle among the samples that have one; None if none has. [rad]"""
     quantiles: tuple[tuple[float, Estimate], ...]
-    """Quantiles of the critical angle of these samples, as probability and angle. [1, rad]"""
+    """Quantiles of the critical angle among the samples that have one, as probability and angle. [1, rad]"""
     share_without: Estimate
     """Share of samples without a critical angle in the range. [1]"""
     sensitivity: tuple[Sensitivity, ...]
@@ -231,9 +231,10 @@ class AngleUncertainty(ComparedByFields):
     order: int | None
     """Highest order of the polynomials of the surrogate."""
     surrogate_error: float | None
-    """Root mean square error of the surrogate at held-out points, also where it was too large for use. [rad]"""
+    """Root mean square error of the surrogate at held-out points, given even if it was too large for the surrogate to
+    be used. [rad]"""
     samples: int
-    """Number of searches in all."""
+    """Total number of searches."""
     failed: int
     """Number of samples that could not be computed."""
     outside: int
@@ -303,10 +304,10 @@ class TrajectoryUncertainty:
     maximum_depth: tuple[tuple[float, Estimate], ...]
     """Quantiles of the greatest depth over the runs that do not perforate. [1, m]"""
     ricochet_exit: ExitQuantiles
-    """Quantiles of the exit of projectiles that are turned away, by the names of `solver.Exit`; empty if none is.
+    """Quantiles of the exit of projectiles that are turned away, by their names in `solver.Exit`; empty if none is.
     [1, unit of the quantity]"""
     perforation_exit: ExitQuantiles
-    """Quantiles of the exit of projectiles that perforate, by the names of `solver.Exit`; empty if none does.
+    """Quantiles of the exit of projectiles that perforate, by their names in `solver.Exit`; empty if none does.
     [1, unit of the quantity]"""
     ricochet_flight: FlightQuantiles
     """Quantiles of the distance of flight after a ricochet, by the names ``range`` and ``farthest_range`` of
@@ -318,7 +319,7 @@ class TrajectoryUncertainty:
     converged: bool
     """True if every interval is within the half width requested."""
     samples: int
-    """Number of runs in all."""
+    """Total number of runs."""
     failed: int
     """Number of samples that could not be computed."""
     outside: int
@@ -335,7 +336,7 @@ class TrajectoryUncertainty:
 
     @property
     def exit_angle(self) -> Quantiles:
-        """Quantiles of the angle of that velocity from the outward normal. [1, rad]"""
+        """Quantiles of the angle of the exit velocity of ricochets from the outward normal. [1, rad]"""
         return self.ricochet_exit.get("direction", ())
 
     @property

@@ -25,7 +25,7 @@ SCRAMBLINGS = 16
 """Number of scramblings of the Sobol sequence."""
 # Sixteen points in 16 scramblings are the smallest budget, 256 samples. Every round doubles the points.
 FIRST_POINTS, FEWEST_POINTS = 16, 4
-"""Points of each scrambling in the first round, by default and where wide intervals suffice."""
+"""Numbers of points of each scrambling in the first round, by default and where wide intervals suffice."""
 # The lower bound is the first round. The upper one is a judgement, well below the 2**30 points of the sequence.
 FEWEST_SAMPLES, MOST_SAMPLES = 256, 1_048_576
 """Bounds of the budget of samples."""
@@ -36,9 +36,9 @@ HALF_BIN = 2.0**-31
 # is that bound in standard errors, 3/2.
 UNSEEN = 1.5
 """Standard error of the probability of an event that no sample shows, times the number of samples. [1]"""
-# Every combination at every point is the more accurate way, at a cost in proportion to their number.
+# Computing every combination at every point is more accurate, but its cost is proportional to their number.
 MOST_ALTERNATIVES = 8
-"""Largest number of combinations of discrete values that are all computed at every point; beyond, they are sampled."""
+"""Largest number of combinations of discrete values that are all computed at every point; more are sampled."""
 SWING_LEVELS = (0.05, 0.95)
 """Probabilities of the quantiles of an input at which its swing is computed."""
 # Sixty halvings reach the precision of a float for any interval of ordinary numbers.
@@ -46,7 +46,7 @@ BISECTIONS = 60
 """Number of bisections to find the end of an accepted range."""
 
 Point = tuple[Any, ...]
-"""Value of each input, in their order."""
+"""Values of the inputs, in the order of the inputs."""
 Accepts: TypeAlias = Callable[[int, float], bool]
 """Function from the index and the value of an input to True if the model accepts it."""
 
@@ -121,7 +121,7 @@ def check_values(index: int, uncertain: Uncertain, check: Callable[[Any], object
     Raises
     ------
     ParameterError
-        If one of them is not accepted; it names the parameter of the distribution.
+        If one of them is not accepted. The error names the parameter of the distribution.
     """
     for name, value in stated_values(uncertain.distribution):
         try:
@@ -198,7 +198,7 @@ class Estimate:
     """Estimated number with its interval at the confidence level of the study."""
 
     value: float
-    """Estimate."""
+    """Estimated value."""
     lower: float
     """Lower end of the interval."""
     upper: float
@@ -359,7 +359,7 @@ class Design:
 
     @property
     def alternatives(self) -> int:
-        """Number of cases at every point."""
+        """Number of combinations of discrete values that are computed at every point."""
         return len(self.combinations)
 
     def unit(self, count: int) -> FloatArray:

@@ -46,7 +46,8 @@ USUAL_ANGLES = np.radians(np.linspace(5.0, 85.0, 161))
 
 
 THEORY = "resistance.theory"
-"""Field of the theory of the decay: a decay law by its name, together with its S(θ)."""
+"""Name of the field for the theory of the decay. Its values are names of decay laws, each of which comes with its
+S(θ)."""
 # S belongs to its decay law: eq. 9 gives the paper's angle with elastic-plastic decay, and for Mohr-Coulomb decay S was
 # fitted to finite element motions.
 PAIRED: Mapping[str, Callable[[StrengthFactor], StrengthFactor]] = {
@@ -104,7 +105,7 @@ class SampledStrike:
     Raises
     ------
     ParameterError
-        If a field is no number of the strike, or a distribution has values that the model does not accept.
+        If a field is not a number of the strike, or a distribution has values that the model does not accept.
     """
 
     def __init__(self, parts: Mapping[str, Any], uncertain: Sequence[Uncertain]) -> None:
@@ -123,7 +124,7 @@ class SampledStrike:
         Raises
         ------
         ParameterError
-            If the model does not accept it.
+            If the model does not accept the value.
         """
         parts = self._with([(self._paths[index], value)])
         check_case(parts["projectile"], parts["target"])
@@ -210,7 +211,7 @@ def critical_angle_uncertainty(
     uncertain
         Inputs that scatter, each with its distribution, independent of each other.
     oblique_angles
-        Rising angles at which the probability is computed; every 0.5° from 5° to 85° unless given. [rad]
+        Increasing angles at which the probability is computed; every 0.5° from 5° to 85° unless given. [rad]
     sampling
         Accuracy, budget and seed.
     sensitivity
@@ -229,11 +230,11 @@ def critical_angle_uncertainty(
 
     Notes
     -----
-    A polynomial chaos replaces the search if every sample has one change of outcome and the error at
-    held-out points is at most 0.1°, as long as it gives the narrower intervals; otherwise, outcomes of randomised Sobol
-    points are counted. A sample outside the ranges of the model, or one that fails, counts as unknown and widens the
-    intervals. Outcomes that no search has shown yet widen them too: of n searches that all have one change of outcome,
-    about 3/n may have another one, at 95 % confidence.
+    A polynomial chaos replaces the search if every sample has one change of outcome and the error at held-out points is
+    at most 0.1°, as long as it gives the narrower intervals; otherwise, outcomes of randomised Sobol points are
+    counted. A sample outside the ranges of the model, or one that fails, counts as unknown and widens the intervals.
+    Outcomes that no search has shown yet widen them too: if n searches all have one change of outcome, a share of up to
+    about 3/n of all strikes may still have more, at 95 % confidence.
 
     Examples
     --------

@@ -51,7 +51,7 @@ class Ending(NamedTuple):
     range: float = math.nan
     """Distance of flight; NaN if the projectile stays, or no flight is requested. [m]"""
     farthest_range: float = math.nan
-    """Farthest distance of flight over all elevations; NaN as above. [m]"""
+    """Farthest distance of flight over all elevations; NaN as for `range`. [m]"""
 
     @classmethod
     def of(cls, found: Trajectory | RicochetError, flight: Flight | None = None) -> "Ending":
@@ -148,7 +148,7 @@ class TrajectoryStudy:
         )
 
     def _exits(self, found: list[list[Ending]], weights: FloatArray, outcome: Outcome) -> ExitQuantiles:
-        """Return the quantiles of every quantity of the exits with this outcome."""
+        """Return the quantiles of every quantity of the exits, over the samples with the given outcome."""
 
         def quantity(each: Ending, name: str) -> float:
             left = each.outcome == outcome.value and each.exit is not None
@@ -157,7 +157,7 @@ class TrajectoryStudy:
         return self._quantiles_by_name(found, weights, EXIT_QUANTITIES, quantity)
 
     def _flights(self, found: list[list[Ending]], weights: FloatArray, outcome: Outcome) -> FlightQuantiles:
-        """Return the quantiles of the distances of the flights with this outcome."""
+        """Return the quantiles of the distances of flight, over the samples with the given outcome."""
 
         def quantity(each: Ending, name: str) -> float:
             return getattr(each, name) if each.outcome == outcome.value else math.nan

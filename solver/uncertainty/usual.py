@@ -1,4 +1,4 @@
-"""Usual scatter of a strike: that of its inputs, of the strength factor, and of the theory of the decay."""
+"""Usual scatter of a strike: of its inputs, of the strength factor, and of the theory of the decay."""
 
 import math
 from dataclasses import replace
@@ -26,7 +26,7 @@ from solver.uncertainty.next_shot import RESIDUAL
 from solver.uncertainty.sampling import Uncertain
 from solver.uncertainty.strikes import THEORY
 
-# The values are judgements.
+# The coefficients of variation are judgements.
 VELOCITY, DENSITY, MASS = 0.02, 0.02, 0.005
 """Coefficients of variation of velocity, density and mass. [1]"""
 # More digits of a dispersion are not known, and would show in requests.
@@ -35,7 +35,7 @@ DIGITS = 4
 # Where S itself is beyond the usual range, its scatter must not be cut off next to its median.
 WITHIN = 0.5, 2.0
 """Range of the factor on S that is never truncated. [1]"""
-# The value is a judgement.
+# The standard deviation is a judgement.
 ATTACK = math.radians(1.0)
 """Standard deviation of the angle of attack. [rad]"""
 THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, MohrCoulomb)
@@ -43,7 +43,7 @@ THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, M
 # The weights are a judgement. The first law with eq. 9 gives the paper's angle; the second follows finite element
 # motions more closely and has the S(θ) fitted to these. No decay at all is no theory.
 THEORIES = (0.8, 0.2)
-"""Weights of these laws. [1]"""
+"""Weights of `THEORY_LAWS`. [1]"""
 
 
 def has_own_law(resistance: Resistance | None) -> bool:
@@ -89,9 +89,9 @@ def usual_scatter(
     projectile, target, velocity, angle_of_attack, resistance
         As for `critical_angle`. [SI, rad]
     theories
-        Include the theory of the decay. Unless given, it is included if the resistance has no other law.
+        Include the theory of the decay among the inputs. By default it is included unless `has_own_law` is true.
     strength_scatter
-        Tests from which the scatter of S comes, see `known_strength`.
+        Tests from which the scatter of S is taken, see `known_strength`.
 
     Returns
     -------

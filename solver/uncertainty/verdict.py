@@ -21,7 +21,7 @@ from solver.trajectory import simulate
 from solver.uncertainty.results import RANGE, AfterShots
 from solver.uncertainty.sampling import Estimate, Sampling
 from solver.uncertainty.strikes import THEORY, critical_angle_uncertainty
-from solver.uncertainty.usual import THEORIES, has_own_law, usual_scatter
+from solver.uncertainty.usual import has_own_law, usual_scatter
 from solver.uncertainty.walls import WallVerdict, embedded_words, judge_wall
 from solver.uncertainty.weighed_warnings import (
     HELD,
@@ -33,7 +33,7 @@ from solver.uncertainty.weighed_warnings import (
 )
 from solver.warnings import ModelWarning
 
-# For most strikes half of the samples that may be needed to give each theory a surrogate are enough.
+# Up to this number of samples may be needed for a surrogate of each theory; for most strikes half of them are enough.
 SAMPLES, HALF_WIDTH = 1024, 0.05
 """Budget of samples, and half width of the interval of each probability at which sampling ends. [1, 1]"""
 STEP_DEG = 0.5
@@ -66,8 +66,6 @@ RANGE_FAILED = "the 90 % range could not be computed"
 """Clause of a verdict whose study failed or took too long."""
 NO_RANGE_BY_PANELS = "no 90 % range by panels"
 """Clause of a verdict by panels, whose study would take minutes."""
-THEORY_NAMES = ("elastic-plastic", "Mohr-Coulomb")
-"""Names of the theories of the decay in sentences."""
 
 
 class Question(NamedTuple):
@@ -79,13 +77,13 @@ class Question(NamedTuple):
     theories: bool = False
     """Let the theories of the decay scatter in a study, even if the resistance has another law."""
     probe: tuple[str, float] | None = None
-    """Code of a warning and the changed value of the search that weighs it, as in `with_probe`."""
+    """Code of a warning, and the value changed in the search that shows its effect, as in `with_probe`."""
     optional: bool = False
     """True if the verdict can do without the answer."""
 
 
 class Spread(NamedTuple):
-    """Result of a study, as far as a verdict needs it."""
+    """Part of the result of a study that a verdict uses."""
 
     range: tuple[float, float] | None
     """90 % range of the critical angle; None if no sample has one. [rad]"""
@@ -126,7 +124,7 @@ class Spread(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """Result of the run at the angle to judge, as far as a verdict needs it."""
+    """Part of the result of the run at the angle to judge that a verdict uses."""
 
     outcome: Outcome | None = None
     protrusion: Protrusion | None = None
@@ -166,7 +164,7 @@ class Verdict:
     theory_spread: tuple[float, float] | None = None
     """90 % range over the theories, if the resistance has another law. [rad]"""
     theory_range_failed: bool = False
-    """Whether that range was asked for and could not be computed."""
+    """True if the range over the theories was requested but could not be computed."""
     held_angle: float | None = None
     """Critical angle with S held from 55° on, where it is held from 60° on and the angle is above 55°. [rad]"""
     standard_error: float | None = None
@@ -176,13 +174,15 @@ class Verdict:
     oblique_angle: float | None = None
     """Angle to judge, if any. [rad]"""
     outcome: Outcome | None = None
-    """Outcome of the strike at that angle, with the inputs as given; None without an angle or an outcome."""
+    """Outcome of the strike at the angle to judge, with the inputs as given; None without an angle or an outcome."""
     protrusion: Protrusion | None = None
-    """Protrusion of the body out of the rear face of a wall in that strike; None if there is none, or it perforates."""
+    """Protrusion of the body out of the rear face of a wall at the angle to judge; None if there is none, or it
+    perforates."""
     flight: Flight | None = None
-    """Flight of the body after that strike, if it is turned away."""
+    """Flight of the body after a strike at the angle to judge, if it is turned away."""
     probability: Estimate | None = None
-    """Probability of ricochet at that angle, with the usual scatter and its sampling interval; None without one. [1]"""
+    """Probability of ricochet at the angle to judge, with the usual scatter and its sampling interval; None without
+    one. [1]"""
     wall: WallVerdict | None = None
     """Verdict on the wall, if the target has a thickness; for normal impact without an angle to judge."""
     wall_failed: bool = False
@@ -248,31 +248,18 @@ class Verdict:
         return text
 
     def _more(self) -> list[str]:
-        found = [self._by_theory()] if self.theories and not self.own_law else []
+        found = []
         if self.held_angle is not None:
             found.append(f"{self._fine(self.held_angle)} with S held from {math.degrees(HELD_EARLIER):g}°")
         if self.other_crossings:
             found.append(f"the outcome also changes at {', '.join(map(self._fine, self.other_crossings))}")
-        return list(filter(None, found))
-
-    def _by_theory(self) -> str:
-        weighed = zip(THEORY_NAMES, THEORIES, self.theories, strict=True)
-        return ", ".join(
-            f"{name} decay (weight {weight:g}) {self._fine(angle)}"
-            for name, weight, angle in weighed
-            if angle is not None
-        )
+        return found
 
     def _over_theories(self) -> str:
         """Return a sentence on the range over the theories, if the resistance has another law."""
         if self.theory_spread is None:
             return "The range over the theories could not be computed." if self.theory_range_failed else ""
-        return (
-            "; ".join(
-                filter(None, (f"Over the theories: 90 % range {_range_text(self.theory_spread)}", self._by_theory()))
-            )
-            + "."
-        )
+        return f"Over the theories: 90 % range {_range_text(self.theory_spread)}."
 
     def _wall(self) -> str:
         if self.wall is not None:

@@ -1,4 +1,4 @@
-"""Verdict on a wall, and sentences on a least thickness and a limit speed beside the empirical formulas.
+"""Verdict on a wall, and sentences that compare a least thickness and a limit speed with the empirical formulas.
 
 A wall must prevent perforation by the body, and scabbing, concrete that breaks off the rear face. The formulas answer
 both questions, with the margins of DOE-STD-3014-2006; the model bounds the answer from below.
@@ -46,9 +46,9 @@ class DesignValue:
     design: float | None = None
     """Design thickness: the limit with its margin, or the thickness that the model needs if that is more. [m]"""
     formula: str | None = None
-    """Formula that decides; `this_model` where the model does."""
+    """Name of the formula that determines the design value; `this_model` where the model does."""
     by_formula: str | None = None
-    """Formula behind the limit, also where the model decides."""
+    """Name of the formula that gives the limit, even where the model determines the design value."""
     enough: bool | None = None
     """True if the wall of the case has at least the design thickness; None without a wall or a design value."""
 
@@ -80,7 +80,7 @@ class WallVerdict:
     """Verdict on a wall: its required thicknesses against perforation and scabbing, and the answer of the model."""
 
     thickness: float | None
-    """Thickness of the wall of the case; None where only design values are wanted. [m]"""
+    """Thickness of the wall of the case; None for design values alone. [m]"""
     oblique_angle: float
     """Oblique angle from the inward normal. [rad]"""
     perforation: DesignValue
@@ -90,7 +90,7 @@ class WallVerdict:
     normal_impact: tuple[float | None, float | None]
     """Design values against perforation and scabbing for the same speed along the normal. [m]"""
     variants: RearFaceVariants
-    """Least thickness that the model does not perforate. [m]"""
+    """Least thickness of a wall that is not perforated in the model. [m]"""
     outcome: Outcome | None = None
     """Outcome of the strike on the wall of the case by the model, with the resistance as given."""
     protrusion: Protrusion | None = None
@@ -316,7 +316,7 @@ def _design_values(
         limit = max(each for each, _ in limits)
         formula = next(
             formula for each, formula in limits if each == limit
-        )  # of equal ones, as Kar's and NDRC's, the first
+        )  # the first of equal ones, such as Kar's and NDRC's
         design, decides = margin * limit, formula
         if name == "perforation" and needed > design:
             design, decides = needed, THIS_MODEL

@@ -19,7 +19,7 @@ HELD = "strength_held"
 # No finite element run is at a larger angle, so S may be held from here as well as from 60°. The range of a verdict
 # includes both.
 HELD_EARLIER = math.radians(55.0)
-"""Smaller angle from which S by eq. 9 may be held. [rad]"""
+"""Smaller angle from which S by eq. 9 may be held constant. [rad]"""
 # An effect that is small beside the scatter should not distract from other warnings. A quarter is a judgement.
 LITTLE = 0.25
 """Largest shift of the angle, as a fraction of its 90 % range, up to which a warning is a standing note. [1]"""
@@ -72,8 +72,8 @@ def range_held_earlier(
 ) -> tuple[float, float] | None:
     """Return a range of the critical angle that also contains the angles with S held from `HELD_EARLIER` on.
 
-    Angles beyond `HELD_EARLIER` fall by about as much as the angle with the inputs as given, but not below that; others
-    do not move.
+    Critical angles beyond `HELD_EARLIER` fall by about as much as the one with the inputs as given, but not below
+    `HELD_EARLIER`; smaller ones do not change.
 
     Parameters
     ----------

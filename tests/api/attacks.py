@@ -1,7 +1,7 @@
 """Attacks on a service that requires keys, while another owner sends queries.
 
-An attacker sends a few hundred requests a second, or holds as many connections as it can. That is not enough
-to use up the processor, which it shares with the service.
+An attacker sends a few hundred requests a second, or holds as many connections as it can. Attacker and service share
+one machine, so the rate is kept below what would exhaust the processor.
 """
 
 import json
@@ -20,12 +20,12 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 
 BODY = json.dumps(PAPER).encode()
 PAUSE = 0.005
-"""Pause between two requests of an attacker, or of the other owner. [s]"""
+"""Pause between two requests, of the attacker and of the other owner alike. [s]"""
 DRIP_SECONDS = 0.5
 HELD = 200
-"""Connections that an attacker opens."""
+"""Largest number of connections that an attacker holds open."""
 QUERIES, REQUESTS = 20, 50
-"""Least number of queries of the other owner and of requests of an attacker, in one attack."""
+"""Smallest numbers of queries by the other owner and of requests by the attacker in one attack."""
 CASES = 5_000
 """Number of cases of the job whose events an attacker follows."""
 REFUSED = frozenset({0, 400, 401, 403, 404, 405, 408, 413, 415, 421, 429, 431, 501, 503})
@@ -35,22 +35,22 @@ JSON = b"Content-Type: application/json"
 CHUNKED_BODY = b"%x\r\n%b\r\n0\r\n\r\n" % (len(BODY), BODY)
 
 fresh = count(1)
-"""Numbers that make cases differ."""
+"""Counter for velocities, so that no case is answered from the cache."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Address of the service."""
+    """Address of the service under attack."""
 
     port: int
 
     @staticmethod
     def of(url: str) -> "Target":
-        """The service at this URL."""
+        """Return the target for the URL of a service."""
         return Target(urlsplit(url).port or 80)
 
     def connect(self, seconds: float = 20.0) -> socket.socket:
-        """Open a connection."""
+        """Open a TCP connection to the service."""
         return socket.create_connection(("127.0.0.1", self.port), timeout=seconds)
 
     def send(self, line: bytes, *headers: bytes, body: bytes = b"") -> tuple[int, bytes]:
@@ -72,7 +72,7 @@ class Target:
 
 @dataclass(slots=True)
 class Attacker:
-    """State of an attack: a valid key of its own, its connections, and the statuses it received."""
+    """An attacker with a valid key: the connections it holds and the statuses it has received."""
 
     target: Target
     token: str
@@ -83,12 +83,12 @@ class Attacker:
 
     @property
     def authorization(self) -> bytes:
-        """The header with its key."""
+        """The `Authorization` header with the attacker's key."""
         return f"Authorization: Bearer {self.token}".encode()
 
     @property
     def requests(self) -> int:
-        """Requests sent and connections held."""
+        """Number of requests sent plus connections held."""
         return len(self.statuses) + len(self.held)
 
     def send(self, line: bytes, *headers: bytes, body: bytes = b"") -> None:
@@ -115,12 +115,12 @@ class Attacker:
 
 
 def no_key(attacker: Attacker) -> None:
-    """Send no key."""
+    """Send a query without a key."""
     attacker.send(b"POST /cra HTTP/1.1", JSON, body=BODY)
 
 
 def wrong_key(attacker: Attacker) -> None:
-    """Send a made-up key."""
+    """List jobs with a key that does not exist."""
     attacker.send(b"GET /jobs HTTP/1.1", b"Authorization: Bearer " + UNKNOWN_TOKEN.encode())
 
 
@@ -135,40 +135,40 @@ def jobs_of_others(attacker: Attacker) -> None:
 
 
 def path_tricks(attacker: Attacker) -> None:
-    """Reach a protected path through an open one."""
+    """Request a protected path by `..` behind an open one."""
     attacker.send(b"GET /docs/assets/..%2f..%2fjobs HTTP/1.1")
 
 
 def long_heads(attacker: Attacker) -> None:
-    """Send many headers and no key."""
+    """Send 500 headers, without a key."""
     attacker.send(b"GET /jobs HTTP/1.1", *(b"X-%d: %b" % (number, b"x" * 100) for number in range(500)))
 
 
 def long_bodies(attacker: Attacker) -> None:
-    """Send far more than the limit, with a valid key."""
+    """Send a body of 1 MB, far more than the limit, with a valid key."""
     attacker.send(b"POST /cra HTTP/1.1", JSON, attacker.authorization, body=b" " * 1_000_000)
 
 
 def bombs(attacker: Attacker) -> None:
-    """Send a compressed body, with a valid key."""
+    """Send a compressed body (a "zip bomb"), with a valid key."""
     gzip = b"Content-Encoding: gzip"
     attacker.send(b"POST /cra HTTP/1.1", JSON, attacker.authorization, gzip, body=b"\x1f\x8b" + b"\0" * 9000)
 
 
 def transfer_codings(attacker: Attacker) -> None:
-    """Send a body in a transfer coding before `chunked`, with a valid key."""
+    """Send a body with the transfer codings `gzip, chunked`, with a valid key."""
     coding = b"Transfer-Encoding: gzip, chunked"
     attacker.send(b"POST /cra HTTP/1.1", JSON, attacker.authorization, coding, body=CHUNKED_BODY)
 
 
 def forms(attacker: Attacker) -> None:
-    """Post as a page of another site does, with a valid key."""
+    """Send a query as a page of another site would, with a valid key."""
     headers = (b"Content-Type: text/plain", b"Origin: https://evil.example", attacker.authorization)
     attacker.send(b"POST /cra HTTP/1.1", *headers, body=BODY)
 
 
 def slow_heads(attacker: Attacker) -> None:
-    """Hold connections whose heads never end."""
+    """Hold connections on which the request head never ends."""
     attacker.hold(b"GET /livez HTTP/1.1\r\nHost: localhost\r\nX-Slow: ")
     attacker.drip(b"x")
 
@@ -187,7 +187,7 @@ def event_streams(attacker: Attacker) -> None:
 
 
 def submit_job(attacker: Attacker) -> str:
-    """Submit a job of the attacker's; return its path."""
+    """Submit a job with the attacker's key; return its path."""
     impacts = [{"velocity_m_s": 200.0 + 1e-6 * next(fresh), "oblique_angle_deg": 45.0} for _ in range(CASES)]
     body = b"".join(json.dumps(PAPER_AT_45 | {"impact": impact}).encode() + b"\n" for impact in impacts)
     headers = (b"Content-Type: application/jsonl", b"Prefer: respond-async", attacker.authorization)
@@ -197,7 +197,7 @@ def submit_job(attacker: Attacker) -> str:
 
 
 Attack = Callable[[Attacker], None]
-"""Function that is called repeatedly during an attack."""
+"""One step of an attack; it is called again and again."""
 ATTACKS: tuple[Attack, ...] = (
     no_key,
     wrong_key,
@@ -222,11 +222,11 @@ class Effect:
     Parameters
     ----------
     answered
-        Queries of the other owner that were answered during the attack, which must be all of them.
+        Number of queries of the other owner, all of which were answered with 200.
     let_in
-        Statuses of requests of the attacker that were not refused.
+        Statuses of the attacker's requests that were not refused.
     requests
-        Requests sent and connections held by the attacker.
+        Number of requests sent plus connections held by the attacker.
     """
 
     answered: int
@@ -235,9 +235,9 @@ class Effect:
 
 
 def effect_of(attack: Attack, target: Target, token: str, attacker_token: str) -> Effect:
-    """Query as another owner during an attack."""
+    """Run an attack while another owner sends queries; return its effect on them."""
     attacker, stop = Attacker(target, attacker_token), threading.Event()
-    if attack is event_streams:  # the job of the attacker takes its share of the workers in any case
+    if attack is event_streams:  # Only these need a job, which would occupy workers during other attacks.
         attacker.job = submit_job(attacker)
 
     def go_on() -> None:
@@ -260,7 +260,7 @@ def effect_of(attack: Attack, target: Target, token: str, attacker_token: str) -
 
 
 def query(target: Target, token: str, more: Callable[[], bool]) -> int:
-    """Request cached and new critical angles in turn while `more()` is true; return their number."""
+    """Request cached and new critical angles in turn while `more()` is true, at least `QUERIES`; return how many."""
     connection = HTTPConnection("127.0.0.1", target.port, timeout=60.0)
     headers = {"Content-Type": "application/json", "Authorization": f"Bearer {token}"}
     answered = 0

@@ -1,4 +1,4 @@
-"""Requests of calibrations, with motions that the service has computed."""
+"""Bodies of calibration requests, and motions computed by the service to calibrate on."""
 
 import copy
 from typing import Any

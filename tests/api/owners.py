@@ -19,19 +19,19 @@ def key_in(folder: Path, owner: str, *scopes: str, **more: Any) -> str:
 
 
 def bearer(token: str) -> dict[str, str]:
-    """The header with a key."""
+    """Return the `Authorization` header with a token."""
     return {"Authorization": f"Bearer {token}"}
 
 
 def holder(url: str, token: str = "") -> httpx.Client:
-    """A client that sends this key, if any, and uses no proxy."""
+    """Return a client that sends this token, if any, and uses no proxy."""
     return httpx.Client(
         base_url=url, headers=bearer(token) if token else {}, timeout=60.0, trust_env=False, verify=NO_TLS
     )
 
 
 class Guarded:
-    """A service that requires keys, with three clients that have one."""
+    """A service that requires keys, with clients of two owners and an administrator."""
 
     def __init__(self, url: str, folder: Path, clients: ExitStack) -> None:
         self.url = url
@@ -41,12 +41,13 @@ class Guarded:
             for owner, scopes in {"anna": (), "bert": (), "chief": ("admin",)}.items()
         )
         with holder(url) as nobody:
-            until(lambda: not is_known(nobody))  # until then the service accepts requests without a key
+            # The service accepts requests without a key until it has read the new ones.
+            until(lambda: not is_known(nobody))
         for client in (self.anna, self.bert, self.chief):
             until(lambda: is_known(client))  # noqa: B023 (called at once)
 
     def with_key(self, owner: str, *scopes: str, **more: Any) -> httpx.Client:
-        """A client with a new key, after the service has noticed that key."""
+        """Return a client with a new key, after the service has read that key."""
         token = key_in(self.folder, owner, *scopes, **more)
         with holder(self.url, token) as client:
             until(lambda: is_known(client))
@@ -60,6 +61,6 @@ def is_known(client: httpx.Client) -> bool:
 
 @contextmanager
 def guarded_service(url: str, folder: Path) -> Iterator[Guarded]:
-    """The service at this address, once it requires keys."""
+    """Add keys to a running service, and wait until it requires them."""
     with ExitStack() as clients:
         yield Guarded(url, folder, clients)

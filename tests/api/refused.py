@@ -1,4 +1,4 @@
-"""Bodies with one change, and checks of the problems that they are answered with."""
+"""Helpers for refused requests: bodies with one changed field, and checks of the problem in the answer."""
 
 import copy
 from typing import Any
@@ -21,14 +21,14 @@ def problem_of(response: httpx.Response, status: int) -> Problem:
 
 
 def refused_at(response: httpx.Response, *pointers: str, status: int = 422) -> Problem:
-    """Return the problem, which must name exactly these places."""
+    """Check that a request was refused with errors at exactly these JSON pointers; return the problem."""
     found = problem_of(response, status)
     assert [error.pointer for error in found.errors] == list(pointers), found
     return found
 
 
 def changed(body: dict[str, Any], pointer: str, value: Any) -> dict[str, Any]:
-    """Copy of the body with another value, or without the field if the value is `...`."""
+    """Return a copy of the body with another value at a JSON pointer, or without that field if the value is `...`."""
     result: Any = copy.deepcopy(body)
     *parents, last = pointer.strip("/").split("/")
     place = result

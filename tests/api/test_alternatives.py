@@ -23,7 +23,7 @@ LAWS = [
 ]
 
 NEVER_YIELDS = PAPER["target"] | {"youngs_modulus_pa": 1e7}
-"""Concrete so soft that it never yields around an expanding cavity, which both decay laws require."""
+"""Concrete with so low a modulus that it never yields around an expanding cavity, so that no decay law applies."""
 
 
 def strike(velocity: float, **more: Any) -> dict[str, Any]:
@@ -32,7 +32,7 @@ def strike(velocity: float, **more: Any) -> dict[str, Any]:
 
 
 def under(body: dict[str, Any], alternative: dict[str, Any]) -> dict[str, Any]:
-    """The same case with the laws of an alternative."""
+    """Return the same case with the laws of an alternative."""
     resistance: dict[str, Any] = {name: {"model": alternative[name]} for name in ("free_surface", "strength_factor")}
     if alternative.get("obliquity_shape") == "finite_elements":
         resistance["strength_factor"] |= {"coefficient": 8.469, "exponent": 0, "obliquity_shape": "finite_elements"}
@@ -96,7 +96,7 @@ def test_cached_alternatives_are_not_computed_again(client: httpx.Client) -> Non
     before = misses()
     first = client.post("/cra", json=body | {"alternatives": True})
     assert first.headers["Cache-Status"] == "ricochet; fwd=miss"
-    assert misses() - before == len(LAWS) - 1  # the case itself (eq. 9, elastic-plastic) is one of the laws
+    assert misses() - before == len(LAWS) - 1  # The laws include those of the case (eq. 9, elastic-plastic).
     again = client.post("/cra", json=body | {"alternatives": True})
     assert again.headers["Cache-Status"] == "ricochet; hit"
     assert again.content == first.content

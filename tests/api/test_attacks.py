@@ -25,18 +25,18 @@ def guarded(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) ->
     with service_on(folder) as service, guarded_service(service.url, folder / "data") as keyed:
         yield keyed
     log = (folder / "log").read_text()
-    assert "ricochet_" not in log.replace("ricochet_build", "")  # the log contains no key, not even a wrong one
+    assert "ricochet_" not in log.replace("ricochet_build", "")  # The log contains no key, not even a wrong one.
 
 
 @pytest.fixture(scope="module")
 def mallory(guarded: Guarded) -> str:
-    """Key of the attacker."""
+    """Token of the attacker, who is an owner with a valid key."""
     with guarded.with_key("mallory") as client:
         return client.headers["Authorization"].removeprefix("Bearer ")
 
 
 def stranger() -> str:
-    """A token of another service."""
+    """Token of a key of another service."""
     return make_key("mallory", frozenset({"admin"}))[1]
 
 
@@ -117,7 +117,7 @@ PATHS = [
 
 @pytest.mark.parametrize("path", PATHS)
 def test_path_trick_does_not_bypass_the_key(guarded: Guarded, path: str) -> None:
-    """Sent over a socket, because clients would normalise the path."""
+    """Requests are sent over a socket, because clients would normalise the path."""
     job = guarded.anna.post("/cra/batch", content=lines(searches(1)), headers=LINES | ASYNC).json()
     status, content = Target.of(guarded.url).send(b"GET " + path.encode() + b" HTTP/1.1")
     assert status in {400, 401, 404, 405}, content

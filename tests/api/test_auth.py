@@ -1,4 +1,4 @@
-"""Access: keys, scopes, owners, limits, and the audit log."""
+"""Access control: keys, scopes, owners, quotas and the audit log."""
 
 import json
 import os
@@ -63,7 +63,7 @@ def job_of(client: httpx.Client, count: int = 3, **headers: str) -> dict[str, An
     return job
 
 
-def test_key_opens_what_nobody_else_may_see(guarded: Guarded) -> None:
+def test_key_gives_access_to_protected_paths(guarded: Guarded) -> None:
     with holder(guarded.url) as nobody:
         for path in ("/jobs", "/results/" + "0" * 64, "/metrics", "/nothing"):
             found = nobody.get(path)
@@ -76,14 +76,14 @@ def test_key_opens_what_nobody_else_may_see(guarded: Guarded) -> None:
     assert guarded.anna.get("/metrics").status_code == 200
 
 
-def test_query_that_is_known_takes_a_key_too(guarded: Guarded) -> None:
+def test_cached_query_requires_a_key_too(guarded: Guarded) -> None:
     body = {"content": json.dumps(PAPER), "headers": {"Content-Type": "application/json"}}
     assert [guarded.anna.post("/cra", **body).status_code for _ in range(3)] == [200] * 3  # type: ignore[arg-type]
     with holder(guarded.url) as nobody:
         problem_of(nobody.post("/cra", **body), 401)  # type: ignore[arg-type]
 
 
-def test_job_of_another_owner_is_not_there(guarded: Guarded) -> None:
+def test_job_of_another_owner_is_not_found(guarded: Guarded) -> None:
     job = job_of(guarded.anna)
     path = job["links"]["self"]
     for end in ("", "/results", "/events"):
@@ -97,7 +97,7 @@ def test_job_of_another_owner_is_not_there(guarded: Guarded) -> None:
     assert guarded.anna.get(path + "/results").status_code == 200
 
 
-def test_admin_sees_and_ends_the_jobs_of_all(guarded: Guarded) -> None:
+def test_admin_sees_and_cancels_the_jobs_of_all_owners(guarded: Guarded) -> None:
     jobs = [job_of(guarded.anna), job_of(guarded.bert)]
     seen = {job["id"] for job in guarded.chief.get("/jobs").json()["jobs"]}
     assert {job["id"] for job in jobs} <= seen
@@ -113,7 +113,7 @@ def test_keys_of_one_owner_share_the_jobs(guarded: Guarded) -> None:
         assert other.get(job["links"]["self"]).status_code == 200
 
 
-def test_idempotency_key_is_the_owners(guarded: Guarded) -> None:
+def test_idempotency_key_belongs_to_its_owner(guarded: Guarded) -> None:
     body, headers = lines(searches(2)), LINES | ASYNC | {"Idempotency-Key": "the same"}
     first, again, others = (
         client.post("/cra/batch", content=body, headers=headers).json()["id"]
@@ -153,7 +153,7 @@ def test_event_stream_ends_when_its_key_is_revoked(guarded: Guarded) -> None:
             assert next(events)
             revoke_key(guarded.folder, mine.id)
             for _ in events:
-                pass  # the stream ends, although the job has not ended
+                pass  # The stream ends although the job has not ended.
         assert guarded.chief.get(job["links"]["self"]).json()["status"] == "running"
         guarded.chief.delete(job["links"]["self"])
 
@@ -173,13 +173,13 @@ def test_cases_of_a_key_are_limited(guarded: Guarded) -> None:
         problem_of(gina.post("/cra/batch", content=lines(searches(5)), headers=LINES | ASYNC), 429)
         known = {"content": json.dumps(PAPER | {"search": ROUGH}), "headers": {"Content-Type": "application/json"}}
         statuses = [gina.post("/cra", **known).status_code for _ in range(6)]  # type: ignore[arg-type]
-        assert statuses == [200] * 4 + [429] * 2  # refused requests do not count, cached answers do
+        assert statuses == [200] * 4 + [429] * 2  # Refused requests do not count, cached answers do.
         assert gina.get("/jobs").json() == {"jobs": []}
         assert guarded.anna.post("/cra", json=PAPER).status_code == 200
 
 
-def test_panel_steps_count_as_ordinary_cases(guarded: Guarded) -> None:
-    """1,000 panels for 50,000 steps count as 50 cases, in a single request, a batch or another protocol."""
+def test_panel_steps_count_as_cases_in_the_quota(guarded: Guarded) -> None:
+    """1,000 panels for 50,000 steps count as 50 ordinary cases, in a query, a batch, a sweep and by UM-Bridge."""
     numerics = {"method": "panels", "panels": 1000, "time_step_s": 1e-6, "termination_time_s": 0.05}
     strike = PAPER_AT_45 | {"numerics": numerics, "output": {"history": False}}
     scattered = PAPER_AT_45 | {"numerics": numerics, "uncertain": [SPEED]}
@@ -200,7 +200,7 @@ def test_panel_steps_count_as_ordinary_cases(guarded: Guarded) -> None:
 
 
 class SetClock:
-    """A clock that a test sets."""
+    """A clock that shows the time set by a test."""
 
     def __init__(self) -> None:
         self.date, self.passed = 1.8e9, 1000.0
@@ -251,7 +251,7 @@ def test_date_and_duration_that_diverge_are_named_in_the_log_once(
 
 
 def test_query_that_is_refused_does_not_count(guarded: Guarded) -> None:
-    short = PAPER["projectile"] | {"length_m": 0.1}  # shorter than its nose, which only a worker detects
+    short = PAPER["projectile"] | {"length_m": 0.1}  # The body is shorter than its nose, which only a worker detects.
     call = {"name": "cra", "input": [[238.0, 39.0]], "config": {"projectile": short}}
     with guarded.with_key("gwen", cases_per_hour=2) as gwen:
         for _ in range(3):
@@ -297,10 +297,10 @@ def test_study_counts_as_the_samples_it_takes_once_its_job_ends(guarded: Guarded
         problem_of(submit(iris, max_samples=1900, half_width=0.2), 429)
         job = finished(iris, first.json())
         assert job["progress"]["samples"] == 256
-        again = submit(iris, max_samples=1744, half_width=0.02)  # 2,000 less the 256 samples counted so far
+        again = submit(iris, max_samples=1744, half_width=0.02)  # The quota is 2,000; 256 samples have been counted.
         problem_of(iris.post("/cra", json=PAPER), 429)
         assert finished(iris, again.json())["progress"]["samples"] == 256
-        same = submit(iris, max_samples=1400, half_width=0.02)  # 512 samples have been counted so far
+        same = submit(iris, max_samples=1400, half_width=0.02)  # Now 512 samples have been counted.
         assert finished(iris, same.json())["status"] == "successful"
         endless = submit(iris, max_samples=1200, half_width=1e-4, method="direct", seed=5)
         assert endless.status_code == 202
@@ -330,7 +330,7 @@ def test_request_sent_again_counts_once(guarded: Guarded) -> None:
 
 
 def audited(log: Path, request_id: str) -> str:
-    """Return the audit log once it has the line of a request, which is written after the answer."""
+    """Wait until the audit log has the line of a request, which is written after the answer; return the log."""
     until(lambda: log.exists() and request_id in log.read_text())
     return log.read_text()
 
@@ -416,12 +416,12 @@ def test_event_streams_of_an_owner_are_limited(guarded: Guarded) -> None:
     finally:
         for stream in open_ones:
             stream.close()
-    until(lambda: opens(guarded.anna, path))  # the server notices a closed stream when it writes to it
+    until(lambda: opens(guarded.anna, path))  # The server notices a closed stream when it next writes to it.
     guarded.anna.delete(job["links"]["self"])
 
 
 def opens(client: httpx.Client, path: str) -> bool:
-    """Return whether another stream is accepted."""
+    """Return whether the service accepts another event stream."""
     with client.stream("GET", path) as stream:
         return stream.status_code == 200
 
@@ -444,7 +444,7 @@ def opens(client: httpx.Client, path: str) -> bool:
     ],
 )
 def test_path_that_is_not_open_requires_a_key(guarded: Guarded, method: str, path: str, scope: str | None) -> None:
-    """Sent over a socket, because clients would normalise the path."""
+    """Requests are sent over a socket, because clients would normalise the path."""
     target, line = Target.of(guarded.url), f"{method} {path} HTTP/1.1".encode()
     assert target.send(line)[0] == (200 if scope is None else 401)
     if scope is not None:
@@ -469,7 +469,7 @@ def test_without_a_key_it_starts_for_this_machine_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
-    monkeypatch.setattr("service.telemetry.configure_log", lambda _: None)  # leave the log of this process unchanged
+    monkeypatch.setattr("service.telemetry.configure_log", lambda _: None)  # Keep the logging of this process as it is.
     assert cli.main(["serve", "--host", "0.0.0.0"]) == 3  # noqa: S104
     told = capsys.readouterr().err
     assert "ricochet keys add" in told
@@ -528,12 +528,12 @@ def test_keys_that_are_damaged_let_nobody_in(tmp_path: Path, monkeypatch: pytest
 def test_start_after_the_keys_are_lost_is_refused_with_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A service that started without keys would let anybody on this machine list the jobs of owners."""
+    """Without keys everybody on this machine could list the jobs of all owners."""
     key_in(tmp_path, "anna")
     jobs_of("anna")(tmp_path)
     (tmp_path / "auth.sqlite").unlink()
     monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
-    monkeypatch.setattr("service.telemetry.configure_log", lambda _: None)  # leave the log of this process unchanged
+    monkeypatch.setattr("service.telemetry.configure_log", lambda _: None)  # Keep the logging of this process as it is.
     assert cli.main(["serve"]) == 3
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("ricochet serve: ")]
     assert "auth.sqlite is missing" in line
@@ -559,7 +559,7 @@ def test_keys_are_added_by_several_processes_at_once(tmp_path: Path) -> None:
 
 
 def jobs_of(owner: str) -> Callable[[Path], None]:
-    """Return a function that leaves a job of this owner in a data folder."""
+    """Return a function that stores a job of this owner in a data folder."""
 
     def leave(folder: Path) -> None:
         with closing(JobStore(folder, job_days=7.0)) as jobs:
@@ -640,7 +640,9 @@ def test_token_is_shown_once_and_kept_as_a_hash(
         ["--owner", "a", "--expires", "nan"],
     ],
 )
-def test_wrong_key_is_not_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]) -> None:
+def test_key_with_invalid_options_is_not_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
+) -> None:
     monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
     assert cli.main(["keys", "add", *arguments]) == 2
     assert not read_keys(tmp_path)

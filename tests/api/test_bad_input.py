@@ -13,7 +13,7 @@ from .refused import LITERALS, TEXT, changed, problem_of, refused_at
 
 CALIBRATIONS = ("/calibration/depth", "/calibration/motion", "/calibration/obliquity")
 USUAL = {each.path: each.request.model_json_schema()["examples"][0] for each in OPERATIONS.values()}
-"""Valid request of each operation."""
+"""Valid request of each operation, by path."""
 
 
 @pytest.mark.parametrize("literal", LITERALS, ids=[literal[:10] for literal in LITERALS])
@@ -33,7 +33,8 @@ USUAL = {each.path: each.request.model_json_schema()["examples"][0] for each in 
 def test_value_that_is_no_finite_number_is_named(client: httpx.Client, path: str, pointer: str, literal: str) -> None:
     body = json.dumps(changed(USUAL[path], pointer, "HERE"))
     answer = client.post(path, content=body.replace('"HERE"', literal), headers=TEXT)
-    if literal == "null" and pointer.endswith(("poissons_ratio", "tolerance_deg")):  # null: an optional field is absent
+    # For optional fields, null means absent and is accepted.
+    if literal == "null" and pointer.endswith(("poissons_ratio", "tolerance_deg")):
         assert answer.json() == client.post(path, json=PAPER).json()
         return
     refused_at(answer, pointer)
@@ -88,7 +89,7 @@ def test_encoding_that_json_does_not_have_is_named(client: httpx.Client, path: s
 
 
 def with_nulls(schema: dict[str, Any], node: dict[str, Any], part: Any) -> Any:
-    """A part of a request with null for each optional field that is not given, as some generated clients send it."""
+    """Return part of a request with null for each omitted optional field, as some generated clients send it."""
     while "$ref" in node:
         node = schema["$defs"][node["$ref"].rpartition("/")[2]]
     if isinstance(part, list):

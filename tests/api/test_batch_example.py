@@ -1,4 +1,4 @@
-"""The example script for a sweep runs."""
+"""The example script that computes a sweep runs against a service."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Bending stress in answers: its fields, its columns, and the note where it is absent."""
+"""Bending stress in answers: fields, columns, and the note in answers without it."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""Projectiles in every operation: outlines by points, tapers, and mean densities that suggest a wrong unit."""
+"""Projectiles in every operation: profiles of points, tapered bodies, and mean densities that suggest a wrong unit."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from .calibrations import answered, history_at, strike_at
 from .many import ROUGH
 
 LIGHT = PAPER["projectile"] | {"mass_kg": 2.0}
-"""A projectile with a mean density of about 860 kg/m³."""
+"""Projectile with a mean density of about 860 kg/m³, less than that of water."""
 AT_20 = {"velocity_m_s": 100.0, "oblique_angle_deg": 20.0}
 WALL = PAPER["target"] | {"thickness_m": 0.2}
 SPEED = {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "mean": 100.0, "standard_deviation": 1.0}}
@@ -27,7 +27,7 @@ OPERATIONS: dict[str, dict[str, Any]] = {
     "/trajectory/uncertainty": STUDY | {"impact": AT_20},
 }
 ON_A_LINE = [[0.12 * i / 7, 0.04 * i / 7] for i in range(8)]
-"""Points of a cone; by rounding, one slope exceeds the previous one in its last digit."""
+"""Points of a cone. By rounding, one slope exceeds the slope before it by one unit in the last place."""
 
 
 def densities(answer: dict[str, Any]) -> list[str]:
@@ -50,7 +50,8 @@ def test_mean_density_is_named_by_calibrations(client: httpx.Client) -> None:
     tests = [{name: test[name] for name in ("velocity_m_s", "depth_m")} for test in TABLE_1]
     body = {"projectile": PAPER["projectile"], "target": PAPER["target"], "tests": tests}
     assert densities(answered(client, "/calibration/depth", body)) == []
-    shallow = [test | {"depth_m": test["depth_m"] / 3.0} for test in tests]  # deeper shots need too low an S
+    # With a mass of 2 kg the original depths would need an S below its bound.
+    shallow = [test | {"depth_m": test["depth_m"] / 3.0} for test in tests]
     (_,) = densities(answered(client, "/calibration/depth", body | {"projectile": LIGHT, "tests": shallow}))
     light = [shallow[0] | {"mass_kg": 2.0}, *tests[1:]]
     (_,) = densities(answered(client, "/calibration/depth", body | {"tests": light}))
@@ -71,8 +72,8 @@ SPHERE = {"nose": {"shape": "sphere"}, "diameter_m": 0.08, "length_m": 0.08, "ma
 BOAT_TAIL = {"length_m": 0.1, "base_diameter_m": 0.06}
 
 
-def test_bodies_that_taper_are_answered_and_kept_apart(client: httpx.Client) -> None:
-    """A search, a trajectory and a sweep over the base answer them, and the report draws them."""
+def test_tapering_bodies_are_accepted_and_distinguished(client: httpx.Client) -> None:
+    """Searches, trajectories and sweeps accept tapered bodies and tell them apart, and the report draws them."""
     plain = PAPER["projectile"]
     closed = {"shape": "profile", "points": [[0.0, 0.0], [0.2, 0.04], [0.53, 0.0]]}
     bodies = [plain, SPHERE, plain | {"boat_tail": BOAT_TAIL}, plain | {"nose": closed}]

@@ -1,4 +1,4 @@
-"""The size and structure of a body are bounded before validation, on every route with a body."""
+"""Limits on size and structure of a body are checked before validation, on every route that takes a body."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -23,13 +23,13 @@ CALL = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": "c
 MODEL = {"name": "cra", "input": [[238.0, 39.0]], "config": {"target": PAPER["target"]}}
 SETTINGS = Settings()
 FIELDS, VALUES = 100_001, 250_001
-"""Numbers of fields and values beyond the limits of every route."""
+"""Numbers of fields and of values that exceed the limits of every route."""
 SHORT = 100_000
 """Size of a body that every route accepts. [bytes]"""
 
 
 class Route(NamedTuple):
-    """A route that takes a body, with a valid body."""
+    """A route that takes a body, and a valid body for it."""
 
     method: str
     path: str
@@ -37,7 +37,7 @@ class Route(NamedTuple):
     body: Any
 
     def send(self, client: httpx.Client, content: Any) -> httpx.Response:
-        """Send bytes unchanged, or anything else as JSON."""
+        """Post bytes unchanged, and any other content as JSON."""
         data = content if isinstance(content, bytes) else json.dumps(content, separators=(",", ":")).encode()
         headers = {"Content-Type": self.media_type, "Accept": "application/json, text/event-stream"}
         path = self.path.replace("{job_id}", "0" * 32)
@@ -80,7 +80,7 @@ def at(part: Any, steps: tuple[str | int, ...]) -> Any:
 
 
 def told(response: httpx.Response) -> str:
-    """Return the text of a refusal of the whole body, which must be short in every protocol."""
+    """Check that a body was refused with a short answer; return its text."""
     assert response.status_code in {400, 413, 422}, response.text
     assert len(response.content) < 5_000
     return response.text
@@ -127,7 +127,7 @@ def test_object_with_too_many_fields_is_named_wherever_it_is(client: httpx.Clien
 
 @pytest.mark.parametrize("route", JSON_ROUTES, ids=named)
 def test_no_refusal_lists_more_than_a_hundred_errors(client: httpx.Client, route: Route) -> None:
-    """Each place of the example in turn gets many errors."""
+    """Every object in the example body in turn is filled with invalid values."""
     for steps in places_of_objects(route.body):
         kinds: tuple[Any, ...] = ("a", [], {"velocty_m_s": 1}, {"a": 1, "b": 2})
         for wrong in ([kind] * 900 for kind in kinds):
@@ -183,7 +183,7 @@ def test_limits_are_exact(limits: Callable[[Settings], BodyLimits]) -> None:
 
 
 def test_largest_bodies_of_the_contract_are_within_the_limits() -> None:
-    """The largest request, batch and calibration by the bounds of their fields and by their length in bytes."""
+    """A request, a batch, a calibration and a sweep as large as the contract allows pass the limits."""
     shots = [{"velocity_m_s": 238.1, "depth_m": 0.3}] * 1000
     points = [[0.001 * number, 0.04] for number in range(1000)]
     strike = {"projectile": {"nose": {"shape": "profile", "points": points}}, "resistance": {"shots": shots}}

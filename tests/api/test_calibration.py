@@ -1,4 +1,4 @@
-"""Calibration over HTTP, including a critical angle with its standard error."""
+"""Calibration over HTTP, and the critical angle with its standard error."""
 
 import math
 from typing import Any
@@ -16,13 +16,13 @@ from .refused import problem_of
 
 EQ_9 = {"model": "obliquity_polynomial", "coefficients": [8.469, 0.0149, -0.0013]}
 COVARIANCE = [[0.01, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-"""Covariance with a standard error of S of 0.1 at every angle."""
+"""Covariance of the coefficients that gives S a standard error of 0.1 at every angle."""
 NARROW = {"lower_deg": 40.0, "upper_deg": 60.0}
 
 
 @pytest.fixture(scope="module")
 def motion(client: httpx.Client) -> dict[str, Any]:
-    """A request with a history that was computed with a strength factor of 7.5."""
+    """Request with a history that the service computed with a strength factor of 7.5."""
     return strike_at(30.0, history_at(client, 30.0, 7.5))
 
 
@@ -206,7 +206,7 @@ def test_single_run_among_runs_is_that_strike(client: httpx.Client, motion: dict
 
 
 def test_settings_of_a_run_take_precedence_over_the_request(client: httpx.Client, motion: dict[str, Any]) -> None:
-    """A run uses the end and the weights of the request unless it has its own."""
+    """A run with its own end time and weights ignores those of the request."""
     history = motion["history"] | {"rotation_deg": [-angle for angle in motion["history"]["rotation_deg"]]}
     plain = {"impact": motion["impact"], "history": motion["history"]}
     spoiled = {"impact": motion["impact"], "history": history, "weights": {"rotation": 0.0}, "until_s": 0.001}

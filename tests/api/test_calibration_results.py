@@ -1,4 +1,4 @@
-"""Results of calibrations, large ones included, are stored by their key and returned as tables."""
+"""Results of calibrations, large ones included, are stored under their key and returned as tables."""
 
 import json
 from typing import Any
@@ -17,7 +17,7 @@ from .many import file_at, rows_at
 
 @pytest.fixture(scope="module")
 def motion(client: httpx.Client) -> dict[str, Any]:
-    """A request with a history that was computed with a strength factor of 7.5."""
+    """Request with a history that the service computed with a strength factor of 7.5."""
     return strike_at(30.0, history_at(client, 30.0, 7.5))
 
 

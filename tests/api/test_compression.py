@@ -16,7 +16,7 @@ GZIP, PLAIN = {"Accept-Encoding": "gzip"}, {"Accept-Encoding": "identity"}
 
 
 def received(client: httpx.Client, path: str, **headers: str) -> tuple[httpx.Response, bytes]:
-    """Return an answer, and its body as received over the network."""
+    """Send a request; return the answer, and its body as received, before decompression."""
     with client.stream("GET", path, headers=headers) as response:
         raw = b"".join(response.iter_raw())
     return response, raw

@@ -1,4 +1,4 @@
-"""Guarantees of the contract, over a real socket."""
+"""Guarantees of the HTTP contract, tested against a running service."""
 
 import hashlib
 import math
@@ -205,7 +205,7 @@ def test_answer_is_given_in_the_forms_of_a_result(
         assert "accept" in answer.headers["Vary"].lower()
     key = client.post(path, json=body).json()["key"]
     result = client.get(f"/results/{key}", headers=form)
-    assert answer.content == result.content or form is HDF5  # their headers have the time of writing
+    assert answer.content == result.content or form is HDF5  # HDF5 files contain the time of writing.
 
 
 @pytest.mark.parametrize("form", [{"Accept": "application/json"}, CSV, HDF5], ids=lambda form: form["Accept"])
@@ -213,7 +213,7 @@ def test_etag_spares_what_the_client_has(
     client: httpx.Client, trajectory: dict[str, Any], form: dict[str, str]
 ) -> None:
     path = f"/results/{trajectory['key']}"
-    form = form | {"Accept-Encoding": "identity"}  # The tags of compressed answers are weak.
+    form = form | {"Accept-Encoding": "identity"}  # Entity tags of compressed answers are weak.
     whole = client.get(path, headers=form)
     etag, vary = whole.headers["ETag"], whole.headers["Vary"]
     assert re.fullmatch(r'"[0-9a-f]+"', etag)

@@ -1,4 +1,4 @@
-"""A damaged column of one job keeps neither the service from starting nor the other jobs from being answered."""
+"""Damaged columns of one job: the service starts, and all other jobs can be read."""
 
 import csv
 import io
@@ -24,9 +24,9 @@ pytestmark = pytest.mark.timeout(180)
 
 BATCH, SWEEP, STUDY = "batch", "sweep", "study"
 COUNTS = {BATCH: 230, SWEEP: 6, STUDY: 1}
-"""Cases of each job; those of the batch are in two blocks."""
+"""Number of cases of each job; the batch is stored in two slices."""
 FAILED = 3
-"""Case of the batch that has a problem."""
+"""Index of the case of the batch that has a problem instead of a result."""
 JUNK = b"\xff\x00{junk"
 STRIKE = PAPER | {"impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 55.0}}
 ASYNC = {"Prefer": "respond-async"}
@@ -38,14 +38,14 @@ def strike(speed: float) -> dict[str, Any]:
 
 @contextmanager
 def service_in(folder: Path) -> Iterator[TestClient]:
-    """A service in this process."""
+    """Run a service with this data folder in the process of the test; return a client."""
     settings = Settings(data_dir=folder, executor="in-process", access="open")
     with TestClient(create_app(settings)) as client:
         yield client
 
 
 def ended(client: TestClient, name: str) -> dict[str, Any]:
-    """The job with this id, after it has ended."""
+    """Wait for the end of a job; return it."""
     while True:
         job: dict[str, Any] = client.get(f"/jobs/{name}").raise_for_status().json()
         if job["status"] not in {"accepted", "running"}:
@@ -89,13 +89,13 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str
 
 @contextmanager
 def opened(folder: Path) -> Iterator[sqlite3.Connection]:
-    """A connection to the database of jobs, committed at the end of the block."""
+    """Open the database of jobs; changes are committed at the end of the block."""
     with closing(sqlite3.connect(folder / "jobs.sqlite")) as database, database:
         yield database
 
 
 def columns() -> list[tuple[str, str, str]]:
-    """Yield table, column and job of each damage: all columns but the row numbers."""
+    """Return table, column and job of each damage: every column except the row numbers."""
     with closing(sqlite3.connect(":memory:")) as database:
         database.executescript(TABLES)
         found = []
@@ -177,7 +177,7 @@ def test_damaged_column_costs_its_job_and_nothing_else(
 
 
 def test_key_of_another_case_is_a_damaged_case(whole: tuple[Path, dict[str, str]], tmp_path: Path) -> None:
-    """Two keys are exchanged; in two others a bit is flipped, so that they match no result."""
+    """Two keys of the batch are exchanged, and others have a flipped bit, so that they match no result."""
     folder, ids = tmp_path / "data", whole[1]
     shutil.copytree(whole[0], folder)
     place = "WHERE slice = 0 AND job = (SELECT number FROM jobs WHERE id = ?)"

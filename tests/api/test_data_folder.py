@@ -1,4 +1,4 @@
-"""The data folder: its permissions, which folders are refused, and the space of downloads."""
+"""The data folder: permissions, folders that are refused, and disk space for downloads."""
 
 import os
 import shutil
@@ -37,7 +37,7 @@ CASES = {
 
 @contextmanager
 def service_in(folder: Path, clock: Clock | None = None, **settings: Any) -> Iterator[TestClient]:
-    """A service in this process."""
+    """Run a service with this data folder in the process of the test; return a client."""
     values: dict[str, Any] = {"data_dir": folder, "executor": "in-process", "access": "open"} | settings
     configured = Settings(**values)
     app = create_app(configured) if clock is None else create_app(configured, clock)
@@ -46,7 +46,7 @@ def service_in(folder: Path, clock: Clock | None = None, **settings: Any) -> Ite
 
 
 def job_in(client: TestClient, body: dict[str, Any] = CASES, **headers: str) -> dict[str, Any]:
-    """A job after it has ended."""
+    """Submit a job and wait for its end; return it."""
     job: dict[str, Any] = client.post("/trajectory/batch", json=body, headers=ASYNC | headers).raise_for_status().json()
     while job["status"] in {"accepted", "running"}:
         time.sleep(0.05)
@@ -154,8 +154,8 @@ def test_jobs_that_are_gone_while_there_are_results_are_named(
 
 @pytest.mark.anyio
 @pytest.mark.parametrize("keep", [True, False], ids=["of ended jobs", "of running jobs"])
-async def test_downloads_that_slow_clients_hold_count_though_their_files_are_gone(keep: bool, tmp_path: Path) -> None:
-    """Ten clients download files of 61 kB and read none of them to its end; the limit is 100 kB."""
+async def test_downloads_held_by_slow_clients_count_against_the_limit(keep: bool, tmp_path: Path) -> None:
+    """Ten clients open downloads of 61 kB without reading them to the end; the limit for all of them is 100 kB."""
     downloads = Downloads(tmp_path / "downloads", 100_000, lambda: None)
 
     async def write(path: Path) -> None:

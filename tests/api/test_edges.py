@@ -1,4 +1,4 @@
-"""Each number of a request at and beyond its bounds is answered, or refused by name."""
+"""A number at or beyond its bounds is answered, or refused with its name, for every number of a request."""
 
 import json
 import math
@@ -51,7 +51,7 @@ BY_PANELS = {"search": {"method": "secant", "relative_tolerance": 0.01}, "numeri
 
 
 def requests() -> Iterator[tuple[str, str, dict[str, Any], str]]:
-    """Yield name, path and body of each request, and the part whose numbers are set to their bounds."""
+    """Yield name, path and body of each request, and the pointer of the part whose numbers are varied."""
     for name, body in BODIES.items():
         case = {"projectile": body | MASS_PROPERTIES, "target": TARGET}
         yield f"{name} in a trajectory", "/trajectory", case | STRUCK, "/projectile"
@@ -77,7 +77,7 @@ def requests() -> Iterator[tuple[str, str, dict[str, Any], str]]:
 
 
 def numbers(schema: Mapping[str, Any], value: Any, pointer: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Pointer of each number in a value, with its schema."""
+    """Yield the pointer of each number in a value, with its schema."""
     if "$ref" in schema:
         yield from numbers(SCHEMAS[schema["$ref"].rpartition("/")[2]], value, pointer)
     elif "discriminator" in schema:

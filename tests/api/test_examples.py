@@ -1,4 +1,4 @@
-"""Every example of a request is sent to the service, and every example of an answer compared with one."""
+"""Examples in the contract: those of requests are accepted, and those of answers match what the service answers."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -27,7 +27,7 @@ REQUESTS = {
 
 
 def places(name: str, steps: tuple[str, ...] = ()) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield every component in a component, itself first, with the path to it."""
+    """Yield a schema and every schema nested in it, by name, with the path to it."""
     schema = SCHEMAS[name]
     yield name, steps
     for variant in schema.get("oneOf", ()):
@@ -38,7 +38,7 @@ def places(name: str, steps: tuple[str, ...] = ()) -> Iterator[tuple[str, tuple[
 
 
 def put(body: Any, steps: tuple[str, ...], value: Any) -> Any:
-    """Copy of the body with this value at this path."""
+    """Return a copy of the body with this value at this path."""
     if not steps:
         return value
     changed = {**body, steps[0]: put(body.get(steps[0], {}), steps[1:], value)}
@@ -64,7 +64,7 @@ MANY: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "Approach": ("/limit-speed", lambda example: SCHEMAS["LimitSpeedRequest"]["examples"][0] | {"impact": example}),
     "Axis": ("/cra/sweep", lambda example: {"base": PAPER, "axes": [example]}),
 }
-"""Path and body with which to send each part of a request for many cases."""
+"""How to send the example of each part of a request for many cases: path, and function that makes the body."""
 TESTS = SCHEMAS["DepthCalibrationRequest"]["examples"][0]
 MOTION = SCHEMAS["MotionCalibrationRequest"]["examples"][0]
 POINTS = SCHEMAS["ObliquityCalibrationRequest"]["examples"][0]
@@ -75,13 +75,13 @@ CALIBRATIONS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "MotionWeights": ("/calibration/motion", lambda example: MOTION | {"weights": example}),
     "ObliquityPoint": ("/calibration/obliquity", lambda example: {"points": [example], "order": 0}),
 }
-"""Path and body with which to send each part of a calibration that other requests do not have."""
+"""The same for each part that only calibrations have."""
 WHOLE: dict[str, tuple[str, Callable[[Any], Any]]] = {
     operation["post"]["requestBody"]["content"]["application/json"]["schema"]["$ref"].rpartition("/")[2]: (path, dict)
     for path, operation in CONTRACT["paths"].items()
     if path.endswith(("/batch", "/sweep", "/thickness", "/limit-speed")) or path.startswith("/calibration")
 }
-"""Path of each example that is a whole request."""
+"""The same for each example that is a whole request."""
 OTHERS = WHOLE | MANY | CALIBRATIONS
 SENT += [
     pytest.param(path, body(example), id=f"{name}-{number}-{path}")
@@ -121,7 +121,7 @@ def test_example_of_a_trajectory_is_that_of_the_paper(client: httpx.Client) -> N
     moment = final.pop("moment_n_m") - expected.pop("moment_n_m")
     assert final == pytest.approx(expected, rel=0.05)
     largest = max(map(abs, answer["history"]["moment_n_m"]))
-    assert abs(moment) < 0.005 * largest  # at rest the moment is rounding error
+    assert abs(moment) < 0.005 * largest  # The moment on a body at rest is rounding error.
     assert answers.WARNING["code"] in {warning["code"] for warning in answer["warnings"]}
 
 
@@ -145,7 +145,7 @@ def test_example_of_a_calibration_is_answered_as_its_example_says(client: httpx.
 
 
 def leaves(value: Any, steps: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
-    """Yield every number, text or literal with the path to it."""
+    """Yield every value that is not a container, with the path to it."""
     if isinstance(value, dict | list):
         for step, item in value.items() if isinstance(value, dict) else enumerate(value):
             yield from leaves(item, (*steps, step))
@@ -156,8 +156,8 @@ def leaves(value: Any, steps: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any,
 @pytest.mark.parametrize(
     "operation", [each for each in OPERATIONS.values() if each.study is None], ids=lambda each: each.name
 )
-def test_example_of_an_answer_is_that_to_the_example_of_the_request(client: httpx.Client, operation: Operation) -> None:
-    """`make openapi` computes the examples; the contract shows them for one case and for many."""
+def test_example_answer_is_the_answer_to_the_example_request(client: httpx.Client, operation: Operation) -> None:
+    """The contract shows the same example, which `make openapi` computes, for a single case and for a batch."""
     answer = client.post(operation.path, json=first_request(operation)).json()
     example = SCHEMAS[operation.answer.__name__]["examples"][0]
     assert differences(as_text(example), as_text(shortened(answer))) == []

@@ -1,4 +1,4 @@
-"""Without the packages of an extra, service and command line refuse what needs it in a sentence."""
+"""Without the packages of an extra, service and command line name the extra and do everything else."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ PARQUET = {"Accept": "application/vnd.apache.parquet"}
 
 @pytest.fixture
 def bare_path(tmp_path: Path) -> str:
-    """A module path without the packages of the extras."""
+    """Value of PYTHONPATH with which the packages of the extras cannot be imported."""
     text = "import sys\nsys.modules['mcp'] = sys.modules['pyarrow'] = None\n"
     (tmp_path / "sitecustomize.py").write_text(text)
     return f"{tmp_path}:{ROOT}"

@@ -1,4 +1,4 @@
-"""Requests that a client has abandoned, or too many of them, do not delay other clients."""
+"""Abandoned requests, or many requests of one client, do not delay other clients."""
 
 import json
 import select
@@ -21,9 +21,9 @@ pytestmark = pytest.mark.timeout(120)
 
 PATIENCE_S = 60.0
 MINUTE = {"method": "panels", "panels": 96_000, "time_step_s": 1e-6, "termination_time_s": 0.05}
-"""Numerics of a search that takes longer than any query may."""
+"""Numerics of a search that takes about a minute."""
 TENTH = {"method": "panels", "panels": 12_000, "time_step_s": 1e-5, "termination_time_s": 0.05}
-"""Numerics of a run that takes about 0.1 s."""
+"""Numerics of a trajectory that takes about 0.1 s."""
 
 
 def search(number: int, **numerics: Any) -> dict[str, Any]:
@@ -37,7 +37,7 @@ def run(number: int, **numerics: Any) -> dict[str, Any]:
 
 @contextmanager
 def sent(url: str, path: str, bodies: Sequence[dict[str, Any]], address: str) -> Iterator[list[socket.socket]]:
-    """Open connections from an address, on which requests have been sent and nothing is read."""
+    """Send each body on a connection of its own from this address; return the connections, with no answer read."""
     with ExitStack() as open_:
         ends = []
         for content in bodies:
@@ -68,7 +68,7 @@ def one_worker(service_on: RunService, tmp_path_factory: pytest.TempPathFactory)
 
 @pytest.mark.parametrize("path", ["/cra", "/cra/batch"])
 def test_abandoned_work_is_dropped(one_worker: str, path: str) -> None:
-    """Queued and running work alike: 20 of these requests would take 20 minutes."""
+    """The 20 queued and running requests of a client that disconnects would take 20 minutes."""
     bodies = [search(number, **MINUTE) for number in range(20)]
     if path == "/cra/batch":
         bodies = [{"cases": [body]} for body in bodies]
@@ -80,7 +80,7 @@ def test_abandoned_work_is_dropped(one_worker: str, path: str) -> None:
         assert gauge(other, "ricochet_queued_queries") == gauge(other, "ricochet_queued_cases") == 0.0
 
 
-def test_addresses_get_equal_shares(one_worker: str) -> None:
+def test_client_addresses_get_equal_shares_of_the_workers(one_worker: str) -> None:
     """A query of another client is computed before most of the 24 queries sent earlier."""
     with (
         client_at(one_worker, "127.0.0.2") as crowd,
@@ -103,8 +103,8 @@ def test_service_whose_workers_are_all_at_work_is_ready_and_says_so(one_worker: 
         until(lambda: bool(other.get("/readyz").json()["status"] == "ok"))
 
 
-def test_stop_refuses_work_that_cannot_be_finished_in_time(service_on: RunService, tmp_path: Path) -> None:
-    """Running or queued, single or in a batch. The fixture checks that no failure is logged."""
+def test_shutdown_refuses_work_that_cannot_be_finished_in_time(service_on: RunService, tmp_path: Path) -> None:
+    """Running and queued queries and batches are answered with 503; the fixture checks that no failure is logged."""
     with service_on(tmp_path, workers="1", grace_seconds="3") as service, client_at(service.url, "127.0.0.1") as client:
         bodies = [search(number, **MINUTE) for number in range(5)]
         with (
@@ -123,7 +123,7 @@ def test_stop_refuses_work_that_cannot_be_finished_in_time(service_on: RunServic
 
 
 def answered(ends: Sequence[socket.socket]) -> int:
-    """Number of connections on which an answer has begun."""
+    """Return the number of connections on which an answer has begun."""
     return len(select.select(ends, [], [], 0.0)[0])
 
 
@@ -132,9 +132,9 @@ REPORTS = 30
 
 @pytest.mark.timeout(400)
 def test_reports_of_one_owner_do_not_hold_up_the_query_of_another(service_on: RunService, tmp_path: Path) -> None:
-    """Reports of clients that have disconnected are abandoned."""
+    """A query is answered before half of 30 reports, and reports of disconnected clients are abandoned."""
     with service_on(tmp_path, workers="1") as service, client_at(service.url, "127.0.0.3") as other:
-        other.post("/report", json=PAPER, timeout=300.0).raise_for_status()  # From now on all its cases are cached.
+        other.post("/report", json=PAPER, timeout=300.0).raise_for_status()  # Now all cases of the report are cached.
         with sent(service.url, "/report", [PAPER] * REPORTS, "127.0.0.2") as ends:
             until(lambda: gauge(other, "ricochet_queued_queries") > REPORTS / 2)
             assert other.post("/cra", json=search(1)).is_success

@@ -1,4 +1,4 @@
-"""Flights over HTTP: by their own route, and after a ricochet."""
+"""Flights over HTTP: by a route of their own, and as part of the answer to a ricochet."""
 
 import math
 from typing import Any
@@ -52,7 +52,7 @@ def test_face_decides_where_the_body_flies(client: httpx.Client) -> None:
     assert distance(face_tilt_deg=90.0, incidence_plane="down", height_m=5.0) < 10.0
     assert distance(height_m=50.0) > level
     assert distance(drag_coefficient=0.0) > level
-    assert distance(incidence_plane="down") == level  # without the tilt of the face, up and down are not defined
+    assert distance(incidence_plane="down") == level  # The plane of incidence matters only if the face is tilted.
 
 
 def test_body_that_stays_has_no_flight(client: httpx.Client) -> None:

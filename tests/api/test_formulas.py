@@ -1,4 +1,4 @@
-"""`/formulas`: the empirical formulas, each with its range."""
+"""`/formulas`: results of the empirical formulas, and whether a strike is in their range."""
 
 import math
 from typing import Any
@@ -26,7 +26,7 @@ FORRESTAL: dict[str, Any] = {
     "target": {"compressive_strength_pa": 35.2e6, "density_kg_m3": 2370.0},
     "impact": {"velocity_m_s": 277.0},
 }
-"""A strike of Forrestal, Altman, Cargile and Hanchak (1994)."""
+"""A shot by Forrestal, Altman, Cargile and Hanchak (1994)."""
 
 
 def rows_of(answer: dict[str, Any]) -> dict[str, dict[str, Any]]:

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with the content of the wheel."""
+    """Folder with the unpacked wheel of the client."""
     folder = tmp_path_factory.mktemp("clients")
     command = [sys.executable, str(ROOT / "clients" / "build.py"), "--only", "python", "--output", str(folder)]
     subprocess.run(command, check=True)

@@ -1,8 +1,8 @@
 """Answers of every route, format and kind of error match the text files in `golden/`.
 
-Unintended changes of an answer fail here. Words are compared exactly. Numbers are
-stored to six digits and compared within `TOLERANCE`, because processors differ in their instructions. In a trial near
-the critical angle rounding errors grow into the first digits, so such trials have the wider tolerance `SENSITIVE`.
+The tests detect unintended changes. Words are compared exactly. Numbers are stored to six digits and compared within
+`TOLERANCE`, because processors differ in their instructions. In a trial near the critical angle rounding errors grow
+until they affect the first digits, so numbers of such trials have the wider tolerance `SENSITIVE`.
 After an intended change, `.venv/bin/python -m tests.api.test_golden_answers URL` writes the files
 from the service at that address; read their differences before you commit them.
 """
@@ -26,10 +26,10 @@ CONTRACT = json.loads((Path(__file__).parents[2] / "openapi/openapi.json").read_
 FORMATS = ("application/json", "application/jsonl", "text/csv", "application/x-hdf5", "application/vnd.apache.parquet")
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+(?:[eE][-+]?\d+)?|[eE][-+]?\d+)(?![\w.]\w)")
 VOLATILE = {"id", "created", "started", "finished", "expires", "progress", "libraries", "engine_version"}
-"""Fields that differ between two runs of the same requests, or with each engine."""
+"""Fields that differ between two runs of the same requests, or between versions of the engine."""
 TOLERANCE = 2e-3
-"""Relative tolerance of numbers. Answers by code for other processors (`NUMBA_CPU_NAME=generic` and `haswell`) stayed
-within half of it."""
+"""Relative tolerance of numbers. Code compiled for other processors (`NUMBA_CPU_NAME=generic` and `haswell`)
+deviated by at most half of it."""
 SENSITIVE = 0.3
 """Relative tolerance of numbers from trials next to the critical angle, of loads at the end of a motion, and of small
 differences."""
@@ -38,26 +38,26 @@ SENSITIVE_FIELD = re.compile(
     r"|final\.\w+_force_n|final\.angular_velocity_rad_s)\b"
 )
 NOT_COMPARED = re.compile(r"\bfinal\.moment_n_m\b|^-?\d.*,")
-"""Numbers that are not compared: the moment on a body at rest is a small difference of large loads, and the rows of a
-table hold numbers that are compared in JSON."""
+"""Numbers that are not compared: the moment on a body at rest, which is a small difference of large loads, and the
+rows of tables, whose numbers are compared in the JSON answers."""
 ZERO = 1e-9
-"""Numbers below it are equal to 0."""
+"""Magnitude below which a number is compared as 0."""
 SHOWN = 3
-"""Numbers of a list, trials of a search and rows of a table that are stored. Their number is stored as well, except
-of trials, whose number may differ between processors."""
+"""Number of items stored of a list of numbers, of the trials of a search and of the rows of a table. The length is
+stored too, except that of trials, which may differ between processors."""
 NAMES = re.compile(r"/jobs/[\w-]+|\b[0-9a-f]{64}\b")
-"""Names of jobs and keys of results; a key depends on the engine, and `test_keys.py` compares some."""
+"""Paths of jobs and keys of results, which are replaced: both differ between runs or engines."""
 
 
 def examples(path: str) -> list[Any]:
-    """Return the examples of the body of a route."""
+    """Return the example bodies of a route in the contract."""
     content = CONTRACT["paths"][path]["post"]["requestBody"]["content"]["application/json"]["schema"]
     found: list[Any] = CONTRACT["components"]["schemas"][content["$ref"].rpartition("/")[2]]["examples"]
     return found
 
 
 def broken(body: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the body with one part left out, of another kind, misspelt or added."""
+    """Yield a name and a body for each fault: a field that is missing, of wrong type, misspelt, negative or unknown."""
     for name, part in body.items():
         yield f"without {name}", {key: value for key, value in body.items() if key != name}
         yield f"{name} as text", body | {name: "text"}
@@ -73,7 +73,7 @@ def requests() -> Iterator[tuple[str, str, str, dict[str, Any]]]:
     posts = [path for path, routes in CONTRACT["paths"].items() if "requestBody" in routes.get("post", {})]
     for path in posts:
         if path == "/report":
-            continue  # a page with the time of its creation
+            continue  # The report contains the time of its creation.
         bodies = examples(path)
         many = path.endswith(("batch", "sweep"))
         for number, body in enumerate(bodies):
@@ -99,7 +99,7 @@ def requests() -> Iterator[tuple[str, str, str, dict[str, Any]]]:
 
 
 def leaves(value: Any, path: str = "") -> Iterator[str]:
-    """Yield a line for each value in a JSON document, with its path."""
+    """Yield a line with path and value for each value in a JSON document."""
     name = path.rpartition(".")[2]
     if name in VOLATILE:
         yield f"{path}: volatile"
@@ -129,7 +129,7 @@ def rows(text: str) -> str:
 
 
 def plain(response: httpx.Response) -> str:
-    """Return an answer as text that is the same in every run."""
+    """Return an answer as text without anything that differs between runs."""
     kind = response.headers.get("content-type", "").partition(";")[0]
     if kind == "application/x-hdf5":
         found: list[str] = []
@@ -168,7 +168,7 @@ def answers(client: httpx.Client) -> Iterator[tuple[str, str]]:
 
 
 def files(found: Mapping[str, str]) -> dict[str, str]:
-    """Return the text of each file: the answers of a route. A repeated answer is replaced by the name of the first."""
+    """Return the text of each file, which has the answers of a route; repeated answers refer to the first of them."""
     by_route = groupby(sorted(found, key=route), key=route)
     texts = {}
     for name, group in by_route:

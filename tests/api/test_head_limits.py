@@ -1,4 +1,4 @@
-"""Request heads: long ones are refused before they are parsed, and unusual ones never cause a failure."""
+"""Headers of requests: long ones are refused before they are parsed, and unusual ones never cause a status of 500."""
 
 import json
 from collections.abc import Callable
@@ -45,7 +45,7 @@ VALUES: dict[str, Callable[[int], bytes]] = {
     "ranges": lambda size: b"bytes=" + b"0-1," * (size // 4),
     "percent signs": lambda size: b"%" * size,
 }
-"""Functions that make a header value of about a given size."""
+"""Functions that return a header value of about the given size, each hard to parse in its own way. [bytes]"""
 REFUSED = {400, 403, 404, 405, 406, 415, 416, 417, 421, 422}
 
 
@@ -60,7 +60,7 @@ def send(url: str, line: bytes, *headers: bytes, body: bytes = BODY) -> tuple[in
 
 @pytest.mark.parametrize("name", NAMES)
 def test_header_may_be_as_long_as_the_limit(live_url: str, name: str) -> None:
-    """Headers longer than their bound are refused; shorter ones are answered, or refused for their content."""
+    """A longer header is refused with 431; a shorter one is answered, or refused because of its content."""
     for line, body in ((b"POST /cra/batch HTTP/1.1", BODY), (b"GET /page/main.js HTTP/1.1", b"")):
         for kind, value in VALUES.items():
             within, beyond = (
@@ -107,13 +107,13 @@ def test_target_may_be_as_long_as_the_limit(client: httpx.Client) -> None:
 
 
 def test_refusal_of_a_head_is_the_same_with_a_body_that_is_still_on_its_way(client: httpx.Client) -> None:
-    for _ in range(2):  # on one connection, which stays open
+    for _ in range(2):  # Both requests use one connection, which stays open.
         refused = client.post("/cra", content=b" " * 100_000, headers=TEXT | {"Prefer": "," + 300_000 * " " + ","})
         assert refused.status_code == 431
     assert client.post("/cra", json=PAPER).status_code == 200
 
 
-@pytest.mark.timeout(60)  # a quadratic cost would take an hour
+@pytest.mark.timeout(60)  # Parsing in quadratic time would take an hour.
 @pytest.mark.parametrize("filling", [" ", "a", '"', "\\", "=", ";", ",", ', "', '"\\', "a=", "a ", '" '])
 def test_preference_is_read_once_whatever_it_holds(filling: str) -> None:
     text = filling * (1_000_000 // len(filling))
@@ -134,7 +134,7 @@ def test_origin_that_is_no_url_is_that_of_another_site(client: httpx.Client, ori
 def test_unchanged_file_is_answered_with_the_headers_of_a_full_answer(
     client: httpx.Client, path: str, coding: str, accept: str
 ) -> None:
-    """RFC 9110, section 15.4.5: 304 has the headers that 200 would have."""
+    """RFC 9110, section 15.4.5: an answer 304 has the headers that 200 would have."""
     path += client.post("/cra", json=PAPER).json()["key"] if path == "/results/" else ""
     headers = {"Accept-Encoding": coding, "Accept": accept}
     whole = client.get(path, headers=headers)
@@ -147,7 +147,7 @@ def test_unchanged_file_is_answered_with_the_headers_of_a_full_answer(
 
 
 def test_id_of_a_request_that_looks_like_a_key_is_replaced(client: httpx.Client) -> None:
-    """A key that a client sends in the wrong header is not logged."""
+    """A key that a client sends as its request id by mistake must not be logged."""
     for given in ("ricochet_5f0c21d9_" + "a" * 43, "Ricochet_5f0c21d9", "of:ricochet_5f0c21d9_x"):
         assert client.get("/livez", headers={"X-Request-ID": given}).headers["X-Request-ID"] != given
     assert client.get("/livez", headers={"X-Request-ID": "ricochet-17"}).headers["X-Request-ID"] == "ricochet-17"

@@ -1,4 +1,4 @@
-"""Security headers of every answer, and requests of browsers that are refused."""
+"""Security headers of every answer, and refused requests from pages of other sites."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,7 +26,7 @@ HERE, ELSEWHERE = "https://desk.example", "https://evil.example"
 
 @pytest.fixture(scope="module")
 def named(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
-    """A client of a service with TLS, a host name and one CORS origin."""
+    """Client of a service with TLS, allowed host names and one CORS origin."""
     folder = tmp_path_factory.mktemp("named")
     made = make_certificate(folder)
     settings = {"allowed_hosts": "ricochet.example, 127.0.0.1", "cors_origins": HERE} | made.settings
@@ -77,7 +77,7 @@ def test_documentation_keeps_its_own_policy(client: httpx.Client) -> None:
     "host", ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example:80", "", "[::1", "a/b"]
 )
 def test_other_name_on_the_loopback_interface_is_refused(client: httpx.Client, host: str) -> None:
-    """This is a DNS rebinding attack: the name of a page is changed to this address after it was loaded."""
+    """In a DNS rebinding attack the name of a loaded page is made to resolve to 127.0.0.1."""
     problem_of(client.get("/jobs", headers={"Host": host}), 421)
     problem_of(client.post("/cra", json=PAPER, headers={"Host": host}), 421)
     assert client.get("/livez", headers={"Host": host}).status_code == 200
@@ -89,7 +89,7 @@ def test_own_name_on_the_loopback_interface_is_answered(client: httpx.Client, ho
 
 
 def test_other_name_is_refused_on_any_address_of_an_open_service(tmp_path: Path) -> None:
-    """An example is a container whose port is published on the loopback interface of its host."""
+    """A container whose port is published on the loopback interface of its host is such a service."""
     settings = Settings(data_dir=tmp_path, host="0.0.0.0", access="open", executor="in-process")  # noqa: S104
     with TestClient(create_app(settings), "http://192.0.2.7:8000") as client:
         for host in ("evil.example", "192.0.2.7:8000"):
@@ -116,7 +116,8 @@ def test_names_that_are_set_are_the_only_ones(named: httpx.Client) -> None:
 def test_page_of_another_site_changes_nothing(client: httpx.Client, headers: dict[str, str]) -> None:
     problem_of(client.post("/cra", json=PAPER, headers=headers), 403)
     problem_of(client.delete("/jobs/1", headers=headers), 403)
-    assert client.get("/jobs", headers=headers).status_code == 200  # but that page cannot read the answer
+    # The browser does not let that page read the answer.
+    assert client.get("/jobs", headers=headers).status_code == 200
 
 
 def test_page_of_the_service_itself_may_ask(client: httpx.Client) -> None:

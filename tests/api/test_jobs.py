@@ -1,4 +1,4 @@
-"""Jobs over a real socket: progress, results in every format, and end."""
+"""Jobs over HTTP: queue, progress, results in every format, events and cancellation."""
 
 import csv
 import io
@@ -43,8 +43,8 @@ def test_finished_job_gives_its_times_and_counts(client: httpx.Client, job: dict
     assert job in client.get("/jobs", params={"limit": 1000}).json()["jobs"]
 
 
-def test_waiting_job_says_its_place_and_when_it_is_likely_to_have_ended(client: httpx.Client) -> None:
-    """A small one passes the large ones, and its `Retry-After` does not count them."""
+def test_queued_job_reports_its_place_and_expected_end(client: httpx.Client) -> None:
+    """A small job overtakes the large ones of its owner, which its `Retry-After` does not include."""
     sent = [client.post("/trajectory/batch", json={"cases": slow_strikes(n)}, headers=ASYNC) for n in (400, 600, 2)]
     jobs = [answer.json() for answer in sent]
     try:
@@ -77,8 +77,8 @@ def test_pages_hold_every_result_once(client: httpx.Client, job: dict[str, Any],
     assert len(usual["results"]) == 200
 
 
-def test_pages_of_jobs_hold_every_job_once(client: httpx.Client) -> None:
-    """A job that is submitted meanwhile is newer than all following pages; one that is deleted leaves no gap."""
+def test_pages_of_jobs_contain_every_job_once(client: httpx.Client) -> None:
+    """Even if jobs are submitted and deleted between requests of two pages."""
     made = [client.post("/cra/batch", json={"cases": searches(1)}, headers=ASYNC).json()["id"] for _ in range(5)]
     page = client.get("/jobs", params={"limit": 2}).json()
     client.delete(f"/jobs/{made[3]}")
@@ -208,7 +208,7 @@ def test_events_of_a_job_under_way_are_not_sent_again(client: httpx.Client) -> N
 def test_event_streams_of_an_address_are_limited_and_a_stop_does_not_wait_for_them(
     service_on: RunService, tmp_path: Path
 ) -> None:
-    """The service ends without an error while a job is running and a client follows it."""
+    """The service stops without an error while a job is running and its events are being read."""
     with service_on(tmp_path, max_owner_streams="2", max_streams="3") as service, ExitStack() as opened:
         one, other = (
             opened.enter_context(
@@ -228,8 +228,8 @@ def test_event_streams_of_an_address_are_limited_and_a_stop_does_not_wait_for_th
 
 
 @pytest.mark.slow
-def test_event_stream_of_a_job_that_does_not_change_shows_that_it_is_there(dedicated_service: Service) -> None:
-    """Proxies close idle connections, so the service sends a comment every 15 s."""
+def test_event_stream_of_an_unchanged_job_is_kept_alive(dedicated_service: Service) -> None:
+    """The service sends a comment every 15 s, because proxies close idle connections."""
     numerics = {"method": "panels", "panels": 96_000, "time_step_s": 1e-6}
     with httpx.Client(base_url=dedicated_service.url, timeout=20.0, trust_env=False) as client:
         case = PAPER | {"numerics": numerics, "search": {"method": "outcome"}}

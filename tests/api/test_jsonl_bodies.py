@@ -1,4 +1,4 @@
-"""Valid, nearly valid and invalid JSON lines. In the contract they are bytes, so Schemathesis sends few of them."""
+"""Random JSON lines, valid and invalid. The contract declares them as bytes, so Schemathesis generates few of them."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Requests drawn from the contract: validation changes no value, and equal requests have equal keys."""
+"""Random requests that the contract allows: validation changes no value, and equal requests have equal keys."""
 
 import copy
 import json
@@ -27,7 +27,7 @@ MODELS: dict[str, type[TrajectoryRequest | CriticalAngleRequest]] = {
 
 
 def drawn_from(schema: dict[str, Any]) -> st.SearchStrategy[Any]:
-    """Strategy for values that a schema of the contract accepts."""
+    """Return a Hypothesis strategy for values that a schema of the contract accepts."""
     if "$ref" in schema:
         return drawn_from(SCHEMAS[schema["$ref"].rpartition("/")[2]])
     if "oneOf" in schema:
@@ -79,7 +79,7 @@ def leaves(value: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def shuffled(value: Any, order: random.Random) -> Any:
-    """The same value with the fields of every object in another order."""
+    """Return the same value with the fields of every object in random order."""
     if isinstance(value, list):
         return [shuffled(item, order) for item in value]
     if not isinstance(value, dict):
@@ -88,7 +88,7 @@ def shuffled(value: Any, order: random.Random) -> Any:
 
 
 def rewritten(value: Any) -> Any:
-    """The same value with whole numbers as integers and the other sign for zeros."""
+    """Return an equal value in other notation: whole floats as integers and back, and zeros with the other sign."""
     if isinstance(value, dict):
         return {name: rewritten(item) for name, item in value.items()}
     if isinstance(value, list):
@@ -134,7 +134,8 @@ def test_json_to_solver_and_back_is_exact_and_a_default_that_is_given_is_the_sam
     again = model.model_validate_json(json.dumps(full))
     assert again.canonical() == full
     assert key_of(model, full) == key_of(model, body)
-    case = {name: item for name, item in body.items() if name != "alternatives"}  # these fields are part of the key
+    # All fields but this one are part of the key.
+    case = {name: item for name, item in body.items() if name != "alternatives"}
     assert given_values_are_kept(case, full)
     try:
         assert again.arguments() == request.arguments()
@@ -186,7 +187,7 @@ PINNED = PAPER | {
 
 
 def test_keys_are_those_of_earlier_releases(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A change of these keys makes every stored result unreachable: raise a version instead."""
+    """If these keys changed, no stored result would be found: raise ENGINE_VERSION or SCHEMA_VERSION instead."""
     monkeypatch.setattr("service.operations.ENGINE_VERSION", "pinned")
     monkeypatch.setattr("service.operations.SCHEMA_VERSION", "pinned")
     plain = {"b": [1, -0.0, 0.1], "a": {"x": True, "y": "text"}}

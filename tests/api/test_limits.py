@@ -1,4 +1,4 @@
-"""Every limit, at its bound and beyond: requests within it are answered, and others refused with the bound."""
+"""Every limit of the settings: requests within it are answered, and others refused with a problem that states it."""
 
 import json
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ def tight(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> I
         "max_body_depth": BODY_DEPTH,
         "max_batch_bytes": 2 * BODY_BYTES,
         "max_jsonl_bytes": 200 * BODY_BYTES,
-        "max_queued_cases": 2 * QUEUED,  # one owner may use half of it
+        "max_queued_cases": 2 * QUEUED,  # One owner may use half of the queue.
         "max_panel_steps": PANEL_STEPS,
         "task_seconds": 2.0,
     }
@@ -72,10 +72,11 @@ def test_body_may_be_nested_as_deep_as_the_limit(
     def nested(depth: int) -> bytes:
         return b'{"a":' + opening * (depth - 1) + b"1" + closing * (depth - 1) + b"}"
 
-    problem_of(tight.post(path, content=nested(BODY_DEPTH), headers=TEXT), 422)  # parsed, but not a valid request
+    # The body is parsed, but is not a valid request.
+    problem_of(tight.post(path, content=nested(BODY_DEPTH), headers=TEXT), 422)
     found = problem_of(tight.post(path, content=nested(BODY_DEPTH + 1), headers=TEXT), 400)
     assert f"{BODY_DEPTH} deep" in found.detail
-    problem_of(tight.post(path, content=nested(500), headers=TEXT), 400)  # beyond this depth the parser itself fails
+    problem_of(tight.post(path, content=nested(500), headers=TEXT), 400)  # At this depth the parser itself fails.
 
 
 def test_line_may_be_nested_as_deep_as_the_limit(tight: httpx.Client) -> None:
@@ -126,7 +127,7 @@ def test_retry_time_is_that_of_room_for_the_whole_request(tight: httpx.Client) -
     job = tight.post("/trajectory/batch", content=lines(slow_strikes(250)), headers=LINES | ASYNC)
     try:
         until(lambda: bool(tight.get(job.json()["links"]["self"]).json()["counts"]["done"]))
-        few, many = seconds_for(300), seconds_for(2000)  # 250 and 1950 more cases than may be queued
+        few, many = seconds_for(300), seconds_for(2000)  # These are 250 and 1,950 cases more than may be queued.
         assert few >= 1
         assert many > 3 * few
         axis = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 100_000}
@@ -193,7 +194,7 @@ def test_wait_for_a_job_goes_by_the_cost_of_its_cases_until_a_rate_is_measured(
 
 
 def test_time_without_work_does_not_lower_a_rate() -> None:
-    """A service that has done three cases in a quiet minute would else announce minutes for a job of seconds."""
+    """Otherwise a service that is idle most of the time would announce minutes for a job of seconds."""
     now = 100.0
     rate = Rate(lambda: 1, clock=lambda: now)
     now += 60.0
@@ -208,7 +209,8 @@ def test_time_without_work_does_not_lower_a_rate() -> None:
         rate.add(36)
         assert rate.seconds_for(400) == 10
         now += 40.0
-        assert rate.per_second == 0.0  # Nothing was done in the last half minute: the assumed rate counts.
+        # Without work in the last half minute the rate is unknown, and a default is used instead.
+        assert rate.per_second == 0.0
 
 
 def test_probes_may_have_what_a_monitor_adds(client: httpx.Client) -> None:

@@ -1,4 +1,4 @@
-"""/livez is answered quickly while the service is busy."""
+"""`/livez` is answered quickly while the service is busy."""
 
 import asyncio
 import subprocess
@@ -19,7 +19,7 @@ LIMIT_MS = 100.0
 
 
 def query(number: int) -> tuple[str, dict[str, object]]:
-    """Return the body of a query: half are trajectories with a history, half critical angles, all different."""
+    """Return path and body of a new query: a trajectory for odd numbers, a critical angle for even ones."""
     speed = {"velocity_m_s": 250.0 + 0.5 * number}
     if number % 2:
         strike = PAPER | {"impact": speed | {"oblique_angle_deg": 55.0}}
@@ -35,7 +35,7 @@ async def keep_busy(url: str) -> set[int]:
     return {answer.status_code for answer in answers}
 
 
-@pytest.mark.slow  # a time limit that only holds on an idle machine
+@pytest.mark.slow  # The time limit holds on an otherwise idle machine only.
 @pytest.mark.timeout(180)
 def test_no_liveness_answer_is_late_while_two_hundred_queries_run(live_url: str) -> None:
     command = [sys.executable, str(POLLER), str(urlsplit(live_url).port)]

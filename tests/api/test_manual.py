@@ -1,4 +1,4 @@
-"""A service without a built manual says so."""
+"""`/manual` without a built manual is a page that says how to build it."""
 
 from pathlib import Path
 

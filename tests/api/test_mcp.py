@@ -1,4 +1,4 @@
-"""The tools of the Model Context Protocol, with the client of its SDK: over HTTP, and over the pipes of the command."""
+"""Tools of the Model Context Protocol, called by the client of its SDK over HTTP and over standard input and output."""
 
 import json
 import signal
@@ -35,14 +35,14 @@ OPENING = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"
 
 
 class Conversation(NamedTuple):
-    """Answers of a server to a client."""
+    """Tools that a server lists, and its results of calls."""
 
     tools: list[Tool]
     results: list[CallToolResult]
 
 
 def converse(server: Any, *calls: tuple[str, dict[str, Any]], mode: str = "auto") -> Conversation:
-    """List the tools, so that the client validates answers by their schemas, and call some."""
+    """List the tools, then call some; the client validates results by the schemas in the list."""
 
     async def run() -> Conversation:
         async with Client(server, mode=mode) as client:
@@ -54,7 +54,7 @@ def converse(server: Any, *calls: tuple[str, dict[str, Any]], mode: str = "auto"
 
 @asynccontextmanager
 async def over_http(url: str, token: str | None = None) -> AsyncIterator[Any]:
-    """The transport to a service."""
+    """Connect to the MCP endpoint of a service; return the streams for a client."""
     headers = bearer(token) if token else {}
     async with (
         httpx2.AsyncClient(headers=headers, timeout=180.0, trust_env=False) as http,
@@ -70,7 +70,7 @@ def text_of(result: CallToolResult) -> str:
 
 
 def problem_of(result: CallToolResult) -> dict[str, Any]:
-    """Return the problem of a refused call, which must have no structured content."""
+    """Check that a call was refused without structured content; return the problem."""
     assert result.is_error
     assert result.structured_content is None
     _, document = result.content
@@ -93,7 +93,8 @@ def test_tools_are_listed_with_the_fields_of_the_routes(live_url: str, client: h
             assert properties["projectile"]["required"] == contract["Projectile"]["required"]
     [projectile, *again] = (tool.input_schema["properties"]["projectile"] for tool in (*tools[:2], *tools[3:]))
     assert projectile["properties"].keys() == contract["Projectile"]["properties"].keys()
-    described = "Diameter of the shank; of a whole body its largest one. [m]"  # without the reason for the bounds
+    # The list of tools leaves out the reason for the bounds.
+    described = "Diameter of the shank, or the largest diameter of a body without a shank. [m]"
     assert projectile["properties"]["diameter_m"]["description"] == described
     shapes = [each["shape"] for each in projectile["properties"]["nose"]["examples"]]
     assert set(shapes) == contract["Nose"]["discriminator"]["mapping"].keys()
@@ -101,13 +102,13 @@ def test_tools_are_listed_with_the_fields_of_the_routes(live_url: str, client: h
 
 
 def test_examples_of_the_schemas_are_answered(live_url: str) -> None:
-    """The list of tools alone is enough to make valid calls."""
+    """Cases assembled from the examples in the list of tools are answered without an error."""
     [angle, *_] = converse(over_http(live_url)).tools
     properties = angle.input_schema["properties"]
     projectile = {"diameter_m": 0.08, "length_m": 0.53, "mass_kg": 13.0}
     noses = [projectile | {"nose": nose} for nose in properties["projectile"]["properties"]["nose"]["examples"]]
     for body in noses:
-        if body["nose"] == {"shape": "sphere"}:  # The whole body: its length is its diameter.
+        if body["nose"] == {"shape": "sphere"}:  # A sphere is a whole body, whose length is its diameter.
             body["length_m"] = body["diameter_m"]
     cases = [PAPER | {"projectile": each} for each in noses]
     cases += [PAPER | {part: each} for part in ("resistance", "search") for each in properties[part]["examples"]]
@@ -126,8 +127,8 @@ def test_list_of_tools_is_small_enough_for_the_context_of_a_model(client: httpx.
 def test_structured_content_fits_the_schema_of_its_tool_whether_the_call_is_refused_or_not(
     live_url: str, mode: str
 ) -> None:
-    """Clients validate structured content by the schema, also in refusals."""
-    jsonschema = import_module("jsonschema")  # imported here because it takes two seconds
+    """Clients validate structured content against the schema, and would reject a refusal that does not fit it."""
+    jsonschema = import_module("jsonschema")  # The import takes two seconds.
     short = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
     study = PAPER | {"uncertain": UNCERTAIN, "sampling": {"max_samples": 131072}}
     calls: list[tuple[str, dict[str, Any]]] = [
@@ -151,21 +152,21 @@ def test_structured_content_fits_the_schema_of_its_tool_whether_the_call_is_refu
             assert len(text_of(result)) > 20
     [error] = problem_of(results[6])["errors"]
     assert error["pointer"] == "/critical_angle/sampling/max_samples"
-    assert "at most 16384" in error["detail"]  # larger studies need a job
+    assert "at most 16384" in error["detail"]  # Larger studies have to be jobs.
 
 
 SAMPLES = 16384
 
 
 def long_study(name: str) -> dict[str, Any]:
-    """A long study; the samples depend on the name."""
+    """Return a long study with a seed that depends on `name`, so that it is not cached."""
     seed = {"auto": 1, "legacy": 2, "pipes": 3}[name]
     sampling = {"max_samples": SAMPLES, "half_width": 1e-4, "method": "direct", "seed": seed}
     return PAPER | {"uncertain": UNCERTAIN, "sampling": sampling, "sensitivity": False}
 
 
 class Keyed(NamedTuple):
-    """A service with keys that only this test uses, and some tokens."""
+    """Address of a service that requires keys, and tokens with different scopes and quotas."""
 
     url: str
     reads: str
@@ -220,13 +221,13 @@ def test_study_over_pipes_ends_with_their_input(keyed: Keyed, tmp_path: Path) ->
 
 
 def check_that_it_has_ended(url: str, before: float) -> None:
-    """Check that nothing is computed any more, although the study lacks most of its samples."""
+    """Check that a study has been stopped: nothing is queued, and part of its samples was never computed."""
     until(lambda: measured(url, "ricochet_queued_cases") == 0)
     assert measured(url, "ricochet_cases_total") - before < 0.9 * SAMPLES
 
 
 def measured(url: str, name: str) -> float:
-    """Sum of the values of a metric."""
+    """Return a metric of a service, summed over its labels."""
     lines = httpx.get(f"{url}/metrics", trust_env=False, verify=NO_TLS).text.splitlines()
     return sum(float(line.split()[-1]) for line in lines if line.startswith((f"{name} ", f"{name}{{")))
 
@@ -242,7 +243,7 @@ def test_answer_is_that_of_the_route_with_its_warnings_and_limits(live_url: str,
 
 
 def check_caveats(result: CallToolResult) -> None:
-    """Check that the text has the warnings of the answer (or states that there are none), its notes and the limits."""
+    """Check that the text lists the warnings (or `none`), the standing notes and the limits of validity."""
     answer, limits = (result.structured_content[name] for name in ("answer", "validity_limits"))
     details, standing = (
         [each["detail"] for each in answer["warnings"] if each.get("standing", False) is kind] for kind in (False, True)
@@ -331,7 +332,7 @@ def test_keys_scopes_and_quotas_are_those_of_the_routes(keyed: Keyed) -> None:
         reads = bearer(keyed.reads)
         assert client.post("/mcp", json=message, headers=reads).status_code == 403
         assert client.get("/mcp", headers=reads).status_code == 405
-    short = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}  # refused requests do not count
+    short = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}  # Refused requests do not count.
     calls = [("critical_angle", short)] * 2 + [("critical_angle", PAPER)] * 3
     results = converse(over_http(keyed.url, keyed.runs), *calls).results
     assert [result.is_error for result in results] == [True, True, False, False, True]
@@ -346,8 +347,8 @@ def test_message_too_long_is_refused(client: httpx.Client) -> None:
     assert client.post("/mcp", json=message, headers=headers).status_code == 413
 
 
-def test_client_that_leaves_within_its_message_is_no_failure(dedicated_service: Service) -> None:
-    """On any route with a body, the log of the service has no traceback."""
+def test_client_that_disconnects_while_sending_causes_no_failure(dedicated_service: Service) -> None:
+    """A client that disconnects while it sends a body causes no traceback in the log, whatever the route."""
     port = int(dedicated_service.url.rpartition(":")[2])
     paths = ["/mcp", "/umbridge/Evaluate", "/cra", "/cra/batch", "/cra/sweep", "/calibration/depth", "/verdict"]
     for path in paths:
@@ -395,7 +396,7 @@ def test_command_ends_on_signals_while_its_input_is_open(
 
 @pytest.mark.parametrize("ending", [b"\n", b""])
 def test_command_reads_messages_from_a_file(live_url: str, tmp_path: Path, ending: bytes) -> None:
-    """An event loop cannot wait for regular files, so they are read differently. The last line need not end."""
+    """An event loop cannot wait for regular files, so they are read in another way. The last line may lack its end."""
     message = json.dumps({"jsonrpc": "2.0", "id": 0, "method": "initialize", "params": OPENING}).encode()
     (tmp_path / "messages").write_bytes(message + ending)
     command = [sys.executable, "-W", "error", "-m", "service.cli", "mcp", "--url", live_url]

@@ -1,7 +1,7 @@
-"""Messages of refused requests match the text in `messages.txt`: one table for all refusals of a body.
+"""Messages of refused requests match the text in `messages.txt`, one table for all routes.
 
-A line of a table is a path, the place of the change in a valid body, and the new value (none: the field is left
-out). A problem names that place, or the first one on its line in the file, and never an internal name.
+A line of `CHANGES` has a path, a JSON pointer into a valid body and the new value, or no value to leave the field out.
+Messages must not contain internal names.
 After a change of words, `.venv/bin/python -m tests.api.test_messages` writes the file; read the differences before
 you commit them.
 """
@@ -287,7 +287,7 @@ CHANGES = """\
 /calibration/obliquity /order -1
 /calibration/obliquity /order 1.5
 """
-"""Changes of one field of a valid body."""
+"""Changes of one field of a valid body: path, pointer and new value."""
 
 POWER_LAW = {"model": "strength_power_law", "coefficient": 82.6, "exponent": -0.544}
 SHOT = {"velocity_m_s": 238.1, "depth_m": 0.30}
@@ -319,7 +319,7 @@ LONG: list[tuple[str, str, Any]] = [
     ("/calibration/motion", "/history", {name: ["x"] * 20_000 for name in AT_30}),
     ("/calibration/motion runs", "/runs", [RUN] * 21),
 ]
-"""Values that are too long for a line."""
+"""Changes whose new value is too long for a line of `CHANGES`."""
 
 MATRIX = [[0.05, 0.0, 0.0], [0.0, 1e-4, 0.0], [0.0, 0.0, 1e-8]]
 """Covariance of the coefficients of eq. 9."""
@@ -355,7 +355,7 @@ SCATTER: list[list[tuple[str, dict[str, Any]]]] = [
         ("resistance.strength_factor.coefficient", {"type": "normal", "mean": 72.0, "standard_deviation": 5.0}),
     ],
 ]
-"""Inputs of `/cra/uncertainty`, by field and distribution."""
+"""Invalid uncertain inputs for `/cra/uncertainty`: pairs of field and distribution."""
 
 TEXTS = [
     b"",
@@ -378,7 +378,7 @@ TEXTS = [
     json.dumps(dict.fromkeys(map(str, range(100_000)), 1)).encode(),
     json.dumps(dict.fromkeys(map(str, range(31)), 1)).encode(),
 ]
-"""Bodies that are not a request at all."""
+"""Bodies for `/cra` that are no JSON object, or no valid JSON."""
 
 CASE = json.dumps(PAPER).encode()
 BODIES_OF_LINES = [
@@ -395,7 +395,7 @@ BODIES_OF_LINES = [
     b"\xff\n",
     (CASE + b"\n") * 450 + b"{}x",
 ]
-"""JSON lines for `/cra/batch`."""
+"""Invalid JSON lines for `/cra/batch`."""
 
 REQUESTS: list[tuple[str, str, dict[str, Any]]] = [
     ("GET", "/nothing", {}),
@@ -431,17 +431,17 @@ REQUESTS: list[tuple[str, str, dict[str, Any]]] = [
     ("POST", "/cra/batch", LINES | {"Idempotency-Key": "x" * 256}),
     ("POST", "/calibration/depth", {"Content-Type": "text/csv"}),
 ]
-"""Paths, queries, methods and headers, with the body `{}` where there is one."""
+"""Method, path with query, and headers of requests with the body `{}`, if the method has one."""
 
 INTERNAL = re.compile(
     r"Input should|Extra inputs|Field required|pydantic|instance of|Traceback|None\b|NoneType|dict\b|"
     r"\w+(Base|Request|Model|Error)\b|String should|List should|valid (integer|number|boolean|list)"
 )
-"""Words of the implementation, which no message may contain."""
+"""Words of the implementation that no message may contain."""
 
 
 def changes() -> Iterator[tuple[str, str, str]]:
-    """Path of each change of a body, the place of the change, and the value as text ("": the field is left out)."""
+    """Yield path, pointer and new value of each change; the value is JSON text, or "" to leave the field out."""
     for line in CHANGES.splitlines():
         path, place, value = re.fullmatch(r"(\S+(?: runs)?) (\S+) ?(.*)", line).groups()  # type: ignore[union-attr]
         yield path, place, value
@@ -467,7 +467,7 @@ def shortened(text: str) -> str:
 
 
 def refusals(client: httpx.Client) -> Iterator[tuple[str, httpx.Response]]:
-    """Yield a description of each request, and its answer."""
+    """Send every invalid request; yield its description and the answer."""
     for path, place, value in changes():
         answer = client.post(path.partition(" ")[0], content=body_with(path, place, value), headers=TEXT)
         yield f"POST {path} {place or 'as a whole'} {shortened(value) or 'left out'}", answer
@@ -484,7 +484,7 @@ def refusals(client: httpx.Client) -> Iterator[tuple[str, httpx.Response]]:
 
 
 def described(request: str, answer: httpx.Response) -> str:
-    """Return the text for a request and its problem: status and title, then the detail."""
+    """Return the lines of `messages.txt` for an answer: status and title, then the detail."""
     problem = Problem.model_validate_json(answer.content)
     assert answer.headers["Content-Type"] == "application/problem+json"
     assert answer.status_code == problem.status < 500, request
@@ -512,13 +512,13 @@ def test_messages_name_the_place_and_have_no_internal_names() -> None:
 
 
 @pytest.mark.parametrize("path", ["/trajectory", "/cra"])
-def test_case_among_many_is_refused_as_it_is_alone(client: httpx.Client, path: str) -> None:
-    """A batch and a JSON line give the same refusal, with the index of the case before the place of the field.
+def test_case_in_a_batch_is_refused_like_a_single_one(client: httpx.Client, path: str) -> None:
+    """A case in a batch or JSON line is refused like a single one, with the index of the case before the pointer.
 
-    Errors that only the solver detects become the result of the case.
+    Errors that only the solver detects do not refuse the batch, but become the result of the case.
     """
     for of, place, value in changes():
-        if of != path or place.endswith(("alternatives", "sample_interval_s")):  # of single requests, and histories
+        if of != path or place.endswith(("alternatives", "sample_interval_s")):  # fields that batches do not have
             continue
         body = body_with(of, place, value)
         alone = client.post(path, content=body, headers=TEXT).json()["errors"]

@@ -1,4 +1,4 @@
-"""Metrics, log and headers about the work of the service."""
+"""Metrics, log lines and headers that describe the work of the service."""
 
 import json
 import re
@@ -34,7 +34,7 @@ def metrics(client: httpx.Client) -> dict[tuple[str, ...], float]:
 
 
 class Own(NamedTuple):
-    """A separate service with its log, where no jobs of other tests run."""
+    """Client and log of a separate service, where no jobs of other tests run."""
 
     client: httpx.Client
     log: Path
@@ -111,10 +111,10 @@ def test_answer_says_how_long_it_took(client: httpx.Client) -> None:
 
 
 def test_log_has_a_line_of_json_for_each_request(own: Own) -> None:
-    for _ in range(2):  # the second request is answered from the cache
+    for _ in range(2):  # The second request is answered from the cache.
         own.client.post("/cra", json=PAPER, headers={"X-Request-ID": "traced"})
     own.client.get(f"/results/{'1' * 64}")
-    until(lambda: "/results/{key}" in own.log.read_text())  # the line is written after the answer
+    until(lambda: "/results/{key}" in own.log.read_text())  # The line is written after the answer.
     lines = [json.loads(line) for line in own.log.read_text().splitlines()]
     requests = [line for line in lines if line["event"] == "request"]
     traced = [line for line in requests if line["request_id"] == "traced"]
@@ -150,11 +150,12 @@ async def test_metrics_are_written_beside_the_event_loop_and_no_job_is_read(
 
 
 def test_names_of_metrics_follow_the_conventions_of_prometheus() -> None:
-    """Base units, only counters end in `_total`, and no rates, which Prometheus can compute."""
+    """Units are base units, only counters end in `_total`, and there are no rates, which Prometheus computes itself."""
     for family in Metrics().registry.collect():
         name = family.name
         assert re.fullmatch(r"ricochet(_[a-z]+)+", name)
-        assert not name.endswith(("_total", "_count", "_sum", "_bucket", "_info"))  # names of samples, not of families
+        # These suffixes belong to samples, not to families.
+        assert not name.endswith(("_total", "_count", "_sum", "_bucket", "_info"))
         assert not re.search(r"_(ms|milliseconds|minutes|hours|kb|mb|percent|ratio_percent|per_second)$", name)
         if "size" in family.documentation.lower():
             assert name.endswith("_bytes")

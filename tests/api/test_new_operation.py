@@ -1,4 +1,4 @@
-"""A new operation needs its models and one row of the table: routes, jobs, tools and local command follow."""
+"""A new operation needs only its models and an entry in the table: routes, jobs, tools and command follow from it."""
 
 import csv
 import io
@@ -24,7 +24,7 @@ from tests.conftest import until
 
 
 class EnergyRequest(CriticalAngleBase):
-    """Request of the energy of a strike."""
+    """Request for the kinetic energy of a strike."""
 
     model_config = with_examples(PAPER)
 

@@ -27,7 +27,7 @@ OPERATIONS: dict[str, dict[str, Any]] = {
 
 
 def nodes(value: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield every object of a JSON document with its place, except examples."""
+    """Yield the pointer of every object in a JSON document, and the object; examples are skipped."""
     if isinstance(value, dict):
         yield place, value
         for name, item in value.items():
@@ -39,7 +39,7 @@ def nodes(value: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 REQUESTED = components_in([operation.get("requestBody") for operation in OPERATIONS.values()], SCHEMAS)
-"""Components that requests use."""
+"""Names of the schemas that requests use."""
 
 
 def test_committed_contract_is_that_of_the_application() -> None:
@@ -87,8 +87,8 @@ def test_unions_are_named_and_their_discriminators_required_without_default() ->
                 assert "default" not in schema["properties"][name]
 
 
-def test_contract_keeps_the_rules_that_linters_and_openapi_typescript_have() -> None:
-    """`make check` also runs the linters if npm is installed."""
+def test_contract_follows_the_rules_of_linters_and_openapi_typescript() -> None:
+    """The linters themselves run in `make check` if npm is installed."""
     assert CONTRACT["servers"] == [{"url": "/"}]
     assert CONTRACT["info"]["contact"]
     used = {tag for operation in OPERATIONS.values() for tag in operation["tags"]}
@@ -121,19 +121,20 @@ def test_requests_refuse_unknown_fields_and_bound_every_number() -> None:
         schema = SCHEMAS[name]
         assert schema.get("type") != "object" or schema["additionalProperties"] is False, name
     for name, operation in OPERATIONS.items():
-        if "requestBody" not in operation or name.endswith("/uncertainty"):  # discrete values have no limit
+        # Discrete values of an uncertain input have no bounds.
+        if "requestBody" not in operation or name.endswith("/uncertainty"):
             continue
         schema = operation["requestBody"]["content"]["application/json"]["schema"]
         for place, node in nodes_of_component(schema["$ref"].rpartition("/")[2]):
-            if node.get("type") in ("number", "integer"):  # or the field of this name
+            if node.get("type") in ("number", "integer"):  # not a field named `type`
                 assert {"minimum", "exclusiveMinimum"} & node.keys(), place
                 assert {"maximum", "exclusiveMaximum"} & node.keys(), place
             if node.get("type") == "array":
                 assert "maxItems" in node, place
 
 
-def test_recipes_of_go_and_java_have_the_names_that_the_contract_gives() -> None:
-    """openapi-generator makes a class of each tag and a method of each operation."""
+def test_recipes_for_go_and_java_use_the_names_in_the_contract() -> None:
+    """openapi-generator names a class after each tag and a method after each operation."""
     page = (COMMITTED.parents[1] / "docs" / "how-to" / "clients.md").read_text(encoding="utf-8")
     operation = OPERATIONS["POST /cra"]
     tag, words = operation["tags"][0].title().replace(" ", ""), operation["operationId"].title().replace("_", "")
@@ -152,7 +153,7 @@ def test_answers_may_have_more_fields_than_a_client_knows() -> None:
 
 def test_every_number_has_a_format_of_64_bits() -> None:
     for place, node in nodes(CONTRACT):
-        if node.get("type") in ("number", "integer"):  # or the field of this name
+        if node.get("type") in ("number", "integer"):  # not a field named `type`
             assert node["format"] == {"number": "double", "integer": "int64"}[node["type"]], place
 
 
@@ -164,7 +165,7 @@ def test_contract_says_when_many_cases_are_answered_and_what_preferences_do(path
 
 
 def nodes_of_component(name: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield every object of a component and of the components that it refers to."""
+    """Yield the pointer and the object for every object in a schema and in the schemas that it refers to."""
     for place, node in nodes(SCHEMAS[name], name):
         yield place, node
         if "$ref" in node:

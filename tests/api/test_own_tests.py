@@ -1,4 +1,4 @@
-"""Own shots as a strength law, over HTTP and on the command line, and which shots are refused."""
+"""The strength law from own shots, over HTTP and on the command line, and shots that are refused."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""The page as served: its files and headers, and no reference to another server."""
+"""The web page as served: files, headers, and no reference to another server."""
 
 import base64
 import hashlib
@@ -23,7 +23,7 @@ IMPORT = re.compile(r"""(?:from|import\()\s*["'`](\.[^"'`$]*)["'`]""")
 
 
 class References(HTMLParser):
-    """Parser of the references in a document."""
+    """HTML parser that collects addresses and inline code of a document."""
 
     def __init__(self) -> None:
         super().__init__()

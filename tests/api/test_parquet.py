@@ -1,5 +1,4 @@
-"""Results of a job as Parquet: the values of the CSV table with types and units, written by row
-groups."""
+"""Results of a job as Parquet: the values of the CSV table with types and units, in several row groups."""
 
 import csv
 import json
@@ -31,7 +30,7 @@ SHORT = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.05}, "custom
 
 
 def written(client: httpx.Client, path: str, body: Any, folder: Path) -> tuple[Path, list[dict[str, str]]]:
-    """Return the results of a job as a Parquet file, and the rows of its CSV table."""
+    """Run a job; return its results as a Parquet file, and as rows of CSV without the columns of the base."""
     text = lines(body) if isinstance(body, list) else json.dumps(body)
     headers = ASYNC | (LINES if isinstance(body, list) else {"Content-Type": "application/json"})
     job = finished(client, client.post(path, content=text, headers=headers).raise_for_status().json())
@@ -45,12 +44,12 @@ def written(client: httpx.Client, path: str, body: Any, folder: Path) -> tuple[P
 
 
 def in_base(name: str) -> bool:
-    """Return whether a column is a field of the base of a sweep, which Parquet stores in its metadata."""
+    """Return whether a column holds a field of the base of a sweep, which Parquet stores in its metadata instead."""
     return "." in name and name not in (STRENGTH, MASS)
 
 
 def as_text(value: Any) -> str:
-    """Return a value as it is written in CSV."""
+    """Return a value as text as in CSV, where missing values are empty."""
     return "" if pd.isna(value) else str(value)
 
 

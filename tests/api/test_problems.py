@@ -1,4 +1,4 @@
-"""Every exception becomes the problem in the table. Each is raised in a test route of the real application."""
+"""Every exception is answered with the problem in the table. Routes added to the application raise them."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Addresses of clients behind a proxy are accepted only from the proxies in the settings."""
+"""Headers with the address of the client count only if they come from a proxy in the settings."""
 
 import json
 from collections.abc import Iterator
@@ -16,14 +16,14 @@ from tests.conftest import RunService, until
 PROXY, OTHER, CLIENT = "127.0.0.2", "127.0.0.1", "203.0.113.9"
 
 
-class Behind(NamedTuple):
+class ProxiedService(NamedTuple):
     """A service that trusts one proxy on this machine, and its audit log."""
 
     url: str
     audit_log: Path
 
     def post(self, address: str, **headers: str) -> tuple[httpx.Response, dict[str, Any]]:
-        """Send a query from this address; return the answer and its entry in the audit log."""
+        """Send a query from a loopback address; return the answer and its entry in the audit log."""
         transport = httpx.HTTPTransport(local_address=address)
         named = {name.replace("_", "-"): value for name, value in headers.items()}
         with httpx.Client(base_url=self.url, transport=transport, timeout=180.0) as client:
@@ -37,29 +37,29 @@ class Behind(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def behind(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Behind]:
-    folder = tmp_path_factory.mktemp("behind")
+def proxied(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ProxiedService]:
+    folder = tmp_path_factory.mktemp("proxied")
     audit_log = folder / "audit.jsonl"
     with service_on(folder, executor="in-process", trusted_proxies=PROXY, audit_log=str(audit_log)) as service:
-        yield Behind(service.url, audit_log)
+        yield ProxiedService(service.url, audit_log)
 
 
-def test_client_of_a_trusted_proxy_is_the_one_it_names_last(behind: Behind) -> None:
-    """It needs a key, because it is not on this machine, although the proxy is."""
-    answer, entry = behind.post(PROXY, X_Forwarded_For=f"{OTHER}, {CLIENT}")
+def test_client_is_the_last_address_that_a_trusted_proxy_names(proxied: ProxiedService) -> None:
+    """A client on another machine needs a key, although the proxy is on this one."""
+    answer, entry = proxied.post(PROXY, X_Forwarded_For=f"{OTHER}, {CLIENT}")
     assert (answer.status_code, entry["client"]) == (401, CLIENT)
-    answer, entry = behind.post(PROXY, X_Forwarded_For=OTHER)
+    answer, entry = proxied.post(PROXY, X_Forwarded_For=OTHER)
     assert (answer.status_code, entry["client"]) == (200, OTHER)
 
 
-def test_forwarded_address_of_an_untrusted_client_is_ignored(behind: Behind) -> None:
-    answer, entry = behind.post(OTHER, X_Forwarded_For=CLIENT, X_Forwarded_Proto="https")
+def test_forwarded_address_of_an_untrusted_client_is_ignored(proxied: ProxiedService) -> None:
+    answer, entry = proxied.post(OTHER, X_Forwarded_For=CLIENT, X_Forwarded_Proto="https")
     assert (answer.status_code, entry["client"]) == (200, OTHER)
     assert "Strict-Transport-Security" not in answer.headers
 
 
-def test_tls_at_a_trusted_proxy_is_tls(behind: Behind) -> None:
-    answer, _ = behind.post(PROXY, X_Forwarded_For=OTHER, X_Forwarded_Proto="https")
+def test_tls_at_a_trusted_proxy_is_tls(proxied: ProxiedService) -> None:
+    answer, _ = proxied.post(PROXY, X_Forwarded_For=OTHER, X_Forwarded_Proto="https")
     assert answer.headers["Strict-Transport-Security"]
 
 

@@ -1,4 +1,4 @@
-"""Readiness when the data folder, workers or processes are missing."""
+"""`/readyz` and answers while the data folder or workers are missing, or no process can be started."""
 
 import asyncio
 import os
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.anyio
 
 @pytest.fixture
 async def app(tmp_path: Path) -> AsyncIterator[FastAPI]:
-    """A running application whose data folder cannot be made, because there is a file of that name."""
+    """Application whose data folder cannot be made, because a file has its name."""
     (tmp_path / "data").write_text("a file")
     app = create_app(Settings(data_dir=tmp_path / "data", workers=1, task_seconds=2.0))
     async with app.router.lifespan_context(app):
@@ -54,7 +54,7 @@ async def test_without_a_data_folder_it_answers_with_a_warning_and_is_not_ready(
     assert "result_not_cached" in {warning.code for warning in answer.warnings}
 
 
-async def test_without_workers_it_is_alive_and_not_ready(app: FastAPI, client: httpx.AsyncClient) -> None:
+async def test_service_without_workers_is_alive_and_not_ready(app: FastAPI, client: httpx.AsyncClient) -> None:
     await app.state.services.executor.stop(1.0)
     assert "worker" in assert_unavailable(await client.get("/readyz")).detail
     assert assert_unavailable(await client.post("/cra", json=PAPER)).type == "urn:ricochet:problem:unavailable"
@@ -86,7 +86,7 @@ async def test_query_whose_worker_is_stopped_is_to_be_sent_again(app: FastAPI, c
 
 @pytest.fixture
 async def on_disk(tmp_path: Path) -> AsyncIterator[httpx.AsyncClient]:
-    """A client of a running application with the data folder `data`."""
+    """Client of an application with the data folder `data`."""
     app = create_app(Settings(data_dir=tmp_path / "data", workers=1))
     async with (
         app.router.lifespan_context(app),
@@ -96,24 +96,24 @@ async def on_disk(tmp_path: Path) -> AsyncIterator[httpx.AsyncClient]:
 
 
 def remove(data: Path) -> None:
-    """Move the folder away."""
+    """Move the data folder away."""
     data.rename(data.with_name("elsewhere"))
 
 
 def replace(data: Path) -> None:
-    """Replace the folder by a copy, like a restored backup."""
+    """Replace the data folder by a copy, as when a backup is restored."""
     remove(data)
     shutil.copytree(data.with_name("elsewhere"), data)
 
 
 def replace_lock(data: Path) -> None:
-    """Replace the lock only, as another service would after the lock was removed."""
+    """Replace only the lock, as another service would after somebody has deleted it."""
     (data / "lock").rename(data.with_name("lock"))
     (data / "lock").touch()
 
 
 def replace_jobs(data: Path) -> None:
-    """Replace the database of jobs only."""
+    """Replace only the database of jobs, by a copy."""
     (data / "jobs.sqlite").rename(data.with_name("jobs.sqlite"))
     shutil.copy(data.with_name("jobs.sqlite"), data)
 
@@ -143,11 +143,12 @@ async def test_folder_replaced_under_a_running_service_takes_no_jobs_any_more(
         answer = CriticalAngleAnswer.model_validate_json((await on_disk.post("/cra", json=other)).content)
         assert "result_not_cached" in {warning.code for warning in answer.warnings}
         assert files_in(data) == before
-        with ResultCache(data, memory_bytes=0, disk_bytes=10**9):  # another service can use the folder
+        # The lock has been released, so that another service can use the folder.
+        with ResultCache(data, memory_bytes=0, disk_bytes=10**9):
             assert (await on_disk.get("/readyz")).status_code == 503
 
 
-async def test_folder_that_is_put_back_is_used_again(on_disk: httpx.AsyncClient, tmp_path: Path) -> None:
+async def test_restored_folder_is_used_again(on_disk: httpx.AsyncClient, tmp_path: Path) -> None:
     remove(tmp_path / "data")
     assert_unavailable(await on_disk.get("/readyz"))
     (tmp_path / "elsewhere").rename(tmp_path / "data")
@@ -162,7 +163,7 @@ PIDS = Path("/sys/fs/cgroup/pids")
 
 @pytest.fixture
 def group() -> Iterator[Path]:
-    """A new control group."""
+    """A new control group for processes; the test is skipped if none can be made."""
     folder = PIDS / f"ricochet-{os.getpid()}"
     try:
         folder.mkdir()
@@ -174,8 +175,8 @@ def group() -> Iterator[Path]:
 
 @pytest.mark.timeout(240)
 @pytest.mark.parametrize("most", [2, 8])
-def test_limit_of_processes_is_named_in_a_sentence(most: int, group: Path, tmp_path: Path) -> None:
-    """The limit is enough to start, but not for eight workers."""
+def test_limit_on_processes_is_reported_in_a_sentence(most: int, group: Path, tmp_path: Path) -> None:
+    """The limits allow the service to begin, but not to start eight workers."""
     (group / "pids.max").write_text(str(most))
     settings = {"RICOCHET_WORKERS": "8", "RICOCHET_PORT": "0", "RICOCHET_DATA_DIR": str(tmp_path / "data")}
     program = f"""

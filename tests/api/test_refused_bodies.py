@@ -1,4 +1,4 @@
-"""A refusal reaches the client while it is still sending its body: common clients, a proxy, with and without TLS."""
+"""Common clients receive a refusal sent before they have sent the whole body, directly or through a proxy."""
 
 import json
 import shutil
@@ -51,7 +51,7 @@ WITHOUT_FORBIDDEN_HEADERS = [refusal for refusal in REFUSALS if refusal.status i
 
 @dataclass(frozen=True)
 class Server:
-    """Address of a service, and its certificate if it uses TLS."""
+    """URL of a service, and its certificate if it uses TLS."""
 
     url: str
     certificate: Path | None
@@ -88,7 +88,7 @@ Answer = tuple[int, dict[str, Any]]
 
 
 def by_urllib(server: Server, refusal: Refusal, body: Path) -> Answer:
-    """urllib sends everything before it reads, and requests that the connection be closed."""
+    """Send a body by urllib, which sends all of it before it reads, with `Connection: close`."""
     handlers = [urllib.request.ProxyHandler({}), urllib.request.HTTPSHandler(context=server.trusted())]
     request = urllib.request.Request(server.url + refusal.path, body.read_bytes(), refusal.headers)  # noqa: S310
     with pytest.raises(urllib.error.HTTPError) as refused:
@@ -215,7 +215,7 @@ http {{
 
 @pytest.fixture(params=["", "proxy_request_buffering off;", "proxy_http_version 1.1; proxy_request_buffering off;"])
 def behind_nginx(request: pytest.FixtureRequest, server: Server, tmp_path: Path) -> Iterator[Server]:
-    """The service behind nginx, with and without buffering of bodies."""
+    """nginx in front of the service, with and without buffering of bodies."""
     program = shutil.which("nginx", path="/usr/sbin:/usr/local/sbin:/usr/bin:/usr/local/bin")
     if program is None:
         pytest.skip("nginx is not installed")
@@ -277,14 +277,14 @@ CONNECTIONS = ("Connection: close", "Connection: keep-alive")
 
 
 def check_closed(end: socket.socket, status: bytes) -> None:
-    """Check that this is the answer and that the connection ends with it."""
+    """Check the status of the answer, and that the service then closes the connection."""
     answer = b"".join(iter(lambda: end.recv(65536), b""))
     assert answer.split(b" ")[1] == status
     assert b"connection: close" in answer.lower()
 
 
 def test_rest_of_a_body_that_does_not_come_is_not_waited_for(servers: dict[str, Server]) -> None:
-    with ExitStack() as opened:  # all at once, because each takes `DRAIN_SECONDS`
+    with ExitStack() as opened:  # All connections wait at once, because each takes `DRAIN_SECONDS`.
         ends = [opened.enter_context(connect(server)) for server in servers.values() for _ in CONNECTIONS]
         for end, header in zip(ends, CONNECTIONS * 2, strict=True):
             end.sendall(request("/nothing", 1000, header) + bytes(10))
@@ -299,7 +299,7 @@ def test_body_that_is_far_too_long_is_not_read(server: Server, header: str) -> N
         check_closed(end, b"413")
 
 
-@pytest.mark.parametrize("server", ["plain"], indirect=True)  # asyncio keeps reading for up to 30 s when it ends TLS
+@pytest.mark.parametrize("server", ["plain"], indirect=True)  # With TLS, asyncio keeps reading for up to 30 s.
 def test_no_more_than_the_limit_of_a_body_without_a_length_is_read(server: Server) -> None:
     head = "POST /nothing HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
     chunk, sent = b"10000\r\n" + bytes(0x10000) + b"\r\n", 0
@@ -308,7 +308,7 @@ def test_no_more_than_the_limit_of_a_body_without_a_length_is_read(server: Serve
         while sent < 4 * DRAIN_BYTES:
             end.sendall(chunk)
             sent += len(chunk)
-    assert sent < 2 * DRAIN_BYTES  # some bytes are buffered in the kernel
+    assert sent < 2 * DRAIN_BYTES  # The kernel buffers some bytes.
 
 
 def test_client_that_waits_to_be_asked_for_the_body_is_refused_without_it(server: Server) -> None:

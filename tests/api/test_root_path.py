@@ -1,4 +1,4 @@
-"""Addresses in answers of a service behind a proxy that removes a path prefix."""
+"""Links in answers of a service behind a proxy that removes a path prefix."""
 
 from collections.abc import Iterator
 
@@ -25,7 +25,7 @@ WAIT = {"Prefer": "respond-async, wait=60"}
 
 @pytest.fixture(scope="module")
 def below(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
-    """A client with a key, in the place of the proxy."""
+    """Client with a key that sends requests as the proxy would, without the prefix."""
     folder = tmp_path_factory.mktemp("below")
     token = key_in(folder / "data", "anna")
     settings = {"access": "keys", "metrics_open": "true", "allowed_hosts": "a.example,127.0.0.1", "root_path": PREFIX}
@@ -37,7 +37,7 @@ def below(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> I
 
 
 def passed_on(address: str) -> str:
-    """Return the address that the proxy would request."""
+    """Return the path that the proxy would request for a link, which must begin with the prefix."""
     assert address.startswith(f"{PREFIX}/")
     return address.removeprefix(PREFIX)
 

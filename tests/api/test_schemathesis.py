@@ -1,4 +1,4 @@
-"""Schemathesis sends a live service requests that its contract allows, and many that it does not."""
+"""Schemathesis sends requests to a running service: some that the contract allows, and some that it does not."""
 
 import json
 import os
@@ -14,14 +14,14 @@ import pytest
 from service.schemas.strike import PAPER
 
 LONG = "^/calibration/|/uncertainty$|^/thickness|^/limit-speed|^/report$"
-"""Fits, studies and walls are apart: each takes as long as twenty to a thousand other queries."""
+"""Paths tested separately: fits, studies, walls and reports take as long as twenty to a thousand other queries."""
 METHODS = {"delete", "get", "head", "patch", "post", "put"}
 
 
 def with_nulls(contract: dict[str, Any]) -> dict[str, Any]:
-    """Return the contract with null in bodies for every field that may be left out, which the service takes for absent.
+    """Return the contract with null allowed in bodies for every optional field, which the service treats as absent.
 
-    Bodies get schemas of their own, as an answer has no null.
+    Schemas of bodies are separate copies, because answers never contain null.
     """
 
     def sent(node: Any) -> Any:
@@ -59,22 +59,22 @@ def test_service_keeps_its_contract_whatever_it_receives(
     (tmp_path / "contract.json").write_text(json.dumps(with_nulls(contract)), encoding="utf-8")
     command = [str(Path(sys.executable).with_name("schemathesis")), "run", "contract.json", "--url", hurried_url]
     command += ["--max-time", str(seconds), "--max-examples", "50", "--workers", "2", "--generation-deterministic"]
-    # A request may fit the schema and still be of no use: a nose longer than its body is refused with a 422.
+    # A request that fits the schema may still be refused, such as a nose longer than its body (422).
     command += ["--checks", "all", "--exclude-checks", "positive_data_acceptance", "--max-response-time", "120"]
     command += ["--continue-on-failure", "--no-color", "--request-timeout", "120", f"--{option}-path-regex", paths]
-    if option == "include":  # no answer of these leads to another
+    if option == "include":  # Answers of these paths have no links to follow, so the phase for them is left out.
         command += ["--phases", "examples,coverage,fuzzing"]
     environment = os.environ | {"NO_PROXY": "*"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     chosen = [path for path in contract["paths"] if bool(re.search(paths, path)) == (option == "include")]
     count = sum(len(contract["paths"][path].keys() & METHODS) for path in chosen)
-    if "🕛" not in done.stdout:  # the mark of a phase cut short: a slow machine does not come to every operation
+    if "🕛" not in done.stdout:  # This mark means that a phase ran out of time.
         assert f"Tested: {count}" in done.stdout, done.stdout
     assert " passed" in done.stdout, done.stdout
     with httpx.Client(base_url=hurried_url, timeout=60.0, trust_env=False) as client:
         answer = client.post("/cra", json=PAPER)
         assert answer.json()["critical_angle_deg"] == pytest.approx(48.63, abs=0.05)
-        # Its jobs are cheaper than a wall by panels, which would wait for all of them.
+        # Left running, the jobs would delay the expensive queries of other tests, because cheaper work goes first.
         for job in client.get("/jobs", params={"limit": 1000}).json()["jobs"]:
             client.post(f"/jobs/{job['id']}/cancel")

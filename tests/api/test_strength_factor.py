@@ -1,4 +1,4 @@
-"""The models of the strength factor over HTTP, and the strength factor in the answers."""
+"""Models of the strength factor over HTTP, and the strength factor in answers."""
 
 from typing import Any
 
@@ -37,8 +37,8 @@ def test_published_tests_are_a_power_law_that_can_be_written_out(client: httpx.C
 
 
 @pytest.mark.parametrize(("decay", "ratio"), [("elastic_plastic", 0.6398), ("mohr_coulomb", 0.4734), ("none", 0.8899)])
-def test_shape_of_finite_elements_is_that_of_the_decay_law(client: httpx.Client, decay: str, ratio: float) -> None:
-    """The ratio of S at 45° to S at 0°, fitted to the same motions with each decay law."""
+def test_finite_element_shape_depends_on_the_decay_law(client: httpx.Client, decay: str, ratio: float) -> None:
+    """For each decay law, the ratio of S at 45° to S at 0° is the one fitted with that law."""
     law = PUBLISHED | {"obliquity_shape": "finite_elements"}
     body = PAPER_AT_45 | {"resistance": {"strength_factor": law, "free_surface": {"model": decay}}}
     head_on = body | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": 0.0}}
@@ -72,7 +72,7 @@ def test_exponent_of_the_diameter_can_be_swept(client: httpx.Client) -> None:
     axis = {"field": "resistance.strength_factor.diameter_exponent", "values": [-0.5, 0.0]}
     answer = answered(client, "/cra/sweep", {"base": with_model(PAPER, STRENGTH_AND_DIAMETER), "axes": [axis]})
     weaker, stronger = (each["result"]["strength_factor"] for each in answer["results"])
-    assert weaker < stronger  # 80 mm are above the reference of 76.2 mm
+    assert weaker < stronger  # S falls with the diameter, and 80 mm exceed the reference diameter of 76.2 mm.
 
 
 def test_equation_9_in_other_concrete_is_warned_of(client: httpx.Client) -> None:

@@ -1,4 +1,4 @@
-"""Results of a sweep contain its axes in every format, and its job contains the request."""
+"""Every format of sweep results has the values of the axes, and the job has the request."""
 
 import csv
 import io
@@ -32,7 +32,7 @@ def results(client: httpx.Client, job: dict[str, Any], accept: str) -> bytes:
 
 
 def table(text: str) -> tuple[dict[str, str], list[dict[str, str]]]:
-    """Return the columns of the base, which must be the same in each row, and the rows."""
+    """Read CSV; return the columns of the base, which must be equal in all rows, and the rows."""
     rows = list(csv.DictReader(io.StringIO(text)))
     bases = [{name: cell for name, cell in row.items() if "." in name and name not in FIELDS} for row in rows]
     assert all(base == bases[0] for base in bases)
@@ -47,7 +47,7 @@ BASE = {
     "target.compressive_strength_pa": "39000000.0",
     "target.density_kg_m3": "2250.0",
 }
-"""Fields of the paper's case that are not axes."""
+"""Fields of the paper's case that are not varied, as texts of the CSV table."""
 
 
 def points(rows: list[dict[str, str]]) -> list[tuple[float, ...]]:

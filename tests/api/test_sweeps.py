@@ -1,4 +1,4 @@
-"""Sweeps over a real socket."""
+"""Sweeps over HTTP: results, limits and refusals."""
 
 import itertools
 

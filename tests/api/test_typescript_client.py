@@ -12,7 +12,7 @@ import pytest
 
 from tests.docs.blocks import blocks
 
-pytestmark = pytest.mark.system  # test_generated_client.py holds the same conversation with a client in Python
+pytestmark = pytest.mark.system  # test_generated_client.py tests a client in Python
 
 ROOT = Path(__file__).parents[2]
 CONTRACT = ROOT / "openapi" / "openapi.json"
@@ -21,11 +21,11 @@ CONVERSATION = ROOT / "tests" / "clients" / "typescript"
 PARTS = ("findOneAngle", "findSomeAtOnce", "sweepTwoAxes", "calibrate", "followAJob", "cancelAJob", "getProblems")
 
 OLDEST_NODE = 20
-LIMIT_S = 90.0  # for each command; all of them take about 15 s on two cores
+LIMIT_S = 90.0  # Limit for one command; all of them together take about 15 s on two cores.
 OUT_OF_REACH = re.compile(
     r"\b(E(NOTFOUND|AI_AGAIN|CONN\w+|TIMEDOUT|NETUNREACH|HOSTUNREACH|40[137]|5\d\d)|ERR_SOCKET\w+)\b"
 )
-"""Messages of npm if its registry cannot be reached."""
+"""Error codes of npm if its registry cannot be reached."""
 
 ENVIRONMENT = os.environ | {
     # Node.js may have been installed beside the Python that runs the tests.
@@ -51,7 +51,7 @@ def run(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of the client, with its locked packages installed and its types checked."""
+    """Folder of the client, with its locked packages installed and its types checked by the compiler."""
     folder = tmp_path_factory.mktemp("typescript")
     version = run(folder, "node", "--version").stdout.strip()
     if int(version.lstrip("v").partition(".")[0]) < OLDEST_NODE:
@@ -96,7 +96,7 @@ def test_blocks_of_the_manual_compile_and_run(built: Path, live_url: str) -> Non
 
 
 def test_body_of_the_readme_has_the_types_of_the_contract(built: Path) -> None:
-    """Optional fields are optional with the default flags of openapi-typescript."""
+    """The body compiles with the types that openapi-typescript generates by default, and a misspelt field does not."""
     found = re.search(r"localhost:8000/cra .*? -d '(\{.*?\})'", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
     assert found
     settings = json.loads((built / "tsconfig.conversation.json").read_text(encoding="utf-8"))

@@ -67,7 +67,7 @@ def test_strike_through_a_wall_has_its_residual_speed(client: httpx.Client) -> N
     impact = {"velocity_m_s": 238.0, "oblique_angle_deg": 20.0}
     outcome, _, speed, angle = evaluate(client, "trajectory", [238.0, 39.0], target=wall, impact=impact)
     assert (outcome, angle) == (3.0, 0.0)
-    assert speed == pytest.approx(92.8, abs=0.5)  # by an independent program
+    assert speed == pytest.approx(92.8, abs=0.5)  # The value is from an independent program.
 
 
 def test_inputs_are_those_of_the_configuration_in_their_order(client: httpx.Client) -> None:

@@ -1,4 +1,4 @@
-"""`/cra/uncertainty` and `/trajectory/uncertainty`: the uncertainty of an angle and of an outcome."""
+"""`/cra/uncertainty` and `/trajectory/uncertainty`: uncertainty of the critical angle and of the outcome."""
 
 import csv
 import io
@@ -199,7 +199,7 @@ def test_threshold_and_strength_law_scatter_as_alternatives(client: httpx.Client
         alone = client.post("/cra", json=PAPER | {"numerics": {"retention_energy_fraction": fraction}}).json()
         assert angle == pytest.approx(alone["critical_angle_deg"], rel=1e-9)
     published = client.post("/cra", json=PAPER | {"resistance": {"strength_factor": {"model": "published_tests"}}})
-    # With equal weights the first value counts as the most likely one: the threshold of 0.005.
+    # The weights are equal, so the first value counts as the most likely one, a threshold of 0.005.
     assert by_law["published_tests"] == pytest.approx(published.json()["critical_angle_deg"], abs=0.2)
     assert abs(by_law["published_tests"] - by_law["obliquity_polynomial"]) > 0.1
 
@@ -232,7 +232,7 @@ def test_study_ends_with_its_client_or_is_refused_with_the_service(tmp_path: Pat
 
 
 def samples_computed(client: httpx.Client) -> float:
-    """Number of critical angles that the service has computed."""
+    """Return the number of critical angles that the service has computed since its start."""
     lines = client.get("/metrics").text.splitlines()
     return sum(
         float(line.split()[-1])

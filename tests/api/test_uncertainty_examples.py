@@ -1,4 +1,4 @@
-"""The example scripts with tools for uncertainty quantification run."""
+"""The example scripts that use other tools for uncertainty quantification run."""
 
 import os
 import re
@@ -28,7 +28,7 @@ def test_emcee_calibrates_the_strength_factor_with_its_interval() -> None:
     printed = run("calibrate_emcee.py")
     [row] = re.findall(r"^S +([\d.]+) \(95 %: ([\d.]+) to ([\d.]+)\)", printed, re.MULTILINE)
     median, low, high = map(float, row)
-    assert median == pytest.approx(8.4, abs=0.5)  # by least squares 8.38, from 7.1 to 9.6
+    assert median == pytest.approx(8.4, abs=0.5)  # Least squares give 8.38, with an interval from 7.1 to 9.6.
     assert 6.0 < low < 7.9
     assert 8.9 < high < 12.0
 
@@ -58,4 +58,4 @@ def test_salib_finds_the_indices_of_the_critical_angle(live_url: str) -> None:
     totals = [float(total) for total in re.findall(r"total (-?[\d.]+)", printed)]
     speed, strength = totals
     assert 0.0 <= speed < 0.3
-    assert strength == pytest.approx(1.0, abs=0.3)  # strength scatters by 12 %, speed by 1 %
+    assert strength == pytest.approx(1.0, abs=0.3)  # Strength scatters by 12 %, speed by 1 % only.

@@ -1,4 +1,4 @@
-"""Studies of uncertainty as jobs: progress, intermediate answer, result and end."""
+"""Studies of uncertainty as jobs: progress, intermediate answers, result and cancellation."""
 
 import json
 from typing import Any

@@ -25,7 +25,7 @@ TWO_OFFERS = b"Upgrade: h2c\r\nConnection: upgrade\r\nUpgrade: foo/2\r\n"
 LONGEST_HEAD = 64 * 1024
 """Longest request head that is accepted while incomplete. [bytes]"""
 PAUSE_S = 0.1
-"""Pause between two segments, so that the server reads them one by one. [s]"""
+"""Pause between two TCP segments, so that the server reads them separately. [s]"""
 SETTINGS = 'proxy_http_version 1.1; proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection "upgrade";'
 NGINX = """
 daemon off;
@@ -58,7 +58,7 @@ def connect(url: str) -> socket.socket:
 
 
 def answer_on(connection: socket.socket, method: str = "GET") -> tuple[int, bytes]:
-    """Read the one answer on a connection."""
+    """Read an answer from a connection; return status and body."""
     answer = HTTPResponse(connection, method=method)
     answer.begin()
     return answer.status, answer.read()
@@ -126,8 +126,8 @@ def test_tunnel_is_refused(live_url: str) -> None:
 
 
 @pytest.mark.parametrize("start", [b"GET /", b"GET /livez HTTP/1.1\r\nHost: localhost\r\nX: "], ids=["path", "header"])
-def test_head_without_an_end_is_cut_off(live_url: str, start: bytes) -> None:
-    """The limit is `LONGEST_HEAD`."""
+def test_endless_request_head_is_cut_off(live_url: str, start: bytes) -> None:
+    """The connection is closed after `LONGEST_HEAD` bytes and what the kernel buffers."""
     piece, sent = b"x" * 4096, 0
     with connect(live_url) as connection:
         connection.sendall(start)
@@ -136,7 +136,7 @@ def test_head_without_an_end_is_cut_off(live_url: str, start: bytes) -> None:
                 connection.sendall(piece)
                 sent += len(piece)
                 time.sleep(0.0005)
-    assert LONGEST_HEAD <= sent < 50 * LONGEST_HEAD  # some bytes are buffered in the kernel
+    assert LONGEST_HEAD <= sent < 50 * LONGEST_HEAD  # The kernel buffers some bytes.
 
 
 def test_request_that_comes_in_one_piece_with_the_end_of_a_long_body_is_no_long_head(live_url: str) -> None:
@@ -225,7 +225,7 @@ public class Post {
 def test_client_of_a_jdk_as_it_comes_can_post(url: str, tmp_path: Path) -> None:
     (tmp_path / "body").write_bytes(BODY)
     (tmp_path / "Post.java").write_text(JAVA)
-    found("javac")  # `java` compiles the file by itself where there is a compiler
+    found("javac")  # `java` compiles a source file itself if a compiler is installed.
     command = [found("java"), str(tmp_path / "Post.java"), url, str(tmp_path / "body")]
     told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
     assert [angle_in((200, line.encode())) for line in told.splitlines()] == [ANGLE] * 3

@@ -32,7 +32,7 @@ OFF_A_WALL = PAPER | {
 def check_is_the_same_everywhere(
     body: dict[str, Any], client: httpx.Client, live_url: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Compare the sentence on a strike by HTTP, Python, command line here and there, and report."""
+    """Compare the sentence on a strike by HTTP, Python, the command line with and without a service, and the report."""
     found = answered(client, "/verdict", body)
     request, angle = ReportRequest.model_validate(body), body["impact"].get("oblique_angle_deg")
     # Each question has its own tolerance unless one is given: that of a search would count for the strike at an angle.

@@ -121,8 +121,8 @@ def test_thickness_falls_and_limit_speed_rises_with_the_angle(client: httpx.Clie
     assert found["limit-speed"] == sorted(found["limit-speed"])
 
 
-def test_expensive_batch_becomes_a_job_sooner(client: httpx.Client) -> None:
-    """A search counts as 20 cases, and up to 100 cases are answered directly."""
+def test_expensive_batch_becomes_a_job_with_fewer_cases(client: httpx.Client) -> None:
+    """A least thickness counts as 20 cases, and only up to 100 cases are answered directly."""
     strengths = {"field": "target.compressive_strength_pa", "start": 30e6, "stop": 50e6}
     base = BASES["thickness"] | {"impact": STRIKE["impact"] | {"oblique_angle_deg": 0.0}}
     few, more = (
@@ -155,7 +155,7 @@ def test_plug_and_crater_can_be_swept_and_scattered(client: httpx.Client) -> Non
     wall = STRIKE | {"target": WALL["target"], "resistance": {"rear_plug": {}}}
     swept = client.post("/trajectory/sweep", json={"base": wall, "axes": [cone]}).json()["results"]
     speeds = [each["result"]["exit"]["speed_m_s"] for each in swept]
-    assert speeds[0] > speeds[1]  # the steeper cone gives a higher plug
+    assert speeds[0] > speeds[1]  # A cone of 50° gives a thicker plug, so less of the wall resists.
     depth = {
         "field": "resistance.crater.depth_diameters",
         "distribution": {"type": "uniform", "lower": 0.5, "upper": 1.5},

@@ -1,4 +1,4 @@
-"""The distribution's Chromium, kept off the network."""
+"""Chromium as installed by the operating system, started without access to the network."""
 
 import os
 import shutil
@@ -19,14 +19,14 @@ OFF_THE_NETWORK = (
 
 
 def executable() -> str | None:
-    """Path of the browser; None if there is none."""
+    """Path of the installed browser; None without one."""
     return next(filter(None, map(shutil.which, NAMES)), None)
 
 
 @contextmanager
 def running_chromium() -> Iterator[Browser]:
-    """The browser, without a window. While it runs, no other event loop can in this thread."""
-    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []  # root has to do without
+    """Run Chromium without a window. It occupies the event loop of this thread until it is closed."""
+    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []  # Chromium refuses to run as root in its sandbox.
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=executable(), args=[*OFF_THE_NETWORK, *sandbox])
         yield browser

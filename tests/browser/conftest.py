@@ -1,4 +1,4 @@
-"""A real browser, the distribution's Chromium, in front of the service that the tests share."""
+"""Fixtures that open pages of the shared service in a real browser, the installed Chromium."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,14 +11,14 @@ from .chromium import NAMES, executable, running_chromium
 
 HERE = Path(__file__).parent
 WAIT_MS = 180_000
-"""For what a test expects to see; a loaded machine takes its time."""
+"""Time limit for each expected change of a page, long enough for a loaded machine. [ms]"""
 FOLDER = HERE.parents[1] / "service" / "page"
 NewPage = Callable[..., Page]
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """Chromium, for one file: tests of others have event loops of their own."""
+    """Chromium for the tests of one file; other files may run an event loop in the same thread."""
     if executable() is None:
         pytest.skip(f"no browser here: none of {', '.join(NAMES)}")
     expect.set_options(timeout=WAIT_MS)
@@ -28,15 +28,15 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def faults() -> list[str]:
-    """What went wrong in the pages of a test; it takes out what it expects, the rest fails it."""
+    """Errors recorded in the pages of a test; the test removes those it expects, and fails if any are left."""
     return []
 
 
 @pytest.fixture
 def new_page(browser: Browser, live_url: str, faults: list[str]) -> Iterator[NewPage]:
-    """Open pages, each with a session of its own, that are watched until the test has ended.
+    """Return a function that opens a page in a new browser session, and record its errors until the test ends.
 
-    They start at no address; `page.goto("/")` leads to the service.
+    A new page is blank; `page.goto("/")` opens the service.
     """
     contexts = []
 
@@ -63,19 +63,19 @@ def new_page(browser: Browser, live_url: str, faults: list[str]) -> Iterator[New
 
 @pytest.fixture
 def page(new_page: NewPage) -> Page:
-    """A page of a wide window in light colours."""
+    """A blank page in a wide window, with light colours preferred."""
     return new_page()
 
 
 def expected(faults: list[str], text: str) -> None:
-    """Take out what went wrong as a test expects: all of it has this text, and there is some."""
+    """Check that there are recorded errors and that all of them contain this text; then clear them."""
     assert faults
     assert all(text in fault for fault in faults), faults
     faults.clear()
 
 
 def unfold(page: Page) -> None:
-    """Open the laws of the form, which stand open already where they differ from the paper's."""
+    """Unfold the section "Laws" of the form, unless it is open because a law differs from the paper's."""
     summary = page.get_by_text("Laws", exact=True)
     summary.wait_for()
     if page.locator("details[data-name=Laws]").get_attribute("open") is None:
@@ -83,19 +83,19 @@ def unfold(page: Page) -> None:
 
 
 def run_map(page: Page, query: str, count: int) -> None:
-    """Run a map at this address, and wait for its cases."""
+    """Open a map with this query, run it, and wait until all of its `count` cases are computed."""
     page.goto(f"/#/map?{query}")
     page.get_by_role("button", name="Run").click()
     all_computed(page, count)
 
 
 def all_computed(page: Page, count: int) -> None:
-    """Wait for so many cases of a map."""
+    """Wait until the map reports that all of its `count` cases are computed."""
     expect(page.locator("#map-progress")).to_have_text(f"All {count} cases are computed.")
 
 
 def watch(page: Page, address: str, faults: list[str]) -> None:
-    """Record every error of the page, and every request that leaves the service."""
+    """Record every error of the page, and every request to another server."""
 
     def hear(message: ConsoleMessage) -> None:
         if message.type in {"error", "warning"}:
@@ -107,6 +107,6 @@ def watch(page: Page, address: str, faults: list[str]) -> None:
 
 
 def left(url: str, address: str) -> list[str]:
-    """Return the fault of a request to another place than the service."""
+    """Return a list with an error if a request goes to another server, otherwise an empty list."""
     inside = url.startswith((f"{address}/", "data:", "blob:"))
     return [] if inside else [f"request that leaves the service: {url}"]

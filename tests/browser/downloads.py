@@ -1,4 +1,4 @@
-"""Files that a page offers."""
+"""Downloads from a page."""
 
 import csv
 from pathlib import Path
@@ -7,7 +7,7 @@ from playwright.sync_api import Locator, Page
 
 
 def saved(page: Page, button: Locator, path: Path) -> str:
-    """Save what a button offers in this file; return the name that the page suggests."""
+    """Click a download button and save the file to `path`; return the file name that the page suggests."""
     with page.expect_download() as download:
         button.click()
     download.value.save_as(path)
@@ -15,5 +15,5 @@ def saved(page: Page, button: Locator, path: Path) -> str:
 
 
 def data_rows(path: Path) -> list[dict[str, str]]:
-    """Rows of a CSV file below its header of comments."""
+    """Return the rows of a CSV file that begins with lines of comments."""
     return list(csv.DictReader(line for line in path.read_text().splitlines() if not line.startswith("# ")))

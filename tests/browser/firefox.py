@@ -1,4 +1,4 @@
-"""The distribution's Firefox, driven by WebDriver BiDi, which it speaks itself."""
+"""The installed Firefox, controlled by its built-in WebDriver BiDi server."""
 
 import itertools
 import json
@@ -29,18 +29,18 @@ OFF_THE_NETWORK: Mapping[str, bool | int | str] = {
 
 
 def executable() -> str | None:
-    """Path of the browser; None if there is none."""
+    """Path of the installed browser; None without one."""
     return next(filter(None, map(shutil.which, NAMES)), None)
 
 
 class Tab:
-    """A tab of the browser."""
+    """The tab of a running Firefox, and the errors of its pages."""
 
     def __init__(self, connection: ClientConnection) -> None:
         self._connection, self._numbers = connection, itertools.count(1)
         self._call("session.new", capabilities={})
         self.errors: list[str] = []
-        """Exceptions of scripts and errors in the console."""
+        """Uncaught exceptions, and errors written to the console."""
         self._call("session.subscribe", events=["log.entryAdded"])
         self._context = self._call("browsingContext.getTree")["contexts"][0]["context"]
 
@@ -49,7 +49,7 @@ class Tab:
         self._call("browsingContext.navigate", context=self._context, url=url, wait="complete")
 
     def evaluate(self, expression: str) -> Any:
-        """Return the string, number or boolean that a script expression gives; a promise is waited for."""
+        """Evaluate a script expression, awaiting a promise; return its string, number or boolean."""
         found = self._call(
             "script.evaluate", expression=expression, target={"context": self._context}, awaitPromise=True
         )
@@ -70,7 +70,7 @@ class Tab:
 
 @contextmanager
 def running_firefox(executable: str, profile: Path, preferences: Mapping[str, bool | int | str]) -> Iterator[Tab]:
-    """The browser without a window, with a profile of its own."""
+    """Run Firefox without a window, with a new profile that has these preferences."""
     lines = (f"user_pref({json.dumps(name)}, {json.dumps(value)});" for name, value in preferences.items())
     (profile / "user.js").write_text("\n".join(lines), encoding="utf-8")
     command = [executable, "--headless", "--no-remote", "--profile", str(profile), "--remote-debugging-port", "0"]

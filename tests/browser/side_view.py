@@ -1,4 +1,4 @@
-"""What the side view shows: shapes in metres, as its SVG has them, and words."""
+"""Helpers that read the side view: its shapes in metres, from the SVG, and its labels."""
 
 from playwright.sync_api import Page
 
@@ -13,24 +13,24 @@ POINTS = """(drawing, [name, at]) => {
 
 
 def open_explore(page: Page, query: str = "") -> None:
-    """Show a strike and wait until all of it is there."""
+    """Open Explore with this query and wait until every part is up to date."""
     page.goto(f"/#/explore{query}")
     page.wait_for_function(IDLE)
 
 
 def points(page: Page, name: str, at: int = 0) -> list[list[float]]:
-    """Places of a shape along the face and in depth, each a list. [m]"""
+    """Return the coordinates of a shape along the face, and its depths. [m]"""
     pairs: list[list[float]] = page.locator(".side-view .drawing").first.evaluate(POINTS, [name, at])
     return [list(each) for each in zip(*pairs, strict=True)]
 
 
 def words(page: Page) -> list[str]:
-    """Texts of what is marked, line by line."""
+    """Return the labels in the side view, one for each line of text."""
     return page.locator(".side-view .mark tspan").all_text_contents()
 
 
 def transform(page: Page) -> list[float]:
-    """Place of the contact in the drawing, and the scale. [px, px/m]"""
+    """Return the position of the point of contact in the drawing (two numbers), and the scale. [px, px/m]"""
     found: list[float] = page.locator(".side-view .metres").evaluate(
         "drawing => drawing.getAttribute('transform').match(/-?[\\d.]+/g).map(Number)"
     )

@@ -1,4 +1,4 @@
-"""What axe finds in the views: nothing that keeps somebody out."""
+"""Accessibility of every view: axe reports no serious violation, and nothing needs sideways scrolling."""
 
 import json
 from typing import Any, Literal
@@ -21,12 +21,15 @@ VIEWS = ("explore", COMPARED, "critical-angle", "how-sure", "walls", "map", "job
 
 @pytest.fixture(scope="module")
 def job(client: httpx.Client) -> None:
-    """For the table of jobs to have a row."""
+    """Submit a job, so that the table of jobs has a row."""
     client.post("/cra/batch", content=lines(searches(2)), headers=LINES | ASYNC).raise_for_status()
 
 
 def violations(page: Page) -> list[str]:
-    """What axe finds; it is evaluated, so the policy of the page stays as it is."""
+    """Return the serious violations that axe reports.
+
+    Its script is evaluated by the browser, so the Content Security Policy of the page need not be relaxed.
+    """
     found: list[dict[str, Any]] = Axe().run(page, options=OPTIONS).response["violations"]
     return [
         f"{fault['id']}: {fault['help']}: {json.dumps([node['html'][:200] for node in fault['nodes']])}"
@@ -36,7 +39,7 @@ def violations(page: Page) -> list[str]:
 
 
 def open_view(page: Page, view: str) -> None:
-    """Show a view with all it has."""
+    """Open a view and make every part of it visible."""
     page.goto(f"/{SMALL_MAP}" if view == "map" else f"/#/{view}")
     if view == "map":
         page.get_by_role("button", name="Run").click()
@@ -52,7 +55,8 @@ def open_view(page: Page, view: str) -> None:
         expect(page.get_by_role("table")).to_be_visible()
     else:
         expect(page.locator(".drawing svg").first).to_be_visible()
-    expect(page.locator("[aria-busy=true]:visible")).to_have_count(0)  # what is about to change is pale
+    # Parts that are about to change are pale, which would count as low contrast.
+    expect(page.locator("[aria-busy=true]:visible")).to_have_count(0)
 
 
 @pytest.mark.parametrize("view", VIEWS)

@@ -19,7 +19,7 @@ def test_critical_angle_is_reopened_from_its_address(new_page: NewPage) -> None:
     assert angle.inner_text() != "48.6°"
 
 
-def test_map_is_reopened_from_its_address_without_being_run_and_found_again_among_the_jobs(new_page: NewPage) -> None:
+def test_map_is_reopened_from_its_address_or_from_the_jobs_without_a_new_run(new_page: NewPage) -> None:
     page = new_page()
     run_map(page, "x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,3&target.density_kg_m3=2300", 6)
     expect(page).to_have_url(re.compile("job=[0-9a-f]{32}"))
@@ -69,7 +69,7 @@ def test_parameters_that_cannot_be_read_are_named(page: Page) -> None:
     ["projectile.nose.shape=bogus", "resistance.strength_factor.model=bogus", "resistance.free_surface.model=bogus"],
 )
 @pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "walls", "map"])
-def test_variant_that_there_is_not_is_that_of_the_paper_in_the_form_too(page: Page, view: str, part: str) -> None:
+def test_unknown_variant_is_replaced_by_that_of_the_paper(page: Page, view: str, part: str) -> None:
     page.goto(f"/#/{view}?{part}")
     note = page.get_by_role("alert").filter(has_text="Not understood in the address")
     expect(note).to_have_text(f"Not understood in the address, and left out: {part}.")

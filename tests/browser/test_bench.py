@@ -1,4 +1,4 @@
-"""The watch on pages that the other browser tests rely on."""
+"""The fixtures of the browser tests record errors and requests to other servers."""
 
 import pytest
 from playwright.sync_api import Error, Page

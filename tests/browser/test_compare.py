@@ -1,4 +1,4 @@
-"""Strikes that are compared: pinned, drawn over one another, tabled, in the address."""
+"""Comparison of pinned strikes: in the picture, the plots, the table and the address."""
 
 import re
 from pathlib import Path
@@ -35,7 +35,7 @@ def traces(page: Page, plot: str) -> list[Any]:
     return found
 
 
-def test_strike_is_pinned_and_the_next_is_laid_over_it(page: Page, client: httpx.Client) -> None:
+def test_pinned_strike_is_compared_with_the_next_one(page: Page, client: httpx.Client) -> None:
     open_explore(page)
     pin(page)
     speed(page).fill("300")
@@ -96,7 +96,7 @@ def test_preset_is_compared_with_what_is_pinned(page: Page) -> None:
     assert table(page)["Diameter [mm]"] == ["155", "80"]
 
 
-def test_files_of_compared_strikes_have_all_of_them(page: Page, tmp_path: Path) -> None:
+def test_files_of_compared_strikes_contain_all_strikes(page: Page, tmp_path: Path) -> None:
     open_explore(page, "?impact.velocity_m_s=300&pin=")
     for plot in ("side-view", "histories"):
         with page.expect_download() as download:

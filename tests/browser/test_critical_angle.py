@@ -1,4 +1,4 @@
-"""Critical angle: the searches, trial by trial, and what happens just below and above."""
+"""The view "Critical angle": every trial of the searches, and strikes just below and just above the angle."""
 
 import re
 from collections.abc import Callable
@@ -31,7 +31,7 @@ def cells(page: Page, caption: str) -> list[list[str]]:
 
 
 def drawn(page: Page, plot: int) -> list[list[float]]:
-    """What is drawn upwards in the first or second plot of the trials, a list for each search."""
+    """Return the y values of each search in one of the two plots of the trials (0 or 1)."""
     plots = page.locator(".trials .drawing")
     found: list[list[float]] = plots.nth(plot).evaluate("plot => plot.data.map(({ y }) => [...y])")
     return found
@@ -52,7 +52,7 @@ def test_searches_are_shown_side_by_side_as_the_service_answers_them(page: Page,
         assert drawn(page, 1)[number] == pytest.approx([1e3 * trial["final_position_m"] for trial in trials])
 
 
-def test_paper_case_converges_on_its_angle_with_what_happens_around_it(page: Page) -> None:
+def test_papers_case_shows_its_angle_and_strikes_around_it(page: Page) -> None:
     open_view(page)
     shown = float(page.locator(".angle").inner_text().rstrip("°"))
     assert shown == 48.6
@@ -102,7 +102,7 @@ def test_trials_are_downloaded_as_csv(page: Page, tmp_path: Path) -> None:
         assert sum(row["search"] == method for row in rows) == len(cells(page, caption))
 
 
-def test_verdict_is_that_of_the_service_once_it_is_there(page: Page, client: httpx.Client) -> None:
+def test_verdict_equals_that_of_the_service(page: Page, client: httpx.Client) -> None:
     page.goto("/#/critical-angle?impact.oblique_angle_deg=52")
     models = {"strength_factor": {"model": "obliquity_polynomial"}, "free_surface": {"model": "elastic_plastic"}}
     answer = client.post("/verdict", json=PAPER_AT_52 | {"resistance": models}).json()
@@ -111,7 +111,7 @@ def test_verdict_is_that_of_the_service_once_it_is_there(page: Page, client: htt
     card = page.locator("[data-outcome=ricochet]")
     expect(card.locator("strong").first).to_have_text(first)
     for sentence in others:
-        plain, _, _ = sentence.partition(";")  # The theories stand on the strip.
+        plain, _, _ = sentence.partition(";")  # The rest of the sentence, about the theories, is shown on the strip.
         expect(card.locator(".rest")).to_contain_text(plain.rstrip("."))
     expect(card).to_contain_text(f"90 % range {answer['range_text']}")
     theories = [each["critical_angle_deg"] for each in answer["theories"]]

@@ -1,4 +1,4 @@
-"""Editing a case: never an error on the way to a value, in the units of who types it, and undone step by step."""
+"""Editing a case: no error while a value is being typed, input in other units, and undo."""
 
 import random
 import re
@@ -26,7 +26,8 @@ FIELDS: dict[str, tuple[tuple[str, ...], float, float, dict[str, float]]] = {
     "Length": (("projectile", "length_m"), 300.0, 900.0, {"mm": 1.0, "cm": 10.0}),
     "Angle of attack": (("impact", "angle_of_attack_deg"), -9.0, 9.0, {"°": 1.0}),
 }
-"""Fields with what is typed into them: least and most in the unit shown, and other units in that."""
+"""Fields by label: path in the request, smallest and largest typed value in the unit shown, and the accepted units
+with their size in the unit shown."""
 LISTEN = """() => {
     window.errors = [];
     const look = () => {
@@ -43,7 +44,7 @@ def field(page: Page, label: str) -> Locator:
 
 
 def type_into(page: Page, label: str, text: str, leave: bool = True) -> None:
-    """Replace what a field holds, key by key."""
+    """Replace the content of a field by pressing keys."""
     field(page, label).focus()
     page.keyboard.press("ControlOrMeta+a")
     if not text:
@@ -54,13 +55,13 @@ def type_into(page: Page, label: str, text: str, leave: bool = True) -> None:
 
 
 def drop_refusals(faults: list[str]) -> None:
-    """Browsers put every answer from 400 on into the console: those to what is half typed are expected."""
+    """Drop recorded refusals of incomplete input: browsers log every answer with a status of 400 or more."""
     faults[:] = [fault for fault in faults if "422" not in fault]
 
 
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("sequences", [60, pytest.param(400, marks=pytest.mark.slow)])
-def test_values_inside_their_bounds_are_never_an_error_however_they_are_typed(
+def test_typing_a_valid_value_never_shows_an_error(
     page: Page, client: httpx.Client, faults: list[str], sequences: int
 ) -> None:
     chance = random.Random(36)  # noqa: S311 (not for secrets)
@@ -90,9 +91,9 @@ def test_values_inside_their_bounds_are_never_an_error_however_they_are_typed(
 
 
 def check_shown(page: Page, client: httpx.Client) -> None:
-    """Compare what is shown with what the service answers to the address, which has every value in SI."""
+    """Check the figures shown against the service's answer to the case in the address, which is in SI units."""
     expect(page.locator("[aria-invalid=true]")).to_have_count(0)
-    page.wait_for_timeout(400)  # the address follows
+    page.wait_for_timeout(400)  # The address is updated after a delay.
     body: dict[str, Any] = {part: dict(content) for part, content in PAPER_AT_45.items()}
     for name, text in re.findall(r"([a-z_.]+)=([-\d.e]+)", page.url):
         part, _, key = name.partition(".")
@@ -107,7 +108,7 @@ def check_shown(page: Page, client: httpx.Client) -> None:
 
 
 @pytest.mark.parametrize("speeds", [("0.5", "3000", "0.5", "238"), ("3000", "1", "2500", "0.7")])
-def test_speeds_come_in_any_order(page: Page, faults: list[str], speeds: tuple[str, ...]) -> None:
+def test_speeds_can_be_entered_in_any_order(page: Page, faults: list[str], speeds: tuple[str, ...]) -> None:
     open_explore(page)
     page.evaluate(LISTEN)
     for speed in speeds:
@@ -130,7 +131,7 @@ def test_every_angle_of_the_slider_has_an_outcome(page: Page) -> None:
     assert f"EQUATION_9 = {list(EQUATION_9_COEFFICIENTS)}" in text
 
 
-def test_error_waits_until_the_field_is_left_and_is_said_once(page: Page) -> None:
+def test_error_appears_once_after_the_field_is_left(page: Page) -> None:
     open_explore(page)
     type_into(page, SPEED, "0", leave=False)
     expect(page.locator("[aria-busy=true]").filter(has=page.locator(".figures"))).to_have_count(1)
@@ -228,9 +229,7 @@ def test_case_is_saved_by_name_in_the_browser_and_its_link_copied(page: Page) ->
     expect(page.get_by_role("link", name="South wall")).to_have_count(0)
 
 
-def test_view_that_is_opened_while_the_service_is_away_shows_itself_once_it_is_back(
-    page: Page, faults: list[str]
-) -> None:
+def test_view_opened_while_the_service_is_down_recovers_with_it(page: Page, faults: list[str]) -> None:
     open_explore(page)
     page.route("**/*", lambda route: route.abort())
     page.get_by_role("link", name="Walls").click()
@@ -259,7 +258,7 @@ def test_own_shots_narrow_the_range(page: Page, shots: str) -> None:
     before = ninety_per_cent(page)
     unfold(page)
     page.get_by_label("Strength factor", exact=True).select_option("own_tests")
-    page.get_by_label("Shots: speed, depth").fill(shots)  # the second and last action
+    page.get_by_label("Shots: speed, depth").fill(shots)  # This is the second and last action.
     fit = page.get_by_label("Own depth tests", exact=True)
     expect(fit).to_contain_text(f"With {3 if 'cm' in shots else 4} depth tests: S ")
     expect(fit).to_be_visible()
@@ -268,7 +267,7 @@ def test_own_shots_narrow_the_range(page: Page, shots: str) -> None:
     expect(page).to_have_url(re.compile("shots"))
 
 
-def test_shots_begin_empty_and_a_wrong_line_is_named_below_the_picture_before(page: Page) -> None:
+def test_shots_begin_empty_and_an_invalid_line_is_named(page: Page) -> None:
     open_explore(page)
     sent: list[str] = []
     page.on("request", lambda request: sent.append(request.post_data or ""))

@@ -1,4 +1,4 @@
-"""Explore, as one who sits before it sees it."""
+"""The view "Explore": numbers, pictures, fields and downloads."""
 
 import json
 import math
@@ -19,7 +19,7 @@ from .side_view import READY, points, transform
 
 STEPS = 12
 PATIENCE_MS = 2_000.0
-"""For a step of a slider on a machine that does much else; alone it takes some 60 ms."""
+"""Time limit for a step of a slider on a busy machine; it takes about 60 ms on an idle one. [ms]"""
 NOSE_FIELDS = {
     "conical": "Cone height over diameter",
     "spherical": "Caliber radius head",
@@ -49,7 +49,7 @@ def side_view(page: Page) -> Locator:
 
 
 def outline(page: Page) -> list[list[float]]:
-    """Where the outline that can be moved is."""
+    """Return the coordinates of the projectile's outline. [m]"""
     return points(page, "moving")
 
 
@@ -78,7 +78,7 @@ def test_papers_case_shows_its_critical_angle_and_the_picture(page: Page) -> Non
 
 
 def test_wall_that_is_too_thin_is_perforated(page: Page) -> None:
-    strong = "projectile.yield_strength_pa=2e9"  # Else the first warning is that it bends.
+    strong = "projectile.yield_strength_pa=2e9"  # With less strength the first warning would be about bending.
     open_explore(page, f"?target.thickness_m=0.2&impact.oblique_angle_deg=20&{strong}")
     expect(page.get_by_label("Thickness")).to_have_value("200")
     verdict = page.get_by_role("region", name="Verdict")
@@ -123,7 +123,7 @@ def test_moving_a_slider_updates_the_picture_the_number_and_the_address(page: Pa
     expect(page.locator("[data-outcome=ricochet]")).to_contain_text("At 75° from the normal")
 
 
-def test_bad_value_is_refused_at_the_field_and_leaves_the_picture_before_greyed(page: Page) -> None:
+def test_invalid_value_is_refused_at_the_field_and_greys_the_previous_picture(page: Page) -> None:
     open_explore(page)
     before = outline(page)
     field = page.get_by_label("Speed", exact=True)
@@ -150,7 +150,7 @@ def test_error_of_the_service_is_shown_at_the_field(page: Page, faults: list[str
     refused = [fault for fault in faults if "422" in fault]
     assert refused
     for fault in refused:
-        faults.remove(fault)  # browsers put every answer from 400 on into the console
+        faults.remove(fault)  # Browsers log every answer with a status of 400 or more.
 
 
 def test_every_nose_has_its_fields_and_a_picture(page: Page) -> None:
@@ -191,7 +191,7 @@ def test_other_laws_include_this_strike_and_its_angle(page: Page) -> None:
     expect(rows).to_have_count(11)
     for degrees in ("45", "55"):
         page.get_by_label("Oblique angle", exact=True).fill(degrees)
-        expect(page.locator(".laws-table")).to_have_attribute("aria-busy", "true")  # until it is of this strike
+        expect(page.locator(".laws-table")).to_have_attribute("aria-busy", "true")  # while it shows the previous strike
         expect(page.locator(".laws-table")).not_to_have_attribute("aria-busy", "true")
         for row in rows.all():
             _, _, angle, outcome, fitted_to = row.locator("td").all_inner_texts()
@@ -228,7 +228,7 @@ def test_shared_address_reopens_the_same_view(page: Page, new_page: Any) -> None
     assert outline(other) == [pytest.approx(each) for each in outline(page)]
 
 
-def test_case_goes_along_to_another_view_and_back(page: Page) -> None:
+def test_case_is_kept_in_another_view_and_back(page: Page) -> None:
     open_explore(page, "?projectile.mass_kg=15")
     page.get_by_role("link", name="Critical angle").click()
     expect(page).to_have_url(re.compile(r"#/critical-angle\?projectile\.mass_kg=15"))
@@ -261,7 +261,7 @@ def test_help_of_a_field_is_seen_while_it_is_used_or_on_request(page: Page) -> N
     expect(page.locator("form [title]")).to_have_count(0)
 
 
-def test_help_of_a_field_moves_no_other(page: Page) -> None:
+def test_help_of_a_field_does_not_move_other_fields(page: Page) -> None:
     open_explore(page)
     fields = page.locator("form .field input[type=text]")
     places = "inputs => inputs.map(input => input.getBoundingClientRect().top)"
@@ -273,7 +273,7 @@ def test_help_of_a_field_moves_no_other(page: Page) -> None:
         assert fields.evaluate_all(places) == before
 
 
-def test_no_unit_is_a_bare_one(page: Page) -> None:
+def test_no_field_has_the_unit_1(page: Page) -> None:
     open_explore(page)
     assert "1" not in page.locator(".unit").all_inner_texts()
 
@@ -302,8 +302,8 @@ def test_histories_have_the_acceleration_of_the_body_in_standard_gravity(page: P
     assert -2e4 < min(axial) < -5e3
 
 
-def test_bending_is_a_curve_and_a_mark(page: Page, client: httpx.Client) -> None:
-    """Both are of the answer: the curve has its peak where the mark says it is."""
+def test_bending_stress_is_plotted_and_marked_in_the_side_view(page: Page, client: httpx.Client) -> None:
+    """The curve peaks at the stress and time in the answer, and the side view marks the section that bends most."""
     open_explore(page)
     body = PAPER_AT_45 | {"output": {"history": True, "sample_interval_s": 1e-4}}
     bending = client.post("/trajectory", json=body).json()["bending"]
@@ -347,7 +347,7 @@ def test_flight_after_a_ricochet_is_drawn_and_ends_where_the_service_says(page: 
     expect(panel).to_be_hidden()
 
 
-def test_play_goes_through_to_the_end_in_steps_where_less_motion_is_wanted(page: Page) -> None:
+def test_play_runs_in_steps_if_reduced_motion_is_preferred(page: Page) -> None:
     open_explore(page)
     page.get_by_label("Instant").fill("0")
     seen = page.evaluate(
@@ -413,7 +413,7 @@ def test_copied_command_and_program_request_what_is_shown(page: Page) -> None:
     expect(copied).to_be_hidden()
 
 
-def test_theme_chosen_is_kept(page: Page) -> None:
+def test_chosen_theme_is_kept(page: Page) -> None:
     open_explore(page)
     page.get_by_label("Theme").select_option("dark")
     page.reload()

@@ -1,4 +1,4 @@
-"""The first load over a slow line: words and the side view first, plots later, nothing moves."""
+"""The first load over a slow line: text and side view come first, plots later, and nothing shifts."""
 
 import re
 from pathlib import Path
@@ -26,7 +26,7 @@ def throttle(session: CDPSession, speed: float) -> None:
     session.send("Network.emulateNetworkConditions", conditions)
 
 
-def test_answer_in_words_comes_before_the_plots_on_a_slow_line(page: Page) -> None:
+def test_text_of_the_answer_is_shown_before_the_plots_on_a_slow_line(page: Page) -> None:
     session = page.context.new_cdp_session(page)
     session.send("Network.enable")
     throttle(session, SLOW_BYTES_PER_S)
@@ -54,14 +54,14 @@ def test_first_picture_takes_a_quarter_of_a_megabyte_at_most(page: Page) -> None
     session.send("Network.enable")
     sizes: list[float] = []
     session.on("Network.loadingFinished", lambda event: sizes.append(event["encodedDataLength"]))
-    throttle(session, SLOW_BYTES_PER_S)  # what comes later is seen to come later
+    throttle(session, SLOW_BYTES_PER_S)  # slow enough that files requested later also arrive later
     page.goto("/", wait_until="commit")
     page.locator(READY).wait_for()
     assert sum(sizes) <= 250_000
 
 
-def test_every_module_of_the_first_view_is_announced_to_the_browser() -> None:
-    """A chain of imports costs a round trip for each link, so the document names them all."""
+def test_document_preloads_every_module_of_the_first_view() -> None:
+    """The document names them all, because each level of nested imports would cost a round trip."""
     found: set[Path] = set()
 
     def follow(module: Path) -> None:
@@ -91,7 +91,7 @@ def test_verdict_and_picture_are_above_the_fold(
     page.goto("/")
     page.wait_for_function(IDLE)
     for part in parts:
-        ratio = 0.5 if part == FORM else 1.0  # it is longer than any window
+        ratio = 0.5 if part == FORM else 1.0  # The form is longer than any window.
         box = page.locator(part).first.bounding_box()
         assert box is not None
         assert box["y"] >= 0
@@ -102,7 +102,7 @@ def test_verdict_and_picture_are_above_the_fold(
         expect(page.locator(".side-view .drawing")).to_be_in_viewport(ratio=1.0)
 
 
-def test_second_load_asks_for_two_files_and_fetches_neither_anew(page: Page) -> None:
+def test_second_load_revalidates_two_files_and_downloads_none(page: Page) -> None:
     page.goto("/")
     expect(page.locator(".histories .scatterlayer .trace").first).to_be_visible()
     sizes: dict[str, int] = {}
@@ -126,8 +126,8 @@ def test_second_load_asks_for_two_files_and_fetches_neither_anew(page: Page) -> 
 
 
 @pytest.mark.parametrize(("width", "height"), [(1440, 900), (390, 844)])
-def test_nothing_moves_as_the_page_fills(new_page: NewPage, width: int, height: int) -> None:
-    """Cumulative layout shift, of which 0.1 counts as good."""
+def test_layout_does_not_shift_while_the_page_loads(new_page: NewPage, width: int, height: int) -> None:
+    """Cumulative layout shift is below 0.05; up to 0.1 is rated as good."""
     page = new_page(width=width, height=height)
     page.add_init_script("""
         window.shift = 0;

@@ -1,4 +1,4 @@
-"""How sure: the probability of ricochet of a case whose inputs scatter."""
+"""The view "How sure": the probability of ricochet of a case with scattering inputs."""
 
 import re
 from itertools import pairwise
@@ -35,7 +35,7 @@ def wait(page: Page) -> None:
 
 
 def answer_of(client: httpx.Client, **rest: Any) -> dict[str, Any]:
-    """What the service answers to the case of the page with two scatters."""
+    """Return the service's answer to the same case with the same two scattering inputs."""
     answer = client.post("/cra/uncertainty", json=PAPER | {"uncertain": TWO_INPUTS} | rest)
     answer.raise_for_status()
     found: dict[str, Any] = answer.json()
@@ -43,18 +43,18 @@ def answer_of(client: httpx.Client, **rest: Any) -> dict[str, Any]:
 
 
 def drawn(page: Page) -> list[list[float]]:
-    """The lower and the upper edge of the band, the curve, and the angle of the case."""
+    """Return the plotted probabilities: lower and upper limit of the band, the curve, and the point of the case."""
     plot = page.get_by_role("img", name=re.compile("Probability of ricochet"))
     found: list[list[float]] = plot.evaluate("plot => plot.data.map(({ y }) => [...y])")
     return found
 
 
 def curve_of(picture: Path) -> list[tuple[float, float]]:
-    """Points of the curve, read off the axes of an SVG picture."""
+    """Return the points of the curve in an SVG file, in the units of its axes."""
     root = ET.parse(picture).getroot()  # noqa: S314 (the page's own)
 
     def ticks(name: str, index: int) -> np.ndarray:
-        """Slope and offset from places to numbers of an axis."""
+        """Fit the straight line from positions to values of an axis; return its slope and offset."""
         marks = [
             (float(re.findall(r"-?[\d.]+", text.get("transform", ""))[index]), float("".join(text.itertext())))
             for group in root.iter(f"{SVG}g")
@@ -209,7 +209,7 @@ def test_study_that_is_stopped_while_it_is_submitted_leaves_no_job_running(page:
     assert cancelled.value.json()["status"] == "dismissed"
 
 
-def test_study_is_stopped_and_a_changed_form_gives_it_up(page: Page) -> None:
+def test_study_is_stopped_by_button_and_by_a_changed_form(page: Page) -> None:
     page.goto(f"/#/how-sure?{TWO}&sampling.half_width=0.0001&sampling.max_samples=1024&sampling.seed=3")
     stop = page.get_by_role("button", name="Stop")
     expect(stop).to_be_enabled()
@@ -241,7 +241,7 @@ def test_study_runs_again_by_itself_and_the_numbers_before_are_marked(page: Page
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
-def test_button_and_results_of_a_long_form_are_a_step_away(page: Page, size: tuple[int, int]) -> None:
+def test_button_and_results_of_a_long_form_are_easy_to_reach(page: Page, size: tuple[int, int]) -> None:
     width, height = size
     page.set_viewport_size({"width": width, "height": height})
     page.goto("/#/how-sure")

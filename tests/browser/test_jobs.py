@@ -1,4 +1,4 @@
-"""The table of jobs."""
+"""The view "Jobs": progress, results, titles and deletion of jobs, and cases from a table."""
 
 import csv
 import io
@@ -45,7 +45,7 @@ def test_job_is_seen_to_run_and_can_be_cancelled(page: Page, client: httpx.Clien
         ("velocity_m_s", "The table needs a header and a row for each case."),
     ],
 )
-def test_cell_of_a_table_that_is_not_right_is_named(page: Page, faults: list[str], table: str, problem: str) -> None:
+def test_invalid_cell_of_a_table_is_named(page: Page, faults: list[str], table: str, problem: str) -> None:
     page.goto("/#/jobs")
     page.get_by_label("Cases, pasted or dropped as CSV").fill(table)
     page.get_by_role("button", name="Compute").click()
@@ -76,10 +76,8 @@ def test_cases_of_a_dropped_table_have_the_rest_of_the_case_in_the_other_views(
     assert finished(client, response.value.json())["counts"]["total"] == 2
 
 
-def test_job_that_runs_says_how_long_it_takes_and_one_that_waits_how_many_are_ahead(
-    page: Page, client: httpx.Client
-) -> None:
-    """The answer is altered, so that both are seen whatever the load."""
+def test_running_job_shows_its_remaining_time_and_queued_job_its_place(page: Page, client: httpx.Client) -> None:
+    """The answer of the service is replaced, so that both states occur however busy the machine is."""
     job = client.post("/trajectory/batch", content=lines(searches(1)), headers=LINES | ASYNC).json() | {"counts": {}}
     counts = {"total": 100, "done": 0, "cached": 0, "failed": 0}
     started = (datetime.now(UTC) - timedelta(seconds=60)).isoformat()
@@ -142,7 +140,7 @@ def test_results_are_downloaded(page: Page, client: httpx.Client, tmp_path: Path
 
 
 def count_of(path: Path, form: str) -> int:
-    """Cases in a file."""
+    """Return the number of cases in a downloaded file."""
     if form == "HDF5":
         with h5py.File(path) as file:
             return int(file["summary/index"].shape[0])
@@ -150,7 +148,7 @@ def count_of(path: Path, form: str) -> int:
     return len(list(csv.DictReader(io.StringIO(text)))) if form == "CSV" else len([*map(json.loads, text.splitlines())])
 
 
-def test_job_is_deleted_only_once_that_is_confirmed(page: Page, client: httpx.Client) -> None:
+def test_job_is_deleted_only_after_confirmation(page: Page, client: httpx.Client) -> None:
     job = client.post("/cra/batch", content=lines(searches(1)), headers=LINES | ASYNC).json()
     finished(client, job)
     page.goto("/#/jobs")

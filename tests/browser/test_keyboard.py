@@ -1,4 +1,4 @@
-"""The page without a pointer."""
+"""Use of the page with the keyboard only."""
 
 import re
 
@@ -13,7 +13,7 @@ MOST_TABS = 80
 
 
 def tab_to(page: Page, target: Locator) -> None:
-    """Go on to an element, key by key."""
+    """Press Tab until an element has the focus; fail if it cannot be reached."""
     for _ in range(MOST_TABS):
         page.keyboard.press("Tab")
         if target.evaluate("element => element === document.activeElement"):
@@ -23,7 +23,8 @@ def tab_to(page: Page, target: Locator) -> None:
 
 def test_skip_link_leads_to_the_view(page: Page) -> None:
     page.goto("/#/explore")
-    expect(page.locator("#status")).to_have_text("Up to date.")  # under load a browser that is still drawing loses keys
+    # A busy browser that is still drawing may lose key presses.
+    expect(page.locator("#status")).to_have_text("Up to date.")
     page.keyboard.press("Tab")
     expect(page.get_by_role("link", name="Skip to the view")).to_be_focused()
     page.keyboard.press("Enter")
@@ -119,7 +120,7 @@ def test_job_is_renamed_and_deleted_by_keys_alone(page: Page, client: httpx.Clie
     rename, delete = (row.get_by_role("button", name=name) for name in ("Rename", "Delete"))
     tab_to(page, rename)
     page.keyboard.press("Enter")
-    page.keyboard.type("South wall")  # what was there is selected
+    page.keyboard.type("South wall")  # The old title is selected, and therefore replaced.
     page.keyboard.press("Enter")
     expect(row).to_contain_text("South wall")
     expect(rename).to_be_focused()

@@ -1,4 +1,4 @@
-"""Maps: sweeps as jobs, drawn while they run."""
+"""The view "Map": sweeps that run as jobs and are drawn while they run."""
 
 import json
 import re
@@ -28,7 +28,7 @@ def job_of(page: Page) -> str:
 
 
 def heat(page: Page, trace: int) -> list[list[float | None]]:
-    """Colours of the heat map, as Plotly holds them."""
+    """Return the values of a heat map, row by row."""
     values: list[list[float | None]] = page.evaluate(
         "trace => document.querySelector('.map .drawing').data[trace].z.map(row => [...row])", trace
     )
@@ -131,7 +131,7 @@ def test_phase_diagram_has_the_case_as_a_point_that_is_dragged(page: Page) -> No
     page.mouse.move(x - 40, y - 120, steps=5)
     page.mouse.up()
     expect(page.locator("[data-outcome=ricochet]")).to_be_visible()
-    page.wait_for_timeout(400)  # the address follows
+    page.wait_for_timeout(400)  # The address is updated after a delay.
     angle = float(re.findall(r"oblique_angle_deg=([\d.]+)", page.url)[0])
     speed = float(re.findall(r"velocity_m_s=([\d.]+)", page.url)[0])
     assert angle > 48.63
@@ -141,7 +141,7 @@ def test_phase_diagram_has_the_case_as_a_point_that_is_dragged(page: Page) -> No
     expect(page.locator(".map[aria-busy=true]")).to_have_count(0)
 
 
-def test_bad_axis_is_refused_at_its_field_with_a_word(page: Page) -> None:
+def test_invalid_axis_is_refused_at_its_field(page: Page) -> None:
     page.goto("/#/map")
     start = page.get_by_role("group", name="Horizontal axis").get_by_label("From")
     start.fill("-3")
@@ -157,7 +157,7 @@ def test_bad_axis_is_refused_at_its_field_with_a_word(page: Page) -> None:
     expect(page.get_by_text("Both axes have the same field.").first).to_be_visible()
 
 
-def test_map_says_that_the_service_is_away_and_goes_on_once_it_is_back(page: Page, faults: list[str]) -> None:
+def test_map_reports_a_lost_service_and_continues_when_it_is_back(page: Page, faults: list[str]) -> None:
     open_map(page, x="impact.velocity_m_s,238,300,2", y="projectile.mass_kg,13,14,3", rest="")
     page.route("**/jobs/**", lambda route: route.abort())
     page.get_by_role("button", name="Run").click()
@@ -253,7 +253,7 @@ def test_files_of_a_map_name_what_varies_and_leave_its_values_out(page: Page, tm
     assert "238 m/s" not in picture
 
 
-def test_map_whose_job_is_gone_says_so_and_can_be_run_again(page: Page, faults: list[str]) -> None:
+def test_map_without_its_job_says_so_and_can_be_run_again(page: Page, faults: list[str]) -> None:
     page.goto(f"/#/map?x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,3&job={'0' * 32}")
     expect(page.get_by_role("alert")).to_have_text("The job of this map is gone: it has expired. Run it again.")
     page.get_by_role("button", name="Run").click()
@@ -304,7 +304,7 @@ def test_map_of_least_thickness_is_that_of_the_service(page: Page, client: httpx
     assert [1e3 * float(row["least_thickness_m"]) for row in rows] == pytest.approx(thickness)
 
 
-def test_map_of_inputs_before_is_marked(page: Page) -> None:
+def test_map_of_previous_inputs_is_marked(page: Page) -> None:
     page.goto("/#/map?x=impact.velocity_m_s,230,300,2&y=projectile.mass_kg,12,14,2")
     all_computed(page, 4)
     picture = page.get_by_role("region", name="Picture")
@@ -357,8 +357,8 @@ def test_legend_is_as_wide_as_a_phone(new_page: NewPage) -> None:
         assert box["x"] + box["width"] <= plot["x"] + plot["width"], text.text_content()
 
 
-def test_phase_diagram_has_a_line_from_which_on_the_body_yields(page: Page) -> None:
-    """It parts the cells with the warning from those without."""
+def test_phase_diagram_has_a_line_above_which_the_body_yields(page: Page) -> None:
+    """The line separates cells with the warning about bending from cells without it."""
     axes = "x=impact.oblique_angle_deg,30,60,4&y=impact.velocity_m_s,100,300,5"
     run_map(page, f"operation=trajectory&{axes}", 20)
     line = page.locator(".map .drawing").evaluate(

@@ -1,4 +1,4 @@
-"""Numbers as they are read and as they are written."""
+"""Numbers typed into fields, and the format of numbers shown."""
 
 import re
 
@@ -11,7 +11,7 @@ NOISE = re.compile(r"\d[eE][-−+]?\d|[-−]0(\.0+)?(?![\d.])|\d\.\d*?(0000|9999
 
 
 @pytest.mark.parametrize(("typed", "shown"), [("2,500", "2500"), ("1,200", "1200"), ("1,200 mm", "1200")])
-def test_comma_before_three_digits_divides_thousands_and_that_is_said(page: Page, typed: str, shown: str) -> None:
+def test_comma_before_three_digits_is_read_as_thousands_with_a_note(page: Page, typed: str, shown: str) -> None:
     open_explore(page)
     thickness = page.get_by_label("Thickness")
     thickness.fill(typed)
@@ -42,7 +42,7 @@ def test_word_that_an_empty_field_shows_may_be_typed(page: Page, label: str, fie
     expect(page.get_by_label(label)).to_have_value("")
 
 
-def test_what_rounding_leaves_is_not_shown(page: Page) -> None:
+def test_rounding_errors_are_not_shown(page: Page) -> None:
     for angle in ("0", "45", "89.9"):
         open_explore(page, f"?impact.oblique_angle_deg={angle}")
         page.locator(".histories .scatterlayer .trace").first.wait_for()

@@ -1,4 +1,4 @@
-"""Printing: any view is black on white without controls, no picture is cut; the report opens in a tab."""
+"""Printing: every view is black on white, complete and without controls. The report opens in a new tab."""
 
 import re
 import shutil
@@ -17,7 +17,7 @@ from .conftest import NewPage
 
 VIEWS = ("explore", "critical-angle", "how-sure", "walls", "map", "jobs")
 SHEET: ViewportSize = {"width": 703, "height": 1030}
-"""A4 between margins of 12 mm, in CSS pixels."""
+"""Printable area of A4 with margins of 12 mm. [CSS pixels]"""
 OVERHANG = """() => [...document.querySelectorAll(".drawing svg, table, .panel")]
   .filter((each) => each.getBoundingClientRect().width > 0)
   .map((each) => [each.className.baseVal ?? each.className, each.getBoundingClientRect().right])
@@ -33,7 +33,7 @@ FILLED = {
     "map": ("map", ".map .main-svg"),
     "jobs": ("jobs", "table"),
 }
-"""Views with all they show, each with what comes last."""
+"""Address of each view with all its parts, and a selector of the part that appears last."""
 COLOUR = "() => [document.documentElement, document.body].map((each) => getComputedStyle(each).color)"
 
 
@@ -86,7 +86,7 @@ def test_sheets_are_dark_on_white_within_their_margins(
         outside[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX] = 255
         assert outside.min() >= 250, "nothing is beyond the margins"
         assert np.median(grey) == 255, "the sheet is white"
-        ink = np.mean(inside < 128)  # text, lines and the colours of a map
+        ink = np.mean(inside < 128)  # dark pixels: text, lines and the colours of a map
         assert (0.002 if number < len(sheets) else 0.0) < ink < 0.35
 
 

@@ -1,4 +1,4 @@
-"""What a page reads of a refusal that comes while it still sends its body."""
+"""A script of a page receives a refusal that is sent before the whole body has been read."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager

@@ -1,4 +1,4 @@
-"""The side view: the projectile is turned in it, and what it marks."""
+"""The side view: turning the projectile by dragging or by keys, and the labels."""
 
 import math
 import re
@@ -23,7 +23,7 @@ def centre(part: Locator) -> tuple[float, float]:
 
 
 def contact(page: Page) -> tuple[float, float]:
-    """Where the projectile touches the face, in the window."""
+    """Return the position in the window where the projectile touches the face. [px]"""
     box = page.locator(".side-view .drawing").bounding_box()
     assert box is not None
     along, down, _ = transform(page)
@@ -31,7 +31,7 @@ def contact(page: Page) -> tuple[float, float]:
 
 
 def drag(page: Page, degrees: float, distance: float = 150.0) -> None:
-    """Move the pointer to where an angle is, some pixels from the contact."""
+    """Move the pointer to the direction of an angle, at this distance from the point of contact. [°, px]"""
     x, y = contact(page)
     angle = math.radians(degrees)
     page.mouse.move(x - distance * math.sin(angle), y - distance * math.cos(angle), steps=3)
@@ -64,7 +64,7 @@ def test_projectile_is_dragged_through_the_critical_angle(page: Page) -> None:
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
-def test_picture_stays_where_it_is_while_it_is_dragged_in(new_page: NewPage, size: tuple[int, int]) -> None:
+def test_picture_does_not_move_while_the_projectile_is_dragged(new_page: NewPage, size: tuple[int, int]) -> None:
     page = new_page(width=size[0], height=size[1])
     open_explore(page)
     handle(page).scroll_into_view_if_needed()
@@ -73,7 +73,7 @@ def test_picture_stays_where_it_is_while_it_is_dragged_in(new_page: NewPage, siz
     before = contact(page)
     for degrees in (46.0, 60.0, 75.0):
         drag(page, degrees, distance=60.0)
-        page.wait_for_function(IDLE)  # the verdict has other words then, on more lines or fewer
+        page.wait_for_function(IDLE)  # The verdict may now take more or fewer lines.
         assert contact(page) == before
     page.mouse.up()
     for part in page.locator(".verdict > *").all():
@@ -118,13 +118,13 @@ def test_wall_has_a_hole_through_to_its_rear_face(page: Page) -> None:
     assert max(depth) == pytest.approx(0.2)
     across = [x for x, y in zip(along, depth, strict=True) if abs(y - 0.2) < 1e-9]
     assert 0.08 < max(across) - min(across) < 0.16, "a shank of 80 mm went through at a slant"
-    for thickness in ("", "5000"):  # none, and one far beyond the picture
+    for thickness in ("", "5000"):  # no wall, and one whose rear face is far outside the picture
         page.get_by_label("Thickness").fill(thickness)
         page.wait_for_function(IDLE)
         assert "rear face" not in words(page)
 
 
-def test_picture_comes_to_the_slider_on_a_phone(new_page: NewPage) -> None:
+def test_picture_stays_visible_while_a_slider_moves_on_a_phone(new_page: NewPage) -> None:
     page = new_page(width=390, height=844)
     open_explore(page)
     slider = page.get_by_label("Oblique angle, slider")

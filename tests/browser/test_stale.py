@@ -1,4 +1,4 @@
-"""No number stands beside inputs that it does not belong to, unless it is marked."""
+"""Numbers computed for earlier inputs are removed or marked as outdated."""
 
 import json
 import random
@@ -16,12 +16,12 @@ def speed(page: Page) -> Any:
     return page.get_by_label("Speed", exact=True)
 
 
-def test_field_that_is_not_accepted_takes_the_numbers_away(page: Page) -> None:
+def test_invalid_field_removes_the_numbers(page: Page) -> None:
     open_explore(page)
     speed(page).fill("-5")
     expect(page.locator(".angle")).to_have_count(0)
     expect(page.locator("[data-outcome]")).to_have_count(0)
-    picture = page.locator(".side-view.cleared[aria-busy=true]")  # of the inputs before
+    picture = page.locator(".side-view.cleared[aria-busy=true]")  # the picture of the previous inputs
     expect(picture.locator(".drawing")).to_be_visible()
     expect(page.locator("#status")).to_have_text("A field is not accepted. Nothing is computed.")
     speed(page).fill("250")
@@ -54,8 +54,8 @@ def test_nothing_is_pinned_reported_copied_or_exported_without_a_case(page: Page
 
 
 @pytest.mark.parametrize("edits", [25, pytest.param(300, marks=pytest.mark.slow)])
-def test_random_edits_never_leave_what_belongs_to_other_inputs(page: Page, faults: list[str], edits: int) -> None:
-    """After an edit that is not accepted all is grey and disabled; after others words and address have the inputs."""
+def test_random_edits_never_leave_outdated_results_unmarked(page: Page, faults: list[str], edits: int) -> None:
+    """After an invalid edit results are grey and buttons disabled; after a valid one text and address match it."""
     chance = random.Random(51)  # noqa: S311 (not for secrets)
     fields = {
         "Speed": (["238", "310.5", "120"], ["-5", "", "fast"]),
@@ -83,7 +83,7 @@ def test_random_edits_never_leave_what_belongs_to_other_inputs(page: Page, fault
         expect(page.locator(".cleared")).to_have_count(0)
         angle = float(page.get_by_label("Oblique angle", exact=True).input_value())
         expect(page.locator("[data-outcome]").first).to_contain_text(f"{angle:g}°")
-        page.wait_for_timeout(300)  # the address follows
+        page.wait_for_timeout(300)  # The address is updated after a delay.
         link = page.url
         for name, key in (("Speed", "impact.velocity_m_s"), ("Mass", "projectile.mass_kg")):
             shown, usual = page.get_by_label(name, exact=True).input_value(), {"Speed": "238", "Mass": "13"}[name]
@@ -93,7 +93,7 @@ def test_random_edits_never_leave_what_belongs_to_other_inputs(page: Page, fault
     faults[:] = [fault for fault in faults if "422" not in fault]
 
 
-def test_shots_that_are_not_accepted_take_their_bars_away(page: Page) -> None:
+def test_invalid_shots_remove_their_bars(page: Page) -> None:
     shots = '[{"velocity_m_s":250,"depth_m":0.31},{"velocity_m_s":300,"depth_m":0.42}]'
     open_explore(page, f"?resistance.strength_factor.model=own_tests&resistance.strength_factor.shots={shots}")
     bars = page.get_by_role("group", name="Own depth tests").locator("svg")
@@ -105,7 +105,7 @@ def test_shots_that_are_not_accepted_take_their_bars_away(page: Page) -> None:
 
 def test_page_is_not_up_to_date_while_a_study_or_a_map_is_computed(page: Page) -> None:
     status = page.locator("#status")
-    page.route("**/cra/uncertainty", lambda route: None)  # it never answers
+    page.route("**/cra/uncertainty", lambda route: None)  # The request gets no answer.
     with page.expect_response("**/verdict"):
         page.goto("/#/how-sure?scatter=impact.velocity_m_s,normal,coefficient_of_variation:0.02&sampling.seed=4")
     expect(page.locator(".verdict [aria-busy=true]")).to_have_count(0)
@@ -125,7 +125,7 @@ def test_warning_of_another_angle_says_so(page: Page) -> None:
         assert all(angle == "30" for angle in angles) or warning.startswith("At the critical angle"), warning
 
 
-def test_lost_service_is_said_beside_the_picture_and_tried_again(page: Page, faults: list[str]) -> None:
+def test_lost_service_is_reported_beside_the_picture_and_retried(page: Page, faults: list[str]) -> None:
     open_explore(page)
     before = page.locator(".angle").inner_text()
     lost = [0]
@@ -150,7 +150,7 @@ def test_lost_service_is_said_beside_the_picture_and_tried_again(page: Page, fau
 
 
 @pytest.mark.parametrize("path", ["**/verdict", "**/trajectory", "**/cra"])
-def test_message_on_a_lost_request_goes_with_its_answer(page: Page, faults: list[str], path: str) -> None:
+def test_message_about_a_lost_request_disappears_with_its_answer(page: Page, faults: list[str], path: str) -> None:
     open_explore(page)
     page.get_by_text("Under other laws").click()
     expect(page.get_by_role("table", name="Under other laws")).to_be_visible()
@@ -181,7 +181,7 @@ def test_papers_searches_wait_until_they_are_opened_and_end_with_the_inputs(page
 
     def hold_first(route: Route) -> None:
         if method(route.request) == "bisection" and not held:
-            held.append(route)  # without an answer until the page gives it up
+            held.append(route)  # not answered, so that it is pending until the page aborts it
         else:
             route.continue_()
 

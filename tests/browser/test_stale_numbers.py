@@ -1,4 +1,4 @@
-"""Every number that a view shows, sampled every 20 ms: one that is not marked belongs to the inputs shown."""
+"""Every unmarked number in a view belongs to the inputs shown, sampled every 20 ms while a field changes."""
 
 from collections.abc import Callable
 
@@ -52,7 +52,7 @@ def run_shown_map(page: Page) -> None:
 
 
 def check(page: Page, label: str, values: list[str], finish: Callable[[Page], None]) -> None:
-    """Change a field, quickly and slowly, and compare what was unmarked with what the same inputs end with."""
+    """Change a field quickly and slowly; every unmarked number must be among the final numbers for those inputs."""
 
     def fill(value: str) -> None:
         page.get_by_label(label, exact=True).first.fill(value)

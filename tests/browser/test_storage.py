@@ -1,4 +1,4 @@
-"""What the browser keeps for the page: it may keep nothing, or something damaged."""
+"""Browser storage that is blocked, disabled or damaged."""
 
 from pathlib import Path
 
@@ -43,7 +43,7 @@ def test_every_view_works_with_what_the_browser_keeps(page: Page, script: str) -
             expect(page.locator("main .panel").first).to_be_visible()
 
 
-def test_damaged_values_are_dropped_and_the_rest_is_kept(page: Page) -> None:
+def test_damaged_stored_values_are_dropped_and_others_kept(page: Page) -> None:
     page.add_init_script("""localStorage.setItem("ricochet-cases", '{"Bad": 7, "Good": "projectile.mass_kg=15"}');""")
     open_explore(page)
     expect(page.get_by_label("Theme")).to_have_value("system")
@@ -71,7 +71,7 @@ def test_firefox_with_storage_off_shows_every_view(live_url: str, tmp_path: Path
 
 
 def shown(text: str, part: str) -> str:
-    """Script that waits for a text of the page to have this part, and returns it."""
+    """Return a script that waits until the value of an expression contains `part`, and returns the value."""
     return f"""new Promise((found) => {{
         const look = () => {{
             const text = {text};

@@ -1,4 +1,4 @@
-"""How many actions a task takes: clicks, choices and fields that are filled in."""
+"""The number of actions (clicks, choices, filled fields) that common tasks take."""
 
 import math
 import re
@@ -12,7 +12,7 @@ from .side_view import IDLE
 
 
 class Actions:
-    """Acts on a page as a user does, and counts it."""
+    """Performs actions of a user on a page, and counts them."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -37,7 +37,7 @@ def act() -> Actions:
 
 @pytest.fixture
 def explore(page: Page) -> Page:
-    """The page as it opens."""
+    """The start page, fully loaded."""
     page.goto("/")
     page.wait_for_function(IDLE)
     return page
@@ -130,7 +130,7 @@ def test_spread_for_a_strength_factor_within_ten_per_cent_takes_two_actions_at_m
 ) -> None:
     act.click(explore.get_by_role("link", name="How sure, input by input"))
     factor = explore.get_by_role("group", name="Factor on the strength factor")
-    with explore.expect_request(lambda request: request.url.endswith("/cra/uncertainty")):  # by itself
+    with explore.expect_request(lambda request: request.url.endswith("/cra/uncertainty")):  # without a click
         act.fill(factor.get_by_label("Scale"), "0.1")
     expect(explore.locator("#study-progress")).to_have_text("Done.")
     expect(explore.locator(".range")).to_have_text(re.compile(r"\d"))

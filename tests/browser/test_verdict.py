@@ -1,9 +1,17 @@
 """The verdict: in sight beside the form, each fact once, the strip labelled, a line on the map."""
 
+import json
+from collections.abc import Iterator
 from itertools import combinations
+from typing import Any
+from urllib.parse import urlencode
 
+import httpx
 import pytest
 from playwright.sync_api import Locator, Page, expect
+
+from tests.api.calibrations import answered
+from tests.odd_strikes import KINDS, odd_strikes
 
 from .conftest import NewPage
 
@@ -48,10 +56,49 @@ def test_each_fact_stands_in_the_verdict_once(page: Page) -> None:
     words, angle = card.inner_text(), page.locator(".angle").inner_text()
     for fact in (angle, "probability", "Critical angle", "90 % range", "Wall of 500 mm"):
         assert words.count(fact) == 1, f"{fact}: {words}"
-    assert "weight" not in words, "its second line is plain"
     expect(strip).not_to_contain_text(angle)
     strong, rest = card.locator("strong").first, card.locator(".rest")
     assert boxes(rest)[0]["top"] >= boxes(strong)[0]["bottom"] - 1
+
+
+def fields_of(part: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the fields of a case as the address of a view has them."""
+    for name, value in part.items():
+        if isinstance(value, dict):
+            yield from fields_of(value, f"{before}{name}.")
+        else:
+            yield before + name, value if isinstance(value, str) else json.dumps(value)
+
+
+def check_sentence(page: Page, client: httpx.Client, body: dict[str, Any]) -> None:
+    """Compare the verdict that the page shows on a strike with the sentence of the service."""
+    found = answered(client, "/verdict", body)
+    page.goto("about:blank")
+    page.goto(f"/#/explore?{urlencode(dict(fields_of(body)))}")
+    verdict = page.locator(".verdict")
+    shown = verdict.locator(".outcome > strong, .outcome .rest, .notes > p:first-child")
+    expect(verdict.locator(".spread")).to_contain_text("usual scatter of")
+    expect(verdict.locator("[aria-busy=true]")).to_have_count(0)
+    assert " ".join(filter(None, (each.strip() for each in shown.all_inner_texts()))) == found["sentence"], body
+
+
+OF_THE_PAGE = [kind for kind in KINDS if kind != "no_angle"]
+"""Kinds of strikes that the page can show: it judges every strike at an angle."""
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("kind", OF_THE_PAGE)
+def test_sentence_is_that_of_the_service(page: Page, client: httpx.Client, kind: str) -> None:
+    check_sentence(page, client, odd_strikes(len(KINDS), seed=5)[KINDS.index(kind)])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(14400)
+def test_sentence_on_odd_strikes_is_that_of_the_service(page: Page, client: httpx.Client) -> None:
+    page.set_default_timeout(600_000)
+    for number, body in enumerate(odd_strikes(60, seed=6)):
+        if KINDS[number % len(KINDS)] in OF_THE_PAGE:
+            check_sentence(page, client, body)
 
 
 @pytest.mark.parametrize("width", [1440, 390])

@@ -1,4 +1,4 @@
-"""Walls: thicknesses by model and by formula, and the speed that perforates a wall."""
+"""The view "Walls": thicknesses by model and by formula, and the speed that perforates a wall."""
 
 import json
 import math
@@ -15,7 +15,7 @@ from .conftest import unfold
 
 
 def rows(page: Page) -> dict[str, list[str]]:
-    """Cells of the table by their first."""
+    """Return the rows of the table, by the text of their first cell."""
     expect(page.get_by_role("table")).to_be_visible()
     expect(page.locator("[aria-busy=true]")).to_have_count(0)
     lines = page.get_by_role("table").locator("tbody tr")
@@ -42,11 +42,11 @@ def test_thicknesses_are_those_of_the_service(page: Page, client: httpx.Client) 
 
 
 @pytest.mark.parametrize("thickness_mm", [100, 450, 600])
-def test_thickness_gets_the_sentence_of_the_service_and_a_yes_or_no(
+def test_thickness_is_judged_with_the_sentence_of_the_service(
     page: Page, client: httpx.Client, thickness_mm: int
 ) -> None:
     page.goto("/#/walls")
-    page.get_by_label("Thickness", exact=True).fill(str(thickness_mm))  # one input
+    page.get_by_label("Thickness", exact=True).fill(str(thickness_mm))  # This is the only input.
     body = PAPER_AT_45 | {"target": PAPER["target"] | {"thickness_m": thickness_mm / 1e3}}
     judged = client.post("/wall", json=body).json()
     outcome = page.locator(".outcome")
@@ -59,12 +59,12 @@ def test_thickness_gets_the_sentence_of_the_service_and_a_yes_or_no(
 
 
 def text_of(page: Page, region: str = "Verdict") -> str:
-    """The words of a section, with blanks where lines end and where numbers keep to their units."""
+    """Return the text of a section with every line break and no-break space replaced by a blank."""
     return " ".join(page.get_by_role("region", name=region).inner_text().split())
 
 
 def upwards(length_m: float) -> str:
-    """Whole millimetres, rounded up, without a separator of thousands: as the sentences of the service have them."""
+    """Return a length in whole millimetres, rounded up, as the sentences of the service state it."""
     return f"{math.ceil(1e3 * length_m - 1e-9)}"
 
 

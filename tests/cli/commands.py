@@ -1,4 +1,4 @@
-"""Run the command, in this process or in a separate one, and write its input files."""
+"""Helpers that run the `ricochet` command, in this process or in a separate one, and write its input files."""
 
 import io
 import json
@@ -46,7 +46,7 @@ class Ended:
 
 
 def environment(**settings: str) -> dict[str, str]:
-    """Environment for a command: without the variables of `SETTINGS`, and with the package on its path."""
+    """Return the environment for a command: without the variables in `SETTINGS`, with the sources on its path."""
     kept = {name: value for name, value in os.environ.items() if name not in SETTINGS}
     return kept | {"PYTHONPATH": str(ROOT), "NO_PROXY": "*"} | settings
 
@@ -103,7 +103,7 @@ def run_on_terminal(folder: Path, *arguments: str, **settings: str) -> Ended:
             while piece := os.read(ours, 65536):
                 shown += piece
         except OSError:
-            pass  # how Linux reports that no process has the terminal open
+            pass  # Linux reports in this way that no process has the terminal open.
         finally:
             os.close(ours)
         status = process.wait(LIMIT_S)
@@ -111,7 +111,7 @@ def run_on_terminal(folder: Path, *arguments: str, **settings: str) -> Ended:
 
 
 def case_at(velocity: float, **more: Any) -> dict[str, Any]:
-    """Return the paper's strike at another velocity."""
+    """Return the paper's strike at this velocity."""
     return PAPER | {"impact": {"velocity_m_s": velocity}} | more
 
 

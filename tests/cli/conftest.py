@@ -1,4 +1,4 @@
-"""Folders with the file of a strike."""
+"""Fixtures that run commands in a folder with the file of a strike."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder as the working directory of this process, which computes locally."""
+    """Folder with the file of a strike, as the working directory; commands compute locally."""
     monkeypatch.chdir(folder)
     for name in ("RICOCHET_URL", "RICOCHET_DATA_DIR"):
         monkeypatch.delenv(name, raising=False)
@@ -25,6 +25,6 @@ def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def served(here: Path, live_url: str, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder as the working directory of this process, which uses the live service."""
+    """Folder with the file of a strike, as the working directory; commands use the shared service."""
     monkeypatch.setenv("RICOCHET_URL", live_url)
     return here

@@ -1,4 +1,4 @@
-"""`ricochet batch`, `sweep` and `jobs`: in the pool of the command, and with a service."""
+"""`ricochet batch`, `sweep` and `jobs`: computed by the worker pool of the command, and by a service."""
 
 import csv
 import json
@@ -27,8 +27,8 @@ def items_of(text: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text.splitlines()]
 
 
-def test_batch_in_the_own_pool_is_that_of_a_service(folder: Path, live_url: str, client: httpx.Client) -> None:
-    """Results have the order of the file and the same bytes. A case that the solver refuses stops no other."""
+def test_local_batch_equals_that_of_a_service(folder: Path, live_url: str, client: httpx.Client) -> None:
+    """Results have the order of the file and the same bytes. A case that the solver refuses does not stop others."""
     short = {**case_at(238.0)["projectile"], "length_m": 0.05}
     cases = [*searches(5), case_at(238.0, projectile=short, custom_id="short"), *searches(5)]
     write_cases(folder / "cases.jsonl", *cases)
@@ -62,10 +62,10 @@ def test_sweep_fills_a_table_and_draws_it(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("form", ["--json", "--csv"])
-def test_small_sweep_is_that_of_a_service_and_starts_none(
+def test_small_sweep_equals_that_of_a_service_and_starts_none(
     here: Path, live_url: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], form: str
 ) -> None:
-    """A point that the solver refuses does not stop the others."""
+    """The second point is refused by the solver, which does not stop the first. No local service is started."""
     monkeypatch.setattr("service.cli.server.local_server", None)
     args = ["sweep", "strike.toml", "--axis", "projectile.length_m=0.53,0.05", form]
     assert cli.main(args) == 3
@@ -98,7 +98,7 @@ def test_sweep_of_walls_omits_the_sought_quantity(served: Path, capsys: pytest.C
     assert "--thickness: must not be given" in capsys.readouterr().err
 
 
-def test_table_of_a_batch_is_that_of_the_service(
+def test_table_of_a_batch_equals_that_of_the_service(
     served: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cases = searches(3)
@@ -114,20 +114,20 @@ def test_table_of_a_batch_is_that_of_the_service(
 
 @pytest.fixture
 def swept(client: httpx.Client) -> str:
-    """Id of a job for the paper's strike at five speeds."""
+    """Id of a sweep job of the paper's strike over five speeds."""
     axes = [{"field": "impact.velocity_m_s", "values": [238.0, 240.0, 242.0, 244.0, 246.0]}]
     job = client.post("/cra/sweep", json={"base": PAPER, "axes": axes}, headers={"Prefer": "respond-async"})
     return str(job.json()["id"])
 
 
-def test_table_of_a_job_is_that_of_the_service(
+def test_table_of_a_job_equals_that_of_the_service(
     served: Path,
     client: httpx.Client,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     swept: str,
 ) -> None:
-    """The header is printed once, however many pages there are."""
+    """Results are fetched in pages of two, but the header is printed once."""
     monkeypatch.setattr("service.cli.client.PAGE_SIZE", 2)
     assert cli.main(["jobs", "results", swept, "--csv", "--digits", "all"]) == 0
     table = client.get(f"/jobs/{swept}/results", headers={"Accept": "text/csv"}).text
@@ -144,7 +144,7 @@ def test_parquet_of_a_job_has_the_rows_of_the_table(
     assert cli.main(["jobs", "results", swept, "-o", "results.parquet"]) == 0
     assert (
         cli.main(["jobs", "results", swept, "--csv", "-o", "table.parquet", "--digits", "all"]) == 0
-    )  # the flag takes precedence
+    )  # The flag takes precedence over the variable.
     capsysbinary.readouterr()
     assert cli.main(["jobs", "results", swept, "--parquet"]) == 0
     assert capsysbinary.readouterr().out == (served / "results.parquet").read_bytes()
@@ -234,10 +234,10 @@ def test_jobs_are_listed_shown_cancelled_and_deleted(
     assert "there is no job with this id" in capsys.readouterr().err
 
 
-def test_batch_waits_for_the_end_of_a_job_whose_results_are_all_there(
+def test_batch_waits_until_a_job_with_all_its_results_has_ended(
     folder: Path, live_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The last result of a job can be read shortly before its status says that it has ended."""
+    """The last result can be read shortly before the status changes to successful; here the old status is simulated."""
     asked = Client.job
     ended: list[dict[str, Any]] = []
 
@@ -267,9 +267,10 @@ def test_list_of_jobs_follows_the_pages(live_url: str, client: httpx.Client) -> 
 
 @pytest.fixture
 def interrupted(folder: Path) -> Iterator[Any]:
-    """Run the command in a new process group, and press Ctrl-C once it has printed something."""
+    """Return a function that runs a command in a new process group, and sends SIGINT once it prints something."""
     started: list[subprocess.Popen[str]] = []
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # processes in the background may ignore SIGINT
+    # Background processes may ignore SIGINT.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def interrupt(*arguments: str, **settings: str) -> tuple[int, str, str]:
         with (folder / "err").open("w") as err, (folder / "out").open("w") as out:
@@ -315,8 +316,8 @@ def test_interrupted_batch_goes_on_at_the_service(
     assert [item["index"] for item in items] == list(range(30))
 
 
-def test_interrupted_batch_of_the_own_pool_leaves_nothing_running(folder: Path, interrupted: Any) -> None:
-    """Finished results are in the data folder, which is no longer locked, and the same command reuses them."""
+def test_interrupted_local_batch_leaves_no_process_running(folder: Path, interrupted: Any) -> None:
+    """Its results so far are in the data folder, which is unlocked, and the same command reuses them."""
     write_cases(folder / "cases.jsonl", *slow_strikes(100))
     args = ("batch", "cases.jsonl", "--operation", "trajectory", "--data-dir", "kept")
     status, out, err = interrupted(*args)

@@ -1,4 +1,4 @@
-"""`ricochet calibrate`, on a terminal and in scripts."""
+"""`ricochet calibrate`: output on a terminal and in a pipe, formats, and input files."""
 
 import csv
 import json
@@ -108,7 +108,7 @@ def test_terminal_gets_a_table(run: Run, tests_file: Path) -> None:
     assert (status, "Traceback" in err) == (0, False)
     for expected in ("velocity m/s", "369.5", "slow", "strength factor 8.3", "95% interval", "root mean square 28."):
         assert expected in out
-    assert out.isascii()  # A pipe gets no box characters.
+    assert out.isascii()  # Output to a pipe has no box-drawing characters.
 
 
 def test_case_comes_from_the_body_of_a_request(run: Run, tests_file: Path, tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ SI_COLUMNS = {"depth_displacement": "depth_displacement_m", "lateral_displacemen
 
 
 def write_runs(folder: Path, factors: dict[float, float], velocities: dict[float, float]) -> Path:
-    """Write a table of runs and the history of each, computed with these strength factors by angle."""
+    """Write a table of runs, and a history for each, computed with the given strength factor at each angle."""
     lines = ["file,oblique_angle_deg,velocity_m_s,until_ms"]
     for angle, factor in factors.items():
         motion = motion_of(angle, velocities[angle], factor)

@@ -1,4 +1,4 @@
-"""`ricochet init`, flags of noses and laws, and errors that name field, bound and unit with a suggestion."""
+"""`ricochet init`, flags for noses and laws, completion, and errors with field, bound, unit and suggestion."""
 
 import json
 import os
@@ -57,7 +57,7 @@ def test_every_line_that_init_leaves_out_is_a_field_of_the_contract(here: Path) 
 
 
 def answer_of(arguments: str, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    """Return the answer, whose key must be that of the request."""
+    """Run `ricochet cra` with these arguments; return its JSON answer."""
     assert cli.main(["cra", *arguments.split(), "--json"]) == 0
     found: dict[str, Any] = json.loads(capsys.readouterr().out)
     return found
@@ -122,7 +122,7 @@ BIN = Path(sys.executable).parent
 
 
 def completed(here: Path, words: str) -> set[str]:
-    """Completions that bash offers for the last of these words."""
+    """Return the completions that bash offers for the last of these words."""
     program = (
         'eval "$(ricochet completion bash)"; COMP_LINE="$1"; COMP_POINT=${#COMP_LINE}; COMP_TYPE=9; '
         "_python_argcomplete ricochet; printf '%s\\n' \"${COMPREPLY[@]}\""
@@ -150,7 +150,7 @@ def test_the_script_of_each_shell_asks_the_command(capsys: pytest.CaptureFixture
 
 
 def nodes_at(schema: dict[str, Any], steps: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """Schemas of a field by the model that has it, or by an empty name if there is only one model."""
+    """Return the schema of a field by the variant that has it; the name is empty if there are no variants."""
 
     def resolved(node: dict[str, Any]) -> dict[str, Any]:
         while "$ref" in node:
@@ -174,7 +174,7 @@ def nodes_at(schema: dict[str, Any], steps: tuple[str, ...]) -> dict[str, dict[s
 
 @pytest.mark.parametrize("flag", [*IMPACT, *BODY, *RESISTANCE], ids=lambda flag: flag.name)
 def test_a_flag_has_the_models_and_the_choices_of_its_field(flag: Flag) -> None:
-    """Flags are defined without pydantic, whose import would delay help; here they are compared with the models."""
+    """Flags are defined separately from the models, because importing pydantic would delay `--help`."""
     found = nodes_at(TrajectoryRequest.model_json_schema(), flag.steps)
     if flag.implies:
         assert found.keys() == set(flag.implies)
@@ -195,7 +195,7 @@ def test_a_flag_has_the_models_and_the_choices_of_its_field(flag: Flag) -> None:
 
 BOUNDED = [flag for flag in (*IMPACT, *BODY, *RESISTANCE) if flag.read is float]
 BOUNDS = {"minimum": -1.0, "exclusiveMinimum": 0.0, "maximum": 1.0, "exclusiveMaximum": 0.0}
-"""Keywords of the schema, with the direction in which a value is out of bounds; 0 if the bound itself is."""
+"""Keywords for bounds in a schema, with the direction to a value that is out of bounds: 0 for the bound itself."""
 
 
 @pytest.mark.parametrize("flag", BOUNDED, ids=lambda flag: flag.name)

@@ -1,4 +1,4 @@
-"""Batches whose cases are a CSV table."""
+"""Batches whose cases are the rows of a CSV table."""
 
 import csv
 import json
@@ -57,7 +57,7 @@ def test_rows_are_cases(
 
 
 def with_speed(header: str, cell: str, *, unit: str = "") -> str:
-    """A table of one case with its speed in this column, optionally with a second line of units."""
+    """Return a table of one case with this header and cell for its speed, optionally with a line of units."""
     units = f"{unit},,,,,,\n" if unit else ""
     return f"{header},crh,diameter_m,length_m,mass_kg,fc_MPa,rho\n{units}{cell},3,0.08,0.53,13,39,2250\n"
 
@@ -157,10 +157,10 @@ d,fourth,250,530,fine
 """
 
 
-def test_good_rows_are_computed_and_the_others_have_their_error(
+def test_valid_rows_are_computed_and_the_others_have_their_error(
     served: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """CSV and Excel repeat every cell of the input; JSON lines keep the order of the rows."""
+    """Outputs in CSV and Excel also contain every cell of the input; JSON lines are in the order of the rows."""
     (served / "cases.csv").write_text(MIXED)
     command = ["batch", "cases.csv", "--case", "strike.toml", "--keep", "remark", "--skip-bad"]
     assert cli.main([*command, "-o", "out.csv"]) == 3
@@ -173,7 +173,7 @@ def test_good_rows_are_computed_and_the_others_have_their_error(
         ("3", "d", "fourth", "250"),
     ]
     assert [bool(row["critical_angle_deg"]) for row in rows] == [True, False, False, True]
-    assert rows[0]["remark"] == "'=1+1"  # the apostrophe keeps spreadsheets from evaluating it
+    assert rows[0]["remark"] == "'=1+1"  # The apostrophe keeps spreadsheets from evaluating the cell.
     assert rows[1]["error"] == "Speed (m/s): must be 0.1 to 10000 m/s, got -238 m/s"
     assert rows[2]["error"].startswith("Length (mm): must be at least the length of the nose")
     assert cli.main([*command, "-o", "out.xlsx"]) == 3

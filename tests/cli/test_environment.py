@@ -1,4 +1,4 @@
-"""The command with unusual environments: variables, encodings, closed streams."""
+"""The command in unusual environments: variables, encodings, closed streams."""
 
 import json
 import subprocess
@@ -43,8 +43,8 @@ def test_a_variable_that_does_not_work_is_named_and_does_not_matter_on_this_mach
 @pytest.mark.parametrize(
     "address", ["http://127.0.0.1:1", "http://localhost:1", "http://[::1]:1", "http://127.9.9.9:1"]
 )
-def test_loopback_is_never_sought_through_a_proxy(folder: Path, live_url: str, address: str) -> None:
-    """The proxy in this test is a service, which would answer."""
+def test_loopback_addresses_bypass_the_proxy(folder: Path, live_url: str, address: str) -> None:
+    """A running service is set as the proxy: if it were used, it would answer."""
     done = run(folder, "cra", "strike.toml", "--url", address, HTTP_PROXY=live_url, NO_PROXY="")
     assert (done.status, done.out) == (1, "")
     assert done.err.startswith(f"ricochet cra: no service answers at {address}: ")
@@ -80,8 +80,8 @@ def drawn(folder: Path, *words: str, **settings: str) -> bytes:
     return (folder / words[-1]).read_bytes()
 
 
-def test_the_settings_of_matplotlib_change_no_plot(folder: Path) -> None:
-    """Neither a file in the working folder nor that of the user, which may have any encoding."""
+def test_settings_of_matplotlib_do_not_change_plots(folder: Path) -> None:
+    """Plots ignore a `matplotlibrc` in the working folder and one of the user, even with an invalid encoding."""
     words = ("trajectory", "strike.toml", "--angle", "45", "--plot", "plot.svg")
     assert run(folder, *words, SOURCE_DATE_EPOCH="0").status == 0
     usual = (folder / "plot.svg").read_bytes()
@@ -92,7 +92,7 @@ def test_the_settings_of_matplotlib_change_no_plot(folder: Path) -> None:
     assert drawn(folder, *words, SOURCE_DATE_EPOCH="0", MATPLOTLIBRC="own") == usual
 
 
-def test_the_settings_of_matplotlib_change_no_report(folder: Path) -> None:
+def test_settings_of_matplotlib_do_not_change_reports(folder: Path) -> None:
     (folder / "matplotlibrc").write_text(STYLE)
     assert b"data:image/svg+xml" in drawn(folder, "report", "strike.toml", "-o", "report.html")
 
@@ -116,7 +116,7 @@ def test_settings_of_matplotlib_that_cannot_be_read_are_named(folder: Path) -> N
     ],
     ids=" ".join,
 )
-def test_characters_that_an_encoding_lacks_are_replaced(folder: Path, encoding: str, words: list[str]) -> None:
+def test_characters_missing_from_an_encoding_are_replaced(folder: Path, encoding: str, words: list[str]) -> None:
     done = run(folder, *words, encoding=encoding)
     assert done.status == (2 if "100" in words else 0), done.err
     assert "Traceback" not in done.err

@@ -1,4 +1,4 @@
-"""`ricochet formulas`: a table, JSON and CSV, and the same output with a service."""
+"""`ricochet formulas`: output as table, JSON and CSV, equal with and without a service."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""`--help` of every command is quick, and its examples work."""
+"""`--help` of every command avoids slow imports, and its examples work."""
 
 import re
 import shlex
@@ -72,7 +72,7 @@ def examples_of(text: str) -> list[list[str]]:
 
 
 def test_help_does_not_wait_for_the_libraries_of_the_solver() -> None:
-    """All commands run in one process; the first one that loads such a library is reported with it."""
+    """All commands run in one process, which prints each command after which such a library is loaded."""
     program = f"""
 import sys
 from service.cli import main
@@ -104,7 +104,7 @@ def test_examples_of_the_help_work(words: tuple[str, ...], here: Path, capsys: p
     (here / "tests.csv").write_text(TESTS_CSV)
     (here / "points.csv").write_text(POINTS_CSV)
     with ResultCache(here / "data", memory_bytes=0, disk_bytes=10**9):
-        pass  # like the data folder of a service before its first request
+        pass  # This makes the data folder of a service without results.
     if words == ("calibrate", "motion"):
         assert cli.main(["trajectory", "strike.toml", "--angle", "30", "--csv"]) == 0
         (here / "history.csv").write_text(motion_since_contact(capsys.readouterr().out))
@@ -135,7 +135,7 @@ def test_examples_of_the_help_work_with_a_service(
 
 
 def motion_since_contact(table: str) -> str:
-    """Convert the columns of a trajectory into those of a calibration."""
+    """Convert the CSV of a trajectory into a history for calibration."""
     _, *rows = (line.split(",") for line in table.splitlines())
     first = float(rows[0][1])
     lines = [f"{row[0]},{float(row[1]) - first},{row[2]}\n" for row in rows[::20]]

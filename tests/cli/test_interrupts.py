@@ -1,4 +1,4 @@
-"""Ctrl-C in a terminal, which signals every process of a command: one line and status 130 at any time."""
+"""Ctrl-C in a terminal, which signals every process of a command, gives one line and status 130 at any time."""
 
 import os
 import signal
@@ -26,7 +26,7 @@ SINGLE = (
     "calibrate depth tests.csv --case strike.toml",
 )
 LOADED = "_multiarray_umath"
-"""A library of numpy, which is mapped by a process that has begun to import the solver."""
+"""Shared library of numpy; a process that has mapped it has begun to import the solver."""
 
 
 def loads_the_solver(process: int) -> bool:
@@ -43,13 +43,13 @@ def has_children(process: int) -> bool:
 
 
 def has_workers(process: int) -> bool:
-    """Return whether the template process of the command has forked workers."""
+    """Return whether a worker pool has started, i.e. a child of the command has children."""
     return any(map(has_children, children_of(process)))
 
 
 @pytest.fixture
 def pressed(folder: Path) -> Iterator[Callable[..., tuple[int, list[str]]]]:
-    """Start a command like a shell, and press Ctrl-C once a condition on its process holds."""
+    """Return a function that starts a command as a shell does, and sends SIGINT once a condition holds."""
     write_cases(folder / "cases.jsonl", *(case_at(200.0 + 0.01 * number) for number in range(5000)))
     (folder / "tests.csv").write_text(TESTS_CSV)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # Processes in the background may ignore SIGINT.
@@ -58,7 +58,8 @@ def pressed(folder: Path) -> Iterator[Callable[..., tuple[int, list[str]]]]:
     def press(words: str, claim: Callable[[int], bool]) -> tuple[int, list[str]]:
         with (folder / "err").open("w") as err:
             process = subprocess.Popen(
-                [sys.executable, "-m", "service.cli", *words.split()],  # Python shows the warnings that a user sees.
+                # Warnings are not errors here, so that stderr is what a user sees.
+                [sys.executable, "-m", "service.cli", *words.split()],
                 cwd=folder,
                 env=environment(),
                 stdout=subprocess.DEVNULL,
@@ -88,7 +89,7 @@ def pressed(folder: Path) -> Iterator[Callable[..., tuple[int, list[str]]]]:
         *((words, has_workers) for words in POOLS[:2]),
     ],
 )
-def test_ctrl_c_is_one_line(
+def test_ctrl_c_prints_one_line(
     folder: Path, pressed: Callable[..., tuple[int, list[str]]], words: str, claim: Callable[[int], bool]
 ) -> None:
     before = {path.name for path in folder.iterdir()} | {"kept", "err"}
@@ -98,10 +99,10 @@ def test_ctrl_c_is_one_line(
     assert all("Traceback" not in line and "ignored" not in line for line in lines), lines
 
 
-def test_ctrl_c_at_a_service_is_one_line_and_how_to_go_on(
+def test_ctrl_c_with_a_service_prints_one_line_and_how_to_continue(
     live_url: str, pressed: Callable[..., tuple[int, list[str]]], folder: Path
 ) -> None:
-    """The service abandons a query, and continues a job."""
+    """A query is abandoned by the service, a job continues, and the command says how to get its results."""
 
     def answers(process: int) -> bool:
         return "_ssl" in Path(f"/proc/{process}/maps").read_text()

@@ -1,6 +1,6 @@
-"""Messages for invalid inputs match the text in `messages.txt`; the commands run in one process and without a service.
+"""Messages for invalid inputs match the text in `messages.txt`. The commands run in one process, without a service.
 
-A message begins with one line that names the flag, the file or the cell, and the value. After a change of words,
+The first line of a message names the flag, the file or the cell, and the value. After a change of words,
 `.venv/bin/python -m tests.cli.test_messages` writes the file; read the differences before you commit them.
 """
 
@@ -110,11 +110,11 @@ cache evict --bytes much
 INTERNAL = re.compile(
     r"Input should|Extra inputs|Field required|pydantic|instance of|Traceback|\w+(Base|Request|Model|Error)\b|usage:"
 )
-"""Words of the implementation, which no message may contain."""
+"""Words of the implementation that no message may contain."""
 
 
 def messages(folder: Path) -> str:
-    """Every command with what it prints to standard error."""
+    """Return every command, followed by its output on standard error, as in `messages.txt`."""
     for name, text in FILES.items():
         (folder / name).write_text(text)
     found = []

@@ -1,4 +1,4 @@
-"""The example notebook runs."""
+"""The example notebook runs from start to end."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Files that commands write: never one that they read, complete or unchanged; an interrupted batch keeps its rows."""
+"""Output files: never an input file, never incomplete; an interrupted batch keeps its rows in another file."""
 
 import argparse
 import os
@@ -34,7 +34,7 @@ FILES = {
 
 
 class Written(NamedTuple):
-    """A command line that writes a file, with the names of the files that it reads."""
+    """A command that writes a file: output name, command line up to the flag for it, and input files."""
 
     name: str
     words: str
@@ -72,11 +72,11 @@ WRITTEN = (
     Written("out.toml", "init", ()),
     Written("out.csv", "init --table", ()),
 )
-"""Every command and flag that writes a file; the flag is the last word."""
+"""Every command that writes a file, once for each of its flags that do so."""
 REPLACED = [each for each in WRITTEN if not each.words.startswith(("init", "jobs"))]
-"""Commands that replace an earlier file and need no service."""
+"""Commands that may replace an existing file, and need no service."""
 REFUSED = ("--mass", "-1")
-"""Words that make the model refuse a command."""
+"""Arguments with which the input is invalid."""
 
 
 def named(each: Written) -> str:
@@ -95,7 +95,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def arguments_of(parser: Parser, words: tuple[str, ...]) -> Iterator[tuple[str, argparse.Action]]:
-    """Yield every flag and argument of a command and of its subcommands, with the words before it."""
+    """Yield every flag and argument of a command and of its subcommands, each with the command that it belongs to."""
     for action in parser._actions:
         yield " ".join(words), action
     for name, subparser in parser.subcommands.items():
@@ -128,7 +128,7 @@ def test_list_of_written_files_is_complete() -> None:
     ("each", "source"), [(each, source) for each in WRITTEN for source in each.read], ids=lambda value: str(value)[:60]
 )
 def test_a_file_that_is_read_is_never_written(files: Path, each: Written, source: str, way: str) -> None:
-    """Nothing is computed either, so the files need not have the format of their names."""
+    """The command is refused before it reads or computes anything, so the contents of the files do not matter."""
     target = files / each.name
     words = each.words
     if way == "itself":
@@ -201,7 +201,8 @@ def test_links_are_followed_and_the_mode_stays(
     assert real.read_bytes() not in {b"earlier", b""}
     assert stat.S_IMODE(real.stat().st_mode) == 0o640
     assert [path.name for path in elsewhere.iterdir()] == [each.name]
-    assert real.stat().st_ino != number  # A program that has the earlier file open can still read all of it.
+    # A new inode: programs that have the earlier file open can still read all of it.
+    assert real.stat().st_ino != number
 
 
 @pytest.mark.parametrize("each", [each for each in REPLACED if not each.words.startswith("report")], ids=named)
@@ -220,7 +221,7 @@ def test_pipes_are_written_as_they_are(files: Path, each: Written) -> None:
 @pytest.mark.parametrize("words", ["-o /dev/null", "-o /dev/stdout", "-o -", "-o /dev/fd/1"])
 @pytest.mark.parametrize("command", ["formulas strike.toml --angle 0 --csv", f"{SWEEP} --csv"])
 def test_devices_and_streams_are_written_as_they_are(files: Path, command: str, words: str) -> None:
-    """The shell has opened the file for appending, and standard output is appended to it."""
+    """Devices are not replaced by a file, and output follows what the log already contains."""
     expected = run(files, *command.split()).out if "null" not in words else ""
     with (files / "log").open("w") as log:
         log.write("before\n")
@@ -271,7 +272,7 @@ def test_the_contract_is_replaced_with_its_mode(files: Path) -> None:
 
 @pytest.mark.parametrize(("name", "ending"), [("out.csv", "signal"), ("out.jsonl", "terminated")])
 def test_a_batch_that_is_interrupted_keeps_its_rows_under_another_name(files: Path, name: str, ending: str) -> None:
-    """An earlier file is unchanged, and so are the rows of an earlier interruption."""
+    """Neither an existing output file nor the rows kept from an earlier interruption are overwritten."""
     write_cases(files / "cases.jsonl", *(case_at(200.0 + 0.02 * number) for number in range(4000)))
     earlier = {name: "earlier", f"out.partial{Path(name).suffix}": "rows"}
     for each, text in earlier.items():

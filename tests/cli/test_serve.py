@@ -84,8 +84,9 @@ def test_results_are_counted_verified_rebuilt_and_evicted(
         for record in (*map(trajectory, range(3)), critical_angle(3)):
             cache.put(record)
         assert cli.main(["cache", "stat"]) == 0
-        assert capsys.readouterr().out.startswith("4 results, 0 files, ")  # the result is in the journal
-        assert cli.main(["cache", "verify"]) == 1  # the folder is in use
+        # The result is still in the journal, not in a file.
+        assert capsys.readouterr().out.startswith("4 results, 0 files, ")
+        assert cli.main(["cache", "verify"]) == 1  # The folder is in use.
         assert "in use" in capsys.readouterr().err
     (tmp_path / "data" / "results" / "index.sqlite").unlink()
     assert cli.main(["cache", "rebuild"]) == 0
@@ -152,7 +153,7 @@ def test_tilde_in_the_data_folder_is_the_home(folder: Path, words: list[str]) ->
     assert (folder / "home" / "x").is_dir() == (words[0] == "batch")
 
 
-def test_port_in_use_is_one_sentence(live_url: str, tmp_path: Path) -> None:
+def test_port_in_use_is_reported_in_one_sentence(live_url: str, tmp_path: Path) -> None:
     port = str(httpx.URL(live_url).port)
     done = run(tmp_path, "serve", RICOCHET_HOST="127.0.0.1", RICOCHET_PORT=port, RICOCHET_DATA_DIR="data")
     assert (done.status, done.out) == (3, "")
@@ -175,19 +176,19 @@ def test_service_that_is_still_compiling_ends_on_sigterm(tmp_path: Path) -> None
         [*COMMAND, "serve"], cwd=tmp_path, env=environment(**empty, **settings), start_new_session=True
     ) as process:
         try:
-            until(lambda: any(tmp_path.glob("compiled/*/*.nbi")))  # the first functions are compiled
+            until(lambda: any(tmp_path.glob("compiled/*/*.nbi")))  # Now some functions are compiled, but not all.
             process.send_signal(signal.SIGTERM)
-            process.wait(10.0)  # a fraction of the functions that are not compiled yet
+            process.wait(10.0)  # Compiling the others would take far longer.
         finally:
             process.kill()
     assert process.returncode == 0
 
 
 @pytest.mark.parametrize("seconds", [0.5, 1.0, 2.0, 4.0])
-def test_interrupt_while_the_workers_start_is_no_traceback(seconds: float, tmp_path: Path) -> None:
-    """Ctrl-C reaches every process of the terminal.
+def test_interrupt_while_the_workers_start_prints_no_traceback(seconds: float, tmp_path: Path) -> None:
+    """Ctrl-C signals every process of the terminal while the workers are being started.
 
-    Warnings are not errors here: otherwise Python would report the file of the module that it was reading.
+    Warnings are not errors here, because a process interrupted during an import warns of a file that is still open.
     """
     settings = {"RICOCHET_PORT": "0", "RICOCHET_DATA_DIR": "data", "RICOCHET_WORKERS": "4"}
     with subprocess.Popen(
@@ -206,7 +207,7 @@ def test_interrupt_while_the_workers_start_is_no_traceback(seconds: float, tmp_p
 
 
 def test_terminal_gets_the_address_and_readable_log_lines(tmp_path: Path) -> None:
-    """An unknown RICOCHET_ variable is reported once."""
+    """The log warns once of the unknown variable RICOCHET_WORKER."""
     port = free_port()
     settings = {"RICOCHET_PORT": str(port), "RICOCHET_DATA_DIR": "data", "RICOCHET_WORKERS": "1", "NO_COLOR": "1"}
     settings["RICOCHET_WORKER"] = "3"
@@ -237,7 +238,7 @@ def test_terminal_gets_the_address_and_readable_log_lines(tmp_path: Path) -> Non
 
 
 def read_until(terminal: int, text: str | None) -> str:
-    """Return the output of a terminal up to this text, or up to the end of the process."""
+    """Return the output on a terminal until it contains this text or the process ends."""
     shown = b""
     deadline = time.monotonic() + LIMIT_S
     while text is None or text.encode() not in shown:

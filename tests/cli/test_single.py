@@ -1,4 +1,4 @@
-"""`ricochet trajectory` and `ricochet cra`: in a pipe, on a terminal, locally and with a service."""
+"""`ricochet trajectory` and `ricochet cra`: in a pipe, on a terminal, computed locally and by a service."""
 
 import csv
 import json
@@ -61,13 +61,13 @@ def test_angle_is_one_line_and_warnings_another(here: Path, capsys: pytest.Captu
     shown = capsys.readouterr()
     assert shown.out.startswith(f"Critical angle {found['critical_angle_deg']:.1f}° from the normal, 90 % range 4")
     assert shown.out.count("\n") == 1
-    assert shown.err == ""  # all of them are standing notes
+    assert shown.err == ""  # All warnings of this strike are standing notes, which are shown with -v only.
     assert cli.main(["cra", "strike.toml", "-v"]) == 0
     verbose = capsys.readouterr()
     assert shown.out in verbose.out
     assert len(verbose.out.splitlines()) > len(found["iterations"])
     assert all(warning["detail"] in verbose.err for warning in found["warnings"])
-    # Extrapolating S matters compared with the scatter of four tests, but not with that of the law.
+    # Extrapolating S matters relative to the scatter of the paper's four tests, not to that of the law.
     moved = ["--velocity", "500", "--set", "strength_scatter=paper_table_1"]
     assert cli.main(["cra", "strike.toml", *moved]) == 0
     assert capsys.readouterr().err == "1 warning (-v explains): strength_fit_extrapolated\n"
@@ -132,10 +132,10 @@ def test_any_field_can_be_set(here: Path, capsys: pytest.CaptureFixture[str]) ->
 @pytest.mark.parametrize(
     ("words", "body"), [("cra strike.toml", PAPER), ("trajectory strike.toml --angle 45", PAPER_AT_45)]
 )
-def test_answer_here_is_that_of_the_service_byte_for_byte(
+def test_local_answer_equals_that_of_the_service_byte_for_byte(
     folder: Path, client: httpx.Client, live_url: str, words: str, body: dict[str, Any], alternatives: bool
 ) -> None:
-    """Including the key and the version."""
+    """The outputs are equal including the key and the version."""
     args = [*words.split(), "--json", *(["--alternatives"] if alternatives else [])]
     expected = client.post(f"/{args[0]}", json=body | {"alternatives": alternatives}).text + "\n"
     assert run(folder, *args) == run(folder, *args, RICOCHET_URL=live_url) == Ended(0, expected, "")
@@ -156,7 +156,7 @@ def test_alternatives_are_a_table_with_their_range(here: Path, capsys: pytest.Ca
 
 
 def test_alternatives_without_an_answer_have_a_problem(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    args = ["--set", "target.youngs_modulus_pa=1e7"]  # concrete that never yields around a cavity
+    args = ["--set", "target.youngs_modulus_pa=1e7"]  # This concrete never yields around a cavity.
     args += ["--set", 'resistance.free_surface={"model": "none"}']
     assert cli.main(["cra", "strike.toml", *args, "--alternatives", "--csv"]) == 0
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
@@ -327,7 +327,7 @@ def test_problems_of_the_input_end_with_status_2_and_others_with_1(kind: str, st
 
 
 class Moody(BaseHTTPRequestHandler):
-    """A service that is first busy, then unreachable for a moment, and accepts one key."""
+    """A service that answers each request by the next of its moods: 503, no answer, or 200 if the key is right."""
 
     moods: ClassVar[list[str]] = []
 
@@ -343,7 +343,7 @@ class Moody(BaseHTTPRequestHandler):
         self.wfile.write(b'{"mood": "good"}')
 
     def log_message(self, *_: object) -> None:
-        """Log nothing."""
+        """Discard the log line that the base class would print."""
 
 
 @pytest.fixture
@@ -359,7 +359,7 @@ def moody_url() -> Iterator[str]:
 def test_request_to_a_busy_service_is_repeated_with_the_key(
     folder: Path, moody_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Spaces around the key are removed."""
+    """Blanks around the key in the environment variable are removed."""
     monkeypatch.setattr("service.cli.client.RETRY_PAUSES", (0.1, 0.1, 0.1))
     Moody.moods = ["busy", "gone", "busy", "good"]
     args = ["cra", "strike.toml", "--json", "--url", moody_url]

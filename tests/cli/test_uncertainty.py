@@ -129,7 +129,7 @@ def test_calibrated_strength_factor_is_an_uncertain_input(folder: Path) -> None:
     posterior = fit["posterior"]
     reach = posterior["scale"] * stats.t(posterior["degrees_of_freedom"]).ppf(0.95)
     assert (-low, high) == pytest.approx((reach, reach), rel=1e-2)
-    # calibration and --shots give the same S
+    # Calibration and --shots give the same S.
     shots = run(folder, "cra", "strike.toml", "--shots", "tests.csv", "--json")
     assert shots.status == 0, shots.err
     own = json.loads(shots.out)

@@ -18,7 +18,7 @@ COMMANDS = {
 
 
 def begins_as(kind: str, content: bytes) -> bool:
-    """Return whether a file begins like its format."""
+    """Return whether the content of a file begins as its format requires."""
     if kind == "parquet":
         return content.startswith(b"PAR1")
     if kind == "xlsx":

@@ -16,12 +16,12 @@ from tests.faults.server import RICOCHET, RestartableServer
 
 MODULES = ("http", "json", "numpy", "secrets", "service", "socket", "solver", "struct")
 CASES = 10
-"""Number of cases; workers compute them because there is a data folder."""
+"""Number of cases of a sweep; they are computed by workers, because a data folder is set."""
 
 
 @pytest.fixture
 def folder_with_modules(tmp_path: Path) -> Path:
-    """A folder with modules of a user that record that they were imported, and raise."""
+    """Folder with modules named like modules of Python and of this package, which leave a trace if imported."""
     folder = tmp_path / "work"
     folder.mkdir()
     for name in MODULES:
@@ -30,12 +30,12 @@ def folder_with_modules(tmp_path: Path) -> Path:
 
 
 def imported(folder: Path) -> list[str]:
-    """Names of the user's modules that were imported."""
+    """Return the traces of the modules that were imported."""
     return [path.name for path in folder.parent.glob("* has run")]
 
 
 def environment(**settings: str) -> dict[str, str]:
-    """Environment without variables that change where Python finds modules."""
+    """Return the environment without variables that change where Python finds modules."""
     given = os.environ | {"NO_PROXY": "*"} | settings
     return {name: value for name, value in given.items() if name not in {"PYTHONPATH", "PYTHONSAFEPATH"}}
 

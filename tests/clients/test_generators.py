@@ -1,4 +1,4 @@
-"""Clients that hey-api and datamodel-code-generator make from the contract, with the blocks of the manual."""
+"""The recipes of the manual for clients by hey-api and models by datamodel-code-generator work."""
 
 import os
 import re
@@ -16,13 +16,13 @@ PAGE = ROOT / "docs" / "how-to" / "clients.md"
 OUT_OF_REACH = re.compile(
     r"\bE(NOTFOUND|AI_AGAIN|CONN\w+|TIMEDOUT|NETUNREACH|HOSTUNREACH)\b|Failed to establish|No matching distribution"
 )
-"""Messages of npm and pip if their registries cannot be reached."""
+"""Messages of npm and pip that mean that a registry cannot be reached."""
 LIMIT_S = 300.0
-"""Time limit of a command, most of which is for downloads. [s]"""
+"""Time limit of a command, which spends most of its time on downloads. [s]"""
 
 
 def run(folder: Path, *command: str) -> str:
-    """Return the output of a command, which must succeed."""
+    """Run a command, which must succeed; return its output."""
     done = subprocess.run(
         command,
         cwd=folder,
@@ -40,7 +40,7 @@ def run(folder: Path, *command: str) -> str:
 
 
 def block_with(text: str, url: str) -> str:
-    """Return the block of the manual that begins with this text, for a service at this address."""
+    """Return the block of the manual that begins with this text, with the address of a service filled in."""
     [found] = [block.text for block in blocks(PAGE) if block.text.startswith(text)]
     return found.replace("http://localhost:8000", url)
 

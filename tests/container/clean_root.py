@@ -1,7 +1,7 @@
-"""A root folder like that of the base image, and commands in it: what a container engine does, without an engine.
+"""Run the steps of the Dockerfile without a container engine, in a root folder like that of the base image.
 
-Each command has separate namespaces, sees only the network and devices of this machine, and ends with all processes
-that it has started.
+Each command runs in its own mount and process namespaces, with the network and devices of this machine. When it ends,
+all processes that it has started are killed.
 """
 
 import os
@@ -16,7 +16,7 @@ import pytest
 from .dockerfile import ROOT, Stage, Step
 
 RELEASES = {"python:3.13-slim": ("trixie", "3.13")}
-"""Debian release and Python version of a base image."""
+"""Debian release and Python version of each supported base image."""
 SYSTEM_PATH = "/usr/local/bin:/usr/bin:/bin:/usr/sbin:/sbin"
 ENTER = """
 root=$1 user=$2 folder=$3
@@ -28,7 +28,7 @@ WHEELS = "/wheels"
 
 
 def skip_unless_possible() -> None:
-    """Skip where a root folder cannot be made or entered."""
+    """Skip the test if a root folder cannot be made or entered on this machine."""
     if os.geteuid() != 0:
         pytest.skip("only root may enter a separate root folder")
     for program in ("unshare", "chroot", "debootstrap"):
@@ -39,7 +39,7 @@ def skip_unless_possible() -> None:
 
 
 def base_root(image: str, folder: Path) -> Path:
-    """Make the root folder of a base image, or use CLEAN_ROOT; its Python is in /usr/local, as in the image."""
+    """Make a root folder like that of a base image, or copy CLEAN_ROOT; it has Python in /usr/local."""
     release, version = RELEASES[image]
     root = folder / "base"
     if ready := os.environ.get("CLEAN_ROOT"):
@@ -73,7 +73,7 @@ class Container:
         return done.stdout
 
     def entered(self, words: Sequence[str], **settings: str) -> tuple[list[str], dict[str, str]]:
-        """Return the words that run a command in the root folder, and their environment."""
+        """Return the full command that runs a command in the root folder, and its environment."""
         enter = ["unshare", "--mount", "--pid", "--fork", "--kill-child", f"--mount-proc={self.root / 'proc'}"]
         words = [*enter, "/bin/sh", "-c", ENTER, "sh", str(self.root), self.user, self.folder, *words]
         return words, self.environment | settings
@@ -101,7 +101,7 @@ class Container:
         for source in sources:
             found = others[stage].inside(source) if stage else ROOT / source
             place = self.inside(destination)
-            if found.is_dir():  # a folder is copied by its content
+            if found.is_dir():  # Of a folder, COPY copies the content.
                 copy_tree(found, place, but="__pycache__" if not stage else "")
             else:
                 place.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Parser of the Dockerfile into steps, for the part of the language that it uses."""
+"""Parser of the Dockerfile, for the instructions that it uses."""
 
 import json
 import re
@@ -21,16 +21,16 @@ class Step:
     text: str
 
     def assignments(self) -> dict[str, str]:
-        """Variables of an ENV, an ARG (with its default) or a LABEL."""
+        """Return the variables of an ENV, an ARG (with its default) or a LABEL."""
         return dict(word.split("=", 1) for word in shlex.split(self.text))
 
     def command(self) -> list[str]:
-        """Program and arguments of a CMD, or of the CMD of a HEALTHCHECK."""
+        """Return program and arguments of a CMD, or of the CMD of a HEALTHCHECK."""
         words: list[str] = json.loads(self.text.partition("CMD ")[2] if "CMD " in self.text else self.text)
         return words
 
     def paths(self) -> tuple[str, list[str], str]:
-        """Stage, sources and destination of a COPY; the stage is None for the build context."""
+        """Return stage, sources and destination of a COPY; the stage is None for the build context."""
         *words, destination = self.text.split()
         stage = words.pop(0).removeprefix("--from=") if words[0].startswith("--from=") else ""
         return stage, words, destination
@@ -46,15 +46,15 @@ class Stage:
 
     @property
     def tag(self) -> str:
-        """Base image, without the digest."""
+        """Name and tag of the base image, without the digest."""
         return self.image.partition("@")[0]
 
     def last(self, instruction: str) -> Step:
-        """Last step with this instruction, which is the one that takes effect."""
+        """Return the last step with this instruction, which is the one that takes effect."""
         return [step for step in self.steps if step.instruction == instruction][-1]
 
     def environment(self) -> dict[str, str]:
-        """All environment variables, as written."""
+        """Return all environment variables, as written in the file."""
         found: dict[str, str] = {}
         for step in self.steps:
             if step.instruction == "ENV":
@@ -63,7 +63,7 @@ class Stage:
 
 
 def read(path: Path = ROOT / "Dockerfile") -> list[Stage]:
-    """Return the stages; the last one is the image."""
+    """Return the stages of the Dockerfile; the last one is the image."""
     text = re.sub(r"(?m)^\s*#.*\n", "", path.read_text(encoding="utf-8"))
     stages: list[Stage] = []
     for line in filter(None, re.sub(r"\\\n\s*", "", text).splitlines()):

@@ -1,4 +1,4 @@
-"""compose.yaml starts the image that is built here, without a key and for this machine only."""
+"""compose.yaml runs the image of this project, without keys and reachable from this machine only."""
 
 import os
 import re
@@ -32,7 +32,7 @@ TEXT = (ROOT / "compose.yaml").read_text(encoding="utf-8")
 
 
 def services(**variables: str) -> dict[str, dict[str, Any]]:
-    """Return the services, with these variables substituted."""
+    """Return the services in compose.yaml, with these variables substituted."""
 
     def value(match: re.Match[str]) -> str:
         return variables.get(match[1]) or match[2]
@@ -42,7 +42,7 @@ def services(**variables: str) -> dict[str, dict[str, Any]]:
 
 
 def settings_of(service: dict[str, Any], monkeypatch: pytest.MonkeyPatch, folder: Path) -> Settings:
-    """Settings that the service reads in its container, with another data folder."""
+    """Return the settings that the service reads in its container, with another data folder."""
     environment = read()[-1].environment() | service["environment"] | {"RICOCHET_DATA_DIR": str(folder)}
     for name, value in environment.items():
         if name.startswith("RICOCHET_"):
@@ -115,17 +115,17 @@ def test_engine_leaves_the_service_its_time_to_end() -> None:
 
 @pytest.fixture
 def short_path() -> Iterator[Path]:
-    """A folder with a path short enough for a socket in it, which that of `tmp_path` may not be."""
+    """Folder whose path is short enough for a socket in it; `tmp_path` may be too long."""
     with tempfile.TemporaryDirectory() as folder:
         yield Path(folder)
 
 
 @pytest.mark.system
 def test_service_works_where_only_its_data_and_tmp_can_be_written(short_path: Path) -> None:
-    """This is what `read_only`, `tmpfs` and `cap_drop` leave."""
+    """The namespace has the restrictions of `read_only`, `tmpfs` and `cap_drop` in compose.yaml."""
     if os.geteuid() != 0 or not all(map(shutil.which, ("unshare", "setpriv"))):
         pytest.skip("only root may take the right to write away")
-    warm_up()  # the compiled code is read from there
+    warm_up()  # The compiled code cannot be written later.
     port = str(free_port())
     data, temporary = short_path / "data", short_path / "tmp"
     temporary.mkdir()

@@ -1,6 +1,7 @@
-"""The steps of the Dockerfile are performed in a clean root, and the resulting image is started like by an engine.
+"""The steps of the Dockerfile are run in a new root folder, and the resulting image is started.
 
-Needs root, debootstrap and the package index; skipped without. CLEAN_ROOT names an existing Debian root.
+The tests need root, debootstrap and the package index, and are skipped without them. CLEAN_ROOT names an existing
+Debian root folder to use instead.
 """
 
 import os
@@ -29,7 +30,7 @@ ENTRY_POINT = STAGES[-1].last("ENTRYPOINT").command()
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Wheels that the steps install, downloaded for the Python of the image with the locked hashes."""
+    """Folder with the wheels that the Dockerfile installs, downloaded for the image's Python with the locked hashes."""
     folder = tmp_path_factory.mktemp("wheels")
     _, version = RELEASES[STAGES[0].tag]
     command = ["download", "--quiet", "--require-hashes", "--only-binary", ":all:", "--python-version", version]
@@ -55,7 +56,7 @@ def image(tmp_path_factory: pytest.TempPathFactory, wheels: Path) -> Iterator[Co
 
 @contextmanager
 def started(image: Container, log: Path) -> Iterator[tuple[str, int]]:
-    """Start the command of the image with its variables on a loopback port; return its address and process."""
+    """Start the command of the image with its variables on a free port; return its address and process."""
     settings = {"RICOCHET_HOST": "127.0.0.1", "RICOCHET_PORT": str(free_port()), "RICOCHET_WORKERS": "2"}
     command, environment = image.entered([*ENTRY_POINT, *STAGES[-1].last("CMD").command()], **settings)
     with log.open("wb") as output, subprocess.Popen(command, env=environment, stderr=output) as process:

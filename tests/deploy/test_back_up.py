@@ -1,4 +1,4 @@
-"""deploy/back-up.sh and the commands of the manual that restore a copy keep keys, jobs and results."""
+"""Keys, jobs and results survive a backup by deploy/back-up.sh and a restore by the commands of the manual."""
 
 import os
 import pwd
@@ -37,7 +37,7 @@ def back_up(data: Path, backups: Path) -> Path:
 
 
 def restore(data: Path, copy: Path) -> None:
-    """Run the commands of the manual with these paths and this user, without systemd."""
+    """Run the restore commands of the manual with these paths and the current user, without those for systemd."""
     text = re.sub(r"/var/backups/ricochet/\S+", str(copy), RESTORE).replace(str(PACKAGED), str(data))
     text = (
         text.replace("ricochet:ricochet", ME).replace("runuser -u ricochet -- ", "").replace("/opt/ricochet/bin/", "")
@@ -89,7 +89,7 @@ def test_folder_of_a_service_that_has_done_nothing_is_copied(tmp_path: Path, mis
     assert not (copy / "auth.sqlite").exists()
 
 
-def test_copy_that_fails_is_said(tmp_path: Path) -> None:
+def test_failed_copy_is_reported(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "jobs.sqlite").write_text("no database")
     command = ["sh", str(ROOT / "deploy" / "back-up.sh"), str(tmp_path / "data"), str(tmp_path / "backups")]

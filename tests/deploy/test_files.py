@@ -1,4 +1,4 @@
-"""The files of deploy/ are accepted by the tools that read them, and agree with the service and the image."""
+"""Files in deploy/ are valid for the tools that read them, and agree with the service and the image."""
 
 import re
 import shutil
@@ -26,11 +26,11 @@ PODS = [manifest["spec"]["template"]["spec"] for manifest in MANIFESTS if "templ
 KINDS = {manifest["kind"]: manifest for manifest in MANIFESTS}
 IMAGE = read()[-1]
 EXPOSURE = 25
-"""Largest exposure, of 100; `systemd-analyze security` rates 20 as OK."""
+"""Largest accepted exposure by `systemd-analyze security`, which rates 20 of 100 as OK."""
 
 
 def settings_in(monkeypatch: pytest.MonkeyPatch, given: dict[str, str]) -> Settings:
-    """Return the settings in these variables, each of which must exist."""
+    """Return the settings in environment variables; a variable for an unknown setting is an error."""
     variables = {name: value for name, value in given.items() if name.startswith("RICOCHET_")}
     assert {name.removeprefix("RICOCHET_").lower() for name in variables} <= Settings.model_fields.keys()
     for name, value in variables.items():
@@ -40,11 +40,11 @@ def settings_in(monkeypatch: pytest.MonkeyPatch, given: dict[str, str]) -> Setti
 
 UNITS = ("ricochet.service", "ricochet-worker.service", "ricochet-backup.service", "ricochet-backup.timer")
 PROGRAM = re.compile(r"/(?:opt|usr/local)/(?:[\w.-]+/)*[\w.-]+")
-"""Path of an installed program."""
+"""Path of an installed program in a unit."""
 
 
 def analyze(verb: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run systemd-analyze."""
+    """Run `systemd-analyze`; return its result."""
     if shutil.which("systemd-analyze") is None:
         pytest.skip("systemd-analyze is not there to check the unit")
     command = ["systemd-analyze", verb, *arguments]
@@ -53,7 +53,7 @@ def analyze(verb: str, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture
 def units(tmp_path: Path) -> dict[str, Path]:
-    """The units with the path of an existing program, because systemd checks that it exists."""
+    """The units, with every program replaced by an existing one, because systemd checks that programs exist."""
     for name in UNITS:
         text = (DEPLOY / name).read_text(encoding="utf-8")
         start = re.compile(r"(?m)^ExecStart=.*$")
@@ -69,7 +69,7 @@ def test_systemd_finds_nothing_wrong_with_the_units(units: dict[str, Path], name
 
 
 @pytest.mark.parametrize("name", [name for name in UNITS if name.endswith(".service")])
-def test_units_expose_little_of_the_machine(units: dict[str, Path], name: str) -> None:
+def test_exposure_of_the_units_is_low(units: dict[str, Path], name: str) -> None:
     done = analyze("security", "--offline=yes", f"--threshold={EXPOSURE}", "--no-pager", str(units[name]))
     if "unrecognized option" in done.stderr:
         pytest.skip("this systemd-analyze does not look at files")
@@ -81,7 +81,7 @@ def test_units_use_what_their_heads_install() -> None:
         head, _, body = (DEPLOY / name).read_text(encoding="utf-8").partition("[Unit]")
         for path in re.findall(r"ExecStart=(/usr/local/\S+)", body):
             assert path in head
-    assert "/usr/bin/python3 -m venv /opt/ricochet\n" in UNIT  # a program below /home would be hidden by ProtectHome
+    assert "/usr/bin/python3 -m venv /opt/ricochet\n" in UNIT  # ProtectHome would hide a program below /home.
     assert "--require-hashes" in UNIT
 
 
@@ -94,19 +94,19 @@ def test_unit_has_settings_of_the_service_and_lets_it_end_by_itself(monkeypatch:
     [patience] = re.findall(r"TimeoutStopSec=(\d+)", UNIT)
     assert int(patience) > settings.grace_seconds
     assert "RestartPreventExitStatus=3\n" in UNIT
-    assert "MemoryDenyWriteExecute=" not in UNIT  # the solver is compiled as it runs
+    assert "MemoryDenyWriteExecute=" not in UNIT  # The solver is compiled at run time.
     [files] = re.findall(r"LimitNOFILE=(\d+)", UNIT)
     assert int(files) > 2 * MAX_CONNECTIONS
 
 
 @pytest.fixture(scope="module")
 def kubernetes() -> Any:
-    """Validator of Kubernetes manifests; importing it takes two seconds."""
+    """Module that validates Kubernetes manifests; it is imported only here, because that takes two seconds."""
     return import_module("kubernetes_validate")
 
 
 @pytest.mark.parametrize("manifest", MANIFESTS, ids=lambda manifest: manifest["kind"])
-def test_manifests_are_what_kubernetes_knows(kubernetes: Any, manifest: dict[str, Any]) -> None:
+def test_manifests_fit_the_schemas_of_kubernetes(kubernetes: Any, manifest: dict[str, Any]) -> None:
     kubernetes.validate(manifest, kubernetes.latest_version(), strict=True)
 
 
@@ -128,7 +128,7 @@ def test_pods_run_the_image_as_its_user_and_may_nothing_else(pod: dict[str, Any]
         "capabilities": {"drop": ["ALL"]},
     }
     assert not pod["automountServiceAccountToken"]
-    assert not pod["enableServiceLinks"]  # with service links RICOCHET_PORT would be tcp://...
+    assert not pod["enableServiceLinks"]  # Service links would set RICOCHET_PORT to tcp://...
     mounted = {mount["mountPath"] for mount in container["volumeMounts"]}
     assert IMAGE.last("VOLUME").text in mounted
     assert container["resources"]["limits"]["memory"]

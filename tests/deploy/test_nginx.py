@@ -1,5 +1,5 @@
-"""deploy/nginx.conf in front of a running service: slow, silent or too many clients do not delay others, and the
-service knows the address of each client."""
+"""deploy/nginx.conf in front of a running service: slow, silent or numerous clients do not delay others, and the
+service learns the address of each client."""
 
 import json
 import re
@@ -31,9 +31,9 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(1200)]
 NGINX = shutil.which("nginx") or next((path for path in ("/usr/sbin/nginx",) if Path(path).exists()), None)
 LOOKS = 10
 LONGEST_S = 5.0
-"""Time limit of a probe; one that had to wait until nginx ends other connections would take 10 s. [s]"""
+"""Time limit of a probe. If it had to wait for the time-outs of silent connections, it would take 10 s. [s]"""
 MONITOR, CROWD, SLOW, FAST = "127.0.0.1", "127.0.0.2", "127.0.0.3", "127.0.0.4"
-"""Addresses of this machine; the limits apply to each of them."""
+"""Loopback addresses of the clients; nginx limits each address separately."""
 UNFINISHED = b"POST /cra HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\nContent-Length: 999\r\n\r\n{"
 
 
@@ -46,17 +46,17 @@ class Proxy:
     audit_log: Path
 
     def client(self, address: str = MONITOR) -> httpx.Client:
-        """A client at this address."""
+        """Return a client that connects from this address."""
         transport = httpx.HTTPTransport(verify=self.trusted, local_address=address)
         return httpx.Client(base_url=f"https://127.0.0.1:{self.port}", transport=transport, timeout=60.0)
 
     def connection(self, address: str, *, tls: bool = True) -> socket.socket:
-        """A bare connection from this address."""
+        """Open a TLS connection from this address."""
         plain = socket.create_connection(("127.0.0.1", self.port), timeout=30.0, source_address=(address, 0))
         return self.trusted.wrap_socket(plain, server_hostname="127.0.0.1") if tls else plain
 
     def entries(self) -> list[dict[str, str]]:
-        """The audit log."""
+        """Return the entries of the audit log."""
         return [json.loads(line) for line in self.audit_log.read_text().splitlines()]
 
 
@@ -75,7 +75,7 @@ def configuration(folder: Path, certificate: Certificate, port: int, replaced: d
     for before, after in own.items():
         assert before in text, before
         text = text.replace(before, after)
-    return re.sub(r"(?m)^user .*$", "user root;", text)  # to read the certificate of the test
+    return re.sub(r"(?m)^user .*$", "user root;", text)  # Only root can read the certificate of the test.
 
 
 @contextmanager
@@ -96,7 +96,7 @@ def running_nginx(folder: Path, text: str, port: int) -> Iterator[None]:
 
 
 REWRITE = "ssl_session_cache shared:tls:10m;"
-"""Line of the server block after which a test adds another."""
+"""Line of the server block after which a test inserts another line."""
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +124,7 @@ def wait_for(port: int, process: "subprocess.Popen[bytes]") -> None:
 
 
 def slowest_probe(proxy: Proxy) -> float:
-    """Longest time of some probes, each over a new connection. [s]"""
+    """Request /livez several times, each time on a new connection; return the longest time. [s]"""
     longest = 0.0
     for _ in range(LOOKS):
         began = time.monotonic()
@@ -135,24 +135,24 @@ def slowest_probe(proxy: Proxy) -> float:
 
 
 def test_answers_come_through_with_the_address_of_the_client(proxy: Proxy) -> None:
-    """Headers of the client about its address are ignored."""
+    """The `X-Forwarded-For` header of the client is ignored."""
     known = len(proxy.entries())
     with proxy.client(CROWD) as client:
         answer = client.post("/cra", json=PAPER, headers={"X-Forwarded-For": "203.0.113.9"})
     assert answer.json()["critical_angle_deg"] == pytest.approx(48.64, abs=0.1)
     assert answer.headers["Strict-Transport-Security"]
-    until(lambda: len(proxy.entries()) > known)  # an entry is written after its answer
+    until(lambda: len(proxy.entries()) > known)  # The entry is written after the answer.
     assert proxy.entries()[-1]["client"] == CROWD
 
 
-def test_a_thousand_silent_connections_hold_up_nobody(proxy: Proxy) -> None:
+def test_a_thousand_silent_connections_delay_nobody(proxy: Proxy) -> None:
     with ExitStack() as opened:
         for _ in range(1000):
             opened.enter_context(proxy.connection(CROWD, tls=False))
         assert slowest_probe(proxy) < LONGEST_S
 
 
-def test_slow_heads_and_bodies_hold_up_nobody_and_never_reach_the_service(proxy: Proxy) -> None:
+def test_slow_heads_and_bodies_delay_nobody_and_never_reach_the_service(proxy: Proxy) -> None:
     known = len(proxy.entries())
     with ExitStack() as opened:
         heads = [opened.enter_context(proxy.connection(SLOW)) for _ in range(50)]
@@ -164,10 +164,10 @@ def test_slow_heads_and_bodies_hold_up_nobody_and_never_reach_the_service(proxy:
         assert slowest_probe(proxy) < LONGEST_S
         assert len(proxy.entries()) == known
         heads[0].settimeout(30.0)
-        assert heads[0].recv(4096) == b""  # client_header_timeout is 10 s
+        assert heads[0].recv(4096) == b""  # nginx closes the connection after client_header_timeout, 10 s.
         bodies[0].settimeout(30.0)
         began = time.monotonic()
-        ended = bodies[0].recv(4096)  # client_body_timeout is 20 s, from the last byte
+        ended = bodies[0].recv(4096)  # nginx answers after client_body_timeout, 20 s from the last byte.
         assert time.monotonic() - began < 20.0
         assert ended == b"" or b" 408 " in ended.splitlines()[0]
         assert len(proxy.entries()) == known
@@ -209,8 +209,8 @@ def test_requests_of_one_address_are_bounded(proxy: Proxy) -> None:
         assert client.get("/version").status_code == 200
 
 
-def test_addresses_hold_below_a_prefix(proxy: Proxy) -> None:
-    """A client follows them that knows only the address that it sent its first request to."""
+def test_links_work_below_a_path_prefix(proxy: Proxy) -> None:
+    """Links in answers can be followed from the address of the first request."""
     base = f"https://127.0.0.1:{proxy.port}"
     with proxy.client() as client:
 
@@ -235,8 +235,8 @@ def test_addresses_hold_below_a_prefix(proxy: Proxy) -> None:
         follow(page, client.get(f"{base}/ricochet/openapi.json").json()["servers"][0]["url"] + "/version")
 
 
-def test_bodies_are_refused_before_all_of_them_has_been_taken(proxy: Proxy) -> None:
-    """nginx refuses bodies that are too long for their path; the service refuses batches once it reads their start."""
+def test_bodies_are_refused_before_they_are_received_completely(proxy: Proxy) -> None:
+    """nginx refuses bodies that are too long for their path; the service refuses a batch after its first bytes."""
     known = len(proxy.entries())
     for path in ("/nothing", "/cra", "/jobs", "/mcp"):
         with proxy.client() as client:
@@ -248,7 +248,7 @@ def test_bodies_are_refused_before_all_of_them_has_been_taken(proxy: Proxy) -> N
 
 
 def problem_of(response: httpx.Response, status: int) -> httpx.Response:
-    """Return the problem in a response, which must follow the contract."""
+    """Check that a response is a problem as in the contract; return it."""
     assert response.headers["Content-Type"] == "application/problem+json"
     problem = Problem.model_validate(response.json())
     assert (response.status_code, problem.status, problem.instance) == (status, status, response.request.url.path)
@@ -270,7 +270,7 @@ def test_answer_for_a_service_that_is_down_is_a_problem(tmp_path: Path) -> None:
 
 
 def first_line(proxy: Proxy, head: bytes, length: int) -> bytes:
-    """Return the first line of the answer to a request of which only the first bytes of the body are sent."""
+    """Send a head and only part of the body; return the first line of the answer."""
     with proxy.connection(MONITOR) as connection:
         connection.settimeout(10.0)
         connection.sendall(b"%b\r\nHost: 127.0.0.1\r\nContent-Length: %d\r\n\r\n%b" % (head, length, b"x" * 100_000))
@@ -285,12 +285,12 @@ def test_metrics_are_for_the_monitor_of_this_machine_alone(proxy: Proxy) -> None
 
 
 SEVERAL = [block.text for block in blocks(ROOT / "docs" / "sizing.md") if block.language == "nginx"]
-"""Configurations of nginx for two services: by path, and by owner."""
+"""The two nginx configurations in docs/sizing.md that divide requests between two services: by path, and by owner."""
 
 
 @pytest.fixture(params=["path", "owner"])
 def several(request: pytest.FixtureRequest, service_on: RunService, tmp_path: Path) -> Iterator[list[httpx.Client]]:
-    """A client of each of two services behind one nginx with the configurations of docs/sizing.md."""
+    """Two services behind one nginx with a configuration of docs/sizing.md, and a client of each."""
     by_path, port, certificate = request.param == "path", free_port(), make_certificate(tmp_path)
     folders = [tmp_path / "1", tmp_path / "2"]
     for folder in folders:

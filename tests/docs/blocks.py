@@ -1,4 +1,4 @@
-"""Fenced blocks of the pages of the manual."""
+"""Fenced code blocks of the manual."""
 
 import re
 from collections.abc import Iterator
@@ -9,11 +9,11 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
 FENCE = re.compile(r"^(?P<fence>```+)(?P<info>[^\n`]*)\n(?P<text>.*?)^(?P=fence)[ ]*$", re.MULTILINE | re.DOTALL)
 COMMANDS = frozenset({"", "sh", "bash", "shell", "console", "python", "ts"})
-"""Languages of blocks that a reader may want to run; "" is a block without a language."""
+"""Languages of blocks that contain commands or programs; "" is a block without a language."""
 COMMAND_LINE = re.compile(
     r"(?:\$ |[A-Z_]+=\S+ )*(?:curl|docker|git|make|node|npm|npx|pip|python3?|ricochet|uv)(?= (?![\w-]+:))"
 )
-"""Beginning of a line that is a command, not the output of one such as `ricochet cra: must be ...`."""
+"""Matches a line with a command, but not a line of output such as `ricochet cra: must be ...`."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Block:
     Parameters
     ----------
     line
-        Line of the page on which it begins.
+        Line of the page on which its content begins.
     info
         Words after the fence: the language, `run`, and `server` if the block queries a service.
     """
@@ -56,6 +56,6 @@ def name_of(page: Path) -> str:
 def blocks(page: Path) -> Iterator[Block]:
     text = page.read_text(encoding="utf-8")
     for found in FENCE.finditer(text):
-        if found["info"].startswith("{"):  # a directive of the manual
+        if found["info"].startswith("{"):  # This is a MyST directive, not code.
             continue
         yield Block(page, text.count("\n", 0, found.start()) + 2, tuple(found["info"].split()), found["text"])

@@ -1,4 +1,4 @@
-"""The scripts in benchmarks run, and tests and benchmarks do not import each other."""
+"""The scripts in benchmarks/ run; tests and benchmarks do not import each other."""
 
 import ast
 import subprocess
@@ -21,12 +21,12 @@ QUICK = {
     "startup": ["--quick"],
     "work_precision": ["--quick"],
 }
-"""Arguments with which a script takes only seconds."""
+"""Arguments with which a script takes seconds only, by script."""
 LONGEST = {"cluster", "growth", "scaling", "slider"}
 
 
 def imported_by(path: Path) -> set[str]:
-    """Return the top-level packages that a file imports by absolute names."""
+    """Return the top-level packages in the absolute imports of a file."""
     nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
     names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     names |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom) and not node.level}

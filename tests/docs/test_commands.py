@@ -1,9 +1,9 @@
-"""Commands and code in the documentation work.
+"""Commands and programs in the documentation work.
 
-Blocks marked `sh run` or `python run` are run unchanged, those of a page in order in one empty folder. A block with
-`server` uses a separate service: `localhost:8000` is its address, `data` its data folder, and 4xx or 5xx
-is a failure of curl. Blocks marked `ts run` are run by tests/api/test_typescript_client.py. Any other
-command has to be in `NOT_RUN`.
+Blocks marked `sh run` or `python run` are run as they are, those of a page one after another in one empty folder. For a
+page with a block marked `server`, a service is started: its address replaces `localhost:8000`, its data folder is
+`data`, and curl fails for a status of 400 or more. Blocks marked `ts run` are run by
+tests/api/test_typescript_client.py. Any other command has to be in `NOT_RUN`.
 """
 
 import json
@@ -49,7 +49,7 @@ NOT_RUN = {
     "import umbridge ": "a package that nothing here needs; tests/api/test_umbridge.py queries the same",
     "config = {": "goes on with the block that imports umbridge",
 }
-"""First words of commands and of Python code in blocks that are not run, with the reason."""
+"""Beginnings of commands and Python programs that are not run here, with the reason."""
 MOST_S = 240.0
 TOLERANCE_DEG = 0.02
 """Tolerance of printed angles, twice that of the search because the README rounds. [°]"""
@@ -57,14 +57,14 @@ BIN = Path(sys.executable).parent
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """Return the environment of a user who has the package, without any settings."""
+    """Return the environment of a user who has installed the package and set nothing."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("RICOCHET_", "OTEL_", "PYTHON"))}
     (folder / ".curlrc").write_text("fail-with-body\nshow-error\nnoproxy = *\n")
     return kept | {"PATH": f"{BIN}:{os.environ['PATH']}", "CURL_HOME": str(folder), "NO_PROXY": "*"}
 
 
 def run(block: Block, folder: Path, url: str) -> subprocess.CompletedProcess[str]:
-    """Run a block, which must succeed."""
+    """Run a block, which must succeed; return its result."""
     text = block.text.replace("localhost:8000", url.removeprefix("http://")) if block.uses_service else block.text
     command = {"sh": ["bash", "-euo", "pipefail", "-c", text], "python": [str(BIN / "python"), "-c", text]}
     done = subprocess.run(
@@ -83,7 +83,7 @@ def run(block: Block, folder: Path, url: str) -> subprocess.CompletedProcess[str
 
 @pytest.fixture
 def run_page(tmp_path: Path, service_on: Callable[..., Any]) -> Iterator[Callable[[Path], dict[str, str]]]:
-    """Return a function that runs the blocks of a page and returns their outputs by place."""
+    """Return a function that runs the blocks of a page and returns the output of each by its position."""
     with ExitStack() as stack:
 
         def run_all(page: Path) -> dict[str, str]:
@@ -127,7 +127,7 @@ def test_every_block_of_commands_is_run_or_on_the_list_of_those_that_are_not(pag
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_no_command_is_in_a_block_of_another_language(page: Path) -> None:
-    """An example is `text`, which is for output and drawings."""
+    """Blocks marked `text`, for example, are for output and drawings."""
     for block in blocks(page):
         if block.language not in COMMANDS:
             lines = [line for line in block.text.splitlines() if COMMAND_LINE.match(line)]
@@ -159,6 +159,6 @@ def test_links_between_pages_lead_somewhere() -> None:
 
 
 def test_main_path_of_the_manual_is_short() -> None:
-    """README, tutorials and how-to pages once had 23,000 words, too many for newcomers."""
+    """README, tutorials and how-to pages have at most 12,000 words. They once had 23,000, too many for newcomers."""
     pages = [ROOT / "README.md", *(ROOT / "docs" / "tutorial").glob("*.md"), *(ROOT / "docs" / "how-to").glob("*.md")]
     assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages) <= 12_000

@@ -1,4 +1,4 @@
-"""Names and commands for installation in documentation and messages."""
+"""Package names and installation commands in documentation and messages."""
 
 import re
 import tomllib
@@ -16,7 +16,7 @@ SIZING = (ROOT / "docs" / "sizing.md").read_text(encoding="utf-8")
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_no_page_installs_by_a_name_that_is_another_projects(page: Path) -> None:
-    """`ricochet` on the package index is another project."""
+    """On the package index, `ricochet` is a project of somebody else."""
     assert not re.search(r"pip install [\"']?ricochet(\[|\s|$)", Path(page).read_text(encoding="utf-8"))
 
 
@@ -49,7 +49,7 @@ def test_missing_package_names_the_extra_of_the_repository() -> None:
 
 
 def test_plots_and_reports_are_part_of_every_installation() -> None:
-    """The README uses both after `make demo`, which installs requirements/run.txt."""
+    """The README uses plots and reports after `make demo`, which installs requirements/run.txt."""
     for name in ("run", "cluster", "full"):
         locked = (ROOT / "requirements" / f"{name}.txt").read_text("utf-8")
         assert [package for package in EXTRA if f"\n{package}==" not in locked] == []

@@ -1,4 +1,4 @@
-"""The manual builds without a warning, loads nothing from elsewhere, and is served with a strict security policy."""
+"""The manual builds without warnings, loads nothing from other servers, and works with a strict security policy."""
 
 import os
 import re
@@ -22,15 +22,16 @@ from tests.browser.chromium import NAMES, executable, running_chromium
 
 from .blocks import ROOT
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(900)]  # on a busy machine the build takes minutes
+pytestmark = [pytest.mark.system, pytest.mark.timeout(900)]  # The build takes minutes on a busy machine.
 STYLE_REFUSED = re.compile(r"(?:Refused to apply|Applying) inline style\b[^\n]*Content Security Policy directive")
-"""Message of Chromium for a style attribute. The theme hides its icons by some; manual.css does it for the policy."""
+"""Message of Chromium about style attributes, with which the theme hides icons. The policy forbids them, so manual.css
+hides the icons instead."""
 FIRST_PAGES = ("index.html", "tutorial/first-map.html", "explanation/model.html", "reference/http.html")
 
 
 @pytest.fixture(scope="module")
 def manual(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of the manual, built like by `make docs`."""
+    """Folder with the manual, built as by `make docs`."""
     folder = tmp_path_factory.mktemp("manual")
     command = [sys.executable, "-m", "sphinx", "--builder", "html", "--fresh-env", "--fail-on-warning", "--keep-going"]
     command += ["--quiet", "--doctree-dir", str(folder / "doctrees"), str(ROOT / "docs"), str(folder / "html")]
@@ -41,7 +42,7 @@ def manual(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class References(HTMLParser):
-    """Links and anchors of a page."""
+    """HTML parser that collects links and anchors of a page."""
 
     def __init__(self, page: Path) -> None:
         super().__init__()
@@ -116,7 +117,7 @@ def test_no_page_shows_source_that_was_not_rendered(manual: Path) -> None:
 
 @pytest.fixture(scope="module")
 def served(manual: Path, tmp_path_factory: pytest.TempPathFactory, service_on: Callable[..., Any]) -> Iterator[str]:
-    """Address of a service with this manual."""
+    """Address of a service that serves this manual."""
     with service_on(tmp_path_factory.mktemp("served"), manual_dir=str(manual)) as service:
         yield service.url
 
@@ -145,7 +146,7 @@ def browser() -> Iterator[Browser]:
 
 
 def opened(browser: Browser, address: str, allowed: str) -> tuple[Page, list[str]]:
-    """Open a page; return it with its errors, which include requests to addresses that are not allowed."""
+    """Open a page; return it with a list of its errors, including requests to addresses outside `allowed`."""
     page, served = browser.new_page(), allowed.startswith("http")
     faults: list[str] = []
 
@@ -169,7 +170,7 @@ def opened(browser: Browser, address: str, allowed: str) -> tuple[Page, list[str
 def test_browser_shows_a_served_page_and_requests_nothing_else(browser: Browser, served: str, name: str) -> None:
     page, faults = opened(browser, f"{served}/manual/{name}", served)
     assert page.locator("h1").first.is_visible()
-    assert page.evaluate("document.body.dataset.theme") == "auto"  # set by the theme's script
+    assert page.evaluate("document.body.dataset.theme") == "auto"  # The script of the theme has set it.
     assert page.locator("body > svg").first.bounding_box() is None
     assert faults == []
     page.close()

@@ -1,4 +1,4 @@
-"""docs/operating.md and its dashboard agree with the code."""
+"""docs/operating.md and the dashboard agree with the code."""
 
 import ast
 import json
@@ -32,7 +32,7 @@ def first_cells(name: str) -> set[str]:
 
 @pytest.fixture(scope="module")
 def families(live_url: str) -> dict[str, Any]:
-    """Metrics of a service that has answered a request, by name."""
+    """Metric families of a service that has answered a request, by name."""
     httpx.post(f"{live_url}/cra", json=PAPER, timeout=60.0, trust_env=False)
     text = httpx.get(f"{live_url}/metrics", trust_env=False).text
     return {family.name: family for family in text_string_to_metric_families(text)}
@@ -48,7 +48,7 @@ def test_tables_are_up_to_date() -> None:
 def test_every_setting_is_in_the_table_with_its_reason() -> None:
     assert first_cells("settings") == {f"RICOCHET_{name.upper()}" for name in Settings.model_fields}
     assert all(len(line.split("|")[4]) > 20 for line in table("settings"))
-    assert len(table("settings")) == len(Settings.model_fields)  # each setting is in one group
+    assert len(table("settings")) == len(Settings.model_fields)  # Each setting is in exactly one group of the table.
 
 
 def test_every_setting_named_anywhere_on_the_page_is_one() -> None:
@@ -76,13 +76,13 @@ def test_every_query_of_the_dashboard_is_of_metrics_and_labels_there_are(familie
     for query in queries:
         names = NAME.findall(query)
         assert names, query
-        labels = set.union(*(samples[name] for name in names)) | {"instance"}  # a label that Prometheus adds
+        labels = set.union(*(samples[name] for name in names)) | {"instance"}  # Prometheus adds this label.
         assert set(re.findall(r"(\w+)=~?\"", query)) <= labels, query
         grouped = re.search(r"by \(([^)]*)\)", query)
         assert set(grouped[1].split(", ") if grouped else []) <= labels, query
         assert all(query.count(opening) == query.count(closing) for opening, closing in ("()", "{}", "[]")), query
     shown = {name.removesuffix("_bucket").removesuffix("_count") for query in queries for name in NAME.findall(query)}
-    assert shown == first_cells("metrics")  # no metric is left out
+    assert shown == first_cells("metrics")  # The dashboard shows every metric.
 
 
 def test_panels_of_the_dashboard_lie_side_by_side_and_ask_the_source_that_is_chosen() -> None:
@@ -108,7 +108,7 @@ def test_every_metric_named_on_the_page_is_one(families: dict[str, Any]) -> None
     assert {name for name in NAME.findall(PAGE) if name not in samples} <= first_cells("metrics")
 
 
-def test_every_row_of_what_happens_when_is_held_by_tests_that_are_there() -> None:
+def test_every_row_of_what_happens_when_names_existing_tests() -> None:
     rows = [line for line in PAGE.partition("## What happens when")[2].splitlines() if line.startswith("| ")][2:]
     assert len(rows) >= 12
     for row in rows:

@@ -8,7 +8,7 @@ import pytest
 
 from .blocks import PAGES, ROOT, blocks, name_of
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]  # the types of numpy and xarray are not cached
+pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]  # mypy has no cache here for the types of numpy and xarray.
 OPTIONAL = """
 import matplotlib.axes
 import matplotlib.figure
@@ -28,7 +28,7 @@ reveal_type(sweep)
 """
 
 
-def test_python_of_the_pages_and_answers_of_other_packages_are_typed(tmp_path: Path) -> None:
+def test_python_in_the_pages_passes_strict_type_checks(tmp_path: Path) -> None:
     pages = 0
     for page in PAGES:
         python = [block.text for block in blocks(page) if block.language == "python" and block.runs]

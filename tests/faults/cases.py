@@ -1,4 +1,4 @@
-"""Cases by number: cheap searches, and trajectories that take milliseconds or many seconds."""
+"""Numbered cases: searches and trajectories that take milliseconds, and trajectories that take seconds."""
 
 import json
 import time
@@ -10,17 +10,17 @@ import pytest
 from service.schemas.strike import PAPER, PAPER_AT_45
 
 ROUGH = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
-"""A search of a few milliseconds."""
+"""Search range and tolerance with which a search takes a few milliseconds."""
 STEP_M_S = 1e-3
 """Difference in velocity between two cases."""
 LONG = pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])
-"""Number of rounds of a slow test."""
+"""Number of rounds of the slow variant of a test."""
 PIECES = 10
 PIECE_PAUSE_SECONDS = 0.01
 
 
 def searches(count: int, first: int = 0) -> list[dict[str, Any]]:
-    """Searches for the critical angle; the same numbers give the same cases."""
+    """Return `count` searches for the critical angle, whose numbers begin with `first`."""
     return [
         PAPER | {"impact": {"velocity_m_s": 240.0 + STEP_M_S * number}, "search": ROUGH}
         for number in range(first, first + count)
@@ -28,7 +28,7 @@ def searches(count: int, first: int = 0) -> list[dict[str, Any]]:
 
 
 def trajectories(count: int, first: int = 0, *, slow: bool) -> list[dict[str, Any]]:
-    """Trajectories of some milliseconds each, or of about 10 s if `slow`."""
+    """Return `count` trajectories that take some milliseconds each, or about 10 s if `slow`."""
     numerics = {"method": "panels"} | ({"panels": 100_000, "time_step_s": 1e-6} if slow else {"panels": 1000})
     return [
         PAPER_AT_45
@@ -38,12 +38,12 @@ def trajectories(count: int, first: int = 0, *, slow: bool) -> list[dict[str, An
 
 
 def jsonl(cases: Sequence[dict[str, Any]]) -> bytes:
-    """A JSONL body."""
+    """Return cases as JSON lines."""
     return b"".join(json.dumps(case).encode() + b"\n" for case in cases)
 
 
 def slowly(body: bytes) -> Iterator[bytes]:
-    """Yield the body in pieces with pauses, as over a slow connection."""
+    """Yield a body in pieces with pauses, as over a slow connection."""
     size = -(-len(body) // PIECES)
     for start in range(0, len(body), size):
         yield body[start : start + size]

@@ -1,4 +1,4 @@
-"""The tests in this folder search the processes of the whole machine."""
+"""Skip the tests of this folder on systems without /proc, where they find the processes of a service."""
 
 from pathlib import Path
 

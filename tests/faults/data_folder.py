@@ -1,4 +1,4 @@
-"""Inspection of the files in a data folder."""
+"""Checks of the files in a data folder."""
 
 import sqlite3
 from collections import Counter
@@ -18,7 +18,7 @@ EXPECTED = {"lock"} | {f"{path}{end}" for path in (INDEX, JOURNAL, JOBS) for end
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A file of results; equal to another only if it is the same, unchanged file."""
+    """A file of results. Two are equal if they are the same file, unchanged."""
 
     path: Path
     inode: int
@@ -27,7 +27,7 @@ class Segment:
 
 
 def segments(data: Path) -> dict[Path, Segment]:
-    """All files of results by path, each of which must be complete."""
+    """Read all files of results, each of which must be complete; return them by path."""
     found = {}
     for path in sorted((data / SEGMENTS).rglob("*.h5")):
         status = path.stat()
@@ -38,20 +38,20 @@ def segments(data: Path) -> dict[Path, Segment]:
 
 
 def keys_of(stored: dict[Path, Segment]) -> Counter[str]:
-    """Number of times that each result is stored."""
+    """Count how often the files contain each result, by key."""
     return Counter(key for segment in stored.values() for key in segment.keys)
 
 
 def journaled(data: Path) -> Counter[str]:
-    """Keys of the results in the journal."""
+    """Count how often the journal contains each result, by key."""
     with closing(sqlite3.connect(f"{(data / JOURNAL).resolve().as_uri()}?mode=ro", uri=True, timeout=10.0)) as file:
         return Counter(key for (key,) in file.execute("SELECT key FROM results"))
 
 
 def faults_of(data: Path, indexed: str) -> list[str]:
-    """Return what is wrong with the data folder of a service that has finished its jobs.
+    """Return a line for each error in the data folder of a service that has finished its jobs.
 
-    `indexed` is the output of `ricochet cache stat`: how many results and files there are.
+    `indexed` is the output of `ricochet cache stat`, with the numbers of results and files in the index.
     """
     stored = segments(data)
     faults = []

@@ -10,7 +10,7 @@ from pathlib import Path
 
 DISK_BYTES = 24 * 1024 * 1024
 FILE_BYTES = 4096
-"""Limit on the size of files where no small disk can be mounted; with it nothing can be written either."""
+"""Limit on file sizes, used where no small disk can be mounted. It is so small that nothing can be written. [bytes]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,9 +22,9 @@ class Disk:
     data
         Data folder on it.
     mounted
-        Whether it is a real disk, full for every process; otherwise the size of files is limited for one process.
+        Whether it is a real file system, full for every process. Otherwise one process has a limit on file sizes.
     fill, free
-        Functions of the id of the process that will find the disk full, or free again.
+        Functions that make the disk full or free again for the process with the given id.
     """
 
     data: Path
@@ -35,7 +35,7 @@ class Disk:
 
 @contextmanager
 def small_disk(folder: Path) -> Iterator[Disk]:
-    """A tmpfs with a ballast file; without the right to mount one, a limit on the size of files."""
+    """Make a tmpfs that a ballast file can fill or, without the right to mount one, use a limit on file sizes."""
     place = folder / "disk"
     place.mkdir(parents=True)
     mount = ["mount", "-t", "tmpfs", "-o", f"size={DISK_BYTES}", "tmpfs", str(place)]

@@ -1,8 +1,8 @@
-"""Services as forks of one process that has imported everything, so that a start takes a tenth of a second.
+"""Run services as forks of a process that has imported everything, so that a start takes a tenth of a second.
 
-A line of JSON on standard input has the data folder, the port, the log, the call that is to fail and the fault. The
-service runs in a fork. A line on standard output is its process id, and after its end the next line is its status. The
-number of its calls is then in the file `count`, unless it was killed.
+Each line of JSON on standard input starts a service: it has the data folder, the port, the log file, the number of the
+call that shall fail, and the fault. The answers are two lines on standard output: the process id, and after the end of
+the service its exit status. Unless it was killed, the number of its calls is then in the file `count`.
 """
 
 import ctypes
@@ -25,7 +25,7 @@ NOT_STARTED = 3
 
 
 def serve(order: dict[str, Any]) -> int:
-    """Run one service; return its exit status."""
+    """Run a service in this process until it is stopped; return its exit status."""
     log = os.open(order["log"], os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
     for stream in (1, 2):
         os.dup2(log, stream)
@@ -50,7 +50,7 @@ def serve(order: dict[str, Any]) -> int:
 
 
 def main() -> None:
-    """Run the requested services one after the other."""
+    """Read requests from standard input, and run a service for each in a fork."""
     warm_up()
     for line in sys.stdin:
         order = json.loads(line)

@@ -1,4 +1,4 @@
-"""A service that can be killed, stopped and started again on the same data folder."""
+"""A service that tests kill, stop and start again with the same data folder."""
 
 import os
 import socket
@@ -19,7 +19,7 @@ from .processes import kill, processes_of, workers_of
 ROOT = Path(__file__).parents[2]
 RICOCHET = Path(sys.executable).with_name("ricochet")
 START_SECONDS = 120.0
-"""The first start on a machine compiles the solver."""
+"""Time limit of a start; the first start on a machine compiles the solver. [s]"""
 STOP_SECONDS = 20.0
 JOB_SECONDS = 120.0
 JSONL = "application/jsonl"
@@ -27,7 +27,7 @@ UNFINISHED = {"accepted", "running"}
 
 
 class RestartableServer:
-    """`ricochet serve` with two workers. A context manager, which leaves no process behind.
+    """`ricochet serve` with two workers, as a context manager that leaves no process behind.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class RestartableServer:
     cwd
         Working directory.
     **settings
-        RICOCHET_... variables, in lower case and without the prefix.
+        Settings of the service, as RICOCHET_ variables in lower case and without the prefix.
     """
 
     def __init__(self, folder: Path, *, data: Path | None = None, cwd: Path = ROOT, **settings: str) -> None:
@@ -119,34 +119,34 @@ class RestartableServer:
         ).stdout
 
     def workers(self) -> list[int]:
-        """Process ids of the workers."""
+        """Return the process ids of the workers."""
         return workers_of(self.data, self.pid)
 
     def orphans(self, seconds: float) -> list[int]:
-        """Processes of a killed server that are still running after this time."""
+        """Wait for the processes of a killed server to end; return those that are left after this time. [s]"""
         deadline = time.monotonic() + seconds
         while (left := processes_of(self.data)) and time.monotonic() < deadline:
             time.sleep(0.01)
         return left
 
     def submit(self, body: bytes | Iterator[bytes], token: str = "", path: str = "/cra/batch") -> dict[str, Any]:
-        """Send a JSONL batch with an optional idempotency key; return its job."""
+        """Submit a batch of JSON lines, optionally with an idempotency key; return the job."""
         headers = {"Content-Type": JSONL, "Prefer": "respond-async"} | ({"Idempotency-Key": token} if token else {})
         job: dict[str, Any] = self.client.post(path, content=body, headers=headers).raise_for_status().json()
         return job
 
     def job(self, job: dict[str, Any]) -> dict[str, Any]:
-        """The current state of a job."""
+        """Return the current state of a job."""
         state: dict[str, Any] = self.client.get(job["links"]["self"]).raise_for_status().json()
         return state
 
     def jobs(self) -> list[dict[str, Any]]:
-        """The latest jobs, newest first."""
+        """Return the latest jobs, newest first."""
         jobs: list[dict[str, Any]] = self.client.get("/jobs").raise_for_status().json()["jobs"]
         return jobs
 
     def finished(self, job: dict[str, Any]) -> dict[str, Any]:
-        """The job after it has ended, or its state after `JOB_SECONDS`."""
+        """Wait for the end of a job, at most `JOB_SECONDS`; return its state."""
         deadline = time.monotonic() + JOB_SECONDS
         while job["status"] in UNFINISHED and time.monotonic() < deadline:
             time.sleep(0.03)
@@ -154,28 +154,28 @@ class RestartableServer:
         return job
 
     def until_done(self, job: dict[str, Any], count: int) -> dict[str, Any]:
-        """The job once this many of its cases are done, or after it has ended."""
+        """Wait until this many cases of a job are done, or until it has ended; return its state."""
         while job["status"] in UNFINISHED and job["counts"]["done"] < count:
             time.sleep(0.01)
             job = self.job(job)
         return job
 
     def results(self, job: dict[str, Any]) -> list[bytes]:
-        """Results that are ready, as lines of JSON."""
+        """Return the results that are ready, as lines of JSON."""
         answer = self.client.get(job["links"]["results"], headers={"Accept": JSONL}).raise_for_status()
         return answer.content.splitlines()
 
     def computed(self) -> int:
-        """Cases computed (not read from the cache) since the server started, from its metrics."""
+        """Return the number of cases computed, not read from the cache, since the server started."""
         lines = self.client.get("/metrics").raise_for_status().text.splitlines()
         misses = [line for line in lines if line.startswith("ricochet_cases_total") and 'cache="miss"' in line]
         return round(sum(float(line.rpartition(" ")[2]) for line in misses))
 
     def folder_faults(self) -> list[str]:
-        """Return what is wrong with the files and the index of the data folder."""
+        """Return a line for each error in the files or the index of the data folder."""
         return faults_of(self.data, self.command("cache", "stat"))
 
     def logged_errors(self) -> list[str]:
-        """Lines of the log that report a failure of the service itself."""
+        """Return the lines of the log that report a failure of the service itself."""
         lines = self.log.read_text(errors="replace").splitlines()
         return [line for line in lines if "Traceback" in line or '"level": "error"' in line]

@@ -1,4 +1,4 @@
-"""Jobs are cancelled and deleted at random instants, also during cases that take seconds."""
+"""Jobs are cancelled and deleted at random instants, even while they compute cases that take seconds."""
 
 import random
 import time
@@ -13,7 +13,7 @@ from .processes import busy, processor_seconds
 from .server import RestartableServer
 
 MOST_SECONDS = 3.0
-"""Processor time in which a cancellation must take effect; a slow case takes three times as long. [s]"""
+"""Largest processor time until a cancellation takes effect; a slow case takes three times as long. [s]"""
 SLOW_CASES = 40
 CHEAP_CASES = 200
 LATEST_SECONDS = {"slow": 1.5, "cheap": 0.4}
@@ -21,7 +21,7 @@ KINDS = (("slow", "cancel"), ("cheap", "delete"), ("cheap", "cancel"), ("slow", 
 
 
 @pytest.mark.parametrize("rounds", [len(KINDS), LONG])
-def test_jobs_end_at_once_whatever_they_compute(rounds: int, tmp_path: Path) -> None:
+def test_cancelled_jobs_end_at_once_whatever_they_compute(rounds: int, tmp_path: Path) -> None:
     instants = random.Random(0)  # noqa: S311
     kept: list[tuple[dict[str, Any], list[bytes]]] = []
     with RestartableServer(tmp_path) as server:
@@ -50,7 +50,7 @@ def test_jobs_end_at_once_whatever_they_compute(rounds: int, tmp_path: Path) -> 
 
 
 def submit(server: RestartableServer, cases: str, number: int) -> dict[str, Any]:
-    """Submit the job of a round; a few fast cases precede slow ones."""
+    """Submit the job of a round: cheap searches, or a few fast trajectories and then slow ones."""
     if cases == "slow":
         first = SLOW_CASES * number
         body = trajectories(4, first, slow=False) + trajectories(SLOW_CASES, first, slow=True)
@@ -59,7 +59,7 @@ def submit(server: RestartableServer, cases: str, number: int) -> dict[str, Any]
 
 
 def cancel(server: RestartableServer, job: dict[str, Any]) -> tuple[dict[str, Any], list[bytes]]:
-    """Cancel a job twice; return it with its results."""
+    """Cancel a job twice and check the answers; return the ended job and its results."""
     answer = server.client.post(job["links"]["cancel"])
     assert answer.status_code == 200
     ended = answer.json()
@@ -79,7 +79,7 @@ def cancel(server: RestartableServer, job: dict[str, Any]) -> tuple[dict[str, An
 
 
 def delete(server: RestartableServer, job: dict[str, Any]) -> None:
-    """Delete a job twice."""
+    """Delete a job twice and check the answers."""
     client, links = server.client, job["links"]
     assert client.delete(links["self"]).status_code == 204
     statuses = [client.delete(links["self"]).status_code, client.post(links["cancel"]).status_code]

@@ -1,4 +1,4 @@
-"""Dask workers end during jobs in various ways: each case is answered once, with the same bytes."""
+"""Dask workers are ended during jobs in various ways: every case is answered once, with the same bytes."""
 
 import os
 import random
@@ -17,16 +17,16 @@ from .cases import jsonl, searches
 from .server import UNFINISHED, RestartableServer
 
 SIGNALS = {"SIGTERM": signal.SIGTERM, "SIGKILL": signal.SIGKILL, "closed nanny": signal.SIGTERM}
-"""Ways to end a worker. Without a nanny a worker ends cleanly on SIGTERM, with a nanny when that is closed."""
+"""Ways to end a worker and the signal for each. SIGTERM ends a worker cleanly; if it has a nanny, the nanny gets it."""
 POOL_WORKERS = "3"
-"""Worker processes of the service: more than Dask workers, so that metrics distinguish them."""
+"""Number of worker processes of the service. Metrics show which executor is used, because Dask has fewer workers."""
 WAIT_SECONDS = 60.0
-"""Time for a worker to restart with its imports and those of its pool on a busy machine. [s]"""
+"""Time limit for the restart of a Dask worker and of its process pool on a busy machine. [s]"""
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RestartableServer]:
-    """A service without a cluster, which gives the expected answers."""
+    """A service without a cluster, whose answers are the expected ones."""
     with RestartableServer(tmp_path_factory.mktemp("undisturbed")) as server:
         server.start()
         yield server
@@ -79,7 +79,7 @@ def test_dask_workers_ended_during_jobs_cost_no_case(
 
 @contextmanager
 def workers_alone(folder: Path, workers: int, *, nanny: bool) -> Iterator[DaskCluster]:
-    """A cluster with one worker for each supervised command, so that workers can be ended one by one."""
+    """Run a cluster in which every worker has a supervisor of its own, so that workers can be ended one by one."""
     with dask_cluster(folder, workers=0) as cluster:
         for _ in range(workers):
             cluster.start_workers(1, nanny=nanny)
@@ -87,7 +87,7 @@ def workers_alone(folder: Path, workers: int, *, nanny: bool) -> Iterator[DaskCl
 
 
 def width(server: RestartableServer) -> int:
-    """Number of chunks that the service computes at the same time: Dask workers or, without any, its pool."""
+    """Return the number of chunks computed at the same time: that of Dask workers or, without any, of pool workers."""
     lines = server.client.get("/metrics").raise_for_status().text.splitlines()
     return sum(int(float(line.split()[1])) for line in lines if line.startswith("ricochet_chunk_width{"))
 
@@ -101,7 +101,7 @@ def until_width(server: RestartableServer, workers: int) -> None:
 
 
 def end_one(client: Client, how: str, before: set[int], instants: random.Random) -> set[int]:
-    """End a running worker that has not been ended before; return its process id, or None if there is none."""
+    """End a random worker that is not in `before`; return its process id as a set, which is empty if none is left."""
     parents = client.run(lambda: (os.getpid(), os.getppid()), on_error="ignore")
     victims = {worker: nanny for worker, nanny in parents.values() if worker not in before}
     if not victims:

@@ -1,5 +1,5 @@
-"""Many clients download the results of a job at once, or disconnect: the memory of the service stays small, and it
-stops downloads without a client."""
+"""Many clients download the results of a job at once, or disconnect: the service needs little memory, and stops
+downloads without a client."""
 
 import shutil
 import time
@@ -20,14 +20,14 @@ from .server import JSONL, RestartableServer
 HDF5, PARQUET = "application/x-hdf5", "application/vnd.apache.parquet"
 CLIENTS = 24
 MOST_GROWTH = 80 * 1024 * 1024
-"""Largest growth of memory, for the blocks of two readers and data being sent. [bytes]"""
+"""Largest growth of memory, enough for two readers and the data being sent. [bytes]"""
 ALLOCATOR = {"MALLOC_ARENA_MAX": "2", "MALLOC_TRIM_THRESHOLD_": "131072"}
-"""As in the image and the systemd unit. Without them glibc keeps free memory in the heap of each thread: JSON lines
-took 53 to 83 MiB in six runs, with them 24."""
+"""Settings of glibc that the image and the systemd unit have. Without them it keeps free memory in the heap of each
+thread: a download of JSON lines took 53 to 83 MiB in six runs, with them 24."""
 
 
 def motions(count: int) -> bytes:
-    """Trajectories with their histories, 32 kB each as HDF5."""
+    """Return trajectories with their histories, 32 kB each as HDF5, as JSON lines."""
     impacts = ({"velocity_m_s": 240.0 + STEP_M_S * number, "oblique_angle_deg": 50.0} for number in range(count))
     return jsonl([PAPER_AT_45 | {"impact": impact, "output": {"history": True}} for impact in impacts])
 
@@ -41,24 +41,24 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RestartableServ
 
 
 def memory(server: RestartableServer, line: str) -> int:
-    """Memory of the server process, from a line of /proc/PID/status. [bytes]"""
+    """Return a memory figure of the server process, from /proc/PID/status. [bytes]"""
     status = Path(f"/proc/{server.pid}/status").read_text().splitlines()
     return next(int(text.split()[1]) * 1024 for text in status if text.startswith(line))
 
 
 def download(server: RestartableServer, job: dict[str, Any], form: str) -> bytes:
-    """Download the results of a job with a new client."""
+    """Download the results of a job on a new connection; return them."""
     with httpx.Client(base_url=server.client.base_url, timeout=120.0, trust_env=False) as client:
         return client.get(job["links"]["results"], headers={"Accept": form}).raise_for_status().content
 
 
 @pytest.mark.parametrize("form", [HDF5, PARQUET, "text/csv", JSONL])
-def test_many_downloads_at_once_take_memory_for_what_is_sent_alone(form: str, server: RestartableServer) -> None:
+def test_many_downloads_at_once_need_little_memory(form: str, server: RestartableServer) -> None:
     job = server.finished(server.submit(motions(300), path="/trajectory/batch"))
     server.stop()
     server.start()
     other = server.finished(server.submit(motions(1), path="/trajectory/batch"))
-    download(server, other, form)  # the first download imports the libraries
+    download(server, other, form)  # The first download imports libraries.
     before = memory(server, "VmRSS")
     with ThreadPoolExecutor(CLIENTS) as clients:
         found = list(clients.map(lambda _: len(download(server, job, form)), range(CLIENTS)))
@@ -72,17 +72,17 @@ def test_second_download_of_a_finished_job_is_the_file_of_the_first(form: str, s
     first = download(server, job, form)
     shutil.rmtree(server.data / SEGMENTS)
     assert download(server, job, form) == first
-    assert segments(server.data) == {}  # nothing was computed again
+    assert segments(server.data) == {}  # Nothing was computed again.
     server.client.delete(job["links"]["self"]).raise_for_status()
     assert not [path for path in (server.data / "downloads").iterdir() if job["id"] in path.name]
 
 
-def test_file_that_nobody_waits_for_any_more_is_given_up(server: RestartableServer) -> None:
+def test_file_without_waiting_clients_is_abandoned(server: RestartableServer) -> None:
     job = server.finished(server.submit(jsonl(searches(2000))))
     assert job["status"] == "successful"
     server.stop()
     server.start()
-    shutil.rmtree(server.data / SEGMENTS)  # so that writing the file computes them again
+    shutil.rmtree(server.data / SEGMENTS)  # Without them the results are computed again while the file is written.
     with (
         httpx.Client(base_url=server.client.base_url, timeout=0.2, trust_env=False) as client,
         pytest.raises(httpx.ReadTimeout),

@@ -1,4 +1,4 @@
-"""The disk fills up during a batch: no answer is lost, and no trace remains once there is space again."""
+"""The disk becomes full during a batch: no answer is lost, and the service recovers once there is space again."""
 
 import random
 from pathlib import Path
@@ -16,7 +16,7 @@ STORAGE_FULL = "urn:ricochet:problem:storage-full"
 
 
 @pytest.mark.parametrize("rounds", [len(RECOVERIES), LONG])
-def test_full_disk_costs_no_answer_and_leaves_nothing(rounds: int, tmp_path: Path) -> None:
+def test_full_disk_loses_no_answer_and_leaves_no_trace(rounds: int, tmp_path: Path) -> None:
     instants = random.Random(0)  # noqa: S311
     with (
         small_disk(tmp_path) as disk,
@@ -73,7 +73,7 @@ def check_service_on_full_disk(server: RestartableServer, job: dict[str, Any], n
 
 
 def recover(server: RestartableServer, disk: Disk, how: str) -> None:
-    """Free the disk, and start the service again in this way."""
+    """Free the disk, and restart the service in the way that `how` names, if at all."""
     if how == "not restarted":
         disk.free(server.pid)
     elif how == "stopped once there is room":

@@ -18,15 +18,15 @@ from .processes import kill
 from .server import UNFINISHED, RestartableServer
 
 CASES = 200
-"""Cases of a batch: about a second of work."""
+"""Number of cases of a batch, about a second of work."""
 ORPHAN_SECONDS = 10.0
-"""Time in which workers notice that their server is gone; on a busy machine they have the lowest priority. [s]"""
+"""Time limit for workers to end after their server was killed; on a busy machine they have the lowest priority. [s]"""
 WORKER_PAUSE_SECONDS = 0.3
-"""Pause between two kills; starting a worker takes longer. [s]"""
+"""Pause between two kills of a worker, shorter than its start. [s]"""
 INSTANTS = {"while cases are computed": 0.1, "while the body is sent": 0.12, "right after the 202": 0.05}
-"""Latest time of the kill after a random number of finished cases, the first byte, or the answer. [s]"""
+"""Latest time of the kill, counted from a random number of finished cases, the first byte sent, or the answer. [s]"""
 RESTART_SECONDS = 1.5
-"""Time within which a starting server is killed again. [s]"""
+"""Latest time after its start at which a server is killed again. [s]"""
 STUDY_SECONDS = 1.0
 """Latest time after its start at which a server that computes a study is killed. [s]"""
 SPEED = {"type": "normal", "mean": 238.0, "standard_deviation": 4.8}
@@ -35,7 +35,7 @@ STUDY = PAPER | {
     "sampling": {"half_width": 1e-4, "method": "direct", "seed": 26},
     "sensitivity": False,
 }
-"""A study that ends at its largest number of samples."""
+"""A study whose tolerance is so small that it ends at its largest number of samples."""
 
 
 @pytest.mark.parametrize("rounds", [3, LONG])
@@ -72,7 +72,7 @@ def test_server_killed_during_a_batch_answers_every_case_once_after_its_restart(
 
 
 def kill_during_batch(server: RestartableServer, body: bytes, number: int, instants: random.Random) -> None:
-    """Submit a batch, with the number of the round as its idempotency key, and kill the server meanwhile."""
+    """Submit a batch, with the number of the round as its idempotency key, and kill the server at a random instant."""
     kind = list(INSTANTS)[number % len(INSTANTS)]
     delay = instants.uniform(0.0, INSTANTS[kind])
     if kind == "while the body is sent":
@@ -125,13 +125,13 @@ def begin_study(server: RestartableServer, samples: int) -> dict[str, Any]:
 
 
 def result_of(server: RestartableServer, job: dict[str, Any]) -> bytes:
-    """The stored answer of a job of one case."""
+    """Return the stored result of a job with one case."""
     [item] = server.client.get(job["links"]["results"]).raise_for_status().json()["results"]
     return server.client.get(f"/results/{item['result']['key']}").raise_for_status().content
 
 
 def leave_partial_files(data: Path) -> None:
-    """Write the files that a crash at the worst instant leaves."""
+    """Create the incomplete files that a crash during a write leaves."""
     for name in ("results/.partial/1-1", "downloads/half"):
         path = data / name
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Files are lost or damaged while the service is stopped: only the lost results are computed again."""
+"""Files are lost or damaged while the service is stopped: only lost results are computed again."""
 
 import os
 import random
@@ -81,7 +81,7 @@ LOSSES: tuple[Loss, ...] = (
 
 
 @pytest.mark.parametrize("rounds", [len(LOSSES), LONG])
-def test_lost_files_cost_exactly_what_was_in_them(rounds: int, tmp_path: Path) -> None:
+def test_lost_files_lose_only_their_results(rounds: int, tmp_path: Path) -> None:
     choice, body = random.Random(0), jsonl(searches(CASES))  # noqa: S311
     with RestartableServer(tmp_path) as server:
         server.start()
@@ -98,7 +98,7 @@ def test_lost_files_cost_exactly_what_was_in_them(rounds: int, tmp_path: Path) -
             server.start()
             status = server.client.get(job["links"]["self"]).status_code
             assert status == (404 if lose in {lose_jobs, damage_jobs} else 200), lose
-            if status == 200 and number % 3 == 0:  # reading the results computes the lost ones
+            if status == 200 and number % 3 == 0:  # Reading the results of a job computes lost ones.
                 assert server.results(job) == expected, lose
             again = server.finished(server.submit(body))
             assert again["status"] == "successful", lose

@@ -1,4 +1,4 @@
-"""All processes of a job are killed or stopped, and the temporary folder is emptied: no case is lost or repeated."""
+"""During jobs all kinds of processes are killed or stopped, and the temporary folder is emptied: no case is lost."""
 
 import os
 import random
@@ -20,7 +20,7 @@ from .processes import children_of, kill
 from .server import UNFINISHED, RestartableServer
 
 STOPPED_SECONDS = {"pool": 1.0, "dask": 15.0}
-"""Time for which a worker is stopped; the service treats a Dask worker as frozen after 10 s. [s]"""
+"""Time for which a worker is stopped; the service gives up a Dask worker after 10 s. [s]"""
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ STOPPED_SECONDS = {"pool": 1.0, "dask": 15.0}
         ),
     ],
 )
-def test_job_survives_the_end_of_everything_it_runs_on(executor: str, cases: int, tmp_path: Path) -> None:
+def test_job_survives_the_loss_of_all_its_processes(executor: str, cases: int, tmp_path: Path) -> None:
     instants = random.Random(0)  # noqa: S311
     body = jsonl(searches(cases))
     with RestartableServer(tmp_path / "undisturbed") as undisturbed:
@@ -59,7 +59,7 @@ def test_job_survives_the_end_of_everything_it_runs_on(executor: str, cases: int
 
 @contextmanager
 def workers_and_settings(executor: str, folder: Path) -> Iterator[tuple[DaskCluster | None, dict[str, str]]]:
-    """Two Dask workers, if requested, and the environment of a service that uses them."""
+    """Run two Dask workers, if requested; return the cluster and the variables of a service that uses it."""
     if executor == "pool":
         yield None, {}
         return
@@ -71,7 +71,7 @@ def workers_and_settings(executor: str, folder: Path) -> Iterator[tuple[DaskClus
 
 @contextmanager
 def disturbed(folder: Path, settings: dict[str, str]) -> Iterator[RestartableServer]:
-    """A service with a temporary folder of its own."""
+    """Run a service with a temporary folder of its own."""
     with RestartableServer(folder / "disturbed") as server:
         temporary = folder / "temporary"
         temporary.mkdir()
@@ -83,7 +83,7 @@ def disturbed(folder: Path, settings: dict[str, str]) -> Iterator[RestartableSer
 def faults_of(
     server: RestartableServer, cluster: DaskCluster | None, instants: random.Random
 ) -> dict[str, Callable[[], object]]:
-    """Return the faults to apply to the service and its workers, one after the other."""
+    """Return functions that each cause a fault of the service or its workers, by name."""
 
     def kill_server() -> None:
         server.kill()

@@ -1,8 +1,8 @@
-"""The n-th call that changes the data folder fails, or the service is killed in it, for every n.
+"""For every n, the n-th system call that changes the data folder fails, or the service is killed in it.
 
-These are the calls of the C library that open, write, flush, truncate, rename, link or remove a file or make a folder.
-Requests and answers before and after a restart are recorded. Every acknowledged case must be answered
-once, with the bytes of an undisturbed service.
+A preloaded library counts the calls of the C library that open, write, flush, truncate, rename, link or remove a file
+or make a folder. Requests and answers before and after a restart are recorded. Every acknowledged case must be
+answered once, with the same bytes as by an undisturbed service.
 """
 
 import errno
@@ -36,10 +36,10 @@ CASES = 24
 KILLED, TORN = -1, -2
 FAULTS = {"killed before": KILLED, "killed amid": TORN, "input/output error": errno.EIO, "disk full": errno.ENOSPC}
 EXAMPLES = 8
-"""Number of calls to test, evenly distributed, unless every call is tested."""
+"""Number of calls that are made to fail, evenly distributed, unless it is every call."""
 START_SECONDS, JOB_SECONDS, STOP_SECONDS = 30.0, 60.0, 20.0
 REFUSALS = {500, 503, 507}
-"""Statuses that are allowed when a call fails."""
+"""Statuses that answers may have when a call fails."""
 IDEMPOTENCY_KEY = "batch"
 EXAMPLES_ONLY = pytest.param(False, id="examples", marks=pytest.mark.timeout(300))
 EVERY = pytest.param(True, id="every", marks=[pytest.mark.slow, pytest.mark.timeout(3600)])
@@ -47,18 +47,18 @@ EVERY = pytest.param(True, id="every", marks=[pytest.mark.slow, pytest.mark.time
 
 @dataclass(frozen=True)
 class Exchange:
-    """Name of a request, and status and body of its answer; the status is None if the connection broke."""
+    """A request, by name, with status and body of its answer; the status is None if the connection broke."""
 
     name: str
     status: int | None
     content: bytes = b""
     cached: bool = False
-    """Whether it was answered from the cache."""
+    """Whether the answer came from the cache."""
 
 
 @dataclass
 class Forks:
-    """Starts services one after the other, each as a fork of a process with the preloaded library."""
+    """Starts services one after another, each as a fork of a process that has preloaded the library."""
 
     process: subprocess.Popen[str]
     folder: Path
@@ -66,7 +66,7 @@ class Forks:
 
     @contextmanager
     def service(self, data: Path, number: int = 0, fault: int = 0) -> Iterator["Service"]:
-        """Run a service in which the call of this number has this fault, and stop it."""
+        """Run a service in which the call of this number fails in this way; stop the service in the end."""
         self.numbers += 1
         order = {name: str(self.folder / f"{self.numbers}.{name}") for name in ("log", "count")}
         port = free_port()
@@ -103,18 +103,18 @@ class Service:
 
     @property
     def is_running(self) -> bool:
-        """Whether the process has not ended."""
+        """Whether the process is running."""
         with suppress(OSError):
             return Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
         return False
 
     @property
     def calls(self) -> int:
-        """Number of calls that it had made when it ended normally."""
+        """Number of counted calls, available after the service has ended normally."""
         return int(self.count.read_text())
 
     def exchange(self, name: str, method: str, path: str, **request: object) -> Exchange:
-        """Send a request; return it with its answer."""
+        """Send a request; return its name and answer."""
         try:
             answer = self.client.request(method, path, **request)  # type: ignore[arg-type]
         except httpx.TransportError:
@@ -169,7 +169,7 @@ def forks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Forks]:
 
 @pytest.fixture(scope="module")
 def undisturbed(forks: Forks, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], int]:
-    """Answers of an undisturbed service by the name of the request, and the number of its calls."""
+    """Answers of an undisturbed service, by name of the request, and the number of its calls."""
     with forks.service(tmp_path_factory.mktemp("undisturbed") / "data") as service:
         history = service.session()
     assert service.status == 0, service.log.read_text()
@@ -194,11 +194,11 @@ def test_fault_of_the_nth_call_costs_no_case_that_was_acknowledged(
         shutil.rmtree(data, ignore_errors=True)
     print(f"{reached} of {len(numbers)} calls failed")  # noqa: T201
     assert found == []
-    assert reached > 0.8 * len(numbers)  # timers add or omit some calls
+    assert reached > 0.8 * len(numbers)  # The number of calls varies a little, because timers cause some.
 
 
 def check(forks: Forks, data: Path, number: int, fault: int, expected: dict[str, bytes]) -> tuple[Service, list[str]]:
-    """Run a session with a fault and, after a restart, one without; return the first one and all errors found."""
+    """Run a session with a fault and, after a restart, one without; return the first service and all errors found."""
     with forks.service(data, number, fault) as first:
         before = first.session()
     with forks.service(data) as second:
@@ -224,7 +224,7 @@ def check(forks: Forks, data: Path, number: int, fault: int, expected: dict[str,
 
 
 def losses(before: list[Exchange], after: list[Exchange]) -> list[str]:
-    """Return what was acknowledged before the restart and is missing after it."""
+    """Return a line for everything that was acknowledged before the restart and is missing after it."""
     later = {each.name: each for each in after}
     wrong = [
         f"the result of {each.name} was acknowledged as stored, and computed again"
@@ -242,7 +242,7 @@ def losses(before: list[Exchange], after: list[Exchange]) -> list[str]:
 
 
 def disagreements(history: list[Exchange], expected: dict[str, bytes], when: str) -> list[str]:
-    """Return the answers that are neither an allowed refusal nor equal to those of an undisturbed service."""
+    """Return a line for each answer that is neither an allowed refusal nor equal to that of an undisturbed service."""
     wrong = []
     failed = any(each.name == "job" and json.loads(each.content or b"{}").get("status") == "failed" for each in history)
     for each in history:

@@ -1,4 +1,4 @@
-"""File systems that have free space but reject new files, shared memory maps or changes of permissions."""
+"""File systems that reject new files, shared memory maps or changes of permissions although they have free space."""
 
 import os
 import subprocess
@@ -29,7 +29,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def environment(library: Path, tmp_path: Path) -> dict[str, str]:
-    """Environment of a process with the library that refuses calls; `REFUSED` selects them."""
+    """Environment of a process that preloads a library which lets calls fail; the variable `REFUSED` selects them."""
     return os.environ | {
         "LD_PRELOAD": str(library),
         "REFUSED_BELOW": str(tmp_path / "data"),
@@ -42,7 +42,7 @@ def environment(library: Path, tmp_path: Path) -> dict[str, str]:
 
 @pytest.fixture
 def start(environment: dict[str, str], tmp_path: Path) -> Start:
-    """Run a service to which something is refused; its log is the file `log`."""
+    """Function that runs a service for which calls of a kind fail; its log is the file `log`."""
 
     @contextmanager
     def run(refused: str) -> Iterator[httpx.Client]:
@@ -71,8 +71,8 @@ def is_up(client: httpx.Client) -> bool:
         return False
 
 
-def test_job_whose_results_cannot_be_stored_does_not_end_well(start: Start, tmp_path: Path) -> None:
-    """Without inodes the existing database of jobs can be written, but no file of results can be made."""
+def test_job_whose_results_cannot_be_stored_fails(start: Start, tmp_path: Path) -> None:
+    """Without free inodes the existing database of jobs can be written, but no file of results can be created."""
     with start("inodes") as client:
         (tmp_path / "full").touch()
         job = client.post("/trajectory/batch", json={"cases": CASES}).raise_for_status().json()

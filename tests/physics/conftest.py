@@ -1,4 +1,4 @@
-"""The reference histories and the strikes behind them."""
+"""Histories of an independent brute-force program (tests/reference), and the strikes that they belong to."""
 
 import json
 import math
@@ -29,7 +29,7 @@ HISTORIES = json.loads((REFERENCE / "trajectories.json").read_text())
 
 @dataclass(frozen=True)
 class Reference:
-    """A brute-force history, with the arguments of `solver.simulate` for the same strike."""
+    """A history of the brute-force program, with the arguments of `solver.simulate` for the same strike."""
 
     name: str
     strike: dict[str, Any]

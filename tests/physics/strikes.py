@@ -1,4 +1,4 @@
-"""Noses, decay models and random strikes that several tests share."""
+"""Projectiles, decay laws and random strikes that several tests use."""
 
 import math
 from dataclasses import replace
@@ -36,7 +36,7 @@ from solver.projectile import NoseShape
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 
 CASE: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
-"""The paper's projectile and concrete."""
+"""The paper's projectile and concrete, as arguments of solver functions."""
 LI_CHEN = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.0269, length=0.242, mass=0.906)
 LI_CHEN_TARGET = Target(compressive_strength=35.2e6, density=2370.0)
 """Target of a test by Forrestal et al. (1994): 173 mm deep at 277 m/s. Li and Chen (2003) calculate it with S = 12."""
@@ -58,7 +58,7 @@ NOSES: dict[str, NoseShape] = {
     "truncated cone": Profile(points=((0.0, 0.016), (0.1, 0.04))),
     "three cones": Profile(points=((0.0, 0.0), (0.03, 0.02), (0.08, 0.034), (0.14, 0.04))),
 }
-"""Every kind of nose, for a shank of the paper's diameter."""
+"""Every kind of nose, for a shank with the diameter of the paper's projectile."""
 
 DECAYS: dict[str, FreeSurface] = {
     "elastic-plastic": ElasticPlastic(),
@@ -70,7 +70,7 @@ DECAYS: dict[str, FreeSurface] = {
 
 
 def mirrored(impact: Impact) -> Impact:
-    """Return the impact mirrored in the plane through the normal, perpendicular to the plane of incidence."""
+    """Return the impact mirrored in the plane through the normal that is perpendicular to the plane of incidence."""
     return replace(
         impact,
         oblique_angle=-impact.oblique_angle,
@@ -80,7 +80,7 @@ def mirrored(impact: Impact) -> Impact:
 
 
 def power(motion: Motion[FloatArray]) -> FloatArray:
-    """Power of the resistance. [W]"""
+    """Return the power of the resistance. [W]"""
     translation = motion.depth_force * motion.depth_velocity + motion.lateral_force * motion.lateral_velocity
     return np.asarray(translation + motion.moment * motion.angular_velocity)
 
@@ -112,7 +112,7 @@ Value = TypeVar("Value")
 
 
 def known(value: Value | None) -> Value:
-    """Return a value that must not be None."""
+    """Return a value after checking that it is not None."""
     assert value is not None
     return value
 
@@ -125,13 +125,13 @@ def codes(answer: Any) -> set[str]:
 def steel(
     nose: NoseShape, *, diameter: float = DIAMETER, length: float = 0.53, boat_tail: BoatTail | None = None
 ) -> Projectile:
-    """A projectile of homogeneous steel."""
+    """Return a solid steel projectile of this shape."""
     shape = Projectile(nose=nose, diameter=diameter, length=length, mass=1.0, boat_tail=boat_tail)
     return replace(shape, mass=STEEL * solid_properties(shape).volume)
 
 
 def paper_run(degrees: float, **changes: Any) -> Trajectory:
-    """The paper's strike at an oblique angle."""
+    """Simulate the paper's strike at this oblique angle. [°]"""
     return simulate(**CASE | {"impact": paper_impact(oblique_angle_degrees=degrees)} | changes)
 
 
@@ -147,7 +147,7 @@ TAPERING: dict[str, Projectile] = {
 
 @st.composite
 def noses(draw: st.DrawFn, *, radius: float) -> NoseShape:
-    """Draw a nose for a shank of this radius."""
+    """Draw a nose for a shank of this radius. [m]"""
     kind = draw(st.sampled_from(["ogive", "conical", "spherical", "flat", "profile"]))
     if kind == "ogive":
         return Ogive(caliber_radius_head=draw(st.floats(0.5, 10.0)))
@@ -168,7 +168,7 @@ def noses(draw: st.DrawFn, *, radius: float) -> NoseShape:
 
 @st.composite
 def strikes(draw: st.DrawFn) -> dict[str, Any]:
-    """Draw arguments of `solver.simulate` for a steel projectile that strikes concrete with its nose ahead."""
+    """Draw arguments of `solver.simulate` for a steel projectile that strikes concrete nose first."""
     diameter = draw(st.floats(0.01, 0.3))
     nose = draw(noses(radius=diameter / 2.0))
     length = nose.length(diameter / 2.0) + diameter * draw(st.floats(1.0, 8.0))

@@ -1,4 +1,4 @@
-"""Tables of the paper for tests of calibration."""
+"""Tables 1 and 2 of the paper, as inputs of calibrations."""
 
 import math
 
@@ -7,7 +7,7 @@ from validation import reference
 
 
 def table_1(*, with_masses: bool) -> list[DepthTest]:
-    """Depths in normal impact."""
+    """Return the depth tests in normal impact."""
     return [
         DepthTest(velocity=shot.velocity, depth=shot.depth, mass=shot.mass if with_masses else None)
         for shot in reference.table_1()
@@ -15,7 +15,7 @@ def table_1(*, with_masses: bool) -> list[DepthTest]:
 
 
 def table_2() -> list[ObliquityPoint]:
-    """Strength factors by oblique angle."""
+    """Return the strength factor at each oblique angle."""
     return [
         ObliquityPoint(oblique_angle=math.radians(angle), strength_factor=value) for angle, value in reference.table_2()
     ]

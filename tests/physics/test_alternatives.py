@@ -1,4 +1,4 @@
-"""The same case computed with other laws."""
+"""`alternatives`: a case computed under other laws."""
 
 import math
 from dataclasses import replace
@@ -38,8 +38,8 @@ LAWS = [
     *(("mohr_coulomb", *law) for law in (EQUATION_9, MOTIONS, *OTHERS)),
     *(("none", *law) for law in (EQUATION_9, *OTHERS)),
 ]
-"""Decay law, law of S and its shape over the angle. Each theory occurs with eq. 9 and with the S that was fitted to
-it."""
+"""Decay law, law of S and shape of S over the angle of each alternative. Each theory occurs with eq. 9, and with the S
+that was fitted with that theory."""
 
 
 def test_critical_angle_under_each_law_is_that_of_its_resistance() -> None:
@@ -101,12 +101,12 @@ def test_law_without_an_answer_gives_its_error_and_the_others_their_answers() ->
 
     beyond = Search(lower=math.radians(87.0), upper=math.radians(88.0))
     for each in alternatives(angle, **CASE, search=beyond):
-        is_polynomial = each.strength_factor == "obliquity_polynomial"  # without being held, S is negative beyond 86.6°
+        is_polynomial = each.strength_factor == "obliquity_polynomial"  # Held nowhere, it is negative beyond 86.6°.
         assert isinstance(each.answer, ParameterError) is is_polynomial
 
 
 def test_each_theory_occurs_with_eq_9_and_with_its_own_strength_factor() -> None:
-    """The angles of the two theories are closer to each other with the S fitted to finite element motions."""
+    """With the S fitted to finite element motions, the angles of the two theories are closer to each other."""
     found: dict[tuple[str, str], float] = {
         (each.free_surface, each.obliquity_shape): math.degrees(each.answer.angle)  # type: ignore[union-attr,arg-type]
         for each in alternatives(critical_angle, **CASE)

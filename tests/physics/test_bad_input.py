@@ -159,7 +159,7 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, INF))),
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.0, 0.0), (0.1, 0.04))),
     (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.01), (0.2, 0.04))),
-    (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.05), (0.1, 0.04))),  # the last two points form the base
+    (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.05), (0.1, 0.04))),  # the last two points would be a base
     (f"{POINTS}.2", lambda: profile((0.0, 0.0), (0.1, 0.04), (0.2, -0.01))),
     (f"{POINTS}.3", lambda: profile((0.0, 0.0), (0.1, 0.04), (0.15, 0.01), (0.2, 0.0))),  # not convex
     (f"{POINTS}.3", lambda: profile((0.0, 0.0), (0.1, 0.04), (0.15, 0.0), (0.2, 0.0))),  # closed before its end
@@ -184,7 +184,7 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     (f"{POINTS}.1", lambda: profile((0.0, 0.0), (0.1, "0.03"))),  # type: ignore[arg-type]
     (f"{S}.obliquity_shape", lambda: StrengthPowerLaw(obliquity_shape="cosine")),  # type: ignore[arg-type]
     (f"{S}.obliquity_shape", lambda: PublishedTests(obliquity_shape="cosine")),  # type: ignore[arg-type]
-    (f"{S}.covariance", lambda: covariance((1.0, 0.0), (0.0, 1.0))),  # the covariance has too few rows
+    (f"{S}.covariance", lambda: covariance((1.0, 0.0), (0.0, 1.0))),  # two rows are too few for three coefficients
     (f"{S}.covariance.1", lambda: covariance((1.0, 0.0, 0.0), (0.0, 1.0), (0.0, 0.0, 1.0))),
     (f"{S}.covariance.2.1", lambda: covariance((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, NAN, 1.0))),
     (f"{S}.covariance", lambda: covariance((1.0, 0.1, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),  # not symmetric
@@ -302,8 +302,8 @@ def test_numbers_of_numpy_are_numbers() -> None:
         assert impact(velocity=value).velocity == 238.0
 
 
-def test_bounds_are_those_of_the_contract() -> None:
-    """At the bounds, the solver and the contract accept the same values."""
+def test_bounds_equal_those_of_the_contract() -> None:
+    """Numbers in solver and contract have the same bounds, which both include or exclude."""
     schema = TrajectoryRequest.model_json_schema()["$defs"] | {"FlightRequest": FlightRequest.model_json_schema()}
     parts = {
         "projectile": "Projectile",
@@ -341,11 +341,11 @@ GIVEN: dict[str, Any] = CASE | {
     "times": [0.0, 1e-3],
     "function": critical_angle,
 }
-"""A value for each argument without a default of the functions below."""
+"""A value for each argument without a default of the functions in `RESISTED`."""
 CASES_OF = {"alternatives": {**CASE, "velocity": 238.0}, "least_thickness": {"impact": STRIKE, "target": PAPER_TARGET}}
 CASES_OF |= {"thickness_spread": {"target": PAPER_TARGET}, "limit_velocity": {"oblique_angle": 0.0}}
 OF_MANY = ("critical_angle_many", "simulate_many", "least_thickness_many", "limit_velocity_many")
-"""Functions whose answers hold the errors of their cases."""
+"""Functions that return the error of a case in its place instead of raising it."""
 RESISTED: dict[str, Callable[..., Any]] = {
     name: function
     for package in (solver, solver.uncertainty, solver.calibration)
@@ -355,8 +355,8 @@ RESISTED: dict[str, Callable[..., Any]] = {
 
 
 @pytest.mark.parametrize("name", sorted(RESISTED))
-def test_what_is_no_resistance_is_refused_with_what_to_give(name: str) -> None:
-    """By every function that takes one."""
+def test_object_that_is_no_resistance_is_refused(name: str) -> None:
+    """Every public function with the argument `resistance` refuses other objects, and says what to pass."""
     given: list[tuple[Any, str]] = [
         (MohrCoulomb(), r"give Resistance\(free_surface=MohrCoulomb\(\.\.\.\)\)"),
         (PublishedTests(), r"give Resistance\(strength_factor=PublishedTests\(\.\.\.\)\)"),

@@ -1,4 +1,4 @@
-"""Bending stress of the projectile, compared with independent values, closed forms, scaled strikes and both routes."""
+"""Bending stress of the projectile, compared with independent values, closed forms, scaled strikes and other routes."""
 
 import math
 from dataclasses import replace
@@ -35,11 +35,11 @@ from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
 
 ROUTES = {"adaptive": Numerics(), "panels": Numerics(method="panels", panels=4000)}
 INDEPENDENT = [(238.0, 48.6, 1.83e9), (238.0, 45.0, 1.84e9), (150.0, 45.0, 0.81e9), (100.0, 45.0, 0.64e9)]
-"""Speed, angle and peak stress of the paper's body as a solid, from two independent programs. [m/s, °, Pa]"""
+"""Speed, angle and peak stress of the paper's body as a solid, by two independent programs. [m/s, °, Pa]"""
 SAME = 0.05
-"""Relative tolerance for them: they stop at other instants, and use other panels. [1]"""
+"""Relative tolerance for those stresses: the programs end their runs at other instants and use other panels. [1]"""
 CONVERGED = 0.01
-"""Relative change of a peak with ten times the cross-sections and all instants. [1]"""
+"""Largest relative change of the peak with ten times as many cross-sections and every instant evaluated. [1]"""
 
 
 def strike(velocity: float, degrees: float) -> Impact:
@@ -82,17 +82,17 @@ def test_peak_has_converged_in_cross_sections_and_instants(velocity: float, degr
     fine = bending_of(PAPER_PROJECTILE, model, steps, with_history=False, slices=160, instants=10_000)
     assert usual is not None
     assert fine is not None
-    # Panels follow static friction without a ramp, so their stress scatters from one step to the next.
+    # On panels the static stress acts in full at any velocity, so the bending stress scatters between steps.
     assert usual.peak_stress == pytest.approx(fine.peak_stress, rel=CONVERGED if route == "adaptive" else 0.03)
 
 
 NEEDLE = Projectile(nose=Conical(length_to_diameter=0.5), diameter=0.02, length=1.0, mass=2.4)
-"""A body that is a uniform beam except for its nose, a hundredth of its length."""
+"""A body that is nearly a uniform beam: its nose is a hundredth of its length."""
 
 
 @pytest.mark.parametrize("route", ROUTES)
-def test_beam_that_is_struck_at_its_end_has_the_moment_of_the_closed_form(route: str) -> None:
-    """Force F and couple C at the end of a free beam: F x (1 - x/L)² + C (1 - 3 (x/L)² + 2 (x/L)³)."""
+def test_moment_in_a_beam_struck_at_its_end_equals_the_closed_form(route: str) -> None:
+    """For a force F and a couple C at the end of a free beam: F x (1 - x/L)² + C (1 - 3 (x/L)² + 2 (x/L)³)."""
     impact = Impact(velocity=100.0, oblique_angle=math.radians(20.0))
     nose_only = replace(ROUTES[route], termination_time=1e-4)
     run = simulate(
@@ -107,7 +107,7 @@ def test_beam_that_is_struck_at_its_end_has_the_moment_of_the_closed_form(route:
     assert run.history is not None
     history = run.history
     force = NEEDLE.mass * float(np.interp(found.time, history.time, history.transverse_acceleration))
-    # A cone has a third of the volume of a cylinder: the uniform beam of this mass begins behind the tip.
+    # A cone has a third of the volume of its cylinder, so the uniform beam of equal mass begins behind the tip.
     length = solid_properties(NEEDLE).volume / (math.pi * (NEEDLE.diameter / 2.0) ** 2)
     lever = mass_properties(NEEDLE).center_of_gravity - (NEEDLE.length - length)
     couple = float(np.interp(found.time, history.time, history.moment)) - force * lever
@@ -119,7 +119,7 @@ def test_beam_that_is_struck_at_its_end_has_the_moment_of_the_closed_form(route:
 
 
 @pytest.mark.parametrize("factor", [0.25, 4.0])
-def test_stress_goes_with_the_strength_and_the_square_of_the_speed(factor: float) -> None:
+def test_stress_scales_with_strength_and_the_square_of_the_speed(factor: float) -> None:
     """The path does not change when strength, modulus and the square of the speed are multiplied by one factor."""
     resistance = Resistance(strength_factor=ConstantStrengthFactor(value=8.5))
     target = replace(PAPER_TARGET, youngs_modulus=30e9)
@@ -160,7 +160,7 @@ def test_body_in_normal_impact_does_not_bend() -> None:
     assert found.peak_stress < 1e3
 
 
-def test_nose_is_compressed_and_the_force_falls_to_nothing_at_the_base() -> None:
+def test_nose_is_compressed_and_the_force_falls_to_zero_at_the_base() -> None:
     """In normal impact the force in a section decelerates the part of the body behind it."""
     found = bending(run_paper(strike(238.0, 0.0)))
     assert found.normal_force <= 0.0
@@ -190,8 +190,8 @@ def test_history_has_the_peak() -> None:
     assert bending(run_paper(strike(238.0, 45.0), sample_interval=None)).history is None
 
 
-def test_stress_after_a_body_has_come_free_does_not_count() -> None:
-    """At 100 m/s the tail strikes the broken face 5 ms after the nose has left the target."""
+def test_stress_after_a_body_has_left_the_target_does_not_count() -> None:
+    """At 100 m/s the tail would strike the broken face 5 ms after the nose has left the target."""
     assert bending(run_paper(strike(100.0, 45.0))).time < 1e-3
 
 

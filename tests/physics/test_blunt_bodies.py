@@ -1,4 +1,4 @@
-"""Blunt bodies on walls: an independent integration, the flat face as a limit, and properties of any body."""
+"""Blunt bodies on walls: comparison with an independent integration, limits, and properties of any body."""
 
 import math
 from collections.abc import Iterator
@@ -40,7 +40,7 @@ STEEL = 7850.0
 
 
 def body(nose: NoseShape) -> Projectile:
-    """The paper's projectile with another nose."""
+    """Return the paper's projectile with this nose."""
     return replace(PAPER_PROJECTILE, nose=nose)
 
 
@@ -53,8 +53,8 @@ TABLE = [
     pytest.param(Spherical(caliber_radius_head=0.5), 0.2864, 0.2153, None, id="hemisphere"),
     pytest.param(Flat(), 0.3085, 0.1875, 159.6, id="flat"),
 ]
-"""By an independent one-dimensional integration with 600 rings and steps of 0.2 to 2 µs: eq. 9, elastic-plastic decay,
-238 m/s, normal impact. [m, m, m/s]"""
+"""Results of an independent one-dimensional integration with 600 rings and steps of 0.2 to 2 µs, for normal impact at
+238 m/s with eq. 9 and elastic-plastic decay. [m, m, m/s]"""
 PANELS = Numerics(method="panels", panels=3000, time_step=5e-6, termination_time=0.05)
 
 
@@ -78,7 +78,7 @@ def test_walls_are_those_of_an_independent_integration(
 
 @cache
 def figures(nose: NoseShape) -> tuple[float, float, float]:
-    """Depth, exit speed and least thickness."""
+    """Return depth in a half-space, exit speed from a wall of 0.2 m, and least thickness. [m, m/s, m]"""
     projectile = body(nose)
     left = simulate(projectile=projectile, target=WALL, impact=HEAD_ON, sample_interval=None).exit
     wall = least_thickness(projectile=projectile, target=PAPER_TARGET, impact=HEAD_ON).value
@@ -142,7 +142,7 @@ def test_flat_body_needs_a_thicker_wall_than_a_short_cone() -> None:
 
 
 def steel_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, Impact]]:
-    """Yield steel bodies of every shape and size at 30 to 900 m/s, every second one head-on."""
+    """Yield random strikes of steel bodies of every shape at 30 to 900 m/s, every second one head-on."""
     random = np.random.default_rng(seed)
     for number in range(count):
         shape = random_projectile(BODIES[number % len(BODIES)], random)
@@ -152,7 +152,7 @@ def steel_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, I
         yield projectile, target, Impact(velocity=30.0 * 30.0 ** random.uniform(), oblique_angle=oblique)
 
 
-def test_no_wall_has_to_be_much_thicker_than_a_body_goes_deep() -> None:
+def test_least_thickness_exceeds_the_depth_by_little() -> None:
     """The least thickness is at most 2.5 diameters more than the depth in a half-space."""
     for projectile, target, impact in steel_strikes(300, 11):
         strike: dict[str, Any] = {"projectile": projectile, "target": target, "impact": impact}
@@ -182,7 +182,7 @@ def test_walls_take_energy_and_thicker_ones_take_more() -> None:
 
 
 def test_critical_angle_does_not_jump() -> None:
-    """It changes by less than 2.5° for 3.5 % of speed, strength or mass, at 100 to 800 m/s."""
+    """From 100 to 800 m/s it changes by less than 2.5° if speed, strength or mass changes by 3.5 %."""
     random, found = np.random.default_rng(13), 0
     for projectile, target, _ in steel_strikes(300, 13):
         velocity = random.uniform(100.0, 800.0)

@@ -1,4 +1,4 @@
-"""Calibration of the strength factor on depth tests."""
+"""Calibration of the strength factor with depth tests."""
 
 import math
 from collections.abc import Sequence
@@ -71,7 +71,7 @@ def test_depths_of_the_model_return_its_strength_factor(strength_factor: float) 
 
 
 def test_depths_of_the_closed_form_without_inertia_return_its_strength_factor() -> None:
-    """B = 0: ½ m V² = S f'c (π a² (z - nose length) + nose volume), up to the energy at which a run ends."""
+    """With B = 0, ½ m V² = S f'c (π a² (z - nose length) + nose volume), apart from the energy left at the end."""
     strength_factor, area = 9.0, math.pi * PAPER_PROJECTILE.radius**2
     shank = area * (PAPER_PROJECTILE.length - PAPER_PROJECTILE.nose_length)
     entry = PAPER_PROJECTILE.nose_length - (solid_properties(PAPER_PROJECTILE).volume - shank) / area

@@ -30,7 +30,7 @@ LAWS: tuple[FreeSurface, ...] = (ElasticPlastic(), MohrCoulomb(), NoFreeSurface(
 def run(
     angle: float, strength_factor: float, *, velocity: float = 238.0, law: FreeSurface | None = None, rows: int = 61
 ) -> MotionRun:
-    """A strike and the motion that the model computes for it."""
+    """Return a strike, with the motion that the model computes for it as its history."""
     impact = Impact(velocity=velocity, oblique_angle=math.radians(angle))
     history = predict_motion(
         **CASE,
@@ -89,7 +89,7 @@ def test_every_run_counts_alike_however_many_rows_it_has() -> None:
 def test_order_of_runs_does_not_matter() -> None:
     one, other = run(15.0, 8.0), run(45.0, 6.0)
     first, second = fit(one, other), fit(other, one)
-    # Motions are integrated to 1e-6, so both fits are equal within the tolerance of the search.
+    # Motions have a relative error of 1e-6, so both fits agree within the tolerance of the search.
     assert first.normalized_root_mean_square == pytest.approx(second.normalized_root_mean_square, rel=1e-5)
     error = first.estimate.standard_error
     assert first.estimate.strength_factor == pytest.approx(second.estimate.strength_factor, abs=0.01 * error)
@@ -140,8 +140,8 @@ def test_inertia_of_the_requested_law_is_in_the_others_too() -> None:
     assert best.estimate.strength_factor == pytest.approx(6.0, rel=1e-4)
 
 
-def test_law_with_which_the_motion_leaves_the_factor_open_is_absent() -> None:
-    """Without decay the misfit to this motion falls with S without end, so that S is not determined."""
+def test_law_that_does_not_determine_the_factor_is_left_out() -> None:
+    """Without decay the misfit to this motion falls with increasing S without limit, so that S is not determined."""
     found = compare(run(48.0, 8.0, law=MohrCoulomb()), resistance=Resistance(free_surface=MohrCoulomb()))
     assert found.laws[NoFreeSurface.name] is None
     assert found.best == "mohr_coulomb"
@@ -160,8 +160,8 @@ def test_every_run_keeps_its_own_weights() -> None:
     assert "poor_fit" in codes(found)
 
 
-def test_run_that_leaves_the_factor_open_takes_it_from_the_others() -> None:
-    """The rows of the second run end before the contact has any effect."""
+def test_run_that_does_not_determine_the_factor_uses_that_of_the_others() -> None:
+    """The history of the second run ends before the contact has any effect."""
     still = MotionRun(
         impact=Impact(velocity=238.0, oblique_angle=0.0),
         history=MotionHistory(time=np.array([0.0, 1e-12]), depth_displacement=np.zeros(2)),

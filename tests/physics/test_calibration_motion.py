@@ -1,4 +1,4 @@
-"""Calibration of the strength factor on motion histories."""
+"""Calibration of the strength factor with motion histories."""
 
 import math
 from collections.abc import Callable
@@ -47,7 +47,7 @@ def white(random: np.random.Generator, size: int) -> dict[str, FloatArray]:
 @pytest.mark.parametrize("strength_factor", [5.0, 8.5, 12.0])
 @pytest.mark.parametrize("angle", ANGLES)
 def test_motion_of_the_model_returns_its_strength_factor(angle: float, strength_factor: float) -> None:
-    """The tolerance is 10⁻⁴, ten times smaller than required."""
+    """S is found to 10⁻⁴, ten times as exactly as required."""
     made = run(angle, strength_factor, 5e-5).history
     assert made is not None
     found = fit(
@@ -75,7 +75,7 @@ def test_each_quantity_alone_gives_the_strength_factor(quantity: str) -> None:
 
 
 def covered(trials: int) -> int:
-    """Number of 95 % intervals that contain the true S (5 to 12), with white noise of 1 mm and 0.5°."""
+    """Fit motions with a random S from 5 to 12 and white noise of 1 mm and 0.5°; count 95 % intervals with S inside."""
     random, hits = np.random.default_rng(20180628), 0
     for trial in range(trials):
         angle, strength_factor = ANGLES[trial % 3], random.uniform(5.0, 12.0)
@@ -95,8 +95,8 @@ def test_95_percent_intervals_hold_the_true_value_in_93_percent_of_300_trials() 
     assert covered(300) >= 279
 
 
-def test_errors_that_neighbours_share_make_a_wider_interval() -> None:
-    """Scatter with an autocorrelation of 0.9 has fewer independent samples than white noise."""
+def test_correlated_errors_widen_the_interval() -> None:
+    """Noise with an autocorrelation of 0.9 contains fewer independent samples than white noise."""
     random, history = np.random.default_rng(3), motion(30.0, 8.0)
     noise = white(random, TIMES.size)
     alike = {name: values.copy() for name, values in noise.items()}
@@ -241,8 +241,8 @@ def test_motion_beyond_the_energy_of_the_strike_is_refused(quantity: str, factor
     assert refused.value.field.startswith(f"history.{quantity}.")
 
 
-def test_history_that_does_not_give_the_strength_factor_is_refused() -> None:
-    """The histories are of a projectile without resistance, and of the time before the contact has any effect."""
+def test_history_that_does_not_determine_the_strength_factor_is_refused() -> None:
+    """One history is of a projectile without resistance, the other ends before the contact has any effect."""
     impact = paper_impact(oblique_angle_degrees=30.0)
     on = MotionHistory(time=TIMES, depth_displacement=impact.velocity * math.cos(impact.oblique_angle) * TIMES)
     with pytest.raises(ParameterError, match=r"history: must determine the strength factor"):

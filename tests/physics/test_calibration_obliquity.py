@@ -1,4 +1,4 @@
-"""Calibration of the polynomial of the strength factor over the oblique angle."""
+"""Fit of a polynomial to strength factors over the oblique angle."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -32,7 +32,7 @@ def points(
 
 
 def noisy() -> tuple[FloatArray, FloatArray]:
-    """Values of a parabola with noise, and their standard errors."""
+    """Return points of a parabola with noise, and their standard errors."""
     random = np.random.default_rng(5)
     errors = random.uniform(0.05, 0.3, DEGREES.size)
     return 9.0 - 0.02 * DEGREES - 1e-4 * DEGREES**2 + errors * random.normal(size=DEGREES.size), errors

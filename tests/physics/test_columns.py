@@ -1,4 +1,4 @@
-"""Answers as columns and as tables of pandas."""
+"""Answers as columns and as pandas data frames."""
 
 from collections.abc import Callable
 from typing import Any
@@ -30,7 +30,7 @@ def test_history_is_a_table_with_a_column_for_each_quantity() -> None:
     assert columns["nose_tip_depth"] is trajectory.history.nose_tip_depth
     assert [table.index.name, *table.columns] == list(columns)
     assert len(table) == trajectory.history.time.size
-    assert 0.0 < table["nose_tip_depth"].max() < known(trajectory.maximum_depth)  # the flank is deeper than the tip
+    assert 0.0 < table["nose_tip_depth"].max() < known(trajectory.maximum_depth)  # The flank is deeper than the tip.
     assert table.iloc[-1].to_dict() == trajectory.final.to_dataframe().iloc[0].to_dict()
     assert table.index[-1] == trajectory.final.time
 

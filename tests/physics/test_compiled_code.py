@@ -1,7 +1,7 @@
 """The cache of compiled code: damaged files, read-only folders, copies, and processes that compile at the same time.
 
-Most tests use a package of two small functions with `solver/compilation.py`, which compiles in a second; the solver
-takes a minute.
+Most tests use `solver/compilation.py` in a package of two small functions, which compiles in a second. The solver takes
+a minute.
 """
 
 import importlib
@@ -57,7 +57,7 @@ START_S = 300.0
 
 
 class Little:
-    """The small package, with a separate home directory."""
+    """A copy of the small package, run with a home directory of its own."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -68,7 +68,7 @@ class Little:
 
     @property
     def code(self) -> Path:
-        """The folder of the compiled code beside the sources."""
+        """Folder with the compiled code, beside the sources."""
         (found,) = (each for each in (self.package / "__pycache__").glob("compiled-*") if each.is_dir())
         return found
 
@@ -79,11 +79,11 @@ class Little:
         )
 
     def compiled(self) -> int:
-        """Return the number of functions that a start compiles; its result must be right."""
+        """Run the package; check its result and return the number of functions that were compiled."""
         return ended(self.start())
 
     def left(self) -> list[str]:
-        """Return the functions that are not compiled yet, determined without numba."""
+        """Return the names of the functions that are not compiled yet; numba must not be imported for that."""
         script = (
             "import json, sys; from little import compilation, functions\n"
             "print(json.dumps([compilation.compilation_progress().left, 'numba' in sys.modules]))"
@@ -98,7 +98,7 @@ class Little:
 
 
 def answer(process: subprocess.Popen[str]) -> tuple[float, int]:
-    """Return the result of a start, and the number of functions that it compiled."""
+    """Wait for a run of the package; return its result, and the number of functions that it compiled."""
     output, errors = process.communicate(timeout=START_S)
     assert process.returncode == 0, errors
     value, count = json.loads(output)
@@ -112,7 +112,7 @@ def ended(process: subprocess.Popen[str]) -> int:
 
 
 def bound_by_permissions() -> list[str]:
-    """Words before a command that make file permissions apply to root too."""
+    """Return a command prefix with which file permissions apply to root too."""
     if os.geteuid() != 0:
         return []
     program = shutil.which("setpriv")
@@ -138,13 +138,13 @@ def make_package(folder: Path) -> Little:
 
 @pytest.fixture
 def little(tmp_path: Path) -> Little:
-    """The package before its first start."""
+    """The package, not compiled yet."""
     return make_package(tmp_path)
 
 
 @pytest.fixture(scope="module")
 def started(tmp_path_factory: pytest.TempPathFactory) -> Little:
-    """The package after its first start."""
+    """The package with all functions compiled, shared by tests that do not change it."""
     made = make_package(tmp_path_factory.mktemp("started"))
     assert made.compiled() == 2
     return made
@@ -152,7 +152,7 @@ def started(tmp_path_factory: pytest.TempPathFactory) -> Little:
 
 @pytest.fixture
 def ready(tmp_path: Path, started: Little) -> Little:
-    """A copy of the package with its compiled code and new file dates."""
+    """A copy of the compiled package whose files have new dates."""
     shutil.copytree(started.package, tmp_path / "little", copy_function=shutil.copy)
     return Little(tmp_path)
 
@@ -176,7 +176,7 @@ def test_changed_source_is_compiled_anew_and_so_is_one_that_imports_it(ready: Li
 
 
 def test_answer_changes_with_a_function_in_another_file(little: Little) -> None:
-    """numba itself would use the old code, because it checks only the file of the called function."""
+    """The cache of numba alone would give the old result, because it checks only the file of the function called."""
     (little.package / "functions.py").write_text(
         "from little.compilation import compiled\nfrom little.inner import half\n\n"
         "@compiled\ndef quarter(x):\n    return half(half(x))\n"
@@ -241,7 +241,7 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 
 
 def damages(*first: str) -> list[Any]:
-    """Ways to corrupt a file, as test parameters. Those that take long have the mark `system`."""
+    """Return the ways to corrupt a file as test parameters; all but those in `first` have the mark `system`."""
     return [pytest.param(name, marks=() if name in first else pytest.mark.system) for name in DAMAGES]
 
 
@@ -310,7 +310,7 @@ def test_two_processes_may_compile_at_the_same_time(little: Little) -> None:
 
 
 def test_solver_is_found_in_a_copy_that_can_only_be_read(tmp_path: Path) -> None:
-    """As in an installation by root for other users; the compiled code is complete."""
+    """Such a copy is an installation by root for other users, with complete compiled code."""
     solver.warm_up()
     progress = compilation.compilation_progress()
     assert progress.functions > 0
@@ -361,7 +361,7 @@ def test_process_that_cannot_compile_is_reported(monkeypatch: pytest.MonkeyPatch
 
 @pytest.fixture
 def compiling(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Return a function that starts a script which compiles the whole solver; it is killed at the end."""
+    """Function that starts a script with an empty cache, so that it compiles the solver, and is killed in the end."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "empty"), "XDG_CACHE_HOME": str(tmp_path / "user")}
     environment |= {"TMPDIR": str(tmp_path)}
     processes: list[subprocess.Popen[str]] = []
@@ -404,7 +404,7 @@ FIRST_CALL = (
     "critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)"
 )
 NOTEBOOK = "import sys, types; sys.modules['ipykernel'] = types.ModuleType('ipykernel')\n"
-"""Code that makes a process look like a Jupyter kernel, whose standard error is not a terminal."""
+"""Code with which a process looks like a Jupyter kernel, whose standard error is not a terminal."""
 
 
 def test_first_call_in_a_notebook_announces_that_it_compiles(compiling: Callable[..., subprocess.Popen[str]]) -> None:

@@ -1,4 +1,4 @@
-"""Critical angles of the paper's strike, compared with an independent program and with finer numerics."""
+"""Critical angles of the paper's strike and variants, compared with those of an independent program."""
 
 import math
 from dataclasses import replace
@@ -32,10 +32,10 @@ NO_FREE_SURFACE = {"resistance": Resistance(free_surface=NoFreeSurface())}
 CONSTANT = {"resistance": Resistance(strength_factor=ConstantStrengthFactor(value=8.52))}
 
 HUNDREDTHS, TENTHS = 0.05, 0.05 + 0.05
-"""Required agreement, and the same for values that are rounded to a tenth. [°]"""
+"""Tolerance for reference values with two decimals, and for those rounded to one decimal. [°]"""
 
 BY_OUTCOME: list[tuple[float, dict[str, Any]]] = [(48.56, {}), (49.07, COMPRESSIBLE), (57.48, NO_FREE_SURFACE)]
-"""Angle above which 0.1 % of the energy is left, from the same program; `test_retention` has those of 1 %."""
+"""Angle above which 0.1 % of the energy is left, by the independent program; `test_retention` has those for 1 %. [°]"""
 BY_TIP: list[tuple[float, float, dict[str, Any]]] = [
     (48.61, HUNDREDTHS, {}),
     (49.13, HUNDREDTHS, COMPRESSIBLE),
@@ -48,7 +48,7 @@ BY_TIP: list[tuple[float, float, dict[str, Any]]] = [
     (46.4, TENTHS, {"velocity": 200.0}),
     (53.7, TENTHS, {"velocity": 300.0}),
 ]
-"""Angle at which the tip is at the face after 5 ms, from an independent program with 96,000 panels and 1 µs. [°]"""
+"""Angle at which the tip is at the face after 5 ms, by an independent program with 96,000 panels and 1 µs steps. [°]"""
 
 PAPERS_ANGLE, PAPERS_TOLERANCE = 48.2, 0.01
 """Angle in Figure 13, and the tolerance of its search. [°, 1]"""
@@ -64,7 +64,7 @@ def find(
     numerics: Numerics | None = None,
     **changes: Any,
 ) -> CriticalAngle:
-    """Search for the paper's angle, or that of a changed strike, near `around` [°]."""
+    """Search the critical angle of the paper's strike with some changes, near `around` if given. [°]"""
     near: dict[str, Any] = {}
     if around is not None:
         near = {"lower": math.radians(around - half_range), "upper": math.radians(around + half_range)}
@@ -93,10 +93,10 @@ def test_tip_is_in_the_face_after_five_milliseconds_at_the_known_angle(
 
 
 def test_both_routes_put_the_angle_at_400_metres_a_second_at_62_78() -> None:
-    """The independent program gave 62.9°, rounded: 0.02° more than rounding and the usual tolerance of 0.05° allow.
+    """The independent program gave 62.9°, which is 0.02° more than rounding and the tolerance of 0.05° allow.
 
-    The two routes, which share little but the shape of the body, agree within 0.02° instead; panels do
-    at 10, 5, 2.5 and 1 µs. All of them with eq. 9 as printed, not held from 60°.
+    Instead the two routes, which share little but the shape of the body, are compared: they agree within 0.02°, the
+    panels with steps of 10, 5, 2.5 and 1 µs. All use eq. 9 as printed, not held from 60°.
     """
     printed = Resistance(strength_factor=ObliquityPolynomial(held_from=math.radians(90.0)))
     adaptive = find("bisection", 62.78, numerics=Numerics(method="adaptive"), velocity=400.0, resistance=printed)
@@ -109,7 +109,7 @@ def test_both_routes_put_the_angle_at_400_metres_a_second_at_62_78() -> None:
         velocity=400.0,
         resistance=printed,
     )
-    assert panels.status is SearchStatus.CONVERGED  # the sign of the depth changes within the range
+    assert panels.status is SearchStatus.CONVERGED  # The sign of the depth changes within the range.
 
 
 @pytest.mark.parametrize("method", ["bisection", "secant"])
@@ -122,7 +122,7 @@ def test_searches_of_the_paper_find_its_angle_to_its_tolerance(method: Literal["
 
 
 def test_defaults_find_the_angle_in_the_whole_range() -> None:
-    """README and demonstration print this angle: 48.63 ± 0.02°."""
+    """The angle is 48.63 ± 0.02°, which the README and the demonstration print."""
     found = critical_angle(**CASE, velocity=PAPER_VELOCITY)
     assert degrees(found) == pytest.approx(48.635, abs=0.015)
     assert found.angle is not None

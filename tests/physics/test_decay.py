@@ -1,4 +1,4 @@
-"""The free-surface decay, compared with a table, its limits and the equations that it solves."""
+"""The free-surface decay f, compared with a table, its limits and the equations of the cavity."""
 
 import math
 from functools import partial
@@ -34,7 +34,7 @@ TABLE: dict[str, tuple[FreeSurface, float, float, list[float]]] = {
         [0.0839, 0.1785, 0.3320, 0.5254, 0.7248, 0.8695, 0.9082, 0.9625, 0.9859],
     ),
 }
-"""Model, Poisson's ratio, velocity and f at `TABLE_RATIOS`, from an independent program."""
+"""Model, Poisson's ratio, velocity and f at `TABLE_RATIOS`, computed by an independent program. [1, m/s, 1]"""
 
 RATIOS = np.concatenate(([1.0], np.geomspace(1.001, 1e4, 60)))
 VELOCITIES = (0.0, 40.0, 238.0, 800.0)
@@ -59,7 +59,7 @@ def test_decay_equals_the_printed_table(name: str) -> None:
 
 
 @pytest.mark.parametrize("velocity", VELOCITIES)
-def test_decay_grows_from_nothing_at_the_face_to_one_deep_inside(model: FreeSurface, velocity: float) -> None:
+def test_decay_grows_from_zero_at_the_face_to_one_deep_inside(model: FreeSurface, velocity: float) -> None:
     ratios = np.concatenate((np.geomspace(1.0, 1e6, 2_000), [math.inf]))
     factor = decay_factor(model=model, target=concrete(), radius_ratio=ratios, normal_velocity=velocity)
     if isinstance(model, NoFreeSurface):
@@ -135,7 +135,7 @@ def test_plastic_zone_ends_where_the_elastic_shell_yields() -> None:
 
 
 def factors_at(inverse: FloatArray, velocity: float, decay: Decay) -> FloatArray:
-    """f at reciprocals of the radius ratio."""
+    """Return f for reciprocals of the radius ratio."""
     factors = np.empty_like(inverse)
     for i in range(inverse.size):
         factors[i] = decay_at(1.0 - inverse[i], inverse[i], velocity, decay)
@@ -143,7 +143,7 @@ def factors_at(inverse: FloatArray, velocity: float, decay: Decay) -> FloatArray
 
 
 compiled_factors: Any = njit(factors_at)
-"""Compiled wrapper, because Python cannot call functions that are only called by compiled code."""
+"""Compiled wrapper; Python cannot call `decay_at` itself, which only compiled code calls."""
 
 
 @pytest.mark.parametrize("poissons_ratio", [0.0, 0.2, 0.5])
@@ -151,7 +151,7 @@ compiled_factors: Any = njit(factors_at)
 def test_compiled_polynomials_follow_the_closed_form(
     model: FreeSurface, velocity: float, poissons_ratio: float
 ) -> None:
-    """The points are on both sides of the corner of f, and at it."""
+    """The points include the corner of f, and lie on both sides of it."""
     target = concrete(poissons_ratio)
     decay = build_decay(model, target)
     inverse = np.random.default_rng(1).uniform(0.0, 1.0, 20_000)

@@ -1,4 +1,4 @@
-"""The state of a projectile that leaves through the impact face or the rear face, or at the critical angle."""
+"""The state of a projectile that leaves through the impact face or the rear face, and of one at the critical angle."""
 
 import math
 from dataclasses import replace

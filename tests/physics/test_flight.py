@@ -1,4 +1,4 @@
-"""Flight after a ricochet."""
+"""Flight of a projectile after a ricochet or through a wall."""
 
 import math
 import random
@@ -30,7 +30,7 @@ STEEL_SPHERE = {
 }
 
 
-# Distances, times, speeds and heights from an independent program.
+# The distances, times and speeds are from an independent program.
 @pytest.mark.parametrize(
     ("body", "speed", "elevation_deg", "distance", "seconds", "landing_speed"),
     [
@@ -58,7 +58,7 @@ def test_farthest_flights_are_those_of_an_independent_program(
 ) -> None:
     found = flight(speed=speed, elevation=0.1, **PAPER)
     assert found.farthest_range == pytest.approx(farthest, abs=0.1)
-    # The distance is flat at its maximum, and the program sampled every half degree.
+    # Near its maximum the distance hardly changes, and the independent program sampled every half degree.
     assert math.degrees(found.farthest_elevation) == pytest.approx(elevation_deg, abs=0.25)
 
 
@@ -127,16 +127,16 @@ def test_mean_projected_area_is_a_quarter_of_the_surface() -> None:
 @pytest.mark.parametrize(
     ("direction_deg", "tilt_deg", "plane", "rear", "elevation_deg"),
     [
-        (70.82, 0.0, "up", False, 19.18),  # level face: the elevation is that above the face
+        (70.82, 0.0, "up", False, 19.18),  # On a level face the elevation is the angle to the face.
         (70.82, 0.0, "down", False, 19.18),
-        (70.0, 90.0, "up", False, 70.0),  # vertical wall: travel along the face is upwards, level or downwards
+        (70.0, 90.0, "up", False, 70.0),  # On a vertical wall, motion along the face is upwards, level or downwards.
         (70.0, 90.0, "level", False, 0.0),
         (70.0, 90.0, "down", False, -70.0),
         (0.0, 30.0, "up", False, 60.0),  # exit along the normal
         (20.0, 30.0, "up", False, 80.0),
         (20.0, 30.0, "down", False, 40.0),
-        (30.0, 90.0, "up", True, 30.0),  # through the rear face of a wall, upwards
-        (0.0, 0.0, "up", True, -90.0),  # through a slab, downwards
+        (30.0, 90.0, "up", True, 30.0),  # upwards, through the rear face of a wall
+        (0.0, 0.0, "up", True, -90.0),  # downwards, through a slab
     ],
 )
 def test_elevation_on_tilted_faces(

@@ -1,4 +1,4 @@
-"""Worked values, branches and ranges of the empirical formulas."""
+"""Empirical formulas: values computed by hand, continuity between branches, and ranges."""
 
 import math
 from collections.abc import Callable
@@ -43,11 +43,11 @@ from .strikes import known
 
 FORRESTAL_SHOT = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.0269, length=0.2423, mass=0.906)
 FORRESTAL_TARGET = Target(compressive_strength=35.2e6, density=2370.0)
-"""The shot of Forrestal, Altman, Cargile and Hanchak (1994) at 277 m/s."""
+"""Target of the shot by Forrestal, Altman, Cargile and Hanchak (1994) at 277 m/s."""
 POUND, INCH, FOOT, PSI = 0.45359237, 0.0254, 0.3048, 6894.757
 """US units in SI. [kg, m, m, Pa]"""
 MEASURED_DEPTH = 0.173
-"""Depth of that shot. [m]"""
+"""Measured depth of that shot. [m]"""
 FLAT = replace(PAPER, nose=Flat())
 NOSES: dict[NoseShape, bool] = {
     Flat(): False,
@@ -55,7 +55,7 @@ NOSES: dict[NoseShape, bool] = {
     Spherical(caliber_radius_head=0.5): True,
     Ogive(caliber_radius_head=3.0): False,
 }
-"""Flat, blunt, spherical and sharp noses, and whether their factor in NDRC is disputed."""
+"""A flat, a blunt, a spherical and a sharp nose, and whether sources dispute its factor in NDRC."""
 
 
 def by_name(projectile: Projectile, target: Target, impact: Impact) -> dict[str, FormulaResult]:
@@ -71,10 +71,9 @@ def depth_in_diameters(answer: FormulaResult, projectile: Projectile) -> float:
 
 
 def test_published_shot_by_li_chen_and_ndrc() -> None:
-    """Li and Chen give 6.231 diameters with their crater (0.707 diameters and the nose), and 6.215 with one of two
-    diameters.
+    """The depth by Li and Chen is 6.231 diameters with their crater (0.707 diameters and the nose).
 
-    The value quoted for this shot, 6.21, is the latter; the measured depth is 6.43 diameters.
+    With a crater of two diameters it is 6.215, and 6.21 is quoted for this shot. The measured depth is 6.43 diameters.
     """
     answer = li_chen(projectile=FORRESTAL_SHOT, target=FORRESTAL_TARGET, impact=normal(277.0), strength_factor=12.0)
     by_li_chen = depth_in_diameters(answer, FORRESTAL_SHOT)
@@ -93,7 +92,7 @@ def test_published_shot_by_li_chen_and_ndrc() -> None:
 
 
 def test_closed_form_is_li_chen_with_a_crater_of_two_diameters() -> None:
-    """Only the depth of the crater differs: 0.707 diameters and the nose, or two diameters."""
+    """The two differ only in the depth of the crater, which is 0.707 diameters plus the nose by Li and Chen."""
     projectile = replace(FORRESTAL_SHOT, nose=Ogive(caliber_radius_head=(1.0 + (2.0 * 1.293) ** 2) / 4.0))
     ours = closed_form_depth(projectile=projectile, target=FORRESTAL_TARGET, velocity=277.0, strength_factor=12.0)
     answer = li_chen(projectile=projectile, target=FORRESTAL_TARGET, impact=normal(277.0), strength_factor=12.0)
@@ -101,9 +100,9 @@ def test_closed_form_is_li_chen_with_a_crater_of_two_diameters() -> None:
 
 
 def test_heavy_sphere_by_ndrc() -> None:
-    """100 kg, 0.2898 m, 60 m/s on 10 MPa.
+    """A sphere of 100 kg and 0.2898 m strikes concrete of 10 MPa at 60 m/s.
 
-    With the US constant and a nose factor of 0.84 G is 0.0514; here the factor is 1.
+    With the constant in US units and a nose factor of 0.84, G is 0.0514; here the factor is 1.
     """
     sphere = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.2898, length=0.2898, mass=100.0)
     answer = modified_ndrc(
@@ -112,8 +111,8 @@ def test_heavy_sphere_by_ndrc() -> None:
     assert 0.84 * (depth_in_diameters(answer, sphere) / 2.0) ** 2 == pytest.approx(0.0514, abs=5e-5)
 
 
-def test_spheres_scab_a_slab_where_tests_saw_it() -> None:
-    """Erkander and Pettersson (1985): 35.9 g on 140 mm of 29.7 MPa, 859 to 925 m/s; a factor of 0.84 gives 930."""
+def test_scabbing_by_spheres_agrees_with_tests() -> None:
+    """Erkander and Pettersson (1985), 35.9 g on 140 mm of 29.7 MPa: 859 to 925 m/s. A factor of 0.84 gives 930 m/s."""
     sphere = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.0206, length=0.0206, mass=0.0359)
     target = Target(compressive_strength=29.7e6, density=2300.0)
 
@@ -127,22 +126,22 @@ def test_spheres_scab_a_slab_where_tests_saw_it() -> None:
 
 
 @pytest.mark.parametrize("formula", [modified_ndrc, degen, ukaea, kar])
-def test_disputed_nose_factor_is_said_where_it_is_used(formula: Formula) -> None:
-    """Kennedy has 0.84 for blunt and 1.0 for spherical noses, DOE-STD-3014 0.84 for hemispherical and 1.0 for blunt."""
+def test_disputed_nose_factor_is_stated_where_it_is_used(formula: Formula) -> None:
+    """Kennedy: 0.84 for blunt, 1.0 for spherical noses. DOE-STD-3014: 0.84 for hemispherical, 1.0 for blunt noses."""
     for nose, disputed in NOSES.items():
         answer = formula(projectile=replace(PAPER, nose=nose), target=PAPER_TARGET, impact=normal(150.0))
         assert ("0.84 is printed too" in answer.note) is disputed
 
 
 def test_constant_of_ndrc_from_us_units() -> None:
-    """180 N W / (d sqrt(f'c)) (V / (1000 d))^1.8 in lb, in, ft/s and psi is 0.1 % above the constant in SI units."""
+    """In lb, in, ft/s and psi, 180 N W / (d sqrt(f'c)) (V / (1000 d))^1.8 is 0.1 % more than with the SI constant."""
     converted = 180.0 / POUND * INCH * math.sqrt(PSI) * (INCH / FOOT / 1000.0) ** 1.8
     assert converted == pytest.approx(3.8034e-5, rel=2e-4)
     assert converted / NDRC_CONSTANT == pytest.approx(1.001, abs=5e-4)
 
 
 def test_constant_of_ace_from_us_units() -> None:
-    """222 P d^0.215 (V / 1000)^1.5 / sqrt(f'c) with P the weight over the cross section, in lb, in, ft/s and psi."""
+    """222 P d^0.215 (V / 1000)^1.5 / sqrt(f'c) in lb, in, ft/s and psi; P is the weight over the cross section."""
     converted = 222.0 * 4.0 / math.pi / POUND * INCH**2.785 * math.sqrt(PSI) / (1000.0 * FOOT) ** 1.5
     assert converted == pytest.approx(3.510e-4, abs=5e-8)
     answer = ace(projectile=PAPER, target=PAPER_TARGET, impact=normal(238.0))
@@ -151,7 +150,7 @@ def test_constant_of_ace_from_us_units() -> None:
 
 
 def test_noses_of_hughes_are_flat_blunt_spherical_and_very_sharp() -> None:
-    """1, 1.12, 1.26 and 1.39: Leppänen, Chalmers publication 02:4, appendix C, and a second source."""
+    """Factors 1, 1.12, 1.26 and 1.39 by Leppänen, Chalmers publication 02:4, appendix C, and a second source."""
     flat, *others = (
         hughes(projectile=replace(PAPER, nose=nose), target=PAPER_TARGET, impact=normal(238.0)).penetration_depth
         for nose in NOSES
@@ -168,7 +167,7 @@ def test_paper_strike_by_hughes() -> None:
 
 
 def test_range_of_hughes_is_40_to_3500() -> None:
-    """At its lower end a flat nose penetrates 0.7 diameters, where the branches of the limits meet."""
+    """At the lower end of the range a flat nose penetrates 0.7 diameters, where the branches of the limits meet."""
     mass = {number: number * 3.934e6 * 0.08**3 / 100.0**2 for number in (39.0, 41.0, 3490.0, 3510.0)}
     answers = {
         number: hughes(projectile=replace(FLAT, mass=kilograms), target=PAPER_TARGET, impact=normal(100.0))
@@ -181,7 +180,7 @@ def test_range_of_hughes_is_40_to_3500() -> None:
 
 
 def test_whiffen_in_si_units() -> None:
-    """The printed form, in inches, pounds, psi and ft/s, converted by hand: 2.61, 533.4 m/s and 97.5."""
+    """The constants 2.61, 533.4 m/s and 97.5 were converted by hand from the printed inches, pounds, psi and ft/s."""
     shot: dict[str, Any] = {"projectile": FORRESTAL_SHOT, "target": FORRESTAL_TARGET, "impact": normal(277.0)}
     for size in (0.0095, 0.02):
         answer = whiffen(**shot, aggregate_size=size)
@@ -213,7 +212,7 @@ def test_whiffen_says_which_aggregate_it_takes() -> None:
     ],
 )
 def test_range_of_whiffen(change: dict[str, Any], velocity: float, field: str) -> None:
-    """0.3 to 22,000 lb, 0.5 to 38 in, up to 3,700 ft/s."""
+    """The range is 0.3 to 22,000 lb, 0.5 to 38 in, and up to 3,700 ft/s."""
     answer = whiffen(projectile=replace(PAPER, **change), target=PAPER_TARGET, impact=normal(velocity))
     assert [each.field for each in answer.out_of_range] == [field]
 
@@ -225,7 +224,7 @@ def test_brl_is_marked_as_in_doubt() -> None:
 
 
 def test_paper_strike_by_every_formula() -> None:
-    """Values were computed by hand for 238 m/s along the normal. [m]"""
+    """The expected values were computed by hand for 238 m/s along the normal. [m]"""
     answers = by_name(PAPER, PAPER_TARGET, normal(238.0))
     ndrc = answers["modified_ndrc"]
     assert ndrc.penetration_depth == pytest.approx(0.241, abs=5e-4)
@@ -254,7 +253,7 @@ def test_limit_speed_of_cea_edf_inverts_its_thickness() -> None:
 
 
 def diameters(formula: Formula, limit: str) -> Callable[[float], float]:
-    """Return a limit of the paper's strike in diameters, as a function of the speed along the normal."""
+    """Return a limit of a formula for the paper's body, in diameters, as a function of the speed along the normal."""
 
     def at(velocity: float) -> float:
         result = formula(projectile=PAPER, target=PAPER_TARGET, impact=normal(velocity))
@@ -264,7 +263,7 @@ def diameters(formula: Formula, limit: str) -> Callable[[float], float]:
 
 
 def speed_at(function: Callable[[float], float], value: float) -> float:
-    """Speed at which an increasing function of the speed passes a value."""
+    """Return the speed at which an increasing function of the speed has this value."""
     low, high = 1.0, 3000.0
     while high - low > 1e-9 * high:
         middle = 0.5 * (low + high)
@@ -273,7 +272,7 @@ def speed_at(function: Callable[[float], float], value: float) -> float:
 
 
 def impact_function(velocity: float) -> float:
-    """G of NDRC, computed from the scabbing limit of UKAEA, which has one branch only."""
+    """Return G of NDRC, computed from the scabbing limit of UKAEA, which has one branch only."""
     return math.pow(diameters(ukaea, "scabbing_thickness")(velocity) / 5.3, 1.0 / 0.33)
 
 
@@ -291,7 +290,8 @@ BRANCHES: list[tuple[Formula, str, Callable[[float], float], float, float]] = [
     (hughes, "scabbing_thickness", DEPTH[hughes], 0.7, 2e-2),
     (li_chen, "penetration_depth", DEPTH[li_chen], LI_CHEN_ENTRY, 1e-9),
 ]
-"""Limit, variable of its branches, boundary, and allowed difference of the two sides from rounded coefficients. [1]"""
+"""Formula, limit, variable that selects the branch, boundary between branches, and the relative jump there that rounded
+coefficients cause. [1]"""
 
 
 @pytest.mark.parametrize(
@@ -341,7 +341,7 @@ def test_formula_without_a_known_range_is_never_in_range() -> None:
 
 
 def test_shallow_limits_of_ndrc_are_in_range_up_to_18_diameters() -> None:
-    """DOE-STD-3014 uses the parabolas below the straight lines."""
+    """Below the range of the straight lines, DOE-STD-3014 uses parabolas."""
     strike: dict[str, Any] = {"projectile": PAPER, "target": PAPER_TARGET}
     slow, fast = (modified_ndrc(**strike, impact=normal(velocity)) for velocity in (50.0, 900.0))
     assert known(slow.perforation_thickness) < 3.0 * PAPER.diameter
@@ -368,7 +368,7 @@ def test_strike_along_the_face_is_refused() -> None:
 
 @pytest.mark.parametrize("ratio", [0.0, 0.4, 10.0])
 def test_reinforcement_changes_no_formula_and_no_run(ratio: float) -> None:
-    """No implemented formula uses it: that of UKAEA for perforation has no open source."""
+    """No implemented formula uses reinforcement. The UKAEA formula for perforation does, but has no open source."""
     plain: dict[str, Any] = {"projectile": PAPER, "impact": Impact(velocity=238.0, oblique_angle=0.0)}
     reinforced = replace(PAPER_TARGET, thickness=0.2, reinforcement_ratio_percent=ratio)
     wall = replace(PAPER_TARGET, thickness=0.2)

@@ -30,7 +30,7 @@ A, LENGTH = 0.04, 0.53
 
 @dataclass(frozen=True)
 class Solid:
-    """Closed forms for a solid: lateral area, and ∫r² dx, ∫x r² dx and ∫(x² r² + r⁴/4) dx from its front."""
+    """Closed forms for a solid of revolution: lateral area, ∫r² dx, ∫x r² dx and ∫(x² r² + r⁴/4) dx, from its front."""
 
     length: float
     area: float
@@ -54,7 +54,7 @@ def cylinder(a: float, h: float) -> Solid:
 
 
 def frustum(b: float, a: float, h: float) -> Solid:
-    """Cone frustum with radius `b` in front and `a` behind, r = b + t x."""
+    """Return a cone frustum with radius `b` in front and `a` behind, r = b + t x."""
     t = (a - b) / h
     squares = h * (a * a + a * b + b * b) / 3
     first = b**2 * h**2 / 2 + 2 * b * t * h**3 / 3 + t**2 * h**4 / 4
@@ -64,12 +64,12 @@ def frustum(b: float, a: float, h: float) -> Solid:
 
 
 def disc(a: float) -> Solid:
-    """Flat face, with an area but no volume."""
+    """Return a flat face, which has an area but no volume."""
     return Solid(0.0, math.pi * a**2, 0.0, 0.0, 0.0)
 
 
 def cap(sphere: float, h: float) -> Solid:
-    """Spherical cap, r² = 2 R x - x²."""
+    """Return a spherical cap, r² = 2 R x - x²."""
     squares = sphere * h**2 - h**3 / 3
     first = 2 * sphere * h**3 / 3 - h**4 / 4
     fourths = 4 * sphere**2 * h**3 / 3 - sphere * h**4 + h**5 / 5
@@ -78,7 +78,7 @@ def cap(sphere: float, h: float) -> Solid:
 
 
 def ogive(a: float, crh: float) -> Solid:
-    """Ogive, r = w - c with w² = s² - u², u the distance ahead of the shank and c = s - a."""
+    """Return an ogive, r = w - c with w² = s² - u², where u is the distance ahead of the shank and c = s - a."""
     s = 2 * a * crh
     c, length = s - a, a * math.sqrt(4 * crh - 1)
     end = math.asin(length / s)
@@ -138,7 +138,7 @@ def test_nose_and_shank_equal_their_closed_forms(nose: tuple[NoseShape, Solid]) 
 
 def test_nose_without_a_shank_equals_its_closed_form(nose: tuple[NoseShape, Solid]) -> None:
     shape, solid = nose
-    if solid.length >= 1e-3:  # the shortest body that is accepted
+    if solid.length >= 1e-3:  # Shorter bodies are refused.
         assert_properties_equal(Projectile(nose=shape, diameter=2 * A, length=shape.length(A), mass=1.0), solid)
 
 
@@ -171,7 +171,7 @@ BODY_SOLIDS: dict[str, tuple[Projectile, Solid]] = {
 
 
 @pytest.mark.parametrize("name", BODY_SOLIDS)
-def test_bodies_that_taper_equal_their_closed_forms(name: str) -> None:
+def test_tapering_bodies_equal_their_closed_forms(name: str) -> None:
     projectile, solid = BODY_SOLIDS[name]
     assert_properties_equal(projectile, solid)
     base = math.pi * projectile.base.r_start**2
@@ -180,7 +180,7 @@ def test_bodies_that_taper_equal_their_closed_forms(name: str) -> None:
 
 
 def test_sphere_has_the_properties_of_a_sphere() -> None:
-    """A = 4πR², V = 4πR³/3, centroid R and I = 2mR²/5, for the fragments of Erkander and Pettersson."""
+    """A = 4πR², V = 4πR³/3, centroid R and I = 2mR²/5, for the spheres of Erkander and Pettersson."""
     (sphere, _), radius = BODY_SOLIDS["fragment"], 0.0103
     found, properties = solid_properties(sphere), mass_properties(sphere)
     assert found.surface_area == pytest.approx(4.0 * math.pi * radius**2, rel=1e-12)
@@ -189,7 +189,7 @@ def test_sphere_has_the_properties_of_a_sphere() -> None:
     assert properties.moment_of_inertia == pytest.approx(0.4 * 0.0359 * radius**2, rel=1e-12)
 
 
-def test_textbook_solids_come_out_of_the_closed_forms_above() -> None:
+def test_closed_forms_reproduce_textbook_solids() -> None:
     """Cone: V = πa²h/3, centroid 3h/4, I/m = 3a²/20 + 3h²/80. Hemisphere: 5a/8 and 83a²/320. Cylinder: a²/4 + h²/12."""
     for solid, volume, centroid, inertia in (
         (frustum(0.0, 2.0, 3.0), 4 * math.pi, 9 / 4, 3 * 4 / 20 + 3 * 9 / 80),
@@ -210,7 +210,7 @@ def test_given_mass_properties_are_used_as_they_are() -> None:
 
 
 def test_panel_areas_converge_to_the_surface_area_with_the_square_of_their_size(nose: tuple[NoseShape, Solid]) -> None:
-    """Midpoint rings are exact on straight pieces and of second order on arcs."""
+    """The midpoint rule for the rings is exact on straight pieces and of second order on arcs."""
     shape, _ = nose
     projectile = Projectile(nose=shape, diameter=2 * A, length=LENGTH, mass=1.0)
     area, properties = solid_properties(projectile).surface_area + math.pi * A**2, mass_properties(projectile)
@@ -221,7 +221,7 @@ def test_panel_areas_converge_to_the_surface_area_with_the_square_of_their_size(
 
 
 def brute_force_reach(projectile: Projectile, center: float, axis_angle: float) -> float:
-    """Greatest depth, relative to the centre of gravity, of many surface points on the lower and upper meridian."""
+    """Return the greatest depth below the centre of gravity of many points on the lower and upper meridian. [m]"""
     t = np.linspace(0.0, 1.0, 20_001)
     reach = -math.inf
     for piece in projectile.outline():
@@ -234,7 +234,7 @@ def brute_force_reach(projectile: Projectile, center: float, axis_angle: float) 
 
 @pytest.mark.parametrize("name", [*NOSES, *TAPERING])
 def test_first_contact_is_the_deepest_point_of_the_surface(name: str) -> None:
-    """The deepest point may be the tip, the flank or the rear edge. Brute force resolves 10⁻⁸ of the length."""
+    """The deepest point may be the tip, the flank or the rear edge. Brute force is accurate to 10⁻⁸ of the length."""
     projectile = TAPERING[name] if name in TAPERING else steel(NOSES[name])
     properties = mass_properties(projectile)
     body = build_body(projectile, properties)
@@ -244,7 +244,7 @@ def test_first_contact_is_the_deepest_point_of_the_surface(name: str) -> None:
             assert deepest_offset(body, angle) == pytest.approx(expected, abs=1e-8 * LENGTH)
 
 
-def test_a_pointed_nose_touches_with_its_tip_until_its_flank_lies_in_the_face() -> None:
+def test_pointed_nose_touches_with_its_tip_up_to_the_angle_of_its_flank() -> None:
     """The flank touches first beyond 90° less the half-angle of the tip, 90° - 33.56° for ψ = 3."""
     projectile = steel(NOSES["ogive"])
     properties = mass_properties(projectile)

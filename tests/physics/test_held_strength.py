@@ -1,4 +1,4 @@
-"""Every law with the shape of eq. 9 holds S from 60° on, the end of the paper's search range."""
+"""Laws with the shape of eq. 9 keep S constant from 60° on, the end of the paper's search range."""
 
 import math
 from typing import Any
@@ -31,8 +31,8 @@ from solver.uncertainty.strikes import scaled
 from .strikes import CASE, codes, known
 
 HELD_AT_60 = {238: 48.63, 300: 53.69, 400: 61.82, 500: 66.24, 600: 69.29, 700: 71.44, 800: 72.97}
-"""Critical angles of the paper's body with eq. 9, from an independent program with a constant S of 4.683 above 60°;
-the second table has 5.356 from 55° on. [m/s, °]"""
+"""Critical angles of the paper's body by an independent program, by speed: with eq. 9 held from 60° on at S = 4.683.
+The next tables are for eq. 9 held from 55° on at S = 5.356, and not held. [m/s, °]"""
 HELD_AT_55 = {400: 60.38, 500: 64.98, 600: 68.23, 700: 70.55, 800: 72.24}
 NOT_HELD = {400: 62.75, 500: 69.26, 600: 72.96, 700: 74.80, 800: 75.51}
 TABLE = [(60.0, *row) for row in HELD_AT_60.items()] + [(55.0, *row) for row in HELD_AT_55.items()]
@@ -58,7 +58,7 @@ def test_critical_angles_are_those_of_an_independent_program(held: float, veloci
 
 @pytest.mark.parametrize("velocity", [238.0, 400.0, 600.0])
 def test_equation_9_is_held_from_60_degrees_unless_told_otherwise(velocity: float) -> None:
-    """The default is the same written out or omitted; beyond 60° it equals a constant S."""
+    """The result is the same with the default written out, and equals that of a constant S if it is above 60°."""
     plain = angle_of(ObliquityPolynomial(), velocity)
     assert plain == angle_of(ObliquityPolynomial(coefficients=EQUATION_9_COEFFICIENTS), velocity)
     assert plain == angle_of(ObliquityPolynomial(held_from=math.radians(60.0)), velocity)
@@ -94,8 +94,8 @@ def test_search_and_run_use_the_same_strength_factor_beyond() -> None:
     assert run.strength_factor == pytest.approx(4.683)
 
 
-def test_half_the_default_search_lies_above_without_being_cut() -> None:
-    """Eq. 9 that is not held is zero from 86.6° on, and the search ends there."""
+def test_range_up_to_89_degrees_is_not_cut_off_if_s_is_held() -> None:
+    """If eq. 9 is not held, S falls to zero at 86.6°, where the search is cut off."""
     search = Search(lower=math.radians(5.0), upper=math.radians(89.0))
     assert "range_clipped" not in codes(critical_angle(**CASE, velocity=PAPER_VELOCITY, search=search))
     unheld = Resistance(strength_factor=ObliquityPolynomial(held_from=math.pi / 2.0))
@@ -104,8 +104,8 @@ def test_half_the_default_search_lies_above_without_being_cut() -> None:
     assert math.degrees(known(found.angle)) == pytest.approx(48.634, abs=0.01)
 
 
-def test_flat_body_along_the_face_meets_concrete() -> None:
-    """The extrapolated S of 0.34 at 85° let the body go 435 mm deep."""
+def test_flat_body_at_a_grazing_angle_is_resisted() -> None:
+    """With the extrapolated S of 0.34 at 85° the body would go 435 mm deep."""
     flat = Projectile(nose=Flat(), diameter=0.08, length=0.53, mass=13.0)
     strike = CASE | {"projectile": flat, "impact": paper_impact(oblique_angle_degrees=85.0), "sample_interval": None}
     held = known(simulate(**strike).maximum_depth)

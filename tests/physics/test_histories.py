@@ -9,9 +9,11 @@ from .conftest import Reference
 from .strikes import known
 
 SIDEWAYS_REST = {"oblique-45-no-free-surface": 1.6e-3}
-"""Time at which the shank comes to rest sideways in its hole while it still moves along its axis. Turning and sideways
-speed vanish together, the load switches sign with them, and fixed steps oscillate from there on. The brute-force
-history with 1 µs then turns back at 1 rad/s; panels at 10 µs deviate by 1.06 mm and 0.41°. [s]"""
+"""Time at which the shank comes to rest sideways in its hole while it still moves along its axis. [s]
+
+Turning and sideways speed vanish together and the load changes sign with them, so that fixed steps oscillate from there
+on. The brute-force history with steps of 1 µs then turns back at 1 rad/s, and panels with steps of 10 µs deviate by
+1.06 mm and 0.41°."""
 
 
 def samples(reference: Reference, *, method: str) -> Motion[FloatArray]:
@@ -21,7 +23,7 @@ def samples(reference: Reference, *, method: str) -> Motion[FloatArray]:
 
 
 def errors(reference: Reference, history: Motion[FloatArray], until: float) -> tuple[float, float]:
-    """Largest errors of tip depth [m] and axis angle [°] up to a time; the history must contain every listed time."""
+    """Return the largest errors of tip depth [m] and axis angle [°] up to a time; every listed time must be present."""
     count = int(np.sum(reference.time <= until * (1.0 + 1e-9)))
     np.testing.assert_allclose(history.time[:count], reference.time[:count], rtol=0, atol=1e-12)
     depth = np.abs(history.nose_tip_depth[:count] - reference.nose_tip_depth[:count])

@@ -1,4 +1,4 @@
-"""Signals during a computation: the call raises the exception of the handler, and the process continues."""
+"""Signals during a computation: the call raises the exception of the signal handler, and the process continues."""
 
 import subprocess
 import sys
@@ -49,11 +49,11 @@ for _ in range(ROUNDS):
 print("survived")
 """
 ROUNDS = 40
-"""Number of signals sent to each loop; a tenth of them used to crash the process."""
+"""Number of signals sent to each loop. A tenth of them used to crash the process, so 40 find the error."""
 
 
 def survives(script: str, *arguments: str) -> None:
-    """Run a script to its end in another process, because a crash would end that of the tests."""
+    """Run a script in another process and check that it reaches its end; a crash would also end the test process."""
     done = subprocess.run(
         [sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=False, timeout=TIMEOUT_S
     )
@@ -127,12 +127,12 @@ LONG_CALLS = {
     "simulate_many": "list(simulate_many(**STRIKE, impact=4 * [IMPACT], numerics=PANELS))",
     "adaptive": "list(simulate_many(**STRIKE, impact=1000 * [IMPACT], numerics=Numerics(relative_tolerance=1e-10)))",
 }
-"""Calls that take many minutes."""
+"""Calls that would take many minutes."""
 
 
 @pytest.mark.parametrize("call", LONG_CALLS)
 def test_long_computation_ends_soon_after_an_interrupt(call: str) -> None:
-    """The process ends as well, because no thread continues; how soon depends on the machine."""
+    """The whole process ends, which shows that no thread continues to compute."""
     survives(LONG.replace("CALL", LONG_CALLS[call]).replace("TIMEOUT", "60.0"))
 
 
@@ -197,8 +197,8 @@ def test_threads_of_a_computation_are_given_up_with_it() -> None:
         )
 
 
-def test_computation_that_is_begun_again_in_another_thread_gives_the_same() -> None:
-    """A search of a few seconds in the main thread, which is begun again, and in another thread, where it is not."""
+def test_computation_repeated_in_another_thread_gives_the_same_result() -> None:
+    """A search of a few seconds is repeated in another thread if it was called in the main thread, otherwise not."""
     arguments: dict[str, Any] = {
         "projectile": PAPER_PROJECTILE,
         "target": PAPER_TARGET,
@@ -209,8 +209,8 @@ def test_computation_that_is_begun_again_in_another_thread_gives_the_same() -> N
         assert solver.critical_angle(**arguments) == thread.submit(solver.critical_angle, **arguments).result()
 
 
-def test_compiled_code_hands_only_numbers_and_plain_tuples_of_them_to_python() -> None:
-    """Other objects make numba run Python code, in which it does not expect the exception of a signal handler."""
+def test_compiled_entry_points_return_only_numbers_and_plain_tuples() -> None:
+    """To return other objects numba runs Python code, where an exception of a signal handler would crash it."""
     solver.warm_up()
     entry_points = [function.dispatcher for function in compilation.FUNCTIONS if function.is_entry_point]
     assert entry_points

@@ -1,4 +1,4 @@
-"""Properties of any strike: mirror symmetry, units, energy, and smaller depth in stronger concrete."""
+"""Properties of random strikes: mirror symmetry, independence of units, energy balance, and depth by strength."""
 
 import math
 from dataclasses import replace
@@ -26,16 +26,16 @@ from solver.prepared import integrate, prepare
 from .strikes import known, mirrored, strikes
 
 few = settings(max_examples=20, deadline=None, derandomize=True, database=None)
-"""Settings for 20 examples, the same in every run; a strike that slides to rest takes up to a second."""
+"""Hypothesis settings: 20 examples, the same in every run, because one that slides to rest takes up to a second."""
 
 
 def transit(strike: dict[str, Any]) -> float:
-    """Time to travel the length of the projectile at impact speed. [s]"""
+    """Return the time in which the projectile travels its length at impact speed. [s]"""
     return float(strike["projectile"].length / strike["impact"].velocity)
 
 
 def run(strike: dict[str, Any], *, samples_a_transit: int = 50) -> Trajectory:
-    """Simulate a strike for up to twenty transits."""
+    """Simulate a strike for up to twenty times its `transit`."""
     time = transit(strike)
     numerics = Numerics(termination_time=20.0 * time)
     return simulate(**strike, numerics=numerics, sample_interval=time / samples_a_transit)
@@ -48,7 +48,7 @@ def history(trajectory: Trajectory) -> Motion[FloatArray]:
 @few
 @given(strikes())
 def test_mirrored_impact_gives_mirrored_path(strike: dict[str, Any]) -> None:
-    """The tolerance is 10⁻⁴ of the length and 0.01°: rounding affects the steps when a shank rests in its hole."""
+    """Paths agree to 10⁻⁴ of the length and 0.01°; rounding affects the steps when a shank rests in its hole."""
     one, other = run(strike), run({**strike, "impact": mirrored(strike["impact"])})
     a, b = history(one), history(other)
     assert one.outcome is other.outcome
@@ -64,7 +64,7 @@ def test_mirrored_impact_gives_mirrored_path(strike: dict[str, Any]) -> None:
 
 
 def in_other_units(strike: dict[str, Any], *, length: float, time: float, mass: float) -> dict[str, Any]:
-    """The same strike in other units; the arguments are the metre, second and kilogram in the new units."""
+    """Return the same strike in other units; the arguments are one metre, second and kilogram in these units."""
     projectile, target, impact = strike["projectile"], strike["target"], strike["impact"]
     nose, stress = projectile.nose, mass / (length * time**2)
     if isinstance(nose, Profile):
@@ -112,7 +112,7 @@ def test_motion_does_not_depend_on_units(strike: dict[str, Any], length: int, sp
 @few
 @given(strikes())
 def test_kinetic_energy_never_increases(strike: dict[str, Any]) -> None:
-    """Between output times it grows by at most 10⁻⁶ of the initial energy, the accuracy of a run."""
+    """From one output time to the next it may grow by 10⁻⁶ of the initial energy, the accuracy of a run."""
     energy = history(run(strike, samples_a_transit=200)).kinetic_energy
     assert np.diff(energy).max(initial=0.0) < 1e-6 * energy[0]
 

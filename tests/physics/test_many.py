@@ -1,4 +1,4 @@
-"""Many strikes in one call: the same answers as single calls, in order, and failures that do not stop the others."""
+"""Many strikes in one call: answers equal those of single calls, in order, and a failure does not stop the others."""
 
 import math
 import threading
@@ -36,7 +36,7 @@ NEAR = Search(lower=math.radians(35.0), upper=math.radians(60.0))
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_many_critical_angles_are_those_of_one_by_one(threads: int) -> None:
+def test_many_critical_angles_equal_single_ones(threads: int) -> None:
     velocities = np.linspace(150.0, 300.0, 40)
     resistances = [Resistance(), Resistance(free_surface=MohrCoulomb())] * 20
     many = critical_angle_many(**CASE, velocity=velocities, resistance=resistances, search=NEAR, threads=threads)
@@ -45,8 +45,8 @@ def test_many_critical_angles_are_those_of_one_by_one(threads: int) -> None:
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_many_trajectories_are_those_of_one_by_one(threads: int) -> None:
-    """There are more trajectories than the function computes ahead of its caller."""
+def test_many_trajectories_equal_single_ones(threads: int) -> None:
+    """There are more trajectories than the function computes before its caller takes the first."""
     impacts = [Impact(velocity=238.0, oblique_angle=math.radians(0.5 * number)) for number in range(150)]
     numerics = Numerics(relative_tolerance=1e-2, stations=3)
     many = simulate_many(**CASE, impact=impacts, numerics=numerics, threads=threads)
@@ -56,7 +56,7 @@ def test_many_trajectories_are_those_of_one_by_one(threads: int) -> None:
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_many_walls_are_those_of_one_by_one_beside_one_that_fails(threads: int) -> None:
+def test_many_walls_equal_single_ones_beside_one_that_fails(threads: int) -> None:
     numerics, tolerance = Numerics(relative_tolerance=1e-3), 1e-3
     angles = np.radians([0.0, 20.0, 40.0])
     impacts = [Impact(velocity=238.0, oblique_angle=float(angle)) for angle in angles]
@@ -90,8 +90,8 @@ def test_single_values_are_one_case() -> None:
     assert answer == critical_angle(**CASE, velocity=PAPER_VELOCITY)
 
 
-def test_answers_come_while_later_cases_still_run() -> None:
-    """The first of 100,000 cases is returned without waiting for the others, which are then abandoned."""
+def test_answers_are_returned_while_later_cases_still_run() -> None:
+    """The first of 100,000 answers are returned before the others are computed, and closing abandons the rest."""
     answers = critical_angle_many(
         **CASE,
         velocity=np.full(100_000, PAPER_VELOCITY),
@@ -134,7 +134,7 @@ def interrupted(*_: Any) -> None:
 
 
 def test_compiled_search_releases_the_interpreter_lock() -> None:
-    """A counting thread continues while another runs searches, which hold the lock for a tenth of their time."""
+    """A thread that counts continues while another computes searches, which hold the lock a tenth of the time."""
     counted, running = 0, True
 
     def search() -> None:

@@ -1,4 +1,4 @@
-"""In normal impact a stronger or thicker wall has a higher limit speed, with or without plug and crater."""
+"""In normal impact the limit speed rises with strength and thickness of the wall, with or without plug and crater."""
 
 import math
 from collections.abc import Iterator
@@ -41,7 +41,7 @@ class Wall(NamedTuple):
 
 
 def random_walls(count: int, seed: int) -> Iterator[Wall]:
-    """Yield walls of 0.3 to 6 diameters, bodies of 10 to 300 mm, concrete of 15 to 120 MPa, S of 3 to 20."""
+    """Yield random walls of 0.3 to 6 diameters; bodies of 10 to 300 mm, concrete of 15 to 120 MPa, S of 3 to 20."""
     random = np.random.default_rng(seed)
     for number in range(count):
         nose = (Ogive(caliber_radius_head=3.0), Flat(), Spherical(caliber_radius_head=0.5))[number % 3]
@@ -58,7 +58,7 @@ def random_walls(count: int, seed: int) -> Iterator[Wall]:
 
 
 def limit_speed(wall: Wall, variant: Resistance, *, published: bool = False) -> float:
-    """Limit speed, by a constant S or by the law of the published tests. [m/s]
+    """Return the limit speed, with a constant S or with that of published tests. [m/s]
 
     It is 0 if the lowest speed of the search, 1 m/s, perforates, and infinite if no speed does.
     """
@@ -71,7 +71,7 @@ def limit_speed(wall: Wall, variant: Resistance, *, published: bool = False) -> 
 
 
 def assert_rises(wall: Wall, variant: Resistance) -> None:
-    """Check that the limit speed rises with S, strength (at constant S and by published tests) and thickness."""
+    """Check that the limit speed rises with S, thickness, and strength (at constant S and by published tests)."""
     stronger, thicker = wall.target.compressive_strength, wall.target.thickness or 0.0
     speed, by_law = limit_speed(wall, variant), limit_speed(wall, variant, published=True)
     for factor in (1.03, 1.25):

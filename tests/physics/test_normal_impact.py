@@ -27,7 +27,7 @@ FINE = Numerics(relative_tolerance=1e-9, stations=16)
 
 
 def ogive_factor(crh: float) -> float:
-    """Nose factor N of a tangent ogive: its dynamic resistance over that of a flat face."""
+    """Return the nose factor N of a tangent ogive, its dynamic resistance over that of a flat face."""
     return (8.0 * crh - 1.0) / (24.0 * crh**2)
 
 
@@ -36,7 +36,7 @@ def strike_of_the_paper(free_surface: FreeSurface | None = None) -> Trajectory:
     return paper_run(0.0, resistance=resistance, numerics=FINE)
 
 
-def test_nose_feels_no_free_surface() -> None:
+def test_free_surface_does_not_affect_the_nose() -> None:
     depths = [strike_of_the_paper(free_surface).final.nose_tip_depth for free_surface in DECAYS.values()]
     np.testing.assert_allclose(depths, depths[0], rtol=1e-9)
 
@@ -51,7 +51,7 @@ def test_projectile_never_turns(name: str) -> None:
 
 
 def deviation_past_the_nose(run: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Depth travelled since the nose is inside, less that of the closed form, and speed over impact speed.
+    """Return depth since the nose is inside minus that of the closed form, and speed over impact speed. [m, 1]
 
     By Forrestal et al., m V dV/dz = -π a² (S f'c + N ρ V²) on a fixed area, so between two speeds
     z = m / (2 π a² N ρ) ln[(S f'c + N ρ V₁²) / (S f'c + N ρ V²)].
@@ -67,7 +67,7 @@ def deviation_past_the_nose(run: Trajectory) -> tuple[FloatArray, FloatArray]:
 
 
 def test_depth_past_the_nose_equals_the_closed_form() -> None:
-    """They agree to 10⁻⁶ of the depth, down to a hundredth of the speed."""
+    """They agree to 10⁻⁶ of the depth until the speed is a hundredth of the impact speed."""
     run = strike_of_the_paper()
     deviation, speed = deviation_past_the_nose(run)
     assert speed[-1] < 0.0101
@@ -85,7 +85,7 @@ def li_chen_strike(*, inertia_factor: float) -> Trajectory:
 
 
 def energy_left(depth: FloatArray, *, inertia_factor: float) -> FloatArray:
-    """Energy ½ m V² of the Li-Chen strike: eq. 1 on the part of the ogive inside the target, integrated over depth.
+    """Return ½ m V² of the Li-Chen strike by depth: eq. 1 on the part of the ogive inside the target, integrated. [J]
 
     d(½ m V²)/dz = -(S f'c A + B ρ V² C), with A = π r² of the section in the face and C = ∫ 2π r sin²α dr up to it,
     which for r = s cos α - c is 2π s [s sin⁴α / 4 - c (cos³α / 3 - cos α)] between that section and the tip.
@@ -111,7 +111,7 @@ def energy_left(depth: FloatArray, *, inertia_factor: float) -> FloatArray:
 
 
 @pytest.mark.parametrize("inertia_factor", [0.0, 1.0])
-def test_energy_falls_with_depth_as_its_integral_says(inertia_factor: float) -> None:
+def test_energy_over_depth_equals_the_integrated_resistance(inertia_factor: float) -> None:
     """They agree to 10⁻⁶ of the initial energy from first contact to rest, entry of the nose included."""
     run = li_chen_strike(inertia_factor=inertia_factor)
     assert run.history is not None
@@ -120,8 +120,8 @@ def test_energy_falls_with_depth_as_its_integral_says(inertia_factor: float) -> 
     np.testing.assert_allclose(energy, expected, rtol=0, atol=1e-6 * energy[0])
 
 
-def test_resistance_from_the_tip_on_stops_the_li_chen_projectile_shallower_than_a_crater_does() -> None:
-    """155.6 mm instead of 167.2 mm: a crater two diameters deep resists with half of the full force on average.
+def test_li_chen_projectile_stops_at_a_smaller_depth_than_with_a_crater() -> None:
+    """The depth is 155.6 mm instead of 167.2 mm, because a crater resists with half of the full force on average.
 
     With B = 0 both depths have closed forms, and this model's is less by k d / 2 - (nose length - nose volume / area) =
     11.05 mm. With B = 1 the speed after the crater is higher, which adds less than a tenth. The test went 173 mm deep:
@@ -134,7 +134,7 @@ def test_resistance_from_the_tip_on_stops_the_li_chen_projectile_shallower_than_
 
     static = 12.0 * LI_CHEN_TARGET.compressive_strength * area
     crater_static = 0.5 * LI_CHEN.mass * 277.0**2 / static + LI_CHEN.diameter
-    rest = 1e-4 * 0.5 * LI_CHEN.mass * 277.0**2 / static  # distance still to go when a run ends
+    rest = 1e-4 * 0.5 * LI_CHEN.mass * 277.0**2 / static  # distance from the end of a run to rest
     ours_static = li_chen_strike(inertia_factor=0.0).final.nose_tip_depth + rest
     assert crater_static - ours_static == pytest.approx(shift, rel=1e-3)
 

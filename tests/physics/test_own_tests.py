@@ -1,4 +1,4 @@
-"""Strength factor from own shots with the published tests as prior: the posterior, its limits and its use."""
+"""The strength factor from own shots with the published tests as prior: posterior, limits, warnings and use."""
 
 import math
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ from solver.uncertainty import LogStudentT
 from .strikes import CASE, known, paper_run
 
 TABLE_1 = [(238.1, 0.30, 12.923), (275.7, 0.38, 12.900), (314.0, 0.45, 12.910), (369.5, 0.53, 12.914)]
-"""Velocity, depth and mass of the shots of the paper. [m/s, m, kg]"""
+"""Velocity, depth and mass of the shots in the paper's Table 1. [m/s, m, kg]"""
 SHOTS = tuple(Shot(velocity=velocity, depth=depth, mass=mass) for velocity, depth, mass in TABLE_1)
 BETWEEN, WITHIN = PublishedTests.between_series, PublishedTests.within_series
 FREEDOM = PublishedTests.degrees_of_freedom
@@ -43,13 +43,13 @@ def posterior_of(shots: Sequence[Shot]) -> StrengthPosterior:
 
 
 def shot_of(factor: float, *, velocity: float = 300.0) -> Shot:
-    """A shot of the paper's projectile with the depth that belongs to a strength factor."""
+    """Return a shot of the paper's projectile, with the depth that the model gives for this strength factor."""
     (depth,) = penetration_depths(**CASE, velocities=[velocity], strength_factor=factor)
     return Shot(velocity=velocity, depth=float(depth))
 
 
 def by_grid(shots: Sequence[Shot]) -> tuple[float, tuple[float, float]]:
-    """Median, 5 % and 95 % quantile of ln S of the next shot, by Bayes' rule on a grid of series mean and variance."""
+    """Return median, 5 % and 95 % quantile of ln S of the next shot, by Bayes' rule on a grid of mean and variance."""
     prior = math.log(PublishedTests().polynomial(**CASE)[0])
     values = np.array(
         [
@@ -64,7 +64,7 @@ def by_grid(shots: Sequence[Shot]) -> tuple[float, tuple[float, float]]:
             for shot in shots
         ]
     )
-    # Scaled inverse chi-square: the scale squared times the degrees of freedom over a chi-square variable.
+    # A scaled inverse chi-square variable is scale² times the degrees of freedom over a chi-square variable.
     levels = (np.arange(400) + 0.5) / 400
     deviations = WITHIN * np.sqrt(FREEDOM / stats.chi2(FREEDOM).ppf(levels))[:, None]
     steps = stats.norm.ppf((np.arange(800) + 0.5) / 800)
@@ -109,9 +109,9 @@ def test_papers_own_shots_give_its_strength_factor_within_a_narrow_range() -> No
 
 
 def test_dispersion_grows_with_the_scatter_of_the_shots() -> None:
-    """ln S of the four shots has a standard deviation of 0.23.
+    """The standard deviation of ln S of the four shots is 0.23.
 
-    Without a prior, that of the next shot is 1.12 times as large.
+    Without a prior, that of the next shot would be 1.12 times as large.
     """
     factors = (6.99, 10.49, 7.43, 10.93)
     scattered = posterior_of([shot_of(each) for each in factors])
@@ -136,8 +136,8 @@ def test_many_identical_shots_leave_next_to_no_scatter_and_their_own_strength_fa
 
 
 @pytest.mark.parametrize("nose", [PAPER_PROJECTILE.nose, Profile(points=((0.0, 0.0), (0.1, 0.03), (0.16, 0.04)))])
-def test_shots_of_another_diameter_are_carried_by_the_exponent_of_the_law(nose: Any) -> None:
-    """A body of half the size at the same speed goes half as deep in concrete of the same S."""
+def test_shots_of_another_diameter_are_scaled_by_the_exponent_of_the_law(nose: Any) -> None:
+    """With the same S, a body of half the size goes half as deep at the same speed."""
     projectile = replace(PAPER_PROJECTILE, nose=nose)
     full = Shot(velocity=300.0, depth=0.4)
     half = Shot(velocity=300.0, depth=0.2, mass=PAPER_PROJECTILE.mass / 8.0, diameter=0.04)
@@ -166,8 +166,8 @@ def test_strike_takes_the_median_and_follows_eq_9_over_the_angle_unless_constant
 @pytest.mark.parametrize(
     "other", [{"inertia_factor": 0.0}, {"inertia_factor": 1.5}, {"crater": Crater()}], ids=["B0", "B1.5", "crater"]
 )
-def test_shots_are_read_with_the_inertia_and_the_crater_of_the_strike(other: dict[str, Any]) -> None:
-    """A strike equal to the shots then goes as deep as they did, apart from the influence of the prior."""
+def test_shots_are_evaluated_with_the_inertia_and_crater_of_the_strike(other: dict[str, Any]) -> None:
+    """A strike equal to the shots goes as deep as they did, apart from the influence of the prior."""
     law = OwnTests(shots=(SHOTS[0],) * 1000)
     run = simulate(
         projectile=replace(PAPER_PROJECTILE, mass=12.923),
@@ -183,7 +183,7 @@ def test_search_and_limit_speed_take_own_tests() -> None:
     law = Resistance(strength_factor=OwnTests(shots=SHOTS))
     found = critical_angle(**CASE, velocity=PAPER_VELOCITY, resistance=law)
     assert math.degrees(known(found.angle)) == pytest.approx(48.6, abs=0.5)
-    wall = replace(PAPER_TARGET, thickness=0.2)  # thinner than the shots are deep
+    wall = replace(PAPER_TARGET, thickness=0.2)  # The wall is thinner than the depth of the shots.
     limit = limit_velocity(projectile=PAPER_PROJECTILE, target=wall, oblique_angle=0.0, resistance=law).value
     assert limit == pytest.approx(214.2, rel=0.03)
 
@@ -208,8 +208,8 @@ def test_shot_far_off_is_warned_of_and_named() -> None:
     assert "own_tests_apart" in codes_of([shot_of(just_above)])
 
 
-def test_shots_within_the_front_crater_are_warned_of() -> None:
-    """Two diameters are 160 mm for the paper's projectile, and 80 mm for one of half the diameter."""
+def test_shots_within_the_front_crater_cause_a_warning() -> None:
+    """The crater is two diameters deep: 160 mm for the paper's projectile, 80 mm for one of half its size."""
     deep, shallow = Shot(velocity=238.0, depth=0.17), Shot(velocity=150.0, depth=0.15)
     small = Shot(velocity=238.0, depth=0.15, mass=1.6, diameter=0.04)
     assert "shallow_tests" not in codes_of([deep, small])
@@ -236,8 +236,8 @@ def test_shot_that_no_strength_factor_explains_is_refused_with_the_likely_slip(s
     assert slip in refused.value.requirement
 
 
-def test_millimetres_given_as_metres_are_named() -> None:
-    """The body goes a few millimetres deep, because depths beyond 100 m are refused by their bound."""
+def test_millimetres_given_as_metres_are_recognised() -> None:
+    """A depth of 30 mm is given as 30 m; a number above 100 would be refused by the bound of depths."""
     body = replace(PAPER_PROJECTILE, diameter=0.005, length=0.033, mass=0.003)
     with pytest.raises(ParameterError, match=r"millimetres given as metres: with a depth of 0\.03 m"):
         OwnTests(shots=(Shot(velocity=300.0, depth=30.0),)).posterior(projectile=body, target=PAPER_TARGET)

@@ -43,7 +43,7 @@ TESTS = [DepthTest(velocity=200.0, depth=0.20), DepthTest(velocity=250.0, depth=
 
 
 def held(values: Sequence[Any]) -> Any:
-    """Return values as an array of objects."""
+    """Return values as an array, of objects unless they are numbers or tuples of them."""
     return np.array(values, None if isinstance(values[0], float | tuple) else object)
 
 
@@ -473,8 +473,8 @@ MISSED = {
 @pytest.mark.parametrize(
     ("blocked", "used"), [(list(MISSED), ["matplotlib", "pandas", "xarray"]), (["matplotlib"], ["pandas", "xarray"])]
 )
-def test_each_package_is_missed_in_words_and_only_by_what_needs_it(blocked: list[str], used: list[str]) -> None:
-    """Each step works without the packages that are still blocked."""
+def test_missing_package_is_named_only_by_functions_that_need_it(blocked: list[str], used: list[str]) -> None:
+    """Packages are unblocked one by one; each step works without those that are still blocked."""
     command = [sys.executable, "-W", "error", "-c", EVERYTHING.format(blocked=blocked, used=used)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {"MPLBACKEND": "agg"})
     assert ended.returncode == 0, ended.stderr

@@ -35,7 +35,7 @@ def test_nose_factor_of_an_ogive_is_that_of_forrestal(crh: float) -> None:
 
 
 def test_nose_factors_of_cones_caps_and_flat_faces_are_the_known_ones() -> None:
-    """Chen and Li (2002): 1/(1 + 4ψ²) for a cone of ψ diameters, 1 - 1/(8ψ²) for a cap, and 1 for a flat face."""
+    """By Chen and Li (2002): 1/(1 + 4ψ²) for a cone of ψ diameters, 1 - 1/(8ψ²) for a cap, and 1 for a flat face."""
     assert nose_factor(steel(Flat())) == pytest.approx(1.0)
     for slenderness in (0.2, 1.5, 5.0):
         cone = nose_factor(steel(Conical(length_to_diameter=slenderness)))
@@ -47,7 +47,7 @@ def test_nose_factors_of_cones_caps_and_flat_faces_are_the_known_ones() -> None:
 @pytest.mark.parametrize("velocity", [120.0, 200.0, 277.0, 800.0])
 @pytest.mark.parametrize("name", ["ogive", "cone", "flat"])
 def test_depth_is_that_of_its_force_law_integrated(name: str, velocity: float) -> None:
-    """The force is c z in the crater, continuous at its end, and then that of eq. 1 on the whole nose."""
+    """The force is c z in the crater and that of eq. 1 on the whole nose below, with c for a continuous force."""
     projectile, static = steel(NOSES[name]), 12.0 * LI_CHEN_TARGET.compressive_strength
     inertia, area = nose_factor(projectile) * LI_CHEN_TARGET.density, math.pi * projectile.radius**2
     crater = 2.0 * projectile.diameter

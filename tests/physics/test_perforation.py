@@ -1,4 +1,4 @@
-"""Least thickness and limit velocity, compared with an independent program and with runs on either side."""
+"""Least thickness and limit velocity, compared with an independent program and with runs just below and above them."""
 
 import math
 from dataclasses import replace
@@ -63,7 +63,7 @@ def test_thickness_and_velocity_are_each_the_inverse_of_the_other() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 30.0])
-def test_warnings_are_those_of_the_wall_that_is_answered(angle: float) -> None:
+def test_warnings_are_those_of_the_least_wall(angle: float) -> None:
     """The sphere stops within the crater, which causes a warning that perforating runs do not have."""
     sphere = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.08, length=0.08, mass=2.1)
     impact = replace(paper_impact(oblique_angle_degrees=angle), velocity=100.0)
@@ -75,7 +75,7 @@ def test_warnings_are_those_of_the_wall_that_is_answered(angle: float) -> None:
 
 
 SHORT = Numerics(termination_time=4e-3)
-"""A termination time at which thick walls and slow projectiles are still in motion."""
+"""Numerics with a termination time at which slow projectiles, or any in thick walls, are still in motion."""
 
 
 def test_limit_next_to_a_trial_in_motion_is_uncertain() -> None:

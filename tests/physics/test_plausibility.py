@@ -1,4 +1,4 @@
-"""Rules that every correct answer keeps: violations are reported, and no answer of the model violates them."""
+"""Rules of physics that every answer must satisfy: violations cause a warning, and the model does not violate them."""
 
 import math
 from collections.abc import Iterator
@@ -106,15 +106,15 @@ def test_walls_that_no_energy_explains_are_named(impact: Impact, first: float, s
 
 
 def test_no_answer_of_the_model_is_implausible() -> None:
-    """Strikes of every kind are tested here; `test_blunt_bodies` and the route comparisons also check it."""
+    """These are random strikes of every kind; `test_blunt_bodies` and the comparison of routes check theirs too."""
     for strike in random_strikes(600, 21):
         given = {name: getattr(strike, name) for name in ("projectile", "target", "impact", "resistance")}
         run = simulate(**given, sample_interval=None)
         assert "implausible" not in {warning.code for warning in run.warnings}, strike
 
 
-def test_lifeless_wall_is_named_in_the_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An error in the loads once removed the resistance of a wall; such a wall now causes the warning."""
+def test_wall_without_resistance_causes_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wall without resistance causes the warning; an error in the loads once made such walls."""
     lost = PreparedCase.law_at
 
     def without_resistance(case: PreparedCase, impact: Impact) -> object:
@@ -136,12 +136,12 @@ NOSES: tuple[NoseShape, ...] = (
     Flat(),
 )
 SLENDERNESS = 100.0
-"""Largest ratio of length to diameter. On longer bodies the stations of the quadrature are farther apart than a wall is
-thick, and the resulting errors cause the warning rightly."""
+"""Largest ratio of length to diameter in these tests. On more slender bodies the stations of the quadrature are farther
+apart than a wall is thick, and the resulting errors rightly cause the warning."""
 
 
 def odd_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, Impact, Resistance]]:
-    """Yield legal strikes of all sizes, masses, strengths and speeds within `BOUNDS`, evenly in their logarithms."""
+    """Yield random strikes with inputs anywhere within their bounds, evenly in the logarithm."""
     random = np.random.default_rng(seed)
 
     def drawn(name: str) -> float:
@@ -179,8 +179,8 @@ def odd_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, Imp
         yield body, target, impact, resistance
 
 
-def test_no_legal_input_is_implausible() -> None:
-    """This includes the coarsest tolerance and fixed steps."""
+def test_no_valid_input_gives_an_implausible_answer() -> None:
+    """The numerics include the coarsest tolerance and fixed steps."""
     numerics = (None, Numerics(relative_tolerance=1e-2), Numerics(method="panels", panels=1000))
     finished = 0
     for number, (body, target, impact, resistance) in enumerate(odd_strikes(450, 46)):
@@ -194,8 +194,8 @@ def test_no_legal_input_is_implausible() -> None:
     assert finished > 300
 
 
-def test_no_legal_wall_is_implausible() -> None:
-    """A body of 1 mm and 13 kg perforates any wall, as do many odd bodies."""
+def test_no_valid_wall_gives_an_implausible_answer() -> None:
+    """One of the bodies, of 1 mm and 13 kg, perforates any wall."""
     rod = replace(PAPER_PROJECTILE, diameter=1e-3)
     odd = [(rod, PAPER_TARGET, HEAD_ON, Resistance()), *odd_strikes(25, 7)]
     finished = 0

@@ -1,4 +1,4 @@
-"""Greatest depth of a body and its protrusion from the rear face, compared with points of its outline."""
+"""Greatest depth of a body and protrusion from the rear face, compared with those of points of its outline."""
 
 import math
 from dataclasses import replace
@@ -38,7 +38,7 @@ PIECE = np.linspace(0.0, 1.0, 2001)
 
 
 def deepest_points(projectile: Projectile, run: Trajectory) -> FloatArray:
-    """Greatest depth of many points of the outline at each instant of a history."""
+    """Return the greatest depth of many points of the outline at each instant of a history. [m]"""
     motion = known(run.history)
     pieces = [piece.at(PIECE) for piece in projectile.outline()]
     ahead = mass_properties(projectile).center_of_gravity - np.concatenate([x for x, *_ in pieces])
@@ -54,9 +54,9 @@ def wall(thickness: float) -> Target:
 @pytest.mark.parametrize("nose", NOSES)
 @pytest.mark.parametrize("degrees", [0.0, 40.0, 75.0, 86.0])
 def test_greatest_depth_is_that_of_the_deepest_point_in_every_shape(nose: str, degrees: float) -> None:
-    """The tolerance is the change within half a sample interval near a maximum.
+    """The tolerance is the change of depth within half a sample interval near the maximum.
 
-    The tip is less deep if blunt or pushed aside.
+    The tip is less deep than another point if it is blunt or pushed aside.
     """
     body = replace(PAPER_PROJECTILE, nose=NOSES[nose])
     run = simulate(
@@ -158,7 +158,7 @@ def test_nothing_comes_out_beyond_the_answers_without_protrusion(
     assert most < known(speed.value)
     tried = {trial.value: trial for trial in thickness.iterations}
     assert not tried[least].comes_out
-    # Once a flat face is out, nothing holds it any more: what comes out at all perforates.
+    # A flat nose meets no resistance once its face is out, so a body that protrudes at all perforates.
     if isinstance(body.nose, Ogive):
         assert known(tried[known(thickness.value)].protrusion).greatest > 0.1 * body.diameter
 

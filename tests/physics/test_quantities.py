@@ -1,4 +1,4 @@
-"""Quantities are described once, by the fields of the dataclasses."""
+"""Names, units and descriptions of quantities are defined once, in the fields of dataclasses."""
 
 import subprocess
 import sys
@@ -50,7 +50,7 @@ def test_columns_are_described_by_the_fields_that_they_are_from(name: str, kinds
 
 
 def models(model: type[Part]) -> set[type[Part]]:
-    """Return all models that inherit from one."""
+    """Return all subclasses of a model, direct and indirect."""
     return {model, *(inner for each in model.__subclasses__() for inner in models(each))}
 
 

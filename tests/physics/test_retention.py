@@ -1,4 +1,4 @@
-"""Critical angles by the retention energy, compared with sums over elements, and on a map without jumps."""
+"""Critical angles by the retained energy, compared with an independent program, and without jumps on a map."""
 
 import math
 from dataclasses import replace
@@ -40,14 +40,14 @@ ANGLES = [
     pytest.param(44.10, {"velocity": 150.0, "target": STRONG}, id="150 m/s on 50 MPa"),
     pytest.param(47.87, {"velocity": 300.0, "resistance": MOHR_COULOMB_6}, id="300 m/s, mohr-coulomb, S 6"),
 ]
-"""Angle above which 1 % of the energy is left, from an independent program with 96,000 panels and 1 µs. [°]"""
+"""Angle above which 1 % of the energy is left, by an independent program with 96,000 panels and steps of 1 µs. [°]"""
 TOLERANCE_DEG = 0.02
 
 SPEEDS, STRENGTHS = np.linspace(60.0, 450.0, 60), np.linspace(20e6, 60e6, 60)
 LINE = 12
-"""Every twelfth line of the map is tested in both directions, which is enough to cross any line of jumps."""
+"""Distance of the tested rows and columns of the map, which cross any line of jumps."""
 STEEPEST_DEG = 2.5
-"""Largest difference of neighbours on the map if the angle depends smoothly on speed and strength. [°]"""
+"""Largest difference of neighbouring angles on the map; jumps of the angle would be larger. [°]"""
 
 
 @pytest.mark.parametrize(("expected", "changes"), ANGLES)
@@ -58,7 +58,7 @@ def test_defaults_find_the_angles_of_the_independent_program(expected: float, ch
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("expected", "changes"), ANGLES)
-def test_sums_over_elements_put_the_change_of_outcome_there(expected: float, changes: dict[str, Any]) -> None:
+def test_sums_over_elements_give_the_same_change_of_outcome(expected: float, changes: dict[str, Any]) -> None:
     case = PAPER | changes
     panels = Numerics(method="panels", panels=24_000, time_step=2e-6 if case["velocity"] < 200.0 else 1e-6)
 
@@ -97,10 +97,10 @@ SPHERE = Projectile(nose=Sphere(), diameter=0.02, length=0.02, mass=0.0329)
 
 @pytest.mark.parametrize("method", ["adaptive", "panels"])
 @pytest.mark.parametrize("spin", [3e3, -2e4, 9e4])
-def test_spin_that_nothing_can_remove_is_no_energy_retained(method: Method, spin: float) -> None:
-    """No load turns a sphere.
+def test_spin_of_a_sphere_does_not_count_as_retained_energy(method: Method, spin: float) -> None:
+    """No load turns a sphere, so the energy of its spin does not count.
 
-    A sphere of 20 mm that came to rest at 0° used to "ricochet" with the energy of its spin.
+    A sphere of 20 mm that came to rest at 0° used to "ricochet" with that energy.
     """
     numerics = Numerics(method=method, time_step=2e-7, termination_time=1e-3)
 
@@ -129,8 +129,8 @@ def test_spinning_sphere_has_the_critical_angle_and_the_limits_of_one_that_does_
     assert "tumbling" not in codes(angles[1])
 
 
-def test_spin_of_a_body_that_loads_can_turn_counts() -> None:
-    """A sphere with an eccentric centre of gravity, and the paper's body, lose their spin."""
+def test_spin_counts_if_loads_can_turn_the_body() -> None:
+    """A sphere with an eccentric centre of gravity and the paper's body are slowed by the loads."""
     for body in (replace(SPHERE, center_of_gravity=0.009), PAPER_PROJECTILE):
         impact = Impact(velocity=200.0, oblique_angle=0.1, angular_velocity=300.0)
         run = simulate(projectile=body, target=PAPER_TARGET, impact=impact)

@@ -1,4 +1,4 @@
-"""Steps of the Rosenbrock pair: its order, which a mistyped digit would reduce, and its interpolation."""
+"""The Rosenbrock pair: its order, which a mistyped digit would reduce, its interpolation and its step control."""
 
 import math
 
@@ -13,11 +13,12 @@ from solver.time_integration import COUPLINGS, ERROR_WEIGHTS, GAMMA, STAGE_WEIGH
 
 
 def sums(weights: FloatArray) -> list[float]:
-    """Sides of the order conditions that depend on the coefficients, by order (Hairer and Wanner 1996, IV.7)."""
+    """Return the left-hand sides of the order conditions, lowest order first (Hairer and Wanner 1996, IV.7)."""
     couplings, states = COUPLINGS[:STAGES], np.zeros((STAGES, STAGES))
     states[: STAGES - 1, : STAGES - 2] = STAGE_WEIGHTS
     states[STAGES - 1] = states[STAGES - 2]
-    own = np.linalg.inv(np.eye(STAGES) / GAMMA - couplings)  # convert from the form without matrix products
+    # The stored coefficients are for the form without matrix products; convert them.
+    own = np.linalg.inv(np.eye(STAGES) / GAMMA - couplings)
     explicit = states @ own
     both, b = explicit + own, weights @ own
     at = explicit.sum(axis=1)
@@ -48,15 +49,15 @@ def test_embedded_solution_is_of_order_3() -> None:
 
 
 def test_difference_of_the_rates_over_a_step_is_of_order_3() -> None:
-    """The difference of the rates at both ends agrees with the stages up to that order."""
+    """The combination of stages that gives this difference agrees with it up to third order."""
     found = sums(-COUPLINGS[STAGES])
     assert found[:4] == pytest.approx([0, 1, 1, 1 / 2], abs=1e-13)
 
 
 @pytest.mark.parametrize("velocity", [50.0, 100.0, 200.0, 400.0])
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-6, 1e-7])
-def test_no_step_goes_beyond_an_abrupt_stop(velocity: float, tolerance: float) -> None:
-    """A flat nose in a half-space stops abruptly from full resistance, and nothing pushes it back."""
+def test_no_step_continues_beyond_an_abrupt_stop(velocity: float, tolerance: float) -> None:
+    """A flat nose in a half-space is at rest when its resistance vanishes abruptly; it must not be pushed back."""
     prepared = prepare(
         projectile=Projectile(nose=Flat(), diameter=0.05, length=0.3, mass=3.0),
         target=PAPER_TARGET,

@@ -1,4 +1,4 @@
-"""Both routes give the same end over the whole input space: noses, targets, laws, angles of attack and spins."""
+"""Both routes give the same end of random strikes over the whole input space: noses, walls, laws, attack and spin."""
 
 import itertools
 import math
@@ -33,8 +33,8 @@ def comparisons() -> list[Comparison]:
     return [compare(number, strike) for number, strike in enumerate(random_strikes(COUNT, 1))]
 
 
-def test_routes_end_alike(comparisons: list[Comparison]) -> None:
-    """Outcome, exit speed and depth agree; a difference must vanish with finer panels or a shorter ramp."""
+def test_routes_agree_on_the_end_of_a_run(comparisons: list[Comparison]) -> None:
+    """Outcome, exit speed and depth agree, or do so with finer panels or a shorter ramp."""
     assert [(row.number, row.difference, row.strike) for row in comparisons if row.difference] == []
     explained = Counter(row.explained for row in comparisons)
     assert explained[""] > 0.9 * COUNT
@@ -59,8 +59,8 @@ def test_every_combination_comes_in_a_full_table() -> None:
     assert sum(table_of_combinations(list(random_strikes(60, 2))).values()) == 60
 
 
-def test_table_has_a_place_for_every_choice_of_the_model() -> None:
-    """A new nose, decay law or field has to be added to the strikes that are compared."""
+def test_comparison_covers_every_choice_of_the_model() -> None:
+    """The test fails until a new nose, decay law or field is added to the strikes that are compared."""
     strikes = list(random_strikes(FULL_TABLE // 4, 3))
     assert {type(strike.projectile.nose) for strike in strikes} == set(get_args(NoseShape))
     assert {type(decay) for decay in DECAYS.values()} == set(get_args(FreeSurface))
@@ -75,7 +75,7 @@ def test_table_has_a_place_for_every_choice_of_the_model() -> None:
         Target: {"youngs_modulus", "poissons_ratio"},
     }
     in_no_motion: dict[type, set[str]] = {
-        Projectile: {"inner_diameter", "yield_strength"},  # these fields affect the bending stress only
+        Projectile: {"inner_diameter", "yield_strength"},  # They affect the bending stress only.
         Target: {"characteristic_strength", "reinforcement_ratio_percent"},
     }
     for part, names in varied.items():

@@ -1,4 +1,4 @@
-"""The panels of the paper and the Gauss points of this package give the same answer for every nose."""
+"""The two routes, panels with fixed steps and Gauss points with adaptive steps, give the same motion for every nose."""
 
 import math
 from dataclasses import replace
@@ -37,7 +37,7 @@ from solver.time_integration import LARGEST_STEP, Accuracy, integrate_adaptive, 
 from .strikes import DECAYS, DIAMETER, NOSES, TAPERING, known, steel
 
 REST = 1e-2
-"""Kinetic energy over its initial value below which fixed steps are too inaccurate to compare with. [1]"""
+"""Kinetic energy over its initial value below which fixed steps are too inaccurate for a comparison. [1]"""
 
 CASES: list[tuple[str, float, float, float, str]] = [
     # nose, oblique angle [°], angle of attack [°], velocity [m/s], decay
@@ -56,15 +56,15 @@ CASES: list[tuple[str, float, float, float, str]] = [
 
 
 def moving(history: Motion[FloatArray]) -> int:
-    """Number of samples before rest."""
+    """Return the number of samples before the energy falls below `REST`."""
     return int(np.argmax(np.append(history.kinetic_energy, 0.0) < REST * history.kinetic_energy[0]))
 
 
 @pytest.mark.parametrize(("nose", "oblique", "attack", "velocity", "decay"), CASES)
-def test_both_routes_give_one_path(nose: str, oblique: float, attack: float, velocity: float, decay: str) -> None:
+def test_both_routes_give_the_same_path(nose: str, oblique: float, attack: float, velocity: float, decay: str) -> None:
     """The tip agrees within a millimetre or a hundredth of the depth, the axis within half a degree, up to `REST`.
 
-    The difference is due to the fixed step: with 1 µs it is a quarter of that with the 5 µs used here.
+    The difference comes from the fixed step: with steps of 1 µs it is a quarter of that with the 5 µs used here.
     """
     strike: dict[str, Any] = {
         "projectile": steel(NOSES[nose]),
@@ -89,12 +89,12 @@ def test_both_routes_give_one_path(nose: str, oblique: float, attack: float, vel
 
 
 SHORT_CONE = Projectile(nose=Conical(length_to_diameter=1.0), diameter=0.08, length=0.08, mass=1.0)
-"""A cone so short that the same surface stays loaded while it turns a little."""
+"""A cone so short that the same part of its surface stays loaded while it turns a little."""
 TURNING = Impact(velocity=238.0, oblique_angle=0.5, angle_of_attack=0.1, angular_velocity=20.0)
 
 
 def deep_inside(numerics: Numerics) -> tuple[FloatArray, Model]:
-    """State and model of the short cone at a depth of 0.3 m, where its motion is smooth."""
+    """Return state and model of the short cone at a depth of 0.3 m, where its motion is smooth."""
     prepared = prepare(
         projectile=SHORT_CONE,
         target=PAPER_TARGET,
@@ -108,7 +108,7 @@ def deep_inside(numerics: Numerics) -> tuple[FloatArray, Model]:
 
 
 NO_END = Thresholds(retention=1e-9, rest=1e-9)
-"""Thresholds of energy below those of these short motions."""
+"""Energy thresholds so low that they do not end these short motions."""
 
 
 def slope(sizes: FloatArray, errors: FloatArray) -> float:
@@ -141,7 +141,7 @@ def test_fixed_step_is_of_fourth_order_while_the_motion_is_smooth() -> None:
 
 
 def test_adaptive_step_error_falls_with_its_tolerance() -> None:
-    """It is proportional to the tolerance within a factor of three over four decades."""
+    """Over four decades, error over tolerance varies by less than a factor of three."""
     start, model = deep_inside(Numerics(stations=16, points=8))
 
     def final(tolerance: float) -> FloatArray:
@@ -159,7 +159,7 @@ def test_adaptive_step_error_falls_with_its_tolerance() -> None:
 
 
 def test_panels_converge_with_the_square_of_their_size_to_the_gauss_points() -> None:
-    """This holds where the whole surface is loaded; where the face cuts panels, the order is one, with scatter."""
+    """The whole surface is loaded here. Where the face cuts panels, convergence is of first order, with scatter."""
     start, gauss = deep_inside(Numerics(stations=32, points=32))
     gauss = gauss._replace(law=gauss.law._replace(ramp_velocity=1e-9))  # the panels have no ramp
     expected = sample_loads(start[None], gauss)[0]
@@ -182,13 +182,10 @@ def body_and_panels(name: str) -> tuple[Projectile, Panels]:
 @pytest.mark.parametrize("decay", DECAYS)
 @pytest.mark.parametrize("thickness", [None, 0.4])
 @pytest.mark.parametrize("body", ["ogive", "cone", "blunt cone", "hemisphere", "truncated cone", *TAPERING])
-def test_load_is_that_on_panels_however_a_projectile_lies_and_moves(
-    body: str, thickness: float | None, decay: str
-) -> None:
-    """Loads in any attitude and motion agree within 0.3 % of the largest load, or 0.4 %
-    for tapering bodies.
+def test_loads_agree_with_panels_in_any_attitude_and_motion(body: str, thickness: float | None, decay: str) -> None:
+    """Loads in any attitude and motion agree within 0.3 % of the largest load, or 0.4 % for tapering bodies.
 
-    This is the accuracy of that many panels where the face or the boundary of the loaded part cuts them.
+    This is the accuracy of the panels where the face or the edge of the loaded part cuts them.
     """
     projectile, panels = body_and_panels(body)
     numerics = Numerics(stations=24, points=8).resolved()
@@ -198,7 +195,7 @@ def test_load_is_that_on_panels_however_a_projectile_lies_and_moves(
     states = tumbling(60, gauss)
     expected = sample_loads(states, gauss._replace(panels=panels))
     largest = abs(expected).max(axis=0)
-    largest[2] = max(largest[2], 0.1 * DIAMETER * largest[0])  # for a sphere the moment is rounding error
+    largest[2] = max(largest[2], 0.1 * DIAMETER * largest[0])  # The moment on a sphere is rounding error.
     tolerance = 4e-3 if body in TAPERING else 3e-3
     np.testing.assert_allclose(sample_loads(states, gauss) / largest, expected / largest, atol=tolerance)
 
@@ -208,12 +205,12 @@ def call_accelerate(states: FloatArray, model: Model, scratch: Scratch, out: Flo
 
 
 accelerations: Any = njit(call_accelerate)
-"""Python cannot call what only compiled code calls."""
+"""Compiled wrapper; Python cannot call `accelerate` itself, which only compiled code calls."""
 
 
 @pytest.mark.parametrize("stations", [3, 12, 256])
-def test_states_evaluated_together_are_as_each_alone(stations: int) -> None:
-    """Also with more rings than are evaluated at a time."""
+def test_states_evaluated_together_equal_each_alone(stations: int) -> None:
+    """With few rings, and with more than are evaluated at a time."""
     numerics, resistance = Numerics(stations=stations).resolved(), Resistance()
     prepared = prepare(projectile=steel(NOSES["ogive"]), target=PAPER_TARGET, resistance=resistance, numerics=numerics)
     model = prepared.model._replace(law=prepared.model.law._replace(static_stress=3e8))
@@ -227,7 +224,7 @@ def test_states_evaluated_together_are_as_each_alone(stations: int) -> None:
 
 
 def tumbling(count: int, model: Model) -> FloatArray:
-    """Return (count, 6) states of a projectile with any attitude and motion near the face."""
+    """Return random states near the face, with any attitude and motion, as an array (count, 6)."""
     random, length = np.random.default_rng(7), model.body.tip
     depths, angles = random.uniform(-1.0, 1.5, count) * length, random.uniform(-0.3, 2.8, count)
     velocities = random.normal(0.0, 200.0, (3, count))
@@ -235,7 +232,7 @@ def tumbling(count: int, model: Model) -> FloatArray:
 
 
 def test_profile_of_cones_approaches_the_ogive_it_is_inscribed_in() -> None:
-    """The difference falls with the square of the number of cones, like that of area and volume."""
+    """The difference is inversely proportional to the square of the number of cones, like that of area and volume."""
     a, s = 0.04, 0.24
     end = math.asin(math.sqrt(11.0) / 6.0)
 

@@ -35,7 +35,7 @@ def history(trajectory: Trajectory) -> Motion[FloatArray]:
 def test_embedded_run_ends_at_a_hundredth_of_the_speed(method: Any) -> None:
     found = paper_run(30.0, numerics=Numerics(method=method))
     assert found.outcome is Outcome.EMBEDDED
-    if method == "adaptive":  # a fixed step that overshoots rest is ended before it
+    if method == "adaptive":  # Fixed steps end before the one that would go beyond rest.
         assert found.final.kinetic_energy == pytest.approx(REST_FRACTION * history(found).kinetic_energy[0], rel=1e-6)
 
 
@@ -85,7 +85,7 @@ def test_impact_is_where_the_history_starts() -> None:
 
 
 def test_rates_in_the_history_are_those_of_its_positions() -> None:
-    """They are compared with central differences at 10 µs, up to the end of the load."""
+    """Rates are compared with central differences at 10 µs, up to the end of the load."""
     found = history(paper_run(48.0, sample_interval=1e-5))
     for position, rate, scale in (
         (found.center_of_gravity_depth, found.depth_velocity, 238.0),
@@ -98,8 +98,8 @@ def test_rates_in_the_history_are_those_of_its_positions() -> None:
 
 
 @pytest.mark.parametrize(("degrees", "tolerance"), [(0.0, 1e-5), (30.0, 1e-5), (55.0, 1e-5)])
-def test_accelerations_add_up_to_the_change_of_velocity(degrees: float, tolerance: float) -> None:
-    """At 30° the body slides straight in the end, where a transverse speed of mm/s determines the force."""
+def test_accelerations_integrate_to_the_change_of_velocity(degrees: float, tolerance: float) -> None:
+    """This includes 30°, where the body finally slides straight and a transverse speed of mm/s determines the force."""
     found = history(paper_run(degrees, sample_interval=2e-6))
     sine, cosine = np.sin(found.axis_angle), np.cos(found.axis_angle)
     axial, transverse = found.axial_acceleration, found.transverse_acceleration
@@ -118,8 +118,8 @@ def test_body_that_flies_straight_is_slowed_along_its_axis_alone() -> None:
     np.testing.assert_allclose(found.transverse_acceleration, 0.0, atol=1e-9 * abs(found.axial_acceleration.min()))
 
 
-def test_body_that_slides_straight_has_no_acceleration_across_it_that_its_path_does_not_show() -> None:
-    """At 320 m/s the body has stopped turning after 1.6 ms."""
+def test_body_that_slides_straight_has_little_transverse_acceleration() -> None:
+    """At 320 m/s the body no longer turns after 1.6 ms, so its transverse acceleration must be small."""
     impact = Impact(velocity=320.0, oblique_angle=math.radians(45.0))
     found = history(paper_run(45.0, impact=impact, sample_interval=2e-5))
     slides = (found.time > 1.6e-3) & (found.time < found.time[-1])
@@ -136,7 +136,7 @@ def test_nose_that_is_pushed_to_the_face_accelerates_the_body_that_way() -> None
 
 @pytest.mark.parametrize(("degrees", "until"), [(30.0, 1.2e-3), (55.0, math.inf)])
 def test_accelerations_of_both_routes_agree(degrees: float, until: float) -> None:
-    """They agree to 5 % in the root mean square and 1 % in the maximum; at 30° only while the body turns."""
+    """They agree to 5 % in the root mean square and 1 % in the maximum, at 30° only as long as the body turns."""
     found, other = (
         history(paper_run(degrees, numerics=Numerics(method=method), sample_interval=1e-5))
         for method in ("adaptive", "panels")
@@ -159,9 +159,9 @@ def test_energy_is_that_of_the_velocities_and_an_embedded_body_ends_with_less_th
 
 @pytest.mark.parametrize("degrees", [0.0, 30.0])
 def test_maximum_depth_is_the_greatest_tip_depth_up_to_the_end(degrees: float) -> None:
-    """The tolerance is the change within half a sample interval near the maximum.
+    """The tolerance is the change of depth within half a sample interval near the maximum.
 
-    `test_protrusion.py` tests runs in which the flank is deeper than the tip.
+    Runs in which the flank is deeper than the tip are in `test_protrusion.py`.
     """
     found = paper_run(degrees, sample_interval=1e-6)
     assert found.maximum_depth == pytest.approx(history(found).nose_tip_depth.max(), abs=5e-8)
@@ -197,7 +197,8 @@ def test_warnings_that_an_assessor_needs_are_in_the_result(code: str, changes: d
     found = paper_run(30.0, **{"projectile": PLAIN, **changes})
     assert code in codes(found)
     assert all(warning.detail for warning in found.warnings)
-    assert not any(re.search(r"-\d[\d.]*°", each.detail) for each in found.warnings)  # A minus sign is no hyphen.
+    # Negative angles have a minus sign, not a hyphen.
+    assert not any(re.search(r"-\d[\d.]*°", each.detail) for each in found.warnings)
 
 
 def test_mean_density_is_the_mass_over_the_volume_of_the_outline() -> None:

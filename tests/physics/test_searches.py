@@ -1,4 +1,4 @@
-"""Course and end of the searches for a critical angle."""
+"""Searches for a critical angle: trials, convergence, bands of outcomes and limits of the range."""
 
 import math
 import re
@@ -145,7 +145,7 @@ def test_secant_steps_follow_equation_8() -> None:
 
 
 def test_secant_that_leaves_the_quarter_turn_is_not_converged() -> None:
-    """From 20° and 80° its second step would go beyond 90°, where there is no strike."""
+    """From 20° and 80° the second step would go beyond 90°, where there is no strike."""
     found = find(method="secant", lower=20.0, upper=80.0, strength_factor=ConstantStrengthFactor(value=8.0))
     assert found.status is SearchStatus.NOT_CONVERGED
     assert found.angle is None
@@ -155,8 +155,7 @@ def test_secant_that_leaves_the_quarter_turn_is_not_converged() -> None:
 COMES_AND_GOES = ObliquityPolynomial(
     coefficients=tuple(float(c) for c in np.polynomial.polynomial.polyfit([40, 50, 55, 60, 70], [8, 9, 3, 1.5, 8], 4))
 )
-"""A strength factor of 9 at 50°, 1.5 at 60° and 8 at 70°: in the weak target between, the projectile is embedded
-again."""
+"""A strength factor of 9 at 50°, 1.5 at 60° and 8 at 70°, so that projectiles near 60° are embedded again."""
 
 
 def test_ricochet_that_sets_in_ceases_and_returns_is_reported_in_full() -> None:
@@ -178,8 +177,8 @@ def test_ricochet_that_sets_in_ceases_and_returns_is_reported_in_full() -> None:
         assert (seen[nearest_below], seen[crossing]) == (not turned_away, turned_away)
 
 
-def test_range_that_starts_in_a_ricochet_has_its_angle_below_whatever_lies_above() -> None:
-    """The ends of the embedded band, at 50-55° and 60-65°, are changes of outcome, but not the critical angle."""
+def test_range_that_starts_in_a_ricochet_has_its_critical_angle_below() -> None:
+    """The limits of the embedded band, at 50-55° and 60-65°, are changes of outcome, but not the critical angle."""
     found = find(lower=47.0, upper=70.0, strength_factor=COMES_AND_GOES)
     assert (found.status, found.angle, found.bracket) == (SearchStatus.ALWAYS_RICOCHET, None, None)
     ceases, returns = found.other_crossings
@@ -211,7 +210,7 @@ def test_search_ends_where_equation_9_falls_to_zero(method: str) -> None:
 
 
 def test_band_below_a_vanishing_strength_factor_is_found() -> None:
-    """The projectile is turned away from 49.3° to 64.0°; beyond, the resistance is so low that it is embedded."""
+    """The projectile is turned away from 49.3° to 64.0°. Above, the resistance is so low that it is embedded."""
     falling = ObliquityPolynomial(coefficients=(8.5084, -0.061243, -0.00091189))  # S is zero at 68.75°
     resistance = Resistance(free_surface=MohrCoulomb(), strength_factor=falling)
     found = critical_angle(**CASE, velocity=PAPER_VELOCITY, resistance=resistance)
@@ -336,7 +335,7 @@ SLOW: dict[str, dict[str, Any]] = {
         "resistance": Resistance(inertia_factor=1.3, free_surface=MohrCoulomb()),
     },
 }
-"""Slow strikes whose outcome used to alternate with the angle, depending on how a nearly spent body was released."""
+"""Slow strikes whose outcome used to alternate with the angle, because it depended on the last, very slow motion."""
 
 
 @pytest.mark.parametrize("strike", SLOW.values(), ids=SLOW.keys())

@@ -53,7 +53,7 @@ def answers(trajectory: solver.Trajectory, found: solver.CriticalAngle) -> dict[
 
 @pytest.fixture
 def pyplot() -> Iterator[Any]:
-    """pyplot with a backend without a display; figures are closed at the end."""
+    """The module pyplot, with a backend that needs no display; figures are closed after the test."""
     found = pytest.importorskip("matplotlib.pyplot")
     found.switch_backend("agg")
     yield found
@@ -61,7 +61,7 @@ def pyplot() -> Iterator[Any]:
 
 
 class Balanced(HTMLParser):
-    """HTML parser that fails if tags are not closed in order."""
+    """HTML parser that fails if tags are not properly nested."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -142,13 +142,11 @@ LABELS = {
     "embedded": "greatest depth [m]",
     "depths": "measured depth [m]",
 }
-"""Answers with a plot, and a label in each plot."""
+"""A label that the plot of each answer must have, by name of the answer."""
 
 
 @pytest.mark.parametrize("words", LABELS)
-def test_answers_draw_themselves_where_pyplot_finds_them(
-    drawn: dict[str, Any], words: str, pyplot: Any, tmp_path: Any
-) -> None:
+def test_plots_of_answers_are_pyplot_figures(drawn: dict[str, Any], words: str, pyplot: Any, tmp_path: Any) -> None:
     figure = drawn[words].plot()
     assert pyplot.gcf() is figure
     figure.savefig(tmp_path / "figure.svg")
@@ -175,7 +173,7 @@ def test_figure_that_is_the_result_of_a_cell_of_a_notebook_is_shown_once(
 ) -> None:
     figure = found.plot()
     monkeypatch.setattr(pyplot, "get_backend", lambda: backend)
-    with pytest.raises(NotImplementedError):  # IPython then shows the figure
+    with pytest.raises(NotImplementedError):  # IPython shows the figure itself after this error.
         figure._ipython_display_()  # type: ignore[attr-defined]
     assert pyplot.fignum_exists(figure.number) is stays
     pickle.loads(pickle.dumps(figure))  # noqa: S301

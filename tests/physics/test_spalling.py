@@ -1,4 +1,4 @@
-"""Crater and plug, compared with closed-form motions and the paper's panels, and properties of any strike."""
+"""Front crater and rear plug, compared with closed-form motions and panels, and properties of any strike."""
 
 import math
 from dataclasses import replace
@@ -75,7 +75,7 @@ def test_rod_leaves_a_wall_with_the_energy_that_is_left_at_the_plug() -> None:
     plug = ShearPlug()
     wall = replace(PAPER_TARGET, thickness=0.3)
     found = rod_strikes(300.0, wall, rear_plug=plug)
-    reference = 8.84 * (50.0 / 76.2) ** -0.24  # S of the law of published tests for 39 MPa
+    reference = 8.84 * (50.0 / 76.2) ** -0.24  # S by the law of the published tests for 39 MPa
     way = 0.3 - plug.height(strength_factor=reference, diameter=0.05)
     assert 0.1 < way < 0.3
     assert found.outcome is Outcome.PERFORATED
@@ -83,12 +83,12 @@ def test_rod_leaves_a_wall_with_the_energy_that_is_left_at_the_plug() -> None:
 
 
 def test_height_of_the_plug_is_that_of_the_formula() -> None:
-    # By hand: tan 66.1° = 2.2566, √3 · 8.52 · 2.2566 = 33.301, √34.301 - 1 = 4.8567, over 2 · 2.2566 is 1.0761.
+    # By hand: tan 66.1° = 2.2566, √3 · 8.52 · 2.2566 = 33.301, (√34.301 - 1) / (2 · 2.2566) = 1.0761.
     assert ShearPlug().height(strength_factor=8.52, diameter=0.08) == pytest.approx(1.0761 * 0.08, rel=1e-4)
 
 
-def test_plug_leaves_a_tenth_of_a_wall_and_says_so() -> None:
-    """The plug of the paper's strike is 87 mm high, which is 90 % of a wall of 97 mm."""
+def test_plug_is_at_most_nine_tenths_of_a_wall_with_a_warning() -> None:
+    """The plug of the paper's strike would be 87 mm thick, 90 % of a wall of 97 mm; thinner walls cause a warning."""
     cases = ((0.05, True), (0.0969, True), (0.0972, False), (0.2, False))
     for thickness, bounded in cases:
         wall = replace(PAPER_TARGET, thickness=thickness)
@@ -104,7 +104,7 @@ def test_plug_leaves_a_tenth_of_a_wall_and_says_so() -> None:
 @pytest.mark.parametrize("spalling", [{}, {"crater": Crater()}])
 @pytest.mark.parametrize("thickness", [0.15, 0.24, 0.25])
 def test_limit_speed_with_a_plug_rises_with_the_strength_factor(spalling: dict[str, Any], thickness: float) -> None:
-    """A body of 168.3 mm and 47.5 kg with a hemispherical nose, for the 5, 50 and 95 % quantiles of S."""
+    """The body has 168.3 mm, 47.5 kg and a hemispherical nose; S is its 5, 50 and 95 % quantile, and 14.5."""
     body = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.1683, length=0.64, mass=47.5)
     wall = Target(compressive_strength=60e6, density=2350.0, thickness=thickness)
     speeds = []

@@ -42,9 +42,9 @@ def constant_term_known_to(error: float) -> ObliquityPolynomial:
 
 
 def test_standard_error_is_the_scatter_of_angles_over_coefficients_drawn_from_the_covariance() -> None:
-    """The scatter of 100 draws is known to 7 %.
+    """The standard deviation of 100 draws has a relative error of 7 %.
 
-    The covariances are that of the fit to Table 2, and one with a third of its errors.
+    The covariances are that of the fit to Table 2, and one with a third of its standard errors.
     """
     for share in (1.0, 1.0 / 3.0):
         covariance = share**2 * np.array(known(TABLE_2.covariance))
@@ -79,7 +79,7 @@ def test_standard_error_is_proportional_to_that_of_the_strength_factor() -> None
 
 
 def test_strength_factor_that_falls_to_zero_beyond_the_angle_has_a_standard_error() -> None:
-    """Eq. 9 less 0.5 is negative at 85°, the end of the range."""
+    """Eq. 9 minus 0.5 is negative at 85°, the end of the range."""
     wide, narrow = find(constant_term_known_to(0.5)), find(constant_term_known_to(0.1))
     assert known(wide.standard_error) == pytest.approx(5.0 * known(narrow.standard_error), rel=0.1)
 

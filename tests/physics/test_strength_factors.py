@@ -149,7 +149,7 @@ def test_search_without_an_angle_has_no_strength_factor() -> None:
 def warnings_of(
     model: StrengthFactor, *, strength: float = 39e6, diameter: float = 0.08, velocity: float = PAPER_VELOCITY
 ) -> dict[str, str]:
-    """Warnings about the strength factor, which must be the same for a trajectory and a search."""
+    """Return the warnings about the strength factor; check that a trajectory and a search have the same."""
     case: dict[str, Any] = {
         "projectile": replace(PAPER_PROJECTILE, diameter=diameter),
         "target": replace(PAPER_TARGET, compressive_strength=strength),

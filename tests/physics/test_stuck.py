@@ -7,8 +7,8 @@ from solver import Impact, Numerics, Outcome, simulate
 from .strikes import CASE
 
 
-def test_sticking_costs_no_more_steps_than_getting_there() -> None:
-    """The last two thirds of this run are a straight slide, which once took 1,339 and 26,872 steps."""
+def test_sliding_of_a_stuck_shank_takes_few_steps() -> None:
+    """In the last two thirds of this run the shank slides straight, which once took 1,339 and 26,872 steps."""
     impact = Impact(velocity=450.0, oblique_angle=math.radians(45.0))
     for tolerance, most in ((3e-7, 300), (1e-8, 700)):
         numerics = Numerics(relative_tolerance=tolerance)

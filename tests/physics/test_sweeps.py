@@ -1,4 +1,4 @@
-"""Sweeps as xarray Datasets."""
+"""Sweeps in Python, which return xarray Datasets."""
 
 import math
 from dataclasses import replace

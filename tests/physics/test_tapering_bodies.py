@@ -1,4 +1,4 @@
-"""Bodies that taper behind their widest point: properties of a sphere, and limits of a taper."""
+"""Bodies that taper behind their widest point: symmetry of a sphere, and limiting cases of a taper."""
 
 import math
 from dataclasses import replace
@@ -46,17 +46,17 @@ def run(projectile: Projectile, degrees: float, *, thickness: float | None = Non
 
 
 def center_depth(found: Trajectory) -> float:
-    """Depth of the centre of gravity at the end. [m]"""
+    """Return the depth of the centre of gravity at the end. [m]"""
     return found.final.center_of_gravity_depth
 
 
 @ROUTES
 @pytest.mark.parametrize("thickness", [None, 0.05])
 @pytest.mark.parametrize("decay", DECAYS)
-def test_a_sphere_does_not_feel_where_its_axis_points(
+def test_motion_of_a_sphere_does_not_depend_on_its_axis(
     decay: str, thickness: float | None, numerics: Numerics | None
 ) -> None:
-    """Nor on its spin: normal stress cannot turn a sphere, and it has no front."""
+    """A sphere has no front, and normal stress cannot change its spin, so neither attitude nor spin matters."""
     resistance = Resistance(free_surface=DECAYS[decay])
     turned: dict[str, float] = {"angle_of_attack": math.radians(-70.0)}
     spun = {"angle_of_attack": math.radians(40.0), "angular_velocity": 100.0}
@@ -79,7 +79,7 @@ def test_a_sphere_does_not_feel_where_its_axis_points(
 def test_rear_of_a_body_that_moves_straight_on_is_not_loaded(
     thickness: float | None, numerics: Numerics | None
 ) -> None:
-    """Surfaces that face backwards move away from the concrete, so only the nose and the mass matter."""
+    """Surfaces that face backwards move away from the concrete, so only nose and mass matter."""
     long = replace(BALL, nose=Spherical(caliber_radius_head=0.5), length=0.3)
     boat = TAPERING["boat-tail"]
     for tapering, plain in ((BALL, long), (boat, replace(boat, boat_tail=None))):
@@ -92,7 +92,7 @@ def test_rear_of_a_body_that_moves_straight_on_is_not_loaded(
 
 
 def angle(projectile: Projectile, **given: Any) -> float:
-    """Critical angle of the paper's strike. [°]"""
+    """Return the critical angle of the paper's strike with this projectile. [°]"""
     found = critical_angle(projectile=projectile, target=PAPER_TARGET, velocity=238.0, **given).angle
     return math.degrees(known(found))
 
@@ -101,7 +101,7 @@ PLAIN = replace(PAPER_PROJECTILE, center_of_gravity=0.29413, moment_of_inertia=0
 
 
 def with_tail(length: float, base: float) -> Projectile:
-    """The paper's body with a boat-tail, and its mass properties without one."""
+    """Return the paper's body with a boat-tail, but with its mass properties without one."""
     return replace(PLAIN, boat_tail=BoatTail(length=length, base_diameter=base))
 
 
@@ -110,14 +110,14 @@ def with_tail(length: float, base: float) -> Projectile:
     [((0.1, DIAMETER), 0.001), ((0.1, 0.9999 * DIAMETER), 0.01), ((1e-6, 0.02), 0.01), ((1e-6, 0.0), 0.01)],
     ids=["no taper", "hardly any", "a short one", "a short one to a point"],
 )
-def test_a_taper_that_vanishes_leaves_the_plain_body(tail: tuple[float, float], agreement: float) -> None:
-    """The critical angle approaches that of the flat base."""
+def test_vanishing_taper_approaches_the_plain_body(tail: tuple[float, float], agreement: float) -> None:
+    """Its critical angle approaches that of a body with a flat base."""
     assert angle(with_tail(*tail)) == pytest.approx(angle(PLAIN), abs=agreement)
 
 
 @pytest.mark.parametrize("thickness", [None, 0.15])
-def test_a_steep_taper_is_a_flat_base_tail_first_too(thickness: float | None) -> None:
-    """The result is continuous in the angle of the taper, also for bodies that tumble out tail first."""
+def test_steep_taper_approaches_a_flat_base(thickness: float | None) -> None:
+    """This holds for bodies that strike or leave tail first, too."""
     for degrees, attack in ((0.0, 90.0), (30.0, 90.0), (60.0, 88.0), (80.0, -60.0)):
         given = {"thickness": thickness, "angle_of_attack": math.radians(attack), "angular_velocity": 300.0}
         plain, steep = run(PLAIN, degrees, **given), run(with_tail(1e-6, 0.0), degrees, **given)
@@ -127,8 +127,8 @@ def test_a_steep_taper_is_a_flat_base_tail_first_too(thickness: float | None) ->
         assert steep.maximum_depth == pytest.approx(plain.maximum_depth, abs=2e-3)
 
 
-def test_a_boat_tail_takes_away_what_the_rear_of_the_shank_does() -> None:
-    """The rear half of the shank raises the angle from 48.1° to 48.6°; a taper reverses part of that."""
+def test_boat_tail_reduces_the_effect_of_the_rear_of_the_shank() -> None:
+    """The rear half of the shank raises the critical angle from 48.1° to 48.6°; a taper removes part of that effect."""
     angles = [angle(PLAIN), *(angle(with_tail(*tail)) for tail in ((0.1, 0.072), (0.1, 0.048), (0.25, 0.02)))]
     assert np.all(np.diff(angles) < 0.0)
     assert 48.1 < angles[-1] < angles[0] - 0.3
@@ -136,7 +136,7 @@ def test_a_boat_tail_takes_away_what_the_rear_of_the_shank_does() -> None:
 
 @pytest.mark.parametrize("degrees", [0.0, 40.0])
 def test_profile_through_points_of_a_sphere_approaches_it(degrees: float) -> None:
-    """The difference falls with the square of the number of cones."""
+    """The difference is inversely proportional to the square of the number of cones."""
     radius = DIAMETER / 2.0
 
     def inscribed(cones: int) -> Projectile:
@@ -153,8 +153,8 @@ def test_profile_through_points_of_a_sphere_approaches_it(degrees: float) -> Non
     assert errors[-1] < 2e-4
 
 
-def test_a_body_without_a_base_is_loaded_wherever_it_is_without_decay() -> None:
-    """A sphere and a pointed tail have no base; without decay a base is loaded like everything else."""
+def test_body_without_a_base_is_loaded_everywhere_without_decay() -> None:
+    """Spheres and pointed tails have no base. Without decay their rear is loaded like any surface, and so is a base."""
     resistance = Resistance(free_surface=NoFreeSurface())
     for projectile in (BALL, TAPERING["double cone"], steel(Flat(), length=0.1)):
         found = run(projectile, 30.0, resistance=resistance)

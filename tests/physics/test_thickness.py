@@ -45,7 +45,7 @@ from .strikes import (
 )
 
 WALL = replace(PAPER_TARGET, thickness=0.2)
-"""Wall of the independent program: elastic-plastic decay, eq. 9, 160 + 160 + 24 rows of 40 panels, steps of 1 µs."""
+"""Wall in the independent program, which used elastic-plastic decay, eq. 9, 344 rows of 40 panels and steps of 1 µs."""
 
 
 def strike(angle: float, target: Target = WALL, **options: Any) -> Trajectory:
@@ -62,11 +62,12 @@ ROWS = [
     (40.0, Outcome.PERFORATED, 45.4, 33.6, 30.5, 42.5, 0.036),
     (52.0, Outcome.RICOCHET, 101.1, -33.2, 95.5, 100.1, 0.182),
 ]
-"""Angle, outcome, exit speed, its components, axis angle and energy left, by that program. [°, m/s, °, 1]"""
+"""Angle, outcome, exit speed, its components, axis angle and energy left over initial energy, by that program.
+[°, m/s, °, 1]"""
 IN_ITS_HOLE = {20.0, 40.0}
-"""Angles at which the shank comes to rest sideways in its hole and slides on along its axis. The load then switches
-sign within every fixed step, which turns the axis slowly back, in proportion to the step: 3° at 10 µs, 0.4° at the 1 µs
-of the independent program. Adaptive steps do not have this error."""
+"""Angles at which the shank comes to rest sideways in its hole and slides on along its axis. The load then
+changes sign within every fixed step, which slowly turns the axis back, in proportion to the step: by 3° at 10 µs and by
+0.4° at the 1 µs of the independent program. Adaptive steps do not have this error."""
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row[0]:g} degrees")
@@ -221,7 +222,7 @@ def test_change_to_perforation_that_moves_with_the_retention_energy_is_warned_of
 
 
 def _perforated_up_to(found: CriticalAngle) -> float:
-    """Largest angle at which the wall is perforated. [°]"""
+    """Return the largest angle at which the wall is perforated. [°]"""
     return math.degrees(next(each.upper for each in found.outcomes if each.outcome is Outcome.PERFORATED))
 
 
@@ -246,11 +247,11 @@ TUMBLING: dict[str, Any] = {
         strength_factor=ObliquityPolynomial(held_from=math.radians(90.0)), free_surface=MohrCoulomb()
     ),
 }
-"""A strike with S nearly zero at grazing angles, as by eq. 9 if it is not held."""
+"""A strike with an S of nearly zero at grazing angles, as by eq. 9 where it is not held."""
 
 
-def test_projectile_that_turns_end_over_end_in_a_wall_is_warned_of() -> None:
-    """At 84.2 to 84.9°, which the search does not sample, it turns without end."""
+def test_tumbling_in_a_wall_causes_a_warning() -> None:
+    """From 84.2 to 84.9°, between two angles of the search, the projectile would turn without end."""
     attack, velocity = 0.03895949452329724, 598.1511893212602
     found = critical_angle(**TUMBLING, velocity=velocity, angle_of_attack=attack)
     assert "tumbling" in [each.code for each in found.warnings]
@@ -262,7 +263,7 @@ def test_projectile_that_turns_end_over_end_in_a_wall_is_warned_of() -> None:
 
 
 def test_run_ends_in_motion_after_a_full_turn_in_the_target() -> None:
-    """On both routes the warning is `tumbling`, not that of the termination time."""
+    """The warning is `tumbling` on both routes, not the one about the termination time."""
     impact = Impact(velocity=598.15, oblique_angle=math.radians(84.5), angle_of_attack=0.03895949452329724)
     for numerics in (None, Numerics(method="panels", panels=4000, time_step=4e-6)):
         run = simulate(**TUMBLING, impact=impact, numerics=numerics, sample_interval=None)
@@ -275,7 +276,7 @@ def test_run_ends_in_motion_after_a_full_turn_in_the_target() -> None:
 
 
 def test_run_that_gains_energy_between_the_faces_diverges_at_once() -> None:
-    """Such a run with few stations once took 100,000 ever shorter steps, so that searches took seconds."""
+    """Such a run with few stations once took 100,000 shorter and shorter steps, so that searches took seconds."""
     nose = Ogive(caliber_radius_head=5.690303148099852)
     body = Projectile(nose=nose, diameter=0.12287467948546833, length=0.7013633683649022, mass=56.95403029714366)
     wall = Target(compressive_strength=38067137.271900564, density=2238.9669610416436, thickness=0.06518926882855638)
@@ -288,8 +289,8 @@ def test_run_that_gains_energy_between_the_faces_diverges_at_once() -> None:
     assert simulate(**case, impact=impact, sample_interval=None).evaluations < 5000
 
 
-def test_rough_trial_that_gains_energy_is_done_again() -> None:
-    """The shank of this strike in rough steps hits the rear of its hole ever harder, and the run does not end."""
+def test_coarse_trial_that_gains_energy_is_repeated() -> None:
+    """With coarse numerics this shank hits the rear of its hole harder and harder, and the run would not end."""
     wall = replace(PAPER_TARGET, compressive_strength=78451171.59555532, thickness=0.15)
     found = critical_angle(projectile=PAPER_PROJECTILE, target=wall, velocity=262.67797193455965)
     assert found.angle is not None

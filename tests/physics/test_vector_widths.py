@@ -1,4 +1,4 @@
-"""Loads on a body in a wall do not depend on how many numbers the processor takes at a time."""
+"""Loads on a body in a wall do not depend on the width of the processor's vector instructions."""
 
 import json
 import os
@@ -15,7 +15,7 @@ from solver.prepared import prepare
 
 
 def loads_on_many_cones() -> FloatArray:
-    """Return the loads on a nose of 89 cones, whose rings fill the rows more than once, in random states."""
+    """Return the loads on a nose of 89 cones in random states; its rings need several vectors."""
     axial = np.linspace(0.0, 0.12, 90)
     nose = Profile(points=tuple(zip(axial.tolist(), (0.04 * np.sqrt(axial / 0.12)).tolist(), strict=True)))
     prepared = prepare(
@@ -32,7 +32,7 @@ def loads_on_many_cones() -> FloatArray:
 
 @pytest.mark.parametrize("processor", ["haswell", "znver4"], ids=["4 numbers", "8 numbers"])
 def test_loads_are_those_of_compiled_code(processor: str) -> None:
-    """Python stands for the code of other processors, which this one may not run."""
+    """Interpreted Python computes the same as code for other processors, which this one may not be able to run."""
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "NUMBA_CPU_NAME": processor}
     script = f"import json, {__name__} as module; print(json.dumps(module.loads_on_many_cones().tolist()))"
     done = subprocess.run(

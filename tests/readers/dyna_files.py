@@ -8,7 +8,7 @@ from typing import Literal
 from solver.arrays import FloatArray
 
 Bodies = Mapping[int, FloatArray]
-"""Displacements and rotations (n, 6) by body."""
+"""Displacements and rotations of each body as an array (n, 6), by body id."""
 
 TITLE = b" a title with an umlaut, \xfc\n                         ls-dyna (version R12)     date 01/01/2026\n"
 
@@ -72,9 +72,9 @@ def write_binout(
     Parameters
     ----------
     present
-        The bodies of each state in their order, all of them if not given.
+        Ids of the bodies in each state, in the order of the file; by default all.
     ids_in
-        Place of their ids: with each state, in the metadata whenever they change, or once at the start.
+        Where the file has these ids: with each state, in the metadata whenever they change, or once at the start.
     """
     present = present or (lambda state: list(bodies))
     prefix, names = ("global_", "dx dy dz rdx rdy rdz") if database == "rbdout" else ("", "x y z rx ry rz")
@@ -105,7 +105,7 @@ class _Lsda:
     def __init__(self, order: str) -> None:
         self.order = order
         self.content = bytearray([8, 8, 8, 1, 1, order == "<", 0, 0])
-        self.link = len(self.content) + 9  # place of the offset of the next table
+        self.link = len(self.content) + 9  # position of the offset of the next table
         self.folder = ""
         self.entries: list[tuple[str, str, int, int, int]] = []
         self.record(7, bytes(8))

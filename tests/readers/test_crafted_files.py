@@ -1,4 +1,4 @@
-"""Files crafted to make readers slow, and valid files with changed bytes, give an answer or one clear error."""
+"""Files crafted to make readers slow, and valid files with changed bytes, are read or refused with one clear error."""
 
 import random
 import struct
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.timeout(60)
 MANY = 300_000
 AXES = {"depth_displacement": CoordinateAxis.named("-z"), "lateral_displacement": CoordinateAxis.named("x")}
 LONGEST = 1_000
-"""Largest length of an error message."""
+"""Largest length of an error message. [characters]"""
 STATE = "\n r i g i d   b o d y   m o t i o n   a t  cycle=       0   time= 0.0000E+00\n"
 TABLE = "\n n o d a l   p r i n t   o u t   f o r   t i m e  s t e p       1  ( at time 0.0E+00 )\n"
 NODES = TABLE + "\n nodal point  x-disp     y-disp\n"
@@ -47,7 +47,7 @@ TABLES: tuple[Reader, ...] = (read_depth_tests, read_shots, read_obliquity_point
 
 
 def answer_of(reader: Reader, path: Path) -> str:
-    """Return the error of reading a file, a sentence that begins with its name, or "" if it can be read."""
+    """Read a file; return the error message, which must begin with the name of the file, or "" without an error."""
     try:
         reader(path)
     except (FileError, CommandError) as error:
@@ -115,7 +115,7 @@ def with_tables(*records: bytes) -> bytes:
 
 
 def overlapping(states: int) -> bytes:
-    """Return a binout in which the ids of each state are the whole rest of the file."""
+    """Return a binout in which the list of ids of each state extends to the end of the file."""
     table = 8 + 17
     names = [b"/rbdout/d%06d" % number for number in range(states)]
     size = 9 + sum(2 * 9 + len(name) + 3 + 17 + 9 + 4 + 17 for name in names) + 17
@@ -183,7 +183,7 @@ def test_an_endless_device_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def valid_files(folder: Path) -> dict[Path, Reader]:
-    """Return a valid file of each kind with its reader."""
+    """Return a valid file of each kind and the function that reads it, by name."""
     time, zero = np.linspace(0.0, 4.0, 9), np.zeros(9)
     bodies = {7: np.column_stack([120.0 * time, zero, -200.0 * np.sin(time / 3.0), zero, zero, zero])}
     write_rbdout(folder / "rbdout", time, bodies)
@@ -210,7 +210,7 @@ def valid_files(folder: Path) -> dict[Path, Reader]:
 
 
 def mutated(content: bytes, drawn: random.Random) -> bytes:
-    """Return bytes with some of them changed, removed, repeated or moved."""
+    """Return the content with some bytes changed, removed, repeated or moved."""
     changed = bytearray(content)
     for _ in range(drawn.randint(1, 4)):
         begin, end = sorted(drawn.randrange(len(changed) + 1) for _ in range(2))

@@ -1,4 +1,4 @@
-"""LS-DYNA's rbdout, nodout and binout: the same motion is read from each, and errors are refused."""
+"""LS-DYNA files rbdout, nodout and binout: the same motion is read from each, and invalid files are refused."""
 
 import math
 import random
@@ -127,7 +127,7 @@ def test_binout_cut_or_damaged_anywhere_is_refused(tmp_path: Path) -> None:
         damaged = bytearray(whole)
         damaged[shuffle.randrange(len(whole))] = shuffle.randrange(256)
         file.write_bytes(damaged)
-        with suppress(FileError):  # unless the damage is in the numbers
+        with suppress(FileError):  # There is no error if the damage only changes a number.
             read_motion(file, axes=AXES, part=42)
 
 

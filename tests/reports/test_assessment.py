@@ -1,4 +1,4 @@
-"""The report of a strike agrees with the answers of the service to the same case, and has two A4 pages."""
+"""The report on a strike: it agrees with the service's answers to the same case, and has two A4 pages."""
 
 import html
 import json
@@ -38,7 +38,7 @@ WALL: dict[str, Any] = PAPER | {
     "resistance": {"strength_factor": {"model": "own_tests", "shots": SHOTS}},
     "search": COARSE | {"lower_deg": 25.0},
 }
-"""A strike with every part of a report."""
+"""A strike whose report has every part."""
 DATA = re.compile(r'<data value="([^"]+)" data-from="([^"]+)" data-factor="([^"]+)">([^<]+)</data>')
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 Ask = Callable[[dict[str, Any]], Any]
@@ -46,7 +46,7 @@ Ask = Callable[[dict[str, Any]], Any]
 
 @pytest.fixture(scope="module")
 def report_of(client: httpx.Client) -> Ask:
-    """Return the report of a strike; each is drawn once."""
+    """Function that returns the report on a strike, which is cached because drawing takes long."""
 
     @cache
     def report(body: str) -> str:
@@ -60,7 +60,7 @@ def report_of(client: httpx.Client) -> Ask:
 
 @pytest.fixture(scope="module")
 def answers_of(client: httpx.Client) -> Ask:
-    """Return the answers of the service to the single requests that a report consists of."""
+    """Function that returns the service's answers to the single requests that a report consists of."""
 
     @cache
     def answers(body: str) -> dict[str, Any]:
@@ -86,7 +86,7 @@ def answers_of(client: httpx.Client) -> Ask:
 
 
 def text_of(page: str) -> str:
-    """Return the text of a page without its style."""
+    """Return the text of an HTML page, without its style sheet."""
     words = re.sub(r"<style>.*?</style>|<[^>]+>", " ", page, flags=re.DOTALL)
     return re.sub(r"\s+", " ", html.unescape(words))
 

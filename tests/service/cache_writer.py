@@ -1,4 +1,4 @@
-"""Store batches of results in a folder, and evict the oldest, until the process is killed."""
+"""Script: store batches of results in a folder, evicting the oldest, until the process is killed."""
 
 import os
 import sys

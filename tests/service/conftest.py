@@ -11,7 +11,7 @@ from tests.service.dask_cluster import DaskCluster, dask_cluster
 
 @asynccontextmanager
 async def warm_pool(workers: int) -> AsyncIterator[ProcessPool]:
-    """A pool with warm workers, and a time limit that healthy calls do not approach."""
+    """Run a process pool whose workers have started, with a time limit far above the time of any call."""
     executor = ProcessPool(workers=workers, task_seconds=60.0)
     await executor.start()
     yield executor
@@ -34,7 +34,7 @@ async def lone() -> AsyncIterator[ProcessPool]:
 
 @pytest.fixture
 async def thread() -> AsyncIterator[InThreadExecutor]:
-    """An executor in this process, so that monkeypatching affects its calls."""
+    """An executor that computes in this process, so that monkeypatching affects its calls."""
     executor = InThreadExecutor(task_seconds=60.0)
     await executor.start()
     yield executor
@@ -43,7 +43,7 @@ async def thread() -> AsyncIterator[InThreadExecutor]:
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    """Folder in which each run of a case leaves a file."""
+    """Folder in which each run of a case creates a file."""
     folder = tmp_path / "log"
     folder.mkdir()
     return folder
@@ -51,6 +51,6 @@ def log(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
-    """A Dask cluster with two workers, for the tests of one file."""
+    """A Dask cluster with two workers, shared by the tests of a file."""
     with dask_cluster(tmp_path_factory.mktemp("dask"), workers=2) as running:
         yield running

@@ -1,4 +1,4 @@
-"""A Dask cluster of real processes, whose workers are restarted when they end, as by a supervisor."""
+"""A Dask cluster of real processes, with supervisors that restart workers."""
 
 import os
 import signal
@@ -21,7 +21,7 @@ START_LIMIT_S = 60.0
 
 
 class DaskCluster:
-    """A scheduler on a free port, and workers of one thread each."""
+    """A Dask scheduler on a free port, and workers of one thread each."""
 
     def __init__(self, folder: Path, settings: dict[str, str]) -> None:
         with socket.socket() as probe:
@@ -52,20 +52,20 @@ class DaskCluster:
         self.scheduler = None
 
     def start_workers(self, count: int, *, nanny: bool = True) -> None:
-        """Start a supervised command with this many workers, each with a nanny if requested."""
+        """Start this many workers under one supervisor that restarts them, each with a nanny if requested."""
         command = self._command("worker", self.address, "--nworkers", str(count), "--nthreads", "1")
         command += ["--nanny" if nanny else "--no-nanny", "--host", "127.0.0.1", "--local-directory", str(self._folder)]
         self._workers.append(self._run([sys.executable, "-c", SUPERVISED, *command]))
 
     def start_odd_worker(self) -> None:
-        """Start a worker whose solver reports another version."""
+        """Start a worker whose solver reports another engine version."""
         script = "import solver; solver.ENGINE_VERSION = 'odd'; from distributed.cli.dask_worker import main; main()"
         options = ["--no-nanny", "--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1"]
         options += ["--local-directory", str(self._folder)]
         self._workers.append(self._run([sys.executable, "-c", script, self.address, *options]))
 
     def close(self) -> None:
-        """End every process."""
+        """End all processes of the cluster."""
         for process in (*self._workers, self.scheduler):
             if process is not None:
                 with suppress(ProcessLookupError):
@@ -93,7 +93,7 @@ class DaskCluster:
 
 @contextmanager
 def dask_cluster(folder: Path, workers: int, **settings: str) -> Iterator[DaskCluster]:
-    """Run a cluster; settings are those of Dask, named like its environment variables."""
+    """Run a cluster; `settings` are environment variables of Dask."""
     cluster = DaskCluster(folder, settings)
     try:
         cluster.start_scheduler()

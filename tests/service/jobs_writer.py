@@ -1,4 +1,4 @@
-"""Create and mark one job after the other in a folder, in processes that are killed at random instants."""
+"""Script: create jobs and mark their cases in a folder, in processes that are killed at random instants."""
 
 import os
 import random

@@ -1,4 +1,4 @@
-"""Start a pool with one busy and one idle worker, print their process ids, and wait to be killed."""
+"""Script: start a pool with a busy and an idle worker, print the process ids, and wait to be killed."""
 
 import asyncio
 import hashlib

@@ -1,6 +1,6 @@
-"""An operation for tests of jobs: squaring a number, with selectable behaviour and a trace of each run.
+"""An operation for tests of jobs, which squares a number, behaves in a selectable way and leaves a trace of each run.
 
-This module imports only modules that a worker has already imported, so that its first call is not slower.
+It imports only modules that a worker has already imported, so that the first call is not slower.
 """
 
 import json
@@ -20,11 +20,11 @@ PROBLEM = {"type": "urn:ricochet:problem:timeout", "title": "t", "status": 422, 
 
 @dataclass(frozen=True)
 class Question:
-    """A number to be squared; `how` selects what else happens."""
+    """A request to square a number; `how` selects another behaviour, such as a failure."""
 
     number: float
     folder: str = ""
-    """Folder in which each run leaves a file; no file if empty."""
+    """Folder in which each run creates a file; none if empty."""
     how: str = "square"
     seconds: float = 0.0
 
@@ -33,7 +33,7 @@ class Question:
 
 
 def square(request: bytes) -> tuple[dict[str, Any], None]:
-    """Answer a question in a worker."""
+    """Compute the answer to a question; called in a worker."""
     question = Question(**json.loads(request))
     if question.folder:
         name = f"{question.number:g}-{time.monotonic_ns()}-{os.getpid()}"
@@ -55,7 +55,7 @@ SQUARE = Operation("square", compute=square, request=Part)
 
 
 def runs(folder: Path) -> dict[float, int]:
-    """Number of runs for each number."""
+    """Count the runs for each number, by the files in a folder."""
     counts: dict[float, int] = {}
     for path in folder.iterdir():
         number = float(path.name.split("-")[0])
@@ -64,5 +64,5 @@ def runs(folder: Path) -> dict[float, int]:
 
 
 def workers(folder: Path) -> list[int]:
-    """Process ids of the runs."""
+    """Return the process id of each run, by the files in a folder."""
     return [int(path.name.split("-")[-1]) for path in folder.iterdir()]

@@ -1,4 +1,4 @@
-"""Results for tests of the store."""
+"""Results for tests of the cache."""
 
 import hashlib
 import resource
@@ -34,7 +34,7 @@ def made(
 
 @contextmanager
 def full_disk(largest: int = 4096) -> Iterator[None]:
-    """Limit the size of files that this process can write, as if its disk were full."""
+    """Limit the size of files that this process can write, so that writes fail as on a full disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (largest, hard))
     try:
@@ -60,7 +60,7 @@ def trajectory(number: int = 0, rows: int = 313) -> Record:
 
 
 def critical_angle(number: int = 0) -> Record:
-    """Return a result about as large and as random as a real one."""
+    """Return a result that has about the size and entropy of a real one."""
     values = np.random.default_rng(number)
     trials = [
         {
@@ -100,7 +100,7 @@ def without_angle() -> Record:
 
 
 def same(one: Record | None, other: Record) -> bool:
-    """Return whether two records are equal, bit for bit."""
+    """Return whether two records are bitwise equal."""
     return (
         one is not None
         and (one.key, one.json, one.request, one.answer) == (other.key, other.json, other.request, other.answer)
@@ -110,7 +110,7 @@ def same(one: Record | None, other: Record) -> bool:
 
 
 def obliquity_fit(number: int = 0) -> Record:
-    """Return a calibration, which has residuals."""
+    """Return the result of a calibration, which has residuals."""
     points = [{"oblique_angle_deg": angle, "strength_factor": 9.0 + number} for angle in (0.0, 20.0, 45.0)]
     return made(
         key=key_of(number),

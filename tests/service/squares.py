@@ -1,4 +1,4 @@
-"""A job manager that squares numbers, with a real pool and a real folder."""
+"""Helpers for tests of the job manager with jobs that square numbers, in a real folder."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
@@ -26,7 +26,7 @@ async def running(
     clock: Clock = SYSTEM,
     **settings: Any,
 ) -> AsyncIterator[JobManager]:
-    """Run a job manager with these operations, by default squares only."""
+    """Run a job manager with these operations, by default only that of `questions`."""
     with ResultCache(folder / "data", memory_bytes=50_000_000, disk_bytes=10**9) as cache:
         queries = QueryService(cache, executor, operations or {"square": SQUARE})
         jobs = JobStore(folder / "data", job_days=7.0, operations=queries.operations, clock=clock)

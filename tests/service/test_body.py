@@ -1,4 +1,4 @@
-"""Bodies that arrive together are parsed one in each cycle of the event loop."""
+"""Of request bodies that arrive together, only one is parsed in each cycle of the event loop."""
 
 import asyncio
 

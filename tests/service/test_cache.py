@@ -1,4 +1,4 @@
-"""Results on disk and in memory, with real files and real faults."""
+"""The cache of results on disk and in memory, with real files and real faults."""
 
 import gc
 import os
@@ -45,12 +45,12 @@ def index_of(folder: Path) -> Path:
 
 
 def segments_in(folder: Path) -> list[str]:
-    """Names of all segments. A folder may disappear meanwhile, for which `Path.rglob` would raise."""
+    """Return the names of all segments. `Path.rglob` would raise an error if a folder disappears meanwhile."""
     return sorted(name for _, _, names in os.walk(folder / "results" / "segments") for name in names)
 
 
 def indexed(folder: Path) -> tuple[set[str], set[str]]:
-    """Numbers of segments and results in the index."""
+    """Return the names of the segments and the keys of the results in the index."""
     with closing(sqlite3.connect(index_of(folder))) as connection:
         names = {f"{name}.h5" for (name,) in connection.execute("SELECT name FROM segments")}
         return names, {key.hex() for (key,) in connection.execute("SELECT key FROM results")}
@@ -137,7 +137,7 @@ def test_segment_changed_after_it_was_seen_is_looked_at_again(tmp_path: Path) ->
         assert not cache.known([record.key])
 
 
-def test_any_damage_is_a_miss_set_aside_and_written_anew(tmp_path: Path) -> None:
+def test_damaged_segment_is_a_miss_and_is_set_aside_and_rewritten(tmp_path: Path) -> None:
     record = trajectory()
     stored(tmp_path, [record])
     path = path_of(tmp_path, record)
@@ -183,7 +183,7 @@ def test_unknown_or_malformed_key_is_a_miss(key: str, tmp_path: Path) -> None:
         assert cache.last_error is None
 
 
-def test_index_lost_or_damaged_is_made_anew(tmp_path: Path) -> None:
+def test_lost_or_damaged_index_is_rebuilt(tmp_path: Path) -> None:
     records = [critical_angle(number) for number in range(40)]
     stored(tmp_path, records[:30], [records[30]], records[31:])
     for damage in (None, Path.unlink, lambda path: path.write_bytes(os.urandom(20_000)), spoil):
@@ -197,7 +197,7 @@ def test_index_lost_or_damaged_is_made_anew(tmp_path: Path) -> None:
 
 
 def spoil(path: Path) -> None:
-    """Damage the second half of a file, so that its header is still valid."""
+    """Overwrite the second half of a file with random bytes; its header remains valid."""
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2] + os.urandom(len(content) - len(content) // 2))
 
@@ -362,7 +362,7 @@ def test_memory_is_bounded_and_holds_the_latest(tmp_path: Path) -> None:
             cache.recall(trajectory(0).key)  # used all the time
         kept = [number for number in range(50) if cache.recall(key_of(number))]
         assert kept == [0, *range(41, 50)]
-        cache.put(trajectory(99, rows=20_000))  # does not fit at all, and evicts nothing
+        cache.put(trajectory(99, rows=20_000))  # It is larger than the cache, and must not evict anything.
         assert len([number for number in range(50) if cache.recall(key_of(number))]) == 10
 
 

@@ -1,4 +1,4 @@
-"""The service gives the same answers with the executors of its settings. For Dask see test_dask_faults.py."""
+"""The service gives the same answers with each executor that its settings offer; test_dask_faults.py tests Dask."""
 
 import copy
 from pathlib import Path

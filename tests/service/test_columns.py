@@ -1,4 +1,4 @@
-"""Columns of tables agree with the contract."""
+"""Columns of tables have the units and descriptions of the contract."""
 
 from typing import Any, get_origin
 
@@ -12,11 +12,11 @@ from service.schemas.fields import columns_of, kind_of, part_of
 from service.schemas.quantities import Part
 
 SYMBOLS = {"deg": "°"}
-"""Units whose names in tables have no special character."""
+"""Units that column names spell without special characters."""
 
 
 def description_of(model: type[Part], column: str) -> str:
-    """Return the description of the field of a column, which is in a part if the column begins with its name."""
+    """Return the description of the field for a column; the name of a nested field follows that of its part."""
     properties: dict[str, dict[str, str]] = model.model_json_schema()["properties"]
     if column in properties:
         return properties[column]["description"]

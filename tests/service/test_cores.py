@@ -1,4 +1,4 @@
-"""The default number of worker processes is the number of cores that this process may use."""
+"""The default number of workers: the cores that this process may use by its affinity and its control group."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A process that runs jobs is killed repeatedly, and a disk fills up while they run."""
+"""The process that runs jobs is killed repeatedly, or its disk becomes full."""
 
 import asyncio
 import random
@@ -21,11 +21,11 @@ pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
 ROOT = Path(__file__).parents[2]
 SECONDS = 2.0
-"""Approximate time of all cases with two workers. [s]"""
+"""Approximate time that two workers take for all cases. [s]"""
 
 
 def stored(folder: Path) -> set[float]:
-    """Return the numbers whose results are on disk."""
+    """Return the numbers of cases whose results are on disk."""
     jobs = JobStore(folder / "data", job_days=7.0, operations={"square"})
     with ResultCache(folder / "data", memory_bytes=0, disk_bytes=10**9) as cache:
         rows = [row for job in jobs.jobs("local") for row in jobs.rows(job, 0, CASES)]
@@ -82,7 +82,7 @@ async def test_job_on_a_full_disk_fails_with_a_reason_and_goes_on_at_the_next_st
             assert len(squares(await all_results(manager, job))) == state.done > 0
             assert squares(await collect(manager, cases([5000]))) == [5000**2]
         assert (await ended(manager, await accepted(manager, cases(range(5000, 5010))))).done == 10
-        manager._scheduler.unwritten.clear()  # as if the process had been killed at this point
+        manager._scheduler.unwritten.clear()  # This has the effect of a kill at this point.
     async with running(tmp_path, pool) as manager:
         assert (await ended(manager, job)).status == "successful"
         assert squares(await all_results(manager, job)) == [i**2 for i in range(400)]

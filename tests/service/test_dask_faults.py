@@ -1,4 +1,4 @@
-"""Batches while parts of a Dask cluster die: real processes that are really killed, over TCP."""
+"""Batches on a Dask cluster whose processes are killed."""
 
 import asyncio
 import json
@@ -41,7 +41,7 @@ time.sleep(30)
 """,
     ),
 )
-"""Call that kills its Dask worker, not only the pool process in which it runs, as if the machine failed."""
+"""Call that kills the Dask worker in whose process pool it runs, as if the machine failed."""
 
 
 @pytest.fixture(scope="module")
@@ -69,13 +69,13 @@ async def started(cluster: DaskCluster) -> AsyncIterator[DaskExecutor]:
 
 
 async def workers_of(executor: DaskExecutor) -> dict[str, int]:
-    """Process ids of the Dask workers."""
+    """Return the process ids of the Dask workers."""
     assert executor.cluster.client is not None
     return dict(await executor.cluster.client.run(os.getpid))
 
 
 async def grandparents(executor: DaskExecutor, count: int) -> set[int]:
-    """Process ids of the Dask workers, or of this process, that run chunks: parents of the template processes."""
+    """Return the ids of the processes whose pools compute chunks: Dask workers or this process."""
     code = "__import__('time').sleep(0.1) or int(open('/proc/%d/stat' % __import__('os').getppid()).read().split()[3])"
     call: Call = (eval, (code,))
     finished = await asyncio.gather(*(executor.run([call]) for _ in range(count)))
@@ -96,7 +96,7 @@ async def test_worker_killed_amid_a_batch_costs_no_case(executor: DaskExecutor, 
 
 
 async def test_frozen_worker_costs_no_case(executor: DaskExecutor, tmp_path: Path) -> None:
-    """The scheduler would not notice for minutes, because the connection stays open."""
+    """Dask itself would notice only after minutes, because the connection stays open."""
     async with running(tmp_path, executor) as manager:
         job = await accepted(manager, cases(range(300), seconds=0.02))
         await until_done(manager, job, 40)
@@ -135,7 +135,7 @@ async def test_scheduler_killed_and_started_again_costs_no_case(
 async def test_call_that_ends_whole_workers_fails_alone(
     executor: DaskExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # both workers are away for a while
+    # Both workers are restarting for a while.
     monkeypatch.setattr("service.workers.dask_executor.PATIENCE_SECONDS", WAIT_SECONDS)
     first, deadly, last = await executor.run([(operator.add, (1, 2)), KILL_WORKER, (operator.add, (3, 4))])
     assert (first.value, last.value) == (3, 7)
@@ -152,7 +152,8 @@ async def test_worker_of_another_version_is_not_used_and_the_log_says_why(
             await until(lambda: "is not used" in caplog.text)
             assert f"engine odd instead of {versions()['engine']}" in caplog.text
             assert executor.cluster.capacity == 0
-            assert await grandparents(executor, 2) == {os.getpid()}  # the pool computes while the cluster cannot
+            # The pool of this process computes while the cluster is down.
+            assert await grandparents(executor, 2) == {os.getpid()}
             assert not await executor.probe(5.0)
             assert "cluster unreachable" in executor.last_error
 
@@ -182,7 +183,7 @@ def test_service_answers_over_a_cluster_and_without_it(
     service_on: Callable[..., AbstractContextManager[Any]],
     tmp_path: Path,
 ) -> None:
-    """A batch runs on the cluster; then the scheduler dies, and single queries and batches continue."""
+    """A batch runs on the cluster; after the scheduler is killed, queries and batches are still answered."""
     settings = {"executor": "dask", "dask_scheduler": cluster.address, "workers": "1", "probe_seconds": "10"}
     with service_on(tmp_path, **settings) as service, httpx.Client(base_url=service.url, trust_env=False) as client:
         assert 'ricochet_chunk_width{place="cluster"} 2.0' in client.get("/metrics").text

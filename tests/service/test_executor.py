@@ -1,6 +1,7 @@
-"""The process pool under real kills.
+"""The process pool, including kills of its processes.
 
-`ENDLESS` represents compiled code, which ignores signals, and `os.mkdir` a call that must not run twice.
+`hashlib.pbkdf2_hmac` stands for compiled code, which ignores signals, and `os.mkdir` for a call that must not run
+twice.
 """
 
 import asyncio
@@ -49,7 +50,7 @@ def made(inside: Path) -> list[Path]:
 
 
 def processes() -> dict[int, int]:
-    """Process groups of all processes that are not zombies."""
+    """Return the process group of every process that is not a zombie, by process id."""
     groups = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -65,8 +66,8 @@ def parent_of(pid: int) -> int:
     return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
 
 
-async def test_every_worker_takes_part(pool: ProcessPool, tmp_path: Path) -> None:
-    """A named pipe transfers bytes only while one process writes and another reads."""
+async def test_all_workers_are_used(pool: ProcessPool, tmp_path: Path) -> None:
+    """A named pipe transfers bytes only if two calls run at the same time."""
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     writing = asyncio.ensure_future(pool.submit(pipe.write_bytes, b"met"))
@@ -84,7 +85,7 @@ async def test_twenty_queries_survive_the_death_of_a_worker(pool: ProcessPool) -
 
 
 async def test_worker_killed_at_any_instant_loses_nothing(pool: ProcessPool) -> None:
-    """Results of 20 MB take so long to send that many kills happen while one is being sent."""
+    """Results have 20 MB, so that many kills happen while one is being sent."""
     instants = random.Random(0)  # noqa: S311
     for _ in range(12):
         queries = [asyncio.ensure_future(pool.submit(np.ones, 2_500_000)) for _ in range(2)]
@@ -137,7 +138,7 @@ async def test_pool_recovers_from_the_death_of_its_template(pool: ProcessPool) -
 async def test_workers_are_replaced_after_the_folder_for_temporary_files_was_emptied(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """`systemd-tmpfiles --clean` does this."""
+    """`systemd-tmpfiles --clean` empties it, for example."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     program = f"""
 import asyncio, os, shutil, signal
@@ -212,7 +213,7 @@ async def test_stop_lets_running_work_finish_and_refuses_more(pool: ProcessPool)
 
 @linux
 async def test_parent_killed_leaves_no_process_behind() -> None:
-    """One of its workers is busy, the other idle."""
+    """Neither a busy nor an idle worker survives its parent."""
     command = [sys.executable, str(PARENT)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as parent:  # noqa: ASYNC220
         assert parent.stdout is not None
@@ -236,7 +237,7 @@ async def test_cancelled_while_waiting_a_task_never_runs(pool: ProcessPool, tmp_
 
 async def test_probe_overtakes_waiting_tasks_and_sees_a_stuck_pool(pool: ProcessPool) -> None:
     queries = [asyncio.ensure_future(pool.submit(time.sleep, 0.05)) for _ in range(30)]
-    await asyncio.sleep(0)  # all of them are running, and none has had the time to end
+    await asyncio.sleep(0)  # All queries have been submitted, and none has had time to end.
     assert await pool.probe(seconds=30.0)
     assert sum(query.done() for query in queries) < 10
     await asyncio.gather(*queries)
@@ -248,7 +249,7 @@ async def test_probe_overtakes_waiting_tasks_and_sees_a_stuck_pool(pool: Process
     await asyncio.gather(*stuck, return_exceptions=True)
 
 
-async def test_call_that_was_merely_unlucky_is_tried_once_more(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_call_whose_worker_was_killed_is_retried_once(pool: ProcessPool, tmp_path: Path) -> None:
     unlucky = f"import os; os.path.exists({str(tmp_path / 'x')!r}) or (os.mkdir({str(tmp_path / 'x')!r}), os._exit(1))"
     finished = await pool.run([*folders(tmp_path, 2), (exec, (unlucky,)), (os.mkdir, (tmp_path / "after",))])
     assert [outcome.error for outcome in finished] == [None] * 4
@@ -265,7 +266,7 @@ async def test_chunks_finish_however_their_workers_are_killed(pool: ProcessPool)
     sums: list[Call] = [(operator.add, (number, 1)) for number in range(20)]
     chunks = [asyncio.ensure_future(pool.run([nap(0.005), *sums])) for _ in range(200)]
     for kills in range(1, 7):
-        await asyncio.sleep(instants.uniform(0.03, 0.1))  # time for the call that was killed last
+        await asyncio.sleep(instants.uniform(0.03, 0.1))  # This is enough for the call whose worker was killed last.
         os.kill(pool.worker_pids[kills % 2], signal.SIGKILL)
         await until(lambda: pool.restarts == kills)  # noqa: B023 (called at once)
     for chunk in chunks:
@@ -273,13 +274,13 @@ async def test_chunks_finish_however_their_workers_are_killed(pool: ProcessPool)
 
 
 @linux
-async def test_worker_that_no_longer_moves_is_replaced() -> None:
+async def test_frozen_worker_is_replaced() -> None:
     pool = ProcessPool(workers=1, task_seconds=0.4)
     await pool.start()
     [stopped] = pool.worker_pids
     os.kill(stopped, signal.SIGSTOP)
     await until(lambda: pool.worker_pids not in ([], [stopped]))
-    big: list[Call] = [(len, (bytes(100_000),))] * 5  # more than the buffer of a socket
+    big: list[Call] = [(len, (bytes(100_000),))] * 5  # more than the buffer of a socket holds
     finished = await pool.run(big)
     assert [outcome.value for outcome in finished] == [100_000] * 5
     stopping: Call = (exec, ("import os, signal; os.kill(os.getpid(), signal.SIGSTOP)",))
@@ -365,7 +366,7 @@ async def test_start_that_is_cancelled_leaves_no_worker_and_no_failed_thread(mon
     pool = ProcessPool(workers=2, task_seconds=60.0)
     starting = asyncio.create_task(pool.start())
     async with asyncio.timeout(60.0):
-        # There is no pause here, because forked workers are ready within a few milliseconds.
+        # No pause is needed: forked workers are ready within a few milliseconds.
         while not pool.worker_pids:  # noqa: ASYNC110
             await asyncio.sleep(0)
     starting.cancel()

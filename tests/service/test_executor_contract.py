@@ -1,4 +1,4 @@
-"""Behaviour that every executor must have. Dask runs as real processes over TCP."""
+"""Behaviour that every executor must have; Dask runs as a cluster of real processes."""
 
 import asyncio
 import hashlib
@@ -34,11 +34,11 @@ DASK = pytest.param("dask", marks=pytest.mark.system)
 USUAL_SECONDS = 60.0
 DEADLY: Call = (signal.raise_signal, (signal.SIGKILL,))
 ENDLESS: Call = (hashlib.pbkdf2_hmac, ("sha256", b"", b"", 10**9))
-"""Represents compiled code, which ignores signals and therefore does not stop when it is asked to."""
+"""Stands for compiled code, which ignores signals and therefore does not end when it is cancelled."""
 
 Make: TypeAlias = Callable[..., Awaitable[Executor]]
 with_processes = pytest.mark.parametrize("kind", ["pool", DASK], indirect=True)
-"""Tests that kill processes, which an executor in a thread would not survive."""
+"""Mark of tests that kill processes, without the executor that computes in the process of the tests."""
 
 
 @pytest.fixture(params=["in-process", "pool", DASK])
@@ -80,17 +80,17 @@ def nap(seconds: float) -> Call:
 
 
 def folders(inside: Path, count: int) -> list[Call]:
-    """Calls that each leave a folder, and therefore cannot run twice."""
+    """Return calls that each create a folder, and would fail if they ran twice."""
     return [(os.mkdir, (inside / str(number),)) for number in range(count)]
 
 
 def traced_patience(trace: Path) -> str:
-    """Python code that leaves a folder as soon as it runs, and that a signal ends."""
+    """Return Python code that creates a folder once it runs, and then waits for a signal."""
     return f"import os, time; os.mkdir({str(trace)!r}); time.sleep(1000.0)"
 
 
 def traced_destructor(trace: Path) -> str:
-    """The same, but the signal arrives in a destructor, where Python ignores exceptions."""
+    """Return the same code in a destructor, where Python ignores exceptions such as that of a signal handler."""
     patience = traced_patience(trace)
     return f"class Patient:\n    def __del__(self): {patience}\nPatient()\nimport time; time.sleep(1000.0)"
 
@@ -156,8 +156,8 @@ async def test_answers_are_the_same_to_the_last_bit(executor: Executor) -> None:
     assert [outcome.value for outcome in finished] == expected
 
 
-async def test_call_past_its_time_says_so_and_the_others_run(make: Make) -> None:
-    """The time of a call starts when the previous call is answered."""
+async def test_call_beyond_its_time_limit_fails_and_the_others_run(make: Make) -> None:
+    """The time limit of a call in a chunk is counted from the end of the call before."""
     executor = await make(task_seconds=0.5)
     finished = await executor.run([nap(0.3), nap(0.3), nap(0.7), (operator.add, (1, 2))])
     assert [type(outcome.error) for outcome in finished] == [type(None), type(None), TaskTimeoutError, type(None)]
@@ -235,7 +235,7 @@ async def test_cancelled_call_that_heeds_a_signal_ends_without_its_worker(
 
 
 async def test_owners_share_the_workers_and_small_work_of_one_passes_large(executor: Executor) -> None:
-    """One owner has a long queue; another one that comes later does not wait for all of it."""
+    """One owner has a long queue; a later one does not wait for all of it."""
     done: list[str] = []
 
     async def submit(name: str, owner: str, cost: float) -> None:
@@ -303,4 +303,4 @@ async def test_it_reports_its_capacity_and_which_processes_it_has(executor: Exec
     assert executor.worker_pids
     assert executor.restarts == 0
     for pid in executor.worker_pids:
-        os.kill(pid, 0)  # raises if there is no such process
+        os.kill(pid, 0)  # It raises an error if there is no such process.

@@ -1,4 +1,4 @@
-"""Regression tests for faults of jobs that `tests/faults` has found."""
+"""Regression tests for errors in jobs that the tests in `tests/faults` found."""
 
 import asyncio
 from pathlib import Path

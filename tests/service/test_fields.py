@@ -1,4 +1,4 @@
-"""Answers and columns of tables are built from results of the solver by the fields of their models."""
+"""Answers and tables are built from results of the solver, as declared by the fields of their models."""
 
 import math
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ from solver.arrays import FloatArray
 
 
 class Ending(StrEnum):
-    """Ending of a try."""
+    """How an attempt ends."""
 
     DONE = "done"
 
 
 @dataclass
 class Try:
-    """One attempt of a search, with its input and outcome."""
+    """An attempt of a search, as a result of the solver."""
 
     value: float
     """Speed that was tried. [m/s] Two at least."""
@@ -35,7 +35,7 @@ class Try:
 
 @dataclass
 class Found:
-    """Example of a result of a solver."""
+    """A result of the solver with fields of every kind."""
 
     angle: float | None = math.radians(30.0)
     length: float = 2.0
@@ -48,7 +48,7 @@ class Found:
 
 
 class EndingPart(Part):
-    """Fields that several models share."""
+    """Base of models that share the field `ending`."""
 
     answered_last: ClassVar = ("ending",)
 
@@ -56,7 +56,7 @@ class EndingPart(Part):
 
 
 class TryAnswer(EndingPart):
-    """One attempt of a search, with its input and outcome."""
+    """An attempt of a search, as part of an answer."""
 
     solved = Try
 
@@ -66,7 +66,7 @@ class TryAnswer(EndingPart):
 
 
 class FoundAnswer(Part):
-    """An answer."""
+    """The answer to be built from `Found`."""
 
     tabled = ("angle_deg", "bracket_deg", "ending", "fastest_m_s", "steps", "first_m", "seconds_s")
 
@@ -131,7 +131,7 @@ def test_fields_that_come_last_do_so_in_parts_too() -> None:
     assert [list(each) for each in walk(FoundAnswer, Found())["tries"]] == [["speed_m_s", "ending"]] * 2
 
 
-def test_attribute_that_is_not_there_is_an_error() -> None:
+def test_missing_attribute_is_an_error() -> None:
     with pytest.raises(AttributeError, match="angle"):
         walk(FoundAnswer, Try(1.0))
 

@@ -1,4 +1,4 @@
-"""The HDF5 files of results: their contents, and programs that can read them."""
+"""HDF5 files of results: contents, and readability by other programs."""
 
 import io
 import shutil
@@ -123,7 +123,7 @@ def test_tables_have_the_columns_of_the_contract() -> None:
 
 
 def texts_in(group: h5py.Group) -> dict[str, h5py.h5t.TypeID]:
-    """Types of all texts of a file, in datasets and attributes, by their paths."""
+    """Return the types of all texts in a file, in datasets and attributes, by path."""
     found: dict[str, h5py.h5t.TypeID] = {}
 
     def look(name: str, item: h5py.HLObject) -> None:
@@ -138,7 +138,7 @@ def texts_in(group: h5py.Group) -> dict[str, h5py.h5t.TypeID]:
 
 
 def written(path: Path) -> Path:
-    """The file of a sweep with non-ASCII names, large enough for several HDF5 chunks."""
+    """Write the file of a sweep with non-ASCII names, large enough for several HDF5 chunks; return its path."""
     cases = [CaseResult(number, f"№ {number}", trajectory(number, 40), None, cached=False) for number in range(200)]
     with BatchFile(path, "trajectory", axes=["impact.velocity_m_s"], base='{"note": "Köln"}') as batch:
         for start in range(0, 200, 30):

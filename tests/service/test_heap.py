@@ -1,4 +1,4 @@
-"""Memory of a process after compilation."""
+"""Memory that a process keeps after it has compiled the solver."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Batches with a real pool, a real cache and real files."""
+"""The job manager with a real pool, a real cache and real files."""
 
 import asyncio
 import os
@@ -156,7 +156,7 @@ async def test_cases_that_turn_out_slow_are_shared_out_anew(
     assert (await ended(manager, job)).done == 120
     assert max(runs(log).values()) <= 6
     shares = sorted(Counter(workers(log)).values(), reverse=True)
-    assert shares[1] >= 4  # with the time of fast cases they would form a single chunk
+    assert shares[1] >= 4  # Sized by the time of fast cases, they would be a single chunk.
 
 
 async def test_finished_job_stays_as_it_is_when_cancelled_and_goes_when_deleted(manager: JobManager) -> None:
@@ -180,7 +180,7 @@ async def test_running_job_can_be_deleted(manager: JobManager) -> None:
     await asyncio.sleep(0.3)
     assert await manager.delete(job.id)
     assert await manager.jobs() == []
-    with pytest.raises(AssertionError):  # it was not told of an end, because the job no longer exists
+    with pytest.raises(AssertionError):  # The follower sees no end, because the job no longer exists.
         await asyncio.wait_for(followed, 30.0)
 
 
@@ -280,7 +280,7 @@ async def test_request_that_breaks_off_leaves_nothing(manager: JobManager, leave
 
 
 async def test_cases_beyond_the_queue_limit_are_refused_with_a_time(pool: ProcessPool, tmp_path: Path) -> None:
-    """The time is that of all cases of the request: two workers finish at most 40 a second, with 0.05 s for each."""
+    """The time includes all cases of the request; two workers finish at most 40 a second, at 0.05 s each."""
     async with running(tmp_path, pool, max_queued_cases=1000) as manager:
         job = await accepted(manager, cases(range(300), seconds=0.05))
         while not manager.rate:  # noqa: ASYNC110 (it sets no event)
@@ -310,8 +310,8 @@ async def test_small_job_of_an_owner_passes_a_large_one(pool: ProcessPool, tmp_p
         await manager.cancel(large.id)
 
 
-async def test_place_and_time_of_a_job_count_what_goes_before_it(pool: ProcessPool, tmp_path: Path) -> None:
-    """A small job waits neither for the large ones of its owner nor for more of another owner than its turns take."""
+async def test_place_and_wait_of_a_job_include_the_work_before_it(pool: ProcessPool, tmp_path: Path) -> None:
+    """A small job does not wait for large ones of its owner and, as owners take turns, little for those of others."""
     async with running(tmp_path, pool) as manager:
         sizes = (("anna", 4000), ("anna", 2000), ("bert", 4000), ("anna", 20))
         jobs = []
@@ -327,8 +327,8 @@ async def test_place_and_time_of_a_job_count_what_goes_before_it(pool: ProcessPo
         assert [manager.jobs_ahead(job) for job in jobs] == [0] * len(jobs)
 
 
-async def test_no_owner_fills_the_queue(pool: ProcessPool, tmp_path: Path) -> None:
-    """An owner may use half of what the others leave, so that there is room for the next owner."""
+async def test_no_owner_can_fill_the_queue(pool: ProcessPool, tmp_path: Path) -> None:
+    """An owner may use half of the space that others leave, so that there is space for the next owner."""
     async with running(tmp_path, pool, max_queued_cases=800) as manager:
         jobs = [await accepted(manager, cases(range(400), seconds=0.2), "anna")]
         with pytest.raises(QueueFullError):
@@ -399,7 +399,8 @@ async def test_service_that_stops_goes_on_at_the_next_start(pool: ProcessPool, t
         state = await ended(manager, job)
         assert (state.status, state.done, state.id) == ("successful", 60, job.id)
         assert squares(await all_results(manager, job)) == [i**2 for i in range(60)]
-    assert list(runs(log).values()).count(1) >= before.done >= 10  # the others were running when the service stopped
+    # The other cases were running when the service stopped.
+    assert list(runs(log).values()).count(1) >= before.done >= 10
 
 
 async def test_workers_killed_again_and_again_cost_no_case(manager: JobManager, pool: ProcessPool) -> None:
@@ -407,7 +408,7 @@ async def test_workers_killed_again_and_again_cost_no_case(manager: JobManager, 
     following = asyncio.ensure_future(ended(manager, job))
     chance = random.Random(0)  # noqa: S311
     for kill in range(4):
-        await until_done(manager, job, 40 * kill)  # a case may be lost once, but not twice
+        await until_done(manager, job, 40 * kill)  # The kills are so far apart that none hits a case twice.
         await asyncio.sleep(chance.uniform(0.1, 0.4))
         for pid in chance.sample(pool.worker_pids, min(1, len(pool.worker_pids))):
             os.kill(pid, signal.SIGKILL)

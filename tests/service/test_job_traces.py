@@ -1,4 +1,4 @@
-"""Spans of a job join the trace of the request that submitted it; the SDK exports them to memory."""
+"""Spans of a job belong to the trace of the request that submitted it; the SDK exports them to memory."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.anyio
 
 
 class Recorded:
-    """A tracer, and the spans it has made."""
+    """A tracer and the spans that it has recorded."""
 
     def __init__(self) -> None:
         self._exporter = InMemorySpanExporter()

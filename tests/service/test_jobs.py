@@ -1,4 +1,4 @@
-"""The SQLite file of jobs, with real crashes and a disk that is really full."""
+"""The SQLite database of jobs, including killed writers and full disks."""
 
 import shutil
 import sqlite3
@@ -53,8 +53,8 @@ def stored_job(store: JobStore, count: int = 450, owner: str = "local", token: I
     return store.accept(job, count, token)
 
 
-def test_jobs_of_an_owner_have_a_bound_on_disk(tmp_path: Path) -> None:
-    """A new job deletes the jobs that ended first; unfinished jobs stay, and then no more are accepted."""
+def test_disk_space_for_the_jobs_of_an_owner_is_limited(tmp_path: Path) -> None:
+    """A new job deletes the jobs that ended first; if all are unfinished, it is refused."""
     store = JobStore(tmp_path, job_days=7.0, owner_bytes=100_000, operations={"square"})  # space for three jobs
     other = stored_job(store, owner="bert")
     first, second, third = (stored_job(store, owner="anna") for _ in range(3))
@@ -108,7 +108,7 @@ def test_jobs_are_counted_by_status_but_for_those_that_are_named(tmp_path: Path)
     states = [stored_job(store, 1, owner=owner) for owner in ("local", "other", "local", "local")]
     store.begin(states[0].number)
     store.end(states[1].number, "dismissed")
-    store.create("square", "local")  # incomplete, and therefore not visible
+    store.create("square", "local")  # The job is incomplete, and therefore not visible.
     assert store.tally() == {"running": 1, "dismissed": 1, "accepted": 2}
     assert store.tally([states[0].id, states[3].id]) == {"dismissed": 1, "accepted": 1}
 
@@ -276,7 +276,7 @@ def test_full_disk_is_reported_changes_nothing_and_is_forgotten_when_there_is_ro
 
 
 def test_writer_killed_at_any_instant_leaves_whole_jobs_only(tmp_path: Path) -> None:
-    """A visible job has all its cases, and its counts agree with the marks of its cases."""
+    """Every visible job has all its cases, and its counts agree with the marks of its cases."""
     command = [sys.executable, "-m", "tests.service.jobs_writer", str(tmp_path)]
     subprocess.run(command, check=True, cwd=ROOT)
     store = store_in(tmp_path)

@@ -1,4 +1,4 @@
-"""Results of single queries are written to a journal at once, and later to a segment together."""
+"""Results of single queries are written to a journal at once, and later moved to a segment together."""
 
 import os
 import signal
@@ -45,7 +45,7 @@ def journal_of(folder: Path) -> Path:
 
 
 def made_journal(folder: Path) -> Path:
-    """Path of a journal that can be created."""
+    """Make the folder of a journal; return the path of the journal."""
     path = journal_of(folder)
     path.parent.mkdir(parents=True)
     return path
@@ -67,7 +67,7 @@ def test_single_results_are_found_at_once_and_become_one_segment_as_large_as_tha
         assert keys_in_journal(tmp_path / "single") == {record.key for record in records[:-1]}
         assert stat(tmp_path / "single").cases == JOURNAL_RECORDS - 1
         cache.put(records[-1])
-        cache.flush()  # waits for the transfer that the last result has started
+        cache.flush()  # This waits for the transfer that the last result has started.
         single = cache.statistics()
         assert keys_in_journal(tmp_path / "single") == set()
         found = cache.get_many([record.key for record in records])
@@ -156,7 +156,7 @@ def test_result_that_no_segment_can_hold_is_set_aside_and_the_others_are_kept(
     assert (stat(tmp_path / "left").cases, stat(tmp_path / "left").segments) == (3, 1)
 
 
-def test_end_puts_all_that_is_left_into_segments(tmp_path: Path) -> None:
+def test_shutdown_moves_the_journal_into_segments(tmp_path: Path) -> None:
     with cache_in(tmp_path) as cache:
         cache.put(critical_angle(1))
     assert stat(tmp_path).cases == 1
@@ -179,7 +179,8 @@ def test_answered_results_survive_a_kill_at_any_instant_and_are_stored_once(tmp_
             assert cache.known(wanted) == set(wanted)
             found = cache.get_many(wanted)
             assert all(found[key_of(i)].json == critical_angle(i).json for i in range(answered + 1))
-            assert cache.statistics().cases - (answered + 1) in {0, 1}  # the last one may not have been reported
+            # The last result may have been stored without being reported.
+            assert cache.statistics().cases - (answered + 1) in {0, 1}
             assert cache.verify() == []
 
 

@@ -1,4 +1,4 @@
-"""Every choice, input and formula of the contract has a display name, the same in each view."""
+"""Every choice, input and formula of the contract has a display name, which is the same in every view."""
 
 import json
 import re
@@ -21,12 +21,12 @@ from tests.cli.commands import run
 SCHEMAS = json.loads((Path(__file__).parents[2] / "openapi/openapi.json").read_text())["components"]["schemas"]
 REQUESTS = ("TrajectoryRequest", "CriticalAngleRequest")
 SETTINGS = re.compile(r"output\.|alternatives$|numerics\.(panels|time_step_s)$")
-"""Fields that are not part of a case, and settings of the paper's numerics."""
+"""Fields without a display name: those that are not part of a case, and settings of the panels."""
 RAW = re.compile(r"\b[a-z]+_[a-z_0-9]+\b")
 
 
 def fields(node: dict[str, Any], path: str = "") -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield the path of every input in a schema, with its choices if it has any."""
+    """Yield the path of every input in a schema, and its choices, if any."""
     if "$ref" in node:
         yield from fields(SCHEMAS[node["$ref"].rpartition("/")[2]], path)
     for name in node.get("discriminator", {}).get("mapping", ()):
@@ -52,7 +52,7 @@ def test_every_choice_has_a_name_and_there_are_no_others() -> None:
     for path, choices in FIELDS:
         if choices:
             found.setdefault(path, set()).update(choices)
-    found["resistance.theory"] = set(PAIRED)  # an uncertain input that is no field of a case
+    found["resistance.theory"] = set(PAIRED)  # This uncertain input is not a field of a case.
     assert found == {path: set(names) for path, names in CHOICES.items()}
 
 

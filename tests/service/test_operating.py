@@ -1,4 +1,4 @@
-"""Statements of docs/operating.md that no other test covers: upgrades, power failures, changes of the clock."""
+"""Statements in docs/operating.md that no other test covers: upgrades, power failures, changes of the clock."""
 
 import shutil
 import time
@@ -19,7 +19,7 @@ EARLIER = "0"
 
 
 def downgrade(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make the service one of an earlier engine."""
+    """Make the service report an earlier engine version."""
     monkeypatch.setattr("service.operations.ENGINE_VERSION", EARLIER)
     monkeypatch.setattr("service.cache.record.ENGINE_VERSION", EARLIER)
     monkeypatch.setattr(store, "VERSIONS", f"{EARLIER} 1")
@@ -86,7 +86,8 @@ async def test_case_marked_done_whose_segment_the_power_cut_took_is_computed_aga
         job = await accepted(manager, cases(range(100), log))
         await ended(manager, job)
     for number, path in enumerate(sorted((tmp_path / "data" / "results" / "segments").rglob("*.h5"))):
-        path.write_bytes(b"" if number % 2 else path.read_bytes()[:4096] + bytes(4096))  # blocks that were not written
+        # The power failed before these blocks were written.
+        path.write_bytes(b"" if number % 2 else path.read_bytes()[:4096] + bytes(4096))
     async with running(tmp_path, pool) as manager:
         assert squares(await all_results(manager, job)) == [i**2 for i in range(100)]
     assert runs(log) == dict.fromkeys(range(100), 2)
@@ -107,7 +108,7 @@ async def test_clock_set_back_or_forward_changes_when_ended_jobs_go_and_nothing_
         state = await ended(manager, under_way)
         assert (state.status, state.done) == ("successful", 300)
         assert squares(await all_results(manager, under_way)) == [i**2 for i in range(1000, 1300)]
-    async with running(tmp_path, pool, clock=clock) as manager:  # the start deletes expired jobs
+    async with running(tmp_path, pool, clock=clock) as manager:  # Expired jobs are deleted at the start.
         assert (await manager.job(before.id) is None) == (jump > 0)
         assert await manager.job(under_way.id) is not None
         assert [result.cached for result in await collect(manager, cases(range(100)))] == [True] * 100

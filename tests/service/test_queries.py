@@ -1,6 +1,6 @@
-"""Cache lookup, shared computation and storing, with a real pool and folder.
+"""Queries: cache lookup, shared computation, storing and the queue, with a real pool and folder.
 
-A call that makes a folder fails if it runs twice.
+Some calls create a folder, so that they fail if they run twice.
 """
 
 import asyncio
@@ -116,7 +116,7 @@ async def test_second_request_is_a_hit_from_memory_and_after_a_restart_from_disk
     assert await restarted.result("0" * 64) is None
 
 
-async def test_client_that_leaves_takes_nothing_from_those_who_wait(service: QueryService, tmp_path: Path) -> None:
+async def test_client_that_disconnects_does_not_affect_others_that_wait(service: QueryService, tmp_path: Path) -> None:
     first = asyncio.ensure_future(ask(service, "slow", tmp_path))
     await asyncio.sleep(0.05)
     second = asyncio.ensure_future(ask(service, "slow", tmp_path))
@@ -127,11 +127,11 @@ async def test_client_that_leaves_takes_nothing_from_those_who_wait(service: Que
     assert first.cancelled()
 
 
-async def test_work_everyone_has_left_is_kept_for_who_comes_back(service: QueryService, tmp_path: Path) -> None:
+async def test_work_whose_clients_have_left_is_kept_for_a_repeated_query(service: QueryService, tmp_path: Path) -> None:
     first = asyncio.ensure_future(ask(service, "once", tmp_path))
     await asyncio.sleep(0)
     first.cancel()
-    record, _ = await ask(service, "once", tmp_path)  # a second run would raise FileExistsError
+    record, _ = await ask(service, "once", tmp_path)  # A second run would raise FileExistsError.
     assert record.answer["result"] is None
 
 
@@ -214,7 +214,9 @@ async def test_number_of_waiting_queries_is_limited(pool: ProcessPool, tmp_path:
     assert hit[1] == "hit"
 
 
-async def test_owner_with_most_waiting_gives_way_to_another(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_owner_with_the_most_waiting_queries_loses_one_to_another_owner(
+    pool: ProcessPool, tmp_path: Path
+) -> None:
     service = queries_on(tmp_path, pool, max_waiting=3)
 
     def ask_as(number: int, owner: str) -> "asyncio.Future[Answered]":
@@ -227,12 +229,13 @@ async def test_owner_with_most_waiting_gives_way_to_another(pool: ProcessPool, t
     others = [ask_as(10, "bert"), ask_as(11, "carla"), ask_as(12, "bert")]
     outcomes = await asyncio.gather(*crowd, *others, return_exceptions=True)
     refused = [number for number, outcome in enumerate(outcomes) if isinstance(outcome, QueriesWaitingError)]
-    assert [number for number in refused if number >= 5] in ([5], [7])  # one of bert's, whichever was queued later
+    # This is one of bert's, whichever was queued later.
+    assert [number for number in refused if number >= 5] in ([5], [7])
     assert len(refused) == 3  # and two of the others
 
 
 async def test_waiting_time_of_a_query_is_limited(pool: ProcessPool, tmp_path: Path) -> None:
-    """The refusal states the expected time of the queued and running work, not a fixed time."""
+    """The refusal states the time expected for the queued and running work, not a constant."""
     cache = ResultCache(tmp_path / "data", memory_bytes=100_000_000, disk_bytes=10**9)
     service = QueryService(cache, pool, OPERATIONS, queue_seconds=0.2)
     heavy = [replace(KeyedRequest.of("slower", Question(tmp_path, number)), work=5000) for number in range(2)]
@@ -245,8 +248,10 @@ async def test_waiting_time_of_a_query_is_limited(pool: ProcessPool, tmp_path: P
     await asyncio.gather(*running)
 
 
-async def test_query_that_waited_in_vain_is_not_told_to_come_back_sooner(pool: ProcessPool, tmp_path: Path) -> None:
-    """It waits behind cheaper work, which may be jobs that do not count as queries."""
+async def test_retry_time_of_a_query_that_waited_in_vain_covers_the_queued_work(
+    pool: ProcessPool, tmp_path: Path
+) -> None:
+    """The query waited for cheaper work of jobs, which its `retry_after` must include."""
     cache = ResultCache(tmp_path / "data", memory_bytes=100_000_000, disk_bytes=10**9)
     service = QueryService(cache, pool, OPERATIONS, queue_seconds=1.2)
     calls: list[Call] = [(time.sleep, (0.1,))] * 20
@@ -258,8 +263,8 @@ async def test_query_that_waited_in_vain_is_not_told_to_come_back_sooner(pool: P
     await asyncio.gather(*chunks)
 
 
-async def test_announced_wait_is_no_longer_than_all_queries_may_run(tmp_path: Path) -> None:
-    """Queries that end at the time limit do not count as finished work, whatever their cost."""
+async def test_announced_wait_is_bounded_by_the_time_limits_of_queries(tmp_path: Path) -> None:
+    """Queries that are ended at the time limit do not count as finished work, however large their cost is."""
     executor = ProcessPool(workers=2, task_seconds=4.0)
     await executor.start()
     try:
@@ -277,10 +282,10 @@ async def test_announced_wait_is_no_longer_than_all_queries_may_run(tmp_path: Pa
         await executor.stop(1.0)
 
 
-async def test_event_loop_stays_free_while_histories_are_made_and_kept(service: QueryService, tmp_path: Path) -> None:
-    """The limit is relative to the time to read and write the answers, so that it holds on a busy machine."""
+async def test_event_loop_is_not_blocked_by_large_histories(service: QueryService, tmp_path: Path) -> None:
+    """The time of the event loop is compared with that of parsing the answers, so the limit holds on any machine."""
     requests = [KeyedRequest.of("trajectory", Question(tmp_path, number)) for number in range(40)]
-    await ask(service, "trajectory", tmp_path, 99)  # The first call imports modules, which is not measured.
+    await ask(service, "trajectory", tmp_path, 99)  # The first call imports modules, and is not measured.
     begin = time.thread_time()
     found = await asyncio.gather(*(service.answer("trajectory", request) for request in requests))
     loop_seconds = time.thread_time() - begin
@@ -304,7 +309,7 @@ async def test_result_that_another_kept_after_the_look_up_is_not_kept_twice(
 
 
 class LosesFirstChunk(ProcessPool):
-    """Executor that loses the answer to its first chunk."""
+    """Process pool that loses the results of its first chunk."""
 
     lost = False
 
@@ -334,7 +339,7 @@ async def test_cases_whose_chunk_comes_back_without_answers_fail_and_are_answere
 async def test_implausible_answers_are_logged_and_counted(
     service: QueryService, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Single answers and those of a chunk count once each; a repeated query does not count again."""
+    """Answers to queries and in chunks count once each; a repeated query does not count again."""
     single, *chunk = keyed("implausible", [Question(tmp_path, number) for number in range(3)])
     await service.answer("implausible", single)
     await service.answer("implausible", single)

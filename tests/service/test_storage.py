@@ -1,4 +1,4 @@
-"""Commands on a folder of results."""
+"""Maintenance of a folder of results: statistics, verification, rebuilding the index and eviction."""
 
 import os
 import subprocess
@@ -20,7 +20,7 @@ WRITER = Path(__file__).with_name("cache_writer.py")
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Three segments of ten results each."""
+    """Folder with three segments of ten results each."""
     with ResultCache(tmp_path, memory_bytes=0, disk_bytes=10**9) as cache:
         for first in (0, 10, 20):
             cache.put_many([critical_angle(number) for number in range(first, first + 10)])
@@ -64,7 +64,7 @@ def test_rebuild_finds_every_result(folder: Path) -> None:
         assert len(cache.known([key_of(number) for number in range(30)])) == 30
 
 
-def test_evict_makes_room(folder: Path) -> None:
+def test_evict_frees_space(folder: Path) -> None:
     left = evict(folder, stat(folder).bytes - 1)
     assert (left.segments, left.cases) == (2, 20)
     assert not segment(folder, 0).exists()

@@ -1,4 +1,4 @@
-"""Studies of uncertainty: the same bytes with every executor, and one computation for equal studies."""
+"""Studies of uncertainty: the same bytes with every executor, and equal studies computed only once."""
 
 import asyncio
 import json
@@ -47,16 +47,16 @@ STUDIES = {
 }
 STRIKE = "trajectory_uncertainty"
 PARTS: dict[type[Executor], int] = {InThreadExecutor: 256, ProcessPool: 16, DaskExecutor: 256}
-"""Number of samples that an executor computes at a time."""
+"""Number of samples in a chunk, by executor."""
 
 
 def operation_of(name: str) -> str:
-    """Return the operation of a study."""
+    """Return the operation of a study in `STUDIES`."""
     return name if name == STRIKE else "cra_uncertainty"
 
 
 def request_of(name: str, seed: int = 7) -> tuple[KeyedRequest, Any]:
-    """Return the canonical request of a study, and its validated form."""
+    """Return the request for a study with its key, and the validated model."""
     body, operation = STUDIES[name], operation_of(name)
     study: Any = OPERATIONS[operation].request.model_validate(body | {"sampling": body["sampling"] | {"seed": seed}})
     return KeyedRequest.of(operation, study), study
@@ -65,7 +65,7 @@ def request_of(name: str, seed: int = 7) -> tuple[KeyedRequest, Any]:
 def running(
     folder: Path, executor: Executor, counts: Counter[str] | None = None
 ) -> AbstractAsyncContextManager[JobManager]:
-    """A job manager with an empty cache, which counts computed samples by operation."""
+    """Run a job manager with an empty cache, which counts computed samples by operation."""
 
     def count(operation: str, _: str, status: str, number: int) -> None:
         if counts is not None and status == "miss":
@@ -76,7 +76,7 @@ def running(
 
 @cache
 def computed_alone(name: str) -> bytes:
-    """The answer of one process that computes the samples one by one."""
+    """Return the answer to a study computed in this process, sample by sample."""
     request, _ = request_of(name)
     operation = operation_of(name)
     answer, _ = OPERATIONS[operation].compute(request.json)

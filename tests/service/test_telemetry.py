@@ -1,4 +1,4 @@
-"""Traces of a real service, received by a collector over HTTP."""
+"""Traces of a running service, received by a collector over HTTP."""
 
 import json
 import os
@@ -57,7 +57,7 @@ class Collector:
                 self.end_headers()
 
             def log_message(self, format: str, *arguments: Any) -> None:  # noqa: A002 (its name there)
-                """Log nothing."""
+                """Discard the log line that the base class would print."""
 
         with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
             threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
@@ -81,10 +81,10 @@ def no_other_settings(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NO_PROXY", "*")
 
 
-def test_each_request_is_one_span_that_goes_on_with_the_trace_of_its_client_and_leads_to_the_log(
+def test_each_request_is_a_span_in_the_trace_of_its_client(
     tmp_path: Path, service_on: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Chunks of a job are children of the request that made it."""
+    """Spans of the chunks of a job are children of the request that submitted it."""
     collector = Collector()
     cases = [PAPER | {"impact": {"velocity_m_s": 230.0 + each}} for each in range(3)]
     with collector.listening() as endpoint:
@@ -102,11 +102,12 @@ def test_each_request_is_one_span_that_goes_on_with_the_trace_of_its_client_and_
             accepted = client.post("/cra/batch", json={"cases": cases}, headers=headers)
             assert accepted.status_code == 202
             job = accepted.json()
-            client.get(job["links"]["events"], headers={"X-Request-ID": "events"})  # the span ends with the job
+            # The span of this request ends with the job.
+            client.get(job["links"]["events"], headers={"X-Request-ID": "events"})
             assert client.get(job["links"]["self"], headers={"X-Request-ID": "job"}).json()["status"] == "successful"
             for probe in ("/livez", "/readyz", "/metrics"):
                 assert client.get(probe).is_success
-        # at its end the service has sent all remaining spans
+        # When the service ends, it has sent all remaining spans.
     chunks = [span for span in collector.spans if span.name == "chunk"]
     requests = [span for span in collector.spans if span.name != "chunk"]
     by_id = {attributes(span)["ricochet.request_id"]: span for span in requests}
@@ -133,10 +134,10 @@ def test_each_request_is_one_span_that_goes_on_with_the_trace_of_its_client_and_
     assert by_id["batch"].parent_span_id.hex() == PARENT
 
 
-def test_collector_that_is_down_costs_no_answer_and_no_time_at_the_end(
+def test_unreachable_collector_delays_neither_answers_nor_the_end(
     tmp_path: Path, service_on: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The key of the collector is not logged."""
+    """Nor is the key of the collector logged."""
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", "http://127.0.0.1:9")
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_HEADERS", "authorization: Bearer hush")
     with service_on(tmp_path, telemetry="true") as service:

@@ -1,4 +1,4 @@
-"""A worker computes the same bits as the solver in this process, and needs no compilation."""
+"""A worker computes bitwise the same as the solver in this process, and does not compile."""
 
 import asyncio
 import math

@@ -1,4 +1,4 @@
-"""`make audit` with databases of advisories that answer, do not answer, or cannot be reached."""
+"""`make audit` with an advisory database that answers, fails or cannot be reached."""
 
 import json
 import re
@@ -26,7 +26,7 @@ ADVISORY = {
 
 @contextmanager
 def database(status: int, vulnerable: str = "") -> Iterator[str]:
-    """A database with the interface of OSV and one vulnerable package."""
+    """Run a server with the interface of OSV that answers with this status and knows one vulnerable package."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self) -> None:
@@ -39,7 +39,7 @@ def database(status: int, vulnerable: str = "") -> Iterator[str]:
             self.wfile.write(body)
 
         def log_message(self, format: str, *arguments: Any) -> None:  # noqa: A002 (its name there)
-            """Log nothing."""
+            """Discard the log line that the base class would print."""
 
     with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
         threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()

@@ -1,4 +1,4 @@
-"""`make sbom`: the packages of each image, as CycloneDX."""
+"""`make sbom`: the packages in each image, in CycloneDX format."""
 
 import json
 import os

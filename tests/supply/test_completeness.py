@@ -1,4 +1,4 @@
-"""Reports of CI about tests that did not run."""
+"""`tests.completeness`: tests that did not run in CI are found, and results of slow tests recorded."""
 
 from tests.completeness import (
     COLUMNS,

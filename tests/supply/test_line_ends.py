@@ -1,4 +1,4 @@
-"""Files that a shell or make reads have line feeds in a clone, whatever the settings of git."""
+"""Files that a shell or make reads have LF line ends in a clone, whatever the settings of git."""
 
 import subprocess
 from pathlib import Path

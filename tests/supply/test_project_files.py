@@ -1,4 +1,4 @@
-"""Citation, workflow and templates agree with pyproject.toml and the Makefile."""
+"""Citation file, workflow and templates agree with pyproject.toml and the Makefile."""
 
 import re
 import tomllib
@@ -52,8 +52,8 @@ def test_templates_name_goals_and_files_that_there_are() -> None:
 
 
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/explanation/architecture.md"])
-def test_files_and_names_that_a_contributor_is_sent_to_are_there(page: str) -> None:
-    """Constants and classes in backquotes occur in the sources, and files at the end of some path."""
+def test_files_and_names_in_pages_for_contributors_exist(page: str) -> None:
+    """Constants and classes in backquotes occur in the sources, and file names in backquotes end an existing path."""
     files = [path for folder in (*FOLDERS, "openapi") for path in (ROOT / folder).rglob("*") if path.is_file()]
     paths = [path.relative_to(ROOT).as_posix() for path in [*files, *ROOT.iterdir()]]
     sources = "\n".join(path.read_text(encoding="utf-8") for path in files if path.suffix in {".py", ".js"})

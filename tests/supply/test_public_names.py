@@ -1,4 +1,4 @@
-"""The check that libraries are used through their public names, a part of `make check`."""
+"""The check, in `make check`, that libraries are used through their public names."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""The wheel has the same bytes wherever and whenever it is built, and contains only the packages."""
+"""The wheel has the same bytes wherever and whenever it is built, and contains nothing but the packages."""
 
 import hashlib
 import os
@@ -18,7 +18,7 @@ SOURCES = ("pyproject.toml", "README.md", "LICENSE", "ricochet_command.py", "ser
 
 
 def built(folder: Path, *, seconds: int, umask: int, hidden: bool) -> Path:
-    """Build the wheel from a copy whose files have this age, with bytecode beside them."""
+    """Build the wheel from a copy of the sources with this file date and umask, optionally with bytecode files."""
     source = folder / "source"
     source.mkdir(parents=True)
     for name in SOURCES:
@@ -51,7 +51,7 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return old, new
 
 
-def test_two_builds_from_copies_of_other_ages_in_other_places_are_byte_for_byte_the_same(
+def test_builds_at_other_times_and_places_have_the_same_bytes(
     wheels: tuple[Path, Path],
 ) -> None:
     old, new = wheels

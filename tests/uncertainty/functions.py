@@ -1,4 +1,4 @@
-"""Functions with known Sobol indices and quantiles, used in place of the solver."""
+"""Functions with known Sobol indices and quantiles, which stand in for the solver."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -16,7 +16,7 @@ ROUNDING = 1e-9
 
 
 class Linear:
-    """A sum of normal inputs."""
+    """A linear function of normal inputs, whose results are known exactly."""
 
     slopes = np.array([1.0, 2.0, 3.0])
     distributions: tuple[Any, ...] = (Normal(mean=0.0, standard_deviation=1.0),) * 3
@@ -34,7 +34,7 @@ class Linear:
 
 
 class Ishigami:
-    """Ishigami and Homma (1990), with a = 7 and b = 0.1."""
+    """The function of Ishigami and Homma (1990), with a = 7 and b = 0.1."""
 
     a, b = 7.0, 0.1
     distributions = (Uniform(lower=-math.pi, upper=math.pi),) * 3
@@ -60,7 +60,7 @@ class Ishigami:
 
 
 class Function(Protocol):
-    """A function of inputs with distributions, and the values at which its distribution is evaluated."""
+    """A function, the distributions of its inputs, and the values at which its own distribution is evaluated."""
 
     distributions: Any
     grid: FloatArray
@@ -69,7 +69,7 @@ class Function(Protocol):
 
 
 def run(function: Function, *, sensitivity: bool = True, **sampling: Any) -> AngleUncertainty:
-    """Run a study of a function whose value is the critical angle."""
+    """Run a study in which the value of a function takes the place of the critical angle."""
     inputs = [Uncertain(f"x.{i}", each) for i, each in enumerate(function.distributions)]
     study = AngleStudy(inputs, function.grid, Sampling(**sampling), sensitivity=sensitivity, bounds=(-1e3, 1e3))
     answer: AngleUncertainty = answer_of(
@@ -79,7 +79,7 @@ def run(function: Function, *, sensitivity: bool = True, **sampling: Any) -> Ang
 
 
 def answer_of(study: Any, evaluate: Callable[[Sequence[Any]], Sequence[Any]]) -> Any:
-    """Return the answer of a study whose batches a function computes."""
+    """Run a study with `evaluate` as the model that computes batches of points; return its answer."""
     steps = study.steps()
     batch = next(steps)
     while True:
@@ -90,7 +90,7 @@ def answer_of(study: Any, evaluate: Callable[[Sequence[Any]], Sequence[Any]]) ->
 
 
 def misses(function: Any, answer: AngleUncertainty) -> list[str]:
-    """Return the names of the true values outside their intervals."""
+    """Return the names of the quantities whose true value is outside the interval in the answer."""
     tolerance = function.tolerance
 
     def outside(estimate: Estimate, lowest: float, highest: float) -> bool:
@@ -100,7 +100,7 @@ def misses(function: Any, answer: AngleUncertainty) -> list[str]:
         "mean": outside(known(answer.mean), function.mean, function.mean),
         "standard deviation": outside(known(answer.standard_deviation), function.deviation, function.deviation),
     }
-    for level, estimate in answer.quantiles:  # the share is compared on both sides of the level
+    for level, estimate in answer.quantiles:  # The level must lie between the shares at the limits of the interval.
         low, high = function.share(np.array([estimate.lower - tolerance, estimate.upper + tolerance]))
         found[f"quantile {level}"] = not low - tolerance <= level <= high + tolerance
     for i, each in enumerate(answer.sensitivity):

@@ -1,4 +1,4 @@
-"""The expected value of own shots: the range of the critical angle that a study predicts after them."""
+"""The value of own shots: the range of the critical angle that a study predicts after one and after two."""
 
 import math
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ LAW = Resistance(strength_factor=PublishedTests())
 BETWEEN, WITHIN = PublishedTests.between_series, PublishedTests.within_series
 STRENGTH = 0.05
 SHARE = (1.0 - 0.18) * STRENGTH
-"""Dispersion of S f'c that is due to the strength, by the exponent of the law. [ln]"""
+"""Part of the dispersion of S f'c that comes from the strength, by the exponent of the law. [ln]"""
 
 
 def study(uncertain: Sequence[Uncertain], law: Resistance = LAW, method: str = "auto") -> AngleUncertainty:
@@ -62,8 +62,8 @@ def test_more_shots_narrow_the_range_more(usual: AngleUncertainty) -> None:
 
 
 @pytest.mark.parametrize("place", [0, 1])
-def test_dispersion_is_that_of_the_posterior_of_so_many_shots(usual: AngleUncertainty, place: int) -> None:
-    """Simulated shots scatter about the law by the standard deviations between and within series."""
+def test_dispersion_equals_that_of_the_posterior_after_as_many_shots(usual: AngleUncertainty, place: int) -> None:
+    """The shots lie one standard deviation from the law, composed of those between and within series."""
     expected = after_shots(usual)[place]
     distance = math.hypot(math.sqrt(expected.shots) * BETWEEN, WITHIN)
     factor = PublishedTests().polynomial(**CASE)[0] * math.exp(distance)
@@ -128,8 +128,8 @@ def test_scatter_below_that_within_a_series_is_not_reduced() -> None:
         assert (each.lower, each.upper) == pytest.approx(range_of(found), abs=1e-9)
 
 
-def test_strength_that_scatters_alone_is_reduced_too() -> None:
-    """This holds if it has more than half of the scatter that the shots leave."""
+def test_shots_narrow_the_range_even_if_strength_scatters_most() -> None:
+    """The range narrows even if nearly all scatter is that of the strength, not of the strength factor."""
     wide = [
         Uncertain("target.compressive_strength", Lognormal(median=39e6, dispersion=0.4)),
         Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=0.05)),

@@ -1,4 +1,4 @@
-"""The paper's strike with the usual scatter, compared with plain random searches and with SALib."""
+"""Study of the paper's strike with the usual scatter, compared with searches at random inputs and with SALib."""
 
 import math
 import os
@@ -25,9 +25,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 
 def critical_angles(values: FloatArray) -> FloatArray:
-    """Critical angles of the paper's projectile for each row of inputs, in the order of `SCATTER`."""
+    """Return the critical angle of the paper's projectile for each row of inputs, in the order of `SCATTER`."""
     speed, strength, density, mass, attack = values.T
-    # With the same shape, inertia is proportional to mass.
+    # For a given shape, the moment of inertia is proportional to the mass.
     projectiles = [with_mass(each) for each in mass]
     targets = [
         type(PAPER_TARGET)(compressive_strength=float(s), density=float(d))
@@ -55,7 +55,7 @@ def angle_of(found: object) -> float:
 
 @cache
 def plain() -> FloatArray:
-    """Angles of plain random searches with the distributions of `SCATTER`, drawn by NumPy."""
+    """Return critical angles for inputs drawn by NumPy from the distributions of `SCATTER`."""
     generator = np.random.default_rng(20)
     draws = (
         generator.normal(238.0, 2.38, COUNT),
@@ -78,7 +78,7 @@ def answer(method: str) -> AngleUncertainty:
 
 
 @pytest.mark.parametrize("method", ["auto", "direct"])
-def test_moments_are_those_of_plain_random_searches(method: str) -> None:
+def test_moments_are_those_of_random_searches(method: str) -> None:
     angles, found = plain(), answer(method)
     error = 1.96 * angles.std() / math.sqrt(COUNT)
     assert agree(known(found.mean), angles.mean(), error)
@@ -99,8 +99,8 @@ def test_moments_are_those_of_the_sample_of_salib(method: str) -> None:
 
 @pytest.mark.parametrize("method", ["auto", "direct"])
 @pytest.mark.parametrize("angle_deg", AT_DEG)
-def test_probability_is_within_the_interval_of_plain_random_searches(method: str, angle_deg: float) -> None:
-    """The direct method has fewer samples than the plain searches: its interval is wider, and overlaps."""
+def test_probability_is_within_the_interval_of_random_searches(method: str, angle_deg: float) -> None:
+    """The direct method has fewer samples than the random searches, so its wider interval must only overlap theirs."""
     found = answer(method)
     index = int(np.argmin(abs(ANGLES - math.radians(angle_deg))))
     count = int((plain() <= ANGLES[index]).sum())
@@ -120,7 +120,7 @@ def test_methods_agree_within_their_intervals(velocity: float) -> None:
         critical_angle_uncertainty(**strike, sampling=Sampling(method=method, seed=seed))
         for method, seed in (("auto", 7), ("direct", 8))
     )
-    # At 100 m/s the surrogate's error, about 0.1°, is more than the half width allows.
+    # At 100 m/s the error of the surrogate, about 0.1°, is more than the half width allows.
     assert surrogate.method == ("direct" if velocity == 100.0 else "surrogate")
     assert direct.method == "direct"
     assert surrogate.converged
@@ -133,7 +133,7 @@ def test_methods_agree_within_their_intervals(velocity: float) -> None:
 
 
 def moments_of(found: AngleUncertainty) -> list[Estimate]:
-    """Return mean, standard deviation and quantiles of the critical angle."""
+    """Return mean, standard deviation and quantiles of the critical angle in an answer."""
     return [known(found.mean), known(found.standard_deviation), *(estimate for _, estimate in found.quantiles)]
 
 
@@ -150,7 +150,7 @@ def test_indices_are_those_of_salib(method: str) -> None:
 
 @cache
 def salib() -> tuple[Any, ...]:
-    """Angles, first-order and total indices with their errors, by the scheme of Saltelli."""
+    """Return independent angles, and first-order and total indices with their errors, by Saltelli's scheme in SALib."""
     sobol_sample: Any = pytest.importorskip("SALib.sample.sobol")
     sobol_analysis: Any = pytest.importorskip("SALib.analyze.sobol")
     problem = {
@@ -162,17 +162,18 @@ def salib() -> tuple[Any, ...]:
     values = sobol_sample.sample(problem, 2048, calc_second_order=False, seed=3)
     angles = critical_angles(values)
     found = sobol_analysis.analyze(problem, angles, calc_second_order=False, seed=3)
-    independent = angles.reshape(-1, len(NAMES) + 2)[:, [0, -1]].ravel()  # others differ from these in one input
+    # The other rows differ from these in one input only.
+    independent = angles.reshape(-1, len(NAMES) + 2)[:, [0, -1]].ravel()
     return independent, found["S1"], found["S1_conf"], found["ST"], found["ST_conf"]
 
 
 def agree(estimate: Estimate, value: float, error: float) -> bool:
-    """Whether two intervals overlap."""
+    """Return whether the interval of an estimate overlaps value ± error."""
     return bool(estimate.lower <= value + error and value - error <= estimate.upper)
 
 
 def deviation_error(values: FloatArray) -> float:
-    """Standard error of a standard deviation, from the fourth moment."""
+    """Return the standard error of a standard deviation, from the fourth moment."""
     centred = values - values.mean()
     variance = (centred**2).mean()
     return float(math.sqrt(((centred**4).mean() - variance**2) / len(values)) / (2.0 * math.sqrt(variance)))

@@ -49,7 +49,7 @@ def test_one_input_gives_the_angles_at_its_quantiles() -> None:
     assert answer.method == "surrogate"
     assert answer.converged
     for level, estimate in answer.quantiles:
-        attack = math.radians(stats.norm.ppf(1.0 - level))  # the angle falls with the angle of attack
+        attack = math.radians(stats.norm.ppf(1.0 - level))  # The critical angle falls with the angle of attack.
         exact = critical_angle(**PAPER, angle_of_attack=attack).angle
         assert estimate.value == pytest.approx(exact, abs=math.radians(0.05))
     below = answer.probability[answer.quantiles[0][1].value > ANGLES]
@@ -74,8 +74,8 @@ def test_models_and_scatter_are_seen_side_by_side() -> None:
     assert model > attack
 
 
-def test_profiles_are_models_of_a_study_and_of_its_strike() -> None:
-    """The profiles are given as a tuple and as an array; the critical angle of each is that of a search."""
+def test_nose_can_be_an_uncertain_input() -> None:
+    """The nose is an uncertain input, with points as a tuple or as an array; each angle is that of a search."""
     cones = [Profile(points=((0.0, 0.0), (0.13, 0.04))), Profile(points=np.array([[0.0, 0.01], [0.12, 0.04]]))]  # type: ignore[arg-type]
     body = replace(PAPER_PROJECTILE, nose=cones[1])
     noses = Uncertain("projectile.nose", Discrete(values=cones))
@@ -110,11 +110,11 @@ def test_residual_scatters_the_angle() -> None:
     residual = Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=0.1))
     answer = critical_angle_uncertainty(**PAPER, uncertain=[residual], sampling=Sampling(half_width=0.1))
     low, high = (change.angle for change in answer.sensitivity[0].swing)
-    assert known(high) < known(low)  # stronger concrete has a smaller critical angle
+    assert known(high) < known(low)  # Stronger concrete has a smaller critical angle.
 
 
-def test_surrogate_follows_a_strength_factor_that_nobody_has_tested() -> None:
-    """S within a factor of five, with the usual scatter and both theories, compared with 6,000 plain searches."""
+def test_surrogate_follows_a_widely_scattered_strength_factor() -> None:
+    """S varies by a factor of five, beside the usual scatter and both theories; compared with 6,000 random searches."""
     theories = Discrete(values=[ElasticPlastic(), MohrCoulomb()], weights=[0.8, 0.2])
     uncertain = [
         Uncertain("impact.velocity", Normal(mean=238.0, coefficient_of_variation=0.02)),
@@ -129,7 +129,7 @@ def test_surrogate_follows_a_strength_factor_that_nobody_has_tested() -> None:
     assert known(answer.surrogate_error) <= math.radians(0.1)
     levels = dict(answer.quantiles)
     found = [math.degrees(levels[level].value) for level in (0.05, 0.95)]
-    assert found == pytest.approx([41.8, 59.1], abs=0.5)  # the plain searches give 41.6 to 42.0 and 58.6 to 59.5
+    assert found == pytest.approx([41.8, 59.1], abs=0.5)  # The random searches give 41.6 to 42.0 and 58.6 to 59.5.
 
 
 def test_samples_outside_the_model_are_counted() -> None:
@@ -164,8 +164,8 @@ def test_distribution_of_values_that_the_model_does_not_accept_is_refused(
     assert requirement in error.value.requirement
 
 
-def test_points_of_the_surrogate_that_the_model_does_not_accept_count_as_not_known() -> None:
-    """The lower bound is 3.3 standard deviations below the mean: 0.05 % of the surrogate's points are beyond it."""
+def test_surrogate_points_out_of_bounds_count_as_unknown() -> None:
+    """The lower bound is 3.3 standard deviations below the mean, so 0.05 % of the surrogate's points are below it."""
     deviation = (2250.0 - BOUNDS["target.density"].lower) / 3.3
     density = Uncertain("target.density", Normal(mean=2250.0, standard_deviation=deviation))
     sampling = Sampling(half_width=0.5)
@@ -207,11 +207,11 @@ def test_wall_is_perforated_with_a_probability_and_a_residual_speed() -> None:
         sampling=Sampling(half_width=0.05),
     )
     shares = dict(answer.outcomes)
-    assert 0.4 < shares["perforated"].value < 0.65  # the limit velocity of this wall is 0.1 m/s below the mean
+    assert 0.4 < shares["perforated"].value < 0.65  # The limit velocity of this wall is 0.1 m/s below the mean.
     assert shares["perforated"].value + shares["embedded"].value == pytest.approx(1.0)
     assert answer.exit_speed == ()
     low, high = (dict(answer.residual_speed)[level].value for level in (0.05, 0.95))
-    assert 20.0 < low < high < 80.0  # an exit speed is at least a tenth of the impact speed
+    assert 20.0 < low < high < 80.0  # An exit speed is at least a tenth of the impact speed.
 
 
 @pytest.mark.parametrize(

@@ -41,16 +41,16 @@ def test_surrogate_admits_the_share_that_its_samples_cannot_show() -> None:
     first, last = answer.convergence[0], answer.convergence[-1]
     assert answer.method == "surrogate"
     assert answer.converged
-    assert first.samples < last.samples  # the surrogate is evaluated at 65,536 points, which do not count
+    assert first.samples < last.samples  # The 65,536 points at which the surrogate is evaluated do not count.
     unseen = answer.share_without.upper
     assert ((answer.upper - answer.probability)[answer.probability < 0.5] >= unseen).all()
     assert ((answer.probability - answer.lower)[answer.probability > 0.5] >= unseen).all()
-    assert last.half_width >= unseen  # both sides of an intermediate probability
+    assert last.half_width >= unseen  # This counts on both sides of an intermediate probability.
 
 
 @pytest.mark.parametrize("half_width", [0.1, 0.01])
-def test_samples_correct_a_surrogate_whose_error_does_not_go_away(half_width: float) -> None:
-    """The function is a sum with a small step, whose error more samples do not reduce."""
+def test_samples_correct_a_surrogate_with_a_persistent_error(half_width: float) -> None:
+    """The function has a small step, whose error in the surrogate more samples do not reduce."""
 
     class Stepped(Linear):
         def __call__(self, x: FloatArray) -> FloatArray:
@@ -67,8 +67,8 @@ def test_samples_correct_a_surrogate_whose_error_does_not_go_away(half_width: fl
     assert inside.mean() >= 0.95
 
 
-def test_surrogate_gives_way_once_counting_is_more_exact() -> None:
-    """Counting points estimates steps in one input more exactly than the bound on the surrogate's error."""
+def test_counting_replaces_the_surrogate_where_it_is_more_exact() -> None:
+    """For steps in one input, counting samples is more exact than the bound on the error of the surrogate."""
 
     class Stairs(Linear):
         distributions = (Uniform(lower=-1.0, upper=1.0),)
@@ -115,7 +115,7 @@ def test_study_never_takes_more_samples_than_its_budget(budget: int, method: str
     def evaluate(points: Sequence[Any]) -> list[Crossings]:
         nonlocal taken
         taken += len(points)
-        return [Crossings((0.5 * round(x) + 0.01 * model,)) for x, model in points]  # no surrogate fits a step
+        return [Crossings((0.5 * round(x) + 0.01 * model,)) for x, model in points]  # No surrogate fits a step.
 
     sampling = Sampling(max_samples=budget, half_width=1e-4, method=method)
     answer = answer_of(AngleStudy(inputs, GRID, sampling), evaluate)
@@ -169,8 +169,8 @@ def test_more_samples_begin_with_the_same_ones() -> None:
     assert many[:512] == few
 
 
-def test_alternatives_are_an_input_of_their_own() -> None:
-    """y = x + z with x uniform in [-1, 1], and z = 0 or 3 with weights 0.8 and 0.2: Var x = 1/3, Var z = 1.44."""
+def test_alternative_models_count_as_one_input() -> None:
+    """y = x + z, where x is uniform in [-1, 1], and z is 0 or 3 with weights 0.8 and 0.2: Var x = 1/3, Var z = 1.44."""
 
     class Sum:
         grid = np.linspace(-2.0, 5.0, 29)
@@ -206,8 +206,8 @@ def test_every_sample_counts_by_its_outcome_at_each_angle() -> None:
         if x < 0.5:
             return Crossings(starts_turned_away=True)  # always
         if x < 0.75:
-            return Crossings((0.25, 0.45, 0.65))  # turned away in a band, and beyond
-        return Crossings((0.35, 0.55), starts_turned_away=True)  # retained in a band between
+            return Crossings((0.25, 0.45, 0.65))  # turned away in a band, and above a higher angle
+        return Crossings((0.35, 0.55), starts_turned_away=True)  # turned away except in a band
 
     answer = answer_of(AngleStudy(EDGE, GRID, Sampling(half_width=0.05)), outcome(crossings))
     band = np.where(((GRID >= 0.25) & (GRID < 0.45)) | (GRID >= 0.65), 0.25, 0.0)
@@ -244,8 +244,8 @@ def test_samples_without_an_outcome_widen_the_interval() -> None:
     assert {"samples_outside", "samples_failed", "no_indices"} <= {warning.code for warning in answer.warnings}
 
 
-def test_flights_have_quantiles_by_outcome_if_they_are_wanted() -> None:
-    """Turned away for x above 0.25, perforated below 0.1; the distance is 100 x, at most 200 x."""
+def test_flights_have_quantiles_by_outcome_if_requested() -> None:
+    """Turned away for x above 0.25, perforated below 0.1. The distance flown is 100 x, and at most 200 x."""
     inputs = [Uncertain("x", Uniform(lower=0.0, upper=1.0))]
     left = Exit(100.0, 0.8, 0.7, 0.1, 5.0, 1e3, 0.5)
 
@@ -266,8 +266,8 @@ def test_flights_have_quantiles_by_outcome_if_they_are_wanted() -> None:
     assert without.ricochet_flight == {}
 
 
-def test_outcomes_of_a_strike_and_quantiles_of_how_it_ends() -> None:
-    """Turned away for x above 0.25, at a speed of 100 x; the depth is x."""
+def test_study_of_a_strike_has_outcomes_and_quantiles_of_its_end() -> None:
+    """Turned away for x above 0.25, with a speed of 100 x. The depth is x."""
     inputs = [Uncertain("x", Uniform(lower=0.0, upper=1.0))]
 
     def ending(x: float) -> Ending:

@@ -1,4 +1,4 @@
-"""The verdict on a wall: perforation and scabbing by the formulas with margins, and never less than the model needs."""
+"""The verdict on a wall: formulas with margins for perforation and scabbing, and never less than the model needs."""
 
 import math
 import re
@@ -49,7 +49,7 @@ def judge(projectile: Projectile, target: Target, velocity: float, angle: float 
     return judge_wall(projectile=projectile, target=target, impact=impact, **laws)
 
 
-def test_flat_strike_on_450_mm_is_not_enough_as_scabbing_asks_for_600() -> None:
+def test_450_mm_are_not_enough_where_scabbing_requires_600() -> None:
     wall = Target(compressive_strength=60.5e6, density=2300.0, thickness=0.45)
     found = judge(FLAT, wall, 136.0)
     assert found.enough is False
@@ -74,7 +74,7 @@ def test_850_mm_are_not_enough_for_the_155_mm_body(strength: float, angle: float
 
 
 def test_design_value_is_not_below_what_the_model_needs_with_plug_and_crater() -> None:
-    """The model needs 427 mm if eq. 9 is not held beyond 60°; held, it needs less than 1.2 times Hughes."""
+    """With eq. 9 not held beyond 60° the model needs 427 mm, more than 1.2 times Hughes; if it is held, less."""
     wall = Target(compressive_strength=27e6, density=2300.0, thickness=0.4)
     falling = Resistance(strength_factor=ObliquityPolynomial(held_from=math.radians(90.0)))
     found = judge(LONG_OGIVE, wall, 242.0, 67.1, resistance=falling)
@@ -106,7 +106,7 @@ def test_where_no_formula_is_within_its_range_the_sentence_says_so(target: Targe
     assert ("not known to be enough" in str(found)) is (target.thickness is not None)
 
 
-def test_a_nose_out_of_the_rear_face_is_said_and_is_not_enough() -> None:
+def test_wall_with_a_nose_out_of_its_rear_face_is_not_enough() -> None:
     found = judge(PAPER_PROJECTILE, replace(PAPER_TARGET, thickness=0.25), 238.0, 20.0)
     assert found.outcome is Outcome.EMBEDDED
     assert found.protrusion is not None

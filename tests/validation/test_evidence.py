@@ -1,4 +1,4 @@
-"""The table of evidence, and the figures of metal plates and finite elements behind the default law."""
+"""The table of evidence, and results for metal plates and finite elements that support the default decay law."""
 
 import pytest
 

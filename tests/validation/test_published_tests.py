@@ -1,4 +1,4 @@
-"""Depths of published tests: predictions, excluded tests, and the difference of the two ways to a depth."""
+"""Depths of published tests: predictions, excluded tests, and the difference between the two methods."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -83,8 +83,8 @@ def test_every_row_but_the_outlier_is_counted(assessment: Assessment) -> None:
     assert {assessment.agreement(method, model).number for method in METHODS for model in ALL_MODELS} == {54}
 
 
-def test_outlier_enters_no_fit(assessment: Assessment) -> None:
-    """No strength factor changes when its depth is doubled; with a counted test it would."""
+def test_outlier_is_not_used_in_any_fit(assessment: Assessment) -> None:
+    """No fitted strength factor changes when the depth of the outlier is doubled."""
     place = outlier_place(assessment)
     curves = [depth_curve(strike, CLOSED_FORM) for strike in assessment.strikes]
     moved = with_depth(assessment.strikes, place, factor=2.0)
@@ -92,7 +92,7 @@ def test_outlier_enters_no_fit(assessment: Assessment) -> None:
 
 
 def with_depth(given: Sequence[PublishedStrike], place: int, *, factor: float) -> list[PublishedStrike]:
-    """The same strikes with one measured depth changed."""
+    """Return the same strikes with one measured depth multiplied by a factor."""
     strike = given[place]
     test = replace(strike.test, depth=factor * strike.test.depth)
     return [replace(strike, test=test) if index == place else each for index, each in enumerate(given)]
@@ -114,7 +114,7 @@ def test_depth_of_a_test_does_not_move_its_own_prediction_but_moves_the_others(
 
 
 def test_factor_of_a_group_is_that_of_the_calibration_from_depths(assessment: Assessment) -> None:
-    """The two computations agree for the group with one projectile and one concrete."""
+    """The group has one projectile and one concrete, so that the calibration applies to it."""
     group = [strike for strike in assessment.strikes if strike.group == WEAK_2006]
     tests = [DepthTest(velocity=each.test.velocity, depth=each.test.depth, mass=each.test.mass) for each in group]
     expected = fit_depth(projectile=group[0].projectile, target=group[0].target, tests=tests).estimate
@@ -174,8 +174,8 @@ def test_constant_is_the_papers_at_normal_impact() -> None:
     assert FACTOR_MODELS[CONSTANT] == ConstantStrengthFactor(value=dict(table_2())[0.0])
 
 
-def test_depths_of_the_two_ways_differ_by_nearly_a_constant_of_the_nose(assessment: Assessment) -> None:
-    """In normal impact below 500 m/s the difference is within a tenth of a diameter of that without inertia."""
+def test_depths_of_both_methods_differ_by_nearly_a_constant_for_each_nose(assessment: Assessment) -> None:
+    """Below 500 m/s the difference is that without inertia plus at most 0.05 diameters; it varies by at most 0.1."""
     for each in crater_differences(assessment):
         slow = np.array([strike.test.velocity < 500.0 for strike in each.strikes])
         beyond = (each.differences - each.static) / each.diameter

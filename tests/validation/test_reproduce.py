@@ -82,7 +82,7 @@ def test_trials_turned_away_are_those_that_end_above_the_face() -> None:
     assert degrees[:3] == pytest.approx((40.0, 60.0, 50.0))
     assert turned_away[:4] == ("no", "yes", "yes", "no")
     assert early[0] == pytest.approx(final[0])  # at rest at that time
-    assert early[1] > final[1]  # the depth is still increasing
+    assert early[1] > final[1]  # The depth is still increasing.
 
 
 def test_finer_steps_and_more_elements_come_nearer_to_the_adaptive_route() -> None:

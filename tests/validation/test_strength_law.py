@@ -1,4 +1,4 @@
-"""The law of S from the literature: its rows, the mixed model, and predictions of a series left out."""
+"""The law of S from published tests: rows used, the mixed model, and predictions for series that were left out."""
 
 import math
 from itertools import permutations
@@ -101,8 +101,8 @@ def test_mixed_model_finds_the_scatter_that_made_the_data() -> None:
     assert (found.between, found.within) == pytest.approx((0.4, 0.1), rel=0.06)
 
 
-def test_mixed_model_of_balanced_groups_is_the_analysis_of_variance() -> None:
-    """Restricted maximum likelihood has a closed form for balanced groups and a mean only."""
+def test_mixed_model_of_balanced_groups_equals_the_analysis_of_variance() -> None:
+    """For balanced groups and a constant mean, restricted maximum likelihood has this closed form."""
     values = np.array([[2.0, 2.1, 1.9], [2.6, 2.5, 2.7], [1.5, 1.7, 1.6], [2.2, 2.0, 2.4]])
     found = fit_mixed(values.ravel(), np.ones((12, 1)), np.repeat(range(4), 3).tolist())
     within = float(np.mean(values.var(axis=1, ddof=1)))
@@ -118,7 +118,7 @@ def test_intervals_hold_the_shots_of_series_left_out(by_article: bool) -> None:
     for each in (without, after_one, after_two):
         assert isinstance(each, Coverage)
         assert each.series >= 25
-    # Leaving out an article leaves out all its series, so the intervals are wider.
+    # An article contains several series, so leaving one out leaves less data for the prediction.
     least = 0.88 if by_article else 0.90
     for share in (without.covered, without.covered_shots):
         assert least <= share <= 0.96
@@ -219,8 +219,8 @@ def test_solver_has_the_constants_and_the_range_of_the_fit(section: Section) -> 
         assert limits == (min(values), max(values))
 
 
-def test_one_own_shot_in_the_solver_holds_the_others_of_its_series() -> None:
-    """The law `OwnTests` is given each shot of a series in turn."""
+def test_interval_after_one_own_shot_contains_the_others_of_its_series() -> None:
+    """The law `OwnTests` gets one shot of a series at a time, and its 90 % interval is compared with the others."""
     shares, widths = [], []
     for name in {shot.series for shot in counted_shots()}:
         members = [shot for shot in counted_shots() if shot.series == name]

@@ -1,11 +1,11 @@
-"""Requests of a Python program to the service, with a client generated from the contract.
+"""Example of a Python program that uses a client generated from the contract.
 
     openapi-python-client generate --path openapi/openapi.json --output-path ricochet_client --meta none \
         --config tests/clients/python/config.yml
     PYTHONPATH=. python tests/clients/python/conversation.py http://127.0.0.1:8000
 """
 # mypy: ignore-errors
-# The client exists only after it has been generated.
+# The package exists only after the client has been generated.
 
 import io
 import json
@@ -163,7 +163,7 @@ def follow_a_job() -> None:
     assert [item.index for item in items] == list(range(24))
     assert [item.custom_id for item in items] == [case.custom_id for case in cases]
     assert all(isinstance(item.result, models.CriticalAngleAnswer) for item in items)
-    # Other formats are requested with the HTTP client inside.
+    # Other formats are requested with the HTTP client that the generated client wraps.
     table = client.get_httpx_client().get(first.links.results, headers={"Accept": "text/csv"})
     assert len(table.text.splitlines()) == 1 + 24
 
@@ -172,7 +172,8 @@ def follow_a_job() -> None:
 
 
 def cancel_a_job() -> None:
-    numerics = models.Numerics(method=models.Method.PANELS, panels=20_000)  # slow, to be cancelled while it runs
+    # The job is so slow that it is still running when it is cancelled.
+    numerics = models.Numerics(method=models.Method.PANELS, panels=20_000)
     strikes = [models.Impact(velocity_m_s=280.0 + 1e-3 * number, oblique_angle_deg=50.0) for number in range(200)]
     cases = [
         models.TrajectoryCase(projectile=PROJECTILE, target=TARGET, impact=impact, numerics=numerics)
