@@ -6,9 +6,8 @@ from collections.abc import Callable
 
 from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.workers import CallResult
-from service.workers.executor import Executor
+from service.workers.executor import Executor, loads
 from service.workers.work_queue import Accepts, Kind, Work, WorkQueue
-from service.workers.worker import loads
 from service.workers.worker_process import WorkerDiedError, WorkerProcess
 from solver.compilation import compilation_progress
 

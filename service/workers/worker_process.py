@@ -12,8 +12,9 @@ from pathlib import Path
 
 from service.errors import PoolUnavailableError
 from service.workers import Call
+from service.workers.executor import dumps
 from service.workers.template import LIMIT_HINT, template
-from service.workers.worker import BEGUN, LENGTH, NUMBER, STOP, VERSIONS, Hello, dumps
+from service.workers.worker import BEGUN, LENGTH, NUMBER, STOP, VERSIONS, Hello
 
 START_SECONDS = 600.0
 """Timeout for the start of a worker [s]. A start takes seconds, but the first one of an installation compiles the
