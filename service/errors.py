@@ -536,17 +536,12 @@ def errors_of_point(grid: Grid, number: int, point: Sequence[float]) -> Iterator
         raise InvalidBodyError(errors, place) from error
 
 
-def problem_of(exception: BaseException, errors: Sequence[dict[str, str]] | None = None) -> dict[str, Any]:
+def problem_of(exception: BaseException) -> dict[str, Any]:
     """Return the problem document of an exception, without `instance`.
 
     The cause of an unexpected error is written to the log only, because its message may contain paths or data.
-
-    Parameters
-    ----------
-    errors
-        Errors of fields; those of the exception if not given.
     """
-    kind, found = ProblemType.of(exception), field_errors(exception) if errors is None else errors
+    kind, found = ProblemType.of(exception), field_errors(exception)
     if found:
         detail = ": ".join(filter(None, found[0].values())) + (" (and more)" if len(found) > 1 else "")
         if isinstance(exception, InvalidBodyError) and exception.place:

@@ -355,15 +355,7 @@ class QueryService:
         record = await run_sync(self.cache.get, request.key)
         if record is not None:
             return record, "hit"
-        json, outcome = await self._compute(operation, request, owner)
-        self._rate.add(request.work)
-        self._count(operation, outcome, "miss", 1)
-        record = self._record(operation, request, json, outcome)
-        return await run_sync(self.cache.put, record), "miss"
-
-    async def _compute(self, operation: str, request: KeyedRequest, owner: str) -> tuple[bytes, str]:
-        """Have a worker compute one request, and return its JSON and outcome."""
-        return await self.submit(
+        json, outcome = await self.submit(
             compute_single,
             self.operations[operation].compute,
             operation,
@@ -373,6 +365,10 @@ class QueryService:
             cost=request.work,
             begun=partial(self._running.add, self._in_flight[request.key]),
         )
+        self._rate.add(request.work)
+        self._count(operation, outcome, "miss", 1)
+        record = self._record(operation, request, json, outcome)
+        return await run_sync(self.cache.put, record), "miss"
 
     async def submit(
         self,
@@ -389,9 +385,11 @@ class QueryService:
         QueriesWaitingError
             If the queue is full, or this call has waited too long.
         """
-        queue, busy = self.executor.queue, QueriesWaitingError(self.seconds_until_done())
-        if queue.singles >= self._max_waiting and not queue.make_room(owner, busy):
-            raise busy
+        queue = self.executor.queue
+        if queue.singles >= self._max_waiting:
+            busy = QueriesWaitingError(self.seconds_until_done())
+            if not queue.make_room(owner, busy):
+                raise busy
         self._work += cost
         self._submitted += 1
         try:

@@ -36,7 +36,7 @@ OVERLONG_SECONDS = 10.0
 are queued again in smaller chunks, so that all workers share them and other work can pass."""
 TEMPORARY = (ComputationCancelled, PoolUnavailableError, QueueFullError)
 """Errors that are not caused by the case, and after which it is retried. A case whose worker died is not among them,
-because the executor has already retried it (`DEATHS` in `service/workers/process_pool.py`)."""
+because the executor has already retried it (`DEATHS` in `service/workers/worker_process.py`)."""
 
 Blocks: TypeAlias = AsyncGenerator[Mapping[int, JobCase], None]
 """Generator of blocks of cases by number. It is advanced when a chunk is prepared."""

@@ -1,7 +1,7 @@
 """Report of one strike for an assessor: case, answer, scatter, other models, limits, formulas and sources."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
@@ -18,7 +18,14 @@ from service.reports.assessment_numbers import WORDS, Numbers, Row, field_of, lo
 from service.reports.style import embedded
 from solver.free_surface import NoFreeSurface
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9_COEFFICIENTS, ObliquityPolynomial, PublishedTests
+from solver.resistance import (
+    EQUATION_9_COEFFICIENTS,
+    ConstantStrengthFactor,
+    ObliquityPolynomial,
+    OwnTests,
+    PublishedTests,
+    StrengthPowerLaw,
+)
 from solver.uncertainty import Verdict
 from solver.uncertainty.verdict import probability_text
 from solver.warnings import (
@@ -278,19 +285,16 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
     speed, strength = impact["velocity_m_s"], target["compressive_strength_pa"]
     lowest, highest = TESTED_STRENGTH
     attack = degrees(SMALL_ATTACK)
-    speed_shown = numbers.short("/case/impact/velocity_m_s", digits=4, unit=" m/s")
-    strength_shown = numbers.short("/case/target/compressive_strength_pa", factor=1e-6, digits=4, unit=" MPa")
-    diameter_shown = numbers.short("/case/projectile/diameter_m", factor=MM, digits=4, unit=" mm")
     found = [
         Limit(
             "Speed below which noses of steel do not erode",
-            speed_shown,
+            _speed(numbers),
             f"up to {RIGID_VELOCITY:g} m/s",
             speed <= RIGID_VELOCITY,
         ),
         Limit(
             "Strength in the tests behind the resistance law",
-            strength_shown,
+            _strength(numbers),
             f"{1e-6 * lowest:g} to {1e-6 * highest:g} MPa",
             lowest <= strength <= highest,
         ),
@@ -301,18 +305,29 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
             abs(impact["angle_of_attack_deg"]) <= attack,
         ),
     ]
-    search, law = strike.answers["cra"], strike.case["resistance"]["strength_factor"]
+    law = strike.case["resistance"]["strength_factor"]["model"]
+    return [*found, *LAW_LIMITS[law](numbers, strike)]
+
+
+def _no_limits(_: Numbers, __: Assessed) -> list[Limit]:
+    """Return no limits, for laws without data of their own: the strength in the tests behind all laws is listed."""
+    return []
+
+
+def _polynomial_limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
+    """Return the limits of a polynomial in the oblique angle."""
+    found, search = [], strike.answers["cra"]
     codes = {warning["code"] for warning in search["warnings"]}
-    if law["model"] == ObliquityPolynomial.name and tuple(law["coefficients"]) == EQUATION_9_COEFFICIENTS:
+    if tuple(strike.case["resistance"]["strength_factor"]["coefficients"]) == EQUATION_9_COEFFICIENTS:
         found.append(
             Limit(
                 "Concrete and projectile of the fit of S",
-                Markup("{}, {}").format(strength_shown, diameter_shown),
+                Markup("{}, {}").format(_strength(numbers), _diameter(numbers)),
                 f"{1e-6 * EQUATION_9_STRENGTH:g} MPa, {MM * EQUATION_9_DIAMETER:g} mm",
                 "strength_factor_of_other_concrete" not in codes,
             )
         )
-    if law["model"] == ObliquityPolynomial.name and "critical_angle_deg" in search:
+    if "critical_angle_deg" in search:
         fitted = degrees(ObliquityPolynomial.fitted_to)
         found.append(
             Limit(
@@ -322,21 +337,47 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
                 search["critical_angle_deg"] <= fitted,
             )
         )
-    if law["model"] == PublishedTests.name:
-        (s0, s1), (d0, d1), (v0, v1) = (
-            PublishedTests.compressive_strengths,
-            PublishedTests.diameters,
-            PublishedTests.velocities,
-        )
-        found.append(
-            Limit(
-                "Tests behind S",
-                Markup("{}, {}, {}").format(strength_shown, diameter_shown, speed_shown),
-                f"{1e-6 * s0:g} to {1e-6 * s1:g} MPa, {MM * d0:g} to {MM * d1:g} mm, {v0:g} to {v1:g} m/s",
-                "published_tests_extrapolated" not in codes,
-            )
-        )
     return found
+
+
+def _published_tests_limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
+    """Return the limits of the published tests."""
+    codes = {warning["code"] for warning in strike.answers["cra"]["warnings"]}
+    (s0, s1), (d0, d1), (v0, v1) = (
+        PublishedTests.compressive_strengths,
+        PublishedTests.diameters,
+        PublishedTests.velocities,
+    )
+    return [
+        Limit(
+            "Tests behind S",
+            Markup("{}, {}, {}").format(_strength(numbers), _diameter(numbers), _speed(numbers)),
+            f"{1e-6 * s0:g} to {1e-6 * s1:g} MPa, {MM * d0:g} to {MM * d1:g} mm, {v0:g} to {v1:g} m/s",
+            "published_tests_extrapolated" not in codes,
+        )
+    ]
+
+
+def _speed(numbers: Numbers) -> Markup:
+    return numbers.short("/case/impact/velocity_m_s", digits=4, unit=" m/s")
+
+
+def _strength(numbers: Numbers) -> Markup:
+    return numbers.short("/case/target/compressive_strength_pa", factor=1e-6, digits=4, unit=" MPa")
+
+
+def _diameter(numbers: Numbers) -> Markup:
+    return numbers.short("/case/projectile/diameter_m", factor=MM, digits=4, unit=" mm")
+
+
+LAW_LIMITS: Final[Mapping[str, Callable[[Numbers, Assessed], list[Limit]]]] = {
+    ConstantStrengthFactor.name: _no_limits,
+    ObliquityPolynomial.name: _polynomial_limits,
+    StrengthPowerLaw.name: _no_limits,
+    PublishedTests.name: _published_tests_limits,
+    OwnTests.name: _no_limits,
+}
+"""Functions that return the limits of each law of the strength factor, by its name."""
 
 
 def _warnings(strike: Assessed) -> list[tuple[tuple[str, str, str], bool]]:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from enum import StrEnum
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias, get_args
 
 from pydantic import MISSING, Field
 from typing_extensions import TypeAliasType
@@ -154,21 +154,15 @@ class StrengthLaw(StrEnum):
     STRENGTH_POWER_LAW = "strength_power_law"
 
 
+AnyStrengthFactor: TypeAlias = (
+    ConstantStrengthFactor | ObliquityPolynomial | StrengthPowerLaw | PublishedTests | OwnTests
+)
 StrengthFactor = TypeAliasType(
     "StrengthFactor",
-    Annotated[
-        ConstantStrengthFactor | ObliquityPolynomial | StrengthPowerLaw | PublishedTests | OwnTests,
-        Field(discriminator="model", description="Model of the strength factor."),
-    ],
+    Annotated[AnyStrengthFactor, Field(discriminator="model", description="Model of the strength factor.")],
 )
-
-
 STRENGTH_FACTORS: Mapping[str, type[Part]] = {
-    "constant": ConstantStrengthFactor,
-    "obliquity_polynomial": ObliquityPolynomial,
-    "strength_power_law": StrengthPowerLaw,
-    "published_tests": PublishedTests,
-    "own_tests": OwnTests,
+    name: model for model in get_args(AnyStrengthFactor) for name in get_args(model.model_fields["model"].annotation)
 }
 """Models of the strength factor by name."""
 

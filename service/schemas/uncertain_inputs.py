@@ -13,7 +13,7 @@ from service.schemas.requests import Case
 from service.schemas.resistance import STRENGTH_FACTORS, FreeSurface, Resistance
 from service.schemas.sweeps import check_field, put
 from service.schemas.wording import worded
-from solver import OwnTests, ParameterError
+from solver import ParameterError
 from solver.resistance import StrengthFactor
 from solver.uncertainty import (
     RESIDUAL,
@@ -359,13 +359,6 @@ def without_shots(case: Case, request: dict[str, Any]) -> dict[str, Any]:
         If no strength factor gives the depth of a shot.
     """
     arguments = case.shared_arguments()
-    resistance = arguments["resistance"]
-    if not isinstance(resistance.strength_factor, OwnTests):
-        return request
-    law = resistance.strength_factor.power_law(
-        target=arguments["target"],
-        projectile=arguments["projectile"],
-        inertia_factor=resistance.inertia_factor,
-        crater=resistance.crater,
-    )
-    return _with_law(request, law)
+    given = arguments["resistance"]
+    found = given.without_shots(target=arguments["target"], projectile=arguments["projectile"])
+    return request if found is given else _with_law(request, found.strength_factor)
