@@ -1,6 +1,7 @@
-"""The report of one strike: the requests whose answers it shows, and its page.
+"""Report of one strike: the requests whose answers it shows, and its page.
 
-Its numbers are those of requests that anyone may send: they are computed, kept and counted like any other.
+All numbers of a report are answers to ordinary requests, which are computed, cached and counted against quotas like
+those of any client.
 """
 
 from collections.abc import Mapping
@@ -24,11 +25,11 @@ from solver.warnings import RETENTION_DECIDES
 EXTRA = ("jinja2", "markupsafe", "matplotlib")
 """Packages of the extra `reports`."""
 SPEEDS = tuple(round(0.5 + 0.1 * step, 1) for step in range(11))
-"""Speeds of the curve over the speed of the case. [1]"""
+"""Speeds at which the report shows the critical angle, relative to the speed of the case. [1]"""
 ASIDE_DEG = 0.5
-"""Distance of the runs just below and just above from the critical angle. [°]"""
+"""Angle between the critical angle and the runs drawn just below and just above it. [°]"""
 STEEPEST_DEG = 89.9
-"""Largest angle of these runs. [°]"""
+"""Largest oblique angle of the run just above the critical angle. [°]"""
 
 
 class Query(NamedTuple):
@@ -39,12 +40,12 @@ class Query(NamedTuple):
 
 
 def require_extra() -> None:
-    """Check that what draws reports is installed.
+    """Check that the packages of the extra `reports` are installed.
 
     Raises
     ------
     ReportsMissingError
-        If it is not.
+        If one of them is missing.
     """
     for name in EXTRA:
         if find_spec(name) is None:
@@ -54,14 +55,14 @@ def require_extra() -> None:
 def verdict_queries(request: ReportRequest) -> dict[str, Query]:
     """Return the requests that the verdict is made from, by name.
 
-    The answer to `cra` is needed; the others may be problems. A wall is judged at the angle to judge, along the normal
-    without one.
+    The answer to `cra` is needed; the others may be problems. A wall is judged at the angle to judge, or in normal
+    impact if none is given.
     """
     return {name: _query_of(request, question) for name, question in next(verdict_steps(request)).items()}
 
 
 def weighing_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
-    """Return the searches that show how far the warnings of the search move its angle, by their code and a number.
+    """Return searches that show how far the effects behind warnings shift the angle, by warning code and number.
 
     Their answers may be problems.
 
@@ -105,13 +106,14 @@ def first_queries(request: ReportRequest) -> dict[str, Query]:
 def strike_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
     """Return the requests that depend on the answer to the search, by name.
 
-    They are the searches that weigh its warnings, and the runs to draw beside that at the angle to judge: on either
-    side of the critical angle.
+    They are the searches that weigh its warnings, and the runs on either side of the critical angle, which are drawn
+    beside the run at the angle to judge.
 
     Parameters
     ----------
     found
-        The answer to the search. Without an angle, the run is at the end of the range that is nearest to one.
+        The answer to the search. If it has no critical angle, the only run is at the end of the range nearest to a
+        change of outcome.
     """
     case, search = _search_of(request), request.canonical()["search"]
     angles: dict[str, float] = {}
@@ -137,7 +139,7 @@ def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, 
     answers
         Answers, or objects with a `problem`, by the names of their requests.
     made
-        Date and time, as text.
+        Date and time of the report, as text.
     address
         Address of the service that computed it; None if it was computed without one.
     """
@@ -182,7 +184,7 @@ def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, 
 
 
 def _search_of(request: ReportRequest) -> dict[str, Any]:
-    """Return the body of the search, without the units of its texts."""
+    """Return the body of the request for the critical angle, without the units of its texts."""
     case = request.model_dump(mode="json", exclude={"alternatives", "output", "flight", "units"})
     case["impact"].pop("oblique_angle_deg", None)
     return case
@@ -221,7 +223,7 @@ def _query_of(request: ReportRequest, question: Question) -> Query:
 
 
 def _with_probe(case: Mapping[str, Any], code: str, value: float) -> dict[str, Any]:
-    """Return the body of a search with another value, as `solver.uncertainty.weighed_warnings.with_probe`."""
+    """Return the body of a search in which a probe changes one value; `code` is that of the warning to weigh."""
     if code == RETENTION_DECIDES:
         return {**case, "numerics": case.get("numerics", {}) | {"retention_energy_fraction": value}}
     held = {"model": ConstantStrengthFactor.name, "value": value}
@@ -229,7 +231,7 @@ def _with_probe(case: Mapping[str, Any], code: str, value: float) -> dict[str, A
 
 
 def _strike_of(case: Mapping[str, Any], angle: float) -> dict[str, Any]:
-    """Return the body of a run."""
+    """Return the body of the request for a run at an oblique angle. [°]"""
     found = {name: part for name, part in case.items() if name != "search"}
     return found | {"impact": case["impact"] | {"oblique_angle_deg": angle}}
 

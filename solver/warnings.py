@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import assert_never
 
 from solver.formulas import formulas, spread
 from solver.motion import MOST_TURN
@@ -14,10 +15,12 @@ from solver.resistance import (
     HELD_FROM,
     ConstantStrengthFactor,
     ObliquityPolynomial,
+    ObliquityShape,
     OwnTests,
     PublishedTests,
     Resistance,
     StrengthPosterior,
+    StrengthPowerLaw,
     plug_height,
 )
 from solver.strike import PAPER_PROJECTILE, Impact
@@ -178,51 +181,81 @@ def law_warnings(
     *, projectile: Projectile, target: Target, resistance: Resistance, impact: Impact
 ) -> tuple[ModelWarning, ...]:
     """Return the warnings about laws outside the range of their data, and about effects that they leave out."""
-    model, oblique_angle = resistance.strength_factor, impact.oblique_angle
-    found = []
-    shape = getattr(model, "obliquity_shape", "equation_9")  # polynomials are fits like eq. 9
-    by_angle = not isinstance(model, ConstantStrengthFactor) and shape != "constant"
-    fitted_to = FINITE_ELEMENTS_TO if shape == "finite_elements" else ObliquityPolynomial.fitted_to
-    held = resistance.held_from
-    # An angle converted from degrees may exceed the limit by rounding.
-    if by_angle and abs(oblique_angle) > fitted_to * (1.0 + 1e-12):
-        found.append(
-            ModelWarning(
-                "strength_fit_extrapolated",
-                f"the strength factor was fitted to finite element runs from 0° to {math.degrees(fitted_to):g}° "
-                f"from the normal; {math.degrees(abs(oblique_angle)):.4g}° is beyond"
-                + (f", where it is held from {math.degrees(held):.4g}° on" if abs(oblique_angle) > held else ""),
-            )
-        )
-    if isinstance(model, ObliquityPolynomial) and any(model.coefficients[1:]) and abs(oblique_angle) > HELD_FROM < held:
-        found.append(
-            ModelWarning(
-                "strength_factor_not_held",
-                f"beyond {math.degrees(HELD_FROM):g}° the strength factor follows its polynomial, which nothing bounds "
-                f"there, up to {math.degrees(min(abs(oblique_angle), held)):.4g}°; eq. 9 is held from "
-                f"{math.degrees(HELD_FROM):g}° on, see `held_from_deg`",
-            )
-        )
-    if isinstance(model, ObliquityPolynomial) and model.coefficients == EQUATION_9_COEFFICIENTS:
-        found += _other_concrete(projectile, target)
-    if isinstance(model, PublishedTests):
-        found += _beyond_published_tests(projectile, target, impact.velocity)
-    if isinstance(model, OwnTests):
-        posterior = model.posterior(
-            target=target, projectile=projectile, inertia_factor=resistance.inertia_factor, crater=resistance.crater
-        )
-        found += own_tests_apart(posterior)
-        found += shallow_shots(
-            depths=[shot.depth for shot in model.shots],
-            diameters=[projectile.diameter if shot.diameter is None else shot.diameter for shot in model.shots],
-        )
-        found += _own_tests_deeper_than_wall(model, target)
-    if resistance.crater is not None and oblique_angle != 0.0:
+    found = _strength_law_warnings(projectile=projectile, target=target, resistance=resistance, impact=impact)
+    if resistance.crater is not None and impact.oblique_angle != 0.0:
         found.append(CRATER_AT_OBLIQUITY)
     if target.thickness is not None:
         found.append(_rear_face(projectile=projectile, target=target, resistance=resistance, impact=impact))
         found += _plug_through_wall(projectile, target, resistance)
     return tuple(found)
+
+
+def _strength_law_warnings(
+    *, projectile: Projectile, target: Target, resistance: Resistance, impact: Impact
+) -> list[ModelWarning]:
+    """Return the warnings about the law of the strength factor."""
+    model, angle, held = resistance.strength_factor, abs(impact.oblique_angle), resistance.held_from
+    found: list[ModelWarning] = []
+    match model:
+        case ConstantStrengthFactor():
+            pass
+        case ObliquityPolynomial():
+            found += _beyond_fit_over_angle("equation_9", angle, held)  # polynomials are fits like eq. 9
+            if any(model.coefficients[1:]) and angle > HELD_FROM < held:
+                found.append(_strength_factor_not_held(angle, held))
+            if model.coefficients == EQUATION_9_COEFFICIENTS:
+                found += _other_concrete(projectile, target)
+        case StrengthPowerLaw():
+            found += _beyond_fit_over_angle(model.obliquity_shape, angle, held)
+        case PublishedTests():
+            found += _beyond_fit_over_angle(model.obliquity_shape, angle, held)
+            found += _beyond_published_tests(projectile, target, impact.velocity)
+        case OwnTests():
+            found += _beyond_fit_over_angle(model.obliquity_shape, angle, held)
+            posterior = model.posterior(
+                target=target, projectile=projectile, inertia_factor=resistance.inertia_factor, crater=resistance.crater
+            )
+            found += own_tests_apart(posterior)
+            found += shallow_shots(
+                depths=[shot.depth for shot in model.shots],
+                diameters=[projectile.diameter if shot.diameter is None else shot.diameter for shot in model.shots],
+            )
+            found += _own_tests_deeper_than_wall(model, target)
+        case _:
+            assert_never(model)
+    return found
+
+
+def _beyond_fit_over_angle(shape: ObliquityShape, angle: float, held: float) -> tuple[ModelWarning, ...]:
+    """Warn about an oblique angle beyond those to which the dependence of S on it was fitted.
+
+    Parameters
+    ----------
+    angle, held
+        Oblique angle from 0° up, and the one from which S is constant. [rad]
+    """
+    fitted_to = FINITE_ELEMENTS_TO if shape == "finite_elements" else ObliquityPolynomial.fitted_to
+    # An angle converted from degrees may exceed the limit by rounding.
+    if shape == "constant" or angle <= fitted_to * (1.0 + 1e-12):
+        return ()
+    return (
+        ModelWarning(
+            "strength_fit_extrapolated",
+            f"the strength factor was fitted to finite element runs from 0° to {math.degrees(fitted_to):g}° "
+            f"from the normal; {math.degrees(angle):.4g}° is beyond"
+            + (f", where it is held from {math.degrees(held):.4g}° on" if angle > held else ""),
+        ),
+    )
+
+
+def _strength_factor_not_held(angle: float, held: float) -> ModelWarning:
+    """Warn about a polynomial that is followed beyond the angle from which eq. 9 is held."""
+    return ModelWarning(
+        "strength_factor_not_held",
+        f"beyond {math.degrees(HELD_FROM):g}° the strength factor follows its polynomial, which nothing bounds "
+        f"there, up to {math.degrees(min(angle, held)):.4g}°; eq. 9 is held from "
+        f"{math.degrees(HELD_FROM):g}° on, see `held_from_deg`",
+    )
 
 
 def _rear_face(*, projectile: Projectile, target: Target, resistance: Resistance, impact: Impact) -> ModelWarning:

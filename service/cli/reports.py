@@ -52,10 +52,10 @@ PRINT_SECONDS = 120.0
 
 
 def add_report(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet report`."""
+    """Add the arguments of `ricochet report`."""
     parser.description = (
-        "Write the report of one strike on two pages of A4: its critical angle with the usual scatter and under other "
-        "models, runs just below and just above, limits of validity, and the formulas of the field. With --angle the "
+        "Write a report of one strike on two pages of A4: its critical angle with the usual scatter and under other "
+        "models, runs just below and just above it, limits of validity, and the empirical formulas. With --angle the "
         "strike at that angle is judged too. It computes some 300 cases. A PDF is printed by an installed Chromium, "
         "Chrome or Edge."
     )

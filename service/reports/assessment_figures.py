@@ -1,4 +1,4 @@
-"""Figures of the report of one strike: a sketch, side views of runs, and the two decisive curves."""
+"""Figures of the report of one strike: a sketch, side views of runs, and curves over the speed and the angle."""
 
 import io
 import math
@@ -19,9 +19,9 @@ from solver.units import quantity, shown_unit, symbol
 SNAPSHOTS = 4
 """Outlines of the projectile drawn for each run; more would cover each other in a view of this size (a judgement)."""
 LEAST_WIDTH = 0.8
-"""Least width of a view, over that of the widest beside it [1]; a narrower one would be too narrow for its title."""
+"""Smallest width of a view over that of the widest [1], which leaves room for its title."""
 Frame: TypeAlias = tuple[float, float, float, float]
-"""Left, right, top and bottom end of a view. [m]"""
+"""Left, right, top and bottom limit of a view. [m]"""
 SETTINGS: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 8.5,
@@ -36,7 +36,7 @@ ONE_LINE: dict[str, Any] = {
     "handletextpad": 0.4,
     "borderpad": 0.2,
 }
-"""A legend below a picture, so narrow that its entries fit beside each other."""
+"""Options of a legend below a picture, whose entries fit on one line."""
 PAGE = 7.2
 """Width of the page between its margins. [in]"""
 

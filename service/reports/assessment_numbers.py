@@ -115,7 +115,7 @@ OTHER_UNITS: Final[Mapping[str, str]] = {
     "numerics.termination_time_s": "ms",
     "numerics.retention_energy_fraction": "%",
 }
-"""Unit of single quantities for which neither the end of the name nor the unit of the contract serves."""
+"""Units of the quantities that are shown neither by the end of their names nor in the unit of the contract."""
 
 
 def shown_in(name: str) -> str:
@@ -128,7 +128,7 @@ FIELDS: Final[Mapping[str, str]] = {
 }
 """Unit in which SI shows each input, by its JSON pointer."""
 UNUSED: Final = frozenset({"/numerics/panels", "/numerics/time_step_s", "/search/relative_tolerance"})
-"""Settings of the numerics and of the searches of the paper, which only its reproduction uses."""
+"""Settings that only the numerics and searches of the paper use, which a report therefore omits."""
 ABSENT: Final[Mapping[str, tuple[str, str]]] = {
     "/target/thickness_m": ("half-space", "default"),
     "/impact/oblique_angle_deg": ("none", "not given"),

@@ -40,8 +40,8 @@ class FormulaImpact(Impact):
     model_config = with_examples(STRIKE)
 
     oblique_angle_deg: Annotated[Num, Field(ge=0.0, lt=90.0)] = 0.0
-    """Angle between the velocity and the inward normal of the face. Formulas have no angle, so that the component of
-    the velocity along the normal is used instead, which is common practice and no more. [°]"""
+    """Angle between the velocity and the inward normal of the face. The formulas have no angle; they are evaluated with
+    the component of the velocity along the normal, which is common practice but has no other justification. [°]"""
 
 
 class FormulasRequest(Part):
@@ -97,8 +97,8 @@ class FormulaRow(Part):
     note: str | MISSING = MISSING
     """Doubts about the formula, or assumptions; absent if there are none."""
     verified: bool
-    """True if the constants were compared with an original, a standard or a published shot. Those of the other formulas
-    come from secondary sources only."""
+    """True if the constants were compared with the original publication, a standard or a published shot. Those of the
+    other formulas come from secondary sources only."""
     source: str
     """Authors and year of the source."""
 
@@ -118,7 +118,7 @@ class FormulaSpread(Part):
 
 
 def spread_of(limit: Limit) -> Of:
-    """Return the source of a field with the spread of a limit."""
+    """Return the source of the field for the spread of a limit over the formulas."""
     return Of(partial(spread, limit=limit))
 
 
@@ -142,7 +142,7 @@ class FormulasAnswer(Part):
     scabbing_thickness_spread: Annotated[FormulaSpread | MISSING, spread_of("scabbing_thickness")] = MISSING
     perforation_thickness_spread: Annotated[FormulaSpread | MISSING, spread_of("perforation_thickness")] = MISSING
     nose_class: Annotated[str, GIVEN, NOT_TABLED]
-    """Nose class of the formulas, from flat to sharp by the length of the nose."""
+    """Nose class that the formulas use, from flat to sharp by the length of the nose."""
     scabbing_margin: Annotated[Num, Of(lambda _: SCABBING_MARGIN), NOT_TABLED]
     """Factor on the scabbing thickness that DOE-STD-3014-2006 requires in a design. [1]"""
     perforation_margin: Annotated[Num, Of(lambda _: PERFORATION_MARGIN), NOT_TABLED]

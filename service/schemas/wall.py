@@ -48,7 +48,7 @@ class WallRequest(Case):
 
 
 class WallQuestion(Part):
-    """Answer to one question about a wall; empty if no formula is within its range."""
+    """Design of a wall against perforation or scabbing; empty if no formula is within its range."""
 
     model_config = with_examples(PERFORATION)
 
@@ -64,7 +64,7 @@ class WallQuestion(Part):
 
 
 class NormalImpactDesign(Part):
-    """Design values for normal impact at the same speed, which are those of design practice."""
+    """Design values for normal impact at the same speed, as used in design practice."""
 
     model_config = with_examples(NORMAL)
 
@@ -123,7 +123,7 @@ class WallAnswer(WallDesign):
     sentence: Annotated[str, NOT_TABLED]
     """Verdict in words, as page, report and command line show it."""
     variants: Variants
-    """Least thickness that is not perforated in the model, which is no design value. [m]"""
+    """Least thickness that is not perforated in the model, which is not a design value. [m]"""
     outcome: Outcome | MISSING = MISSING
     """Outcome of the strike in the model, if the wall has a thickness."""
     protrusion: Protrusion | MISSING = MISSING

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import assert_never
 
 from solver.free_surface import ElasticPlastic, MohrCoulomb
 from solver.projectile import Projectile
@@ -11,6 +12,8 @@ from solver.resistance import (
     PLAUSIBLE_FACTORS,
     ConstantStrengthFactor,
     ObliquityPolynomial,
+    OwnTests,
+    PublishedTests,
     Resistance,
     StrengthPowerLaw,
     held_from,
@@ -53,14 +56,20 @@ def has_own_law(resistance: Resistance | None) -> bool:
     """
     if resistance is None:
         return False
-    model = resistance.strength_factor
-    if not isinstance(resistance.free_surface, ElasticPlastic) or isinstance(model, ConstantStrengthFactor):
+    if not isinstance(resistance.free_surface, ElasticPlastic):
         return True
-    if isinstance(model, ObliquityPolynomial):
-        return tuple(model.coefficients) != EQUATION_9_COEFFICIENTS or held_from(model) != HELD_FROM
-    return isinstance(model, StrengthPowerLaw) and (
-        replace(model, obliquity_shape=StrengthPowerLaw().obliquity_shape) != StrengthPowerLaw()
-    )
+    model = resistance.strength_factor
+    match model:
+        case ConstantStrengthFactor():
+            return True
+        case ObliquityPolynomial():
+            return tuple(model.coefficients) != EQUATION_9_COEFFICIENTS or held_from(model) != HELD_FROM
+        case StrengthPowerLaw():
+            return replace(model, obliquity_shape=StrengthPowerLaw().obliquity_shape) != StrengthPowerLaw()
+        case PublishedTests() | OwnTests():
+            return False
+        case _:
+            assert_never(model)
 
 
 def usual_scatter(
