@@ -55,15 +55,26 @@ DECAY_LAWS = {
     NoFreeSurface: "no decay",
 }
 """Decay laws, and the evidence for each."""
-STRENGTH_LAWS: Mapping[type[StrengthFactor], Callable[[], str]] = {
-    ObliquityPolynomial: lambda: (
-        f"S: finite elements, {quantity(EQUATION_9_DIAMETER, 'mm')} into {quantity(EQUATION_9_STRENGTH, 'MPa')}, "
-        "0° to 45°"
-    ),
-    PublishedTests: lambda: (
-        f"S: 251 tests at 0°, {interval(0.010, 0.203, 'mm')}, {interval(13e6, 108e6, 'MPa')}, over the angle as eq. 9"
-    ),
-    StrengthPowerLaw: lambda: "S: tests at 0° of Frew et al. (1998), over the angle constant",
+
+
+def _data_of_equation_9() -> str:
+    diameter, strength = quantity(EQUATION_9_DIAMETER, "mm"), quantity(EQUATION_9_STRENGTH, "MPa")
+    return f"S: finite elements, {diameter} into {strength}, 0° to 45°"
+
+
+def _data_of_published_tests() -> str:
+    diameters, strengths = interval(0.010, 0.203, "mm"), interval(13e6, 108e6, "MPa")
+    return f"S: 251 tests at 0°, {diameters}, {strengths}, over the angle as eq. 9"
+
+
+def _data_of_power_law() -> str:
+    return "S: tests at 0° of Frew et al. (1998), over the angle constant"
+
+
+STRENGTH_LAWS = {
+    ObliquityPolynomial: _data_of_equation_9,
+    PublishedTests: _data_of_published_tests,
+    StrengthPowerLaw: _data_of_power_law,
 }
 """Laws of the strength factor, with functions that describe the data to which their default constants were fitted."""
 FINITE_ELEMENT_MOTIONS = "S: eq. 9 at 0°, over the angle finite element motions with this decay, to 55°"

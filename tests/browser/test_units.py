@@ -35,9 +35,10 @@ def test_sentences_and_warnings_are_written_by_the_service_in_the_units_shown(pa
     }
     expect(page.locator(".outcome")).to_contain_text(client.post("/wall", json=body).json()["sentence"])
     expect(page.locator("[aria-busy=true]")).to_have_count(0)
-    words = page.locator("main").inner_text()
-    assert "formulas within their range require" in words
-    assert SI.findall(words.partition("Verdict")[2]) == []
+    warnings = page.locator(".warnings li").all_text_contents()
+    assert any("formulas within their range require" in each for each in warnings)
+    texts = [*warnings, page.locator("main .pictures").inner_text()]
+    assert [found for each in texts for found in SI.findall(each)] == []
 
 
 def test_verdict_on_a_strike_is_in_the_units_shown(page: Page) -> None:

@@ -60,7 +60,12 @@ STRIKES: dict[str, tuple[dict[str, Any], Impact]] = {
 @pytest.mark.parametrize("code", STRIKES)
 def test_warnings_differ_in_their_units_only(code: str) -> None:
     changes, impact = STRIKES[code]
-    case = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "impact": impact, "sample_interval": None} | changes
+    case: dict[str, Any] = {
+        "projectile": PAPER_PROJECTILE,
+        "target": PAPER_TARGET,
+        "impact": impact,
+        "sample_interval": None,
+    } | changes
     in_si = simulate(**case).warnings
     with written_in("us"):
         in_us = simulate(**case).warnings
@@ -73,7 +78,7 @@ def test_warnings_differ_in_their_units_only(code: str) -> None:
 
 def test_ranges_and_notes_of_formulas_differ_in_their_units_only() -> None:
     impact = Impact(velocity=1200.0, oblique_angle=0.0)
-    strike = {"projectile": replace(PAPER_PROJECTILE, mass=0.1), "target": OTHER, "impact": impact}
+    strike: dict[str, Any] = {"projectile": replace(PAPER_PROJECTILE, mass=0.1), "target": OTHER, "impact": impact}
     in_si = formulas(**strike)
     with written_in("us"):
         in_us = formulas(**strike)
@@ -89,7 +94,7 @@ def test_ranges_and_notes_of_formulas_differ_in_their_units_only() -> None:
 
 @pytest.mark.parametrize(("thickness", "oblique_angle"), [(0.3, 0.0), (0.5, 0.7), (None, 0.5)])
 def test_verdict_on_a_wall_differs_in_its_units_only(thickness: float | None, oblique_angle: float) -> None:
-    strike = {
+    strike: dict[str, Any] = {
         "projectile": PAPER_PROJECTILE,
         "target": replace(PAPER_TARGET, thickness=thickness, characteristic_strength=31e6),
         "impact": Impact(velocity=238.0, oblique_angle=oblique_angle),
