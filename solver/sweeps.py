@@ -58,9 +58,9 @@ STRENGTH_LAWS = {
     PublishedTests: "S: 251 tests at 0°, 10 to 203 mm, 13 to 108 MPa, over the angle as eq. 9",
     StrengthPowerLaw: "S: tests at 0° of Frew et al. (1998), over the angle constant",
 }
-"""Laws of the strength factor, and the data to which their default constants were fitted."""
+"""Laws of the strength factor, each with a text that names the data to which its default constants were fitted."""
 FINITE_ELEMENT_MOTIONS = "S: eq. 9 at 0°, over the angle finite element motions with this decay, to 55°"
-"""Data to which `FINITE_ELEMENT_LAW` was fitted."""
+"""Text that names the data to which `FINITE_ELEMENT_LAW` was fitted."""
 FINITE_ELEMENT_LAW = shaped_as_finite_elements(ObliquityPolynomial())
 """Law with S of eq. 9 in normal impact, and S(θ)/S(0) of finite element motions with the decay law in use."""
 
