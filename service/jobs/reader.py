@@ -166,7 +166,7 @@ def again_of(state: JobState, row: CaseRow) -> JobCase | None:
     """Return the case to compute again, because its result was evicted; None if its request is damaged."""
     if row.request is None or state.operation == UNKNOWN:
         return None
-    # The result of an earlier engine cannot be computed any more, so the case gets the key of the present versions.
+    # The result of an earlier engine cannot be computed any more, so the case gets the key of the current versions.
     key = row.key if state.versions == VERSIONS else result_key(state.operation, orjson.loads(row.request))
     if not is_of(state.operation, row.request, key):
         return None

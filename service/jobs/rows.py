@@ -170,7 +170,7 @@ def _lines(requests: bytes, count: int) -> Sequence[bytes | None]:
 
 
 def is_of(operation: str, request: bytes, key: str) -> bool:
-    """Return True if this is the key of a request under the present versions."""
+    """Return True if this is the key of a request under the current versions."""
     try:
         return result_key(operation, orjson.loads(request)) == key
     except DAMAGE:

@@ -336,7 +336,7 @@ class JobStore:
         return found
 
     def renew_keys(self, job: int) -> None:
-        """Replace the keys of a job that was accepted by an earlier version with those of the present versions."""
+        """Replace the keys of a job that was accepted by an earlier version with those of the current versions."""
         operation = self._jobs("number = ?", job)[0].operation
         with self._database.reading() as database:
             numbers = database.execute("SELECT slice FROM slices WHERE job = ?", (job,)).fetchall()

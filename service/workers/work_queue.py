@@ -19,7 +19,7 @@ from service.workers import Call, CallResult
 
 
 class Kind(IntEnum):
-    """Kinds of work. Probes and single calls may interrupt a running chunk between two of its calls; chunks may not."""
+    """Kinds of work. Probes and single calls may interrupt a running chunk between two of its calls; chunks cannot."""
 
     PROBE = 0
     SINGLE = 1
