@@ -30,7 +30,7 @@ def missing_package(feature: str, package: str, extra: str) -> str:
 
 
 def built_manual() -> Path:
-    """`build/manual` beside the packages."""
+    """Folder `build/manual` beside the packages."""
     return Path(__file__).parents[1] / "build" / "manual"
 
 
@@ -129,7 +129,7 @@ class LimitSettings(SettingsGroup):
     max_jsonl_bytes: Annotated[int, Field(ge=1024)] = 200 * 1024 * 1024
     """Largest JSONL body, which is read as a stream. [bytes] It holds 100,000 cases of 2 kB, five times the usual
     length."""
-    # 190 is below the depth at which the parser gives up, so that the error names this limit.
+    # The bound of 190 is below the depth that the parser refuses, so that the error names this setting.
     max_body_depth: Annotated[int, Field(ge=10, le=190)] = 20
     """Deepest nesting of objects and lists in a body. [1] The deepest request has 7 levels; the parser accepts some
     200."""
@@ -166,7 +166,7 @@ class CacheSettings(SettingsGroup):
 class JobSettings(SettingsGroup):
     """Size from which work becomes a job, and limits on waiting and finished jobs."""
 
-    # 1,000 is the largest batch that the contract accepts as JSON.
+    # The bound of 1,000 is the largest batch that the contract accepts as JSON.
     small_cases: Annotated[int, Field(ge=0, le=1000)] = 100
     """Largest number of cases that are answered in the response; more become a job. [1] A hundred cases take about a
     second. A search for perforation counts as 20."""
@@ -192,7 +192,7 @@ class ExecutorSettings(SettingsGroup):
     executor: Literal["pool", "dask", "in-process"] = "pool"
     """Executor of batches: worker processes (`pool`), a Dask cluster (`dask`) or, for use with a debugger, a thread of
     the service (`in-process`). With the first two, worker processes compute single queries."""
-    # 1,024 only stops a slip of the pen: more cores than one machine of today has, each with a process of some 100 MB.
+    # The bound of 1,024 only catches typing errors: no machine of today has as many cores, and a process takes 100 MB.
     workers: Annotated[int, Field(default_factory=available_cores, ge=1, le=1024)]
     """Number of worker processes. [1] One per core, since a worker computes without waiting."""
     dask_scheduler: Annotated[str, Field(pattern=r"^((tcp|tls|ws|wss)://.+)?$")] = ""
@@ -205,8 +205,8 @@ class ExecutorSettings(SettingsGroup):
     two cores. [s] A verdict and a report, which contain a study, may take twice as long. A job has no such limit; its
     cases have `task_seconds`."""
     probe_seconds: Annotated[float, Field(gt=0.0)] = 2.0
-    """Longest time that the readiness probe waits for a worker. [s] The probe passes waiting queries, but not running
-    ones."""
+    """Longest time that the readiness probe waits for a worker. [s] The probe is served before waiting queries, but
+    cannot interrupt a running one."""
 
     @model_validator(mode="after")
     def _dask_is_there(self) -> Self:
@@ -222,7 +222,7 @@ OTHER_VARIABLES = frozenset({"RICOCHET_URL", "RICOCHET_API_KEY"})
 
 
 def unknown_variables() -> list[str]:
-    """Return environment variables with the prefix of settings that are no setting, and so may be misspelt."""
+    """Return environment variables that have the prefix of settings but are not settings, and may be misspelt."""
     known = {f"RICOCHET_{name.upper()}" for name in Settings.model_fields} | OTHER_VARIABLES
     return sorted(name for name in os.environ if name.upper().startswith("RICOCHET_") and name.upper() not in known)
 

@@ -63,12 +63,12 @@ SPOOLED_BYTES = 8 * 1024 * 1024
 LAYOUT = "2"
 """Version of the layout, raised when a change requires programs that read the files to change."""
 DESCRIPTIONS = {
-    "summary": "the answers in short, a row each",
-    "requests": "canonical requests as JSON, every default filled in, a row a row of the summary",
-    "answers": "answers as JSON, a row a row of the summary: without the histories, which are a table of this file",
-    "iterations": "every trial of the searches, in order",
-    "history": "the motions at even intervals and at the event that ended the run",
-    "residuals": "what a calibration was given, what it predicts and what is left",
+    "summary": "main numbers of the answers, one row for each case",
+    "requests": "canonical requests as JSON with all defaults filled in, in the order of the summary",
+    "answers": "answers as JSON without their histories, in the order of the summary",
+    "iterations": "all trials of the searches, in order",
+    "history": "motions over time, at even intervals and at the event that ended the run",
+    "residuals": "residuals of calibrations, curves and quantiles of uncertainty studies, or results of formulas",
 }
 
 HDF5 = threading.RLock()

@@ -11,19 +11,12 @@ import { degreesShown, outcomeShown, statusShown } from "./words.js";
 export function lawsFold(onError, { hasStrike }) {
   const content = element("div.laws-table");
   const show = async (values, signal) => {
-    const [angles, outcomes] = await Promise.all([requestAngles(values, signal), hasStrike && requestOutcomes(values, signal)]);
+    const post = async (path, body) => (await request(path, { body: { ...body, alternatives: true }, signal })).data;
+    const strike = { ...trajectoryRequest(values), output: { history: false } };
+    const [angles, outcomes] = await Promise.all([post("cra", angleRequest(values)), hasStrike && post("trajectory", strike)]);
     if (!signal.aborted) content.replaceChildren(alternativesTable(angles, outcomes));
   };
   return buildFold("Under other laws", content, show, onError);
-}
-
-async function requestAngles(values, signal) {
-  return (await request("cra", { body: { ...angleRequest(values), alternatives: true }, signal })).data;
-}
-
-async function requestOutcomes(values, signal) {
-  const body = { ...trajectoryRequest(values), output: { history: false }, alternatives: true };
-  return (await request("trajectory", { body, signal })).data;
 }
 
 function alternativesTable(angles, outcomes) {

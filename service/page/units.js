@@ -40,6 +40,11 @@ export function areUs() {
   return isUs;
 }
 
+/** Return the body of a request with the units shown, in which the texts of its answer are. */
+export function inUnits(body) {
+  return isUs ? { ...body, units: "us" } : body;
+}
+
 /** Return the unit shown instead of one of SI, and what it is in the unit of SI without prefix: mm gives 1e-3. */
 export function unitOf(si) {
   const unit = isUs ? (US[si] ?? si) : si;

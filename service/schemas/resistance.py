@@ -38,7 +38,7 @@ OWN_TESTS = {"model": "own_tests", "shots": [SHOT]}
 MOHR_COULOMB = {"model": "mohr_coulomb", "inertia": True}
 
 LARGEST_COEFFICIENT = 1e6
-"""Largest magnitude of a coefficient of the polynomial of S, a judgement. That of the paper has 8.5 at most; the bound
+"""Largest magnitude of a coefficient of the polynomial of S, a judgement. Those of the paper are at most 8.5; the bound
 only keeps products finite."""
 
 Coefficient = Annotated[Num, Field(ge=-LARGEST_COEFFICIENT, le=LARGEST_COEFFICIENT)]
@@ -86,8 +86,8 @@ class ObliquityPolynomial(SolverPart[solver.ObliquityPolynomial]):
 class ObliquityShape(StrEnum):
     """Change of the strength factor with the oblique angle.
 
-    `constant` is no change, `equation_9` is S(θ)/S(0) of the default polynomial, held from 60° on, and
-    `finite_elements` is the fit to finite element motions with the decay law in use, held from 55° on.
+    `constant` means no change, `equation_9` is S(θ)/S(0) of the default polynomial, constant from 60° on, and
+    `finite_elements` is the fit to finite element motions with the decay law in use, constant from 55° on.
     """
 
     CONSTANT = "constant"
@@ -137,7 +137,7 @@ class OwnShot(SolverPart[solver.Shot]):
 
 
 class OwnTests(SolverPart[solver.OwnTests]):
-    """Posterior median of S for a concrete with own shots, with the published tests as the prior."""
+    """Posterior median of S after the user's own shots into the concrete, with the published tests as the prior."""
 
     model_config = with_examples(OWN_TESTS)
 
@@ -147,7 +147,7 @@ class OwnTests(SolverPart[solver.OwnTests]):
 
 
 class StrengthLaw(StrEnum):
-    """Models of the strength factor with their default constants."""
+    """Names of the models of the strength factor that have default constants."""
 
     OBLIQUITY_POLYNOMIAL = "obliquity_polynomial"
     PUBLISHED_TESTS = "published_tests"
@@ -168,7 +168,7 @@ STRENGTH_FACTORS: Mapping[str, type[Part]] = {
 
 
 class FreeSurfaceModel(StrEnum):
-    """Law by which a nearby face weakens the resistance; `none` is no decay."""
+    """Law by which a nearby face weakens the resistance; `none` means no decay."""
 
     ELASTIC_PLASTIC = "elastic_plastic"
     MOHR_COULOMB = "mohr_coulomb"
