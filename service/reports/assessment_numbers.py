@@ -115,7 +115,7 @@ OTHER_UNITS: Final[Mapping[str, str]] = {
     "numerics.termination_time_s": "ms",
     "numerics.retention_energy_fraction": "%",
 }
-"""Unit of the quantities that are shown neither by the end of their names nor in the unit of the contract."""
+"""Units of the quantities that are shown neither by the end of their names nor in the unit of the contract."""
 
 
 def shown_in(name: str) -> str:

@@ -14,6 +14,12 @@ CASE: dict[str, Any] = {"projectile": PAPER["projectile"], "target": CONCRETE}
 STRIKE = CASE | {"impact": {"velocity_m_s": 820.0, "oblique_angle_deg": 50.0}}
 WALL = STRIKE | {"target": CONCRETE | {"thickness_m": 1.1}}
 SEARCH = WALL | {"impact": {"velocity_m_s": 820.0}, "search": COARSE, "output": {"history": True}}
+HEAVY = STRIKE | {"projectile": CASE["projectile"] | {"mass_kg": 60.0}}
+DISTRIBUTION = {"type": "normal", "mean": 820.0, "standard_deviation": 9.0}
+SAMPLED = {
+    "uncertain": [{"field": "impact.velocity_m_s", "distribution": DISTRIBUTION}],
+    "sampling": {"max_samples": 256},
+}
 BODIES: dict[str, dict[str, Any]] = {
     "/trajectory": WALL,
     "/cra": SEARCH,
@@ -21,6 +27,7 @@ BODIES: dict[str, dict[str, Any]] = {
     "/thickness": STRIKE,
     "/limit-speed": WALL | {"impact": {"oblique_angle_deg": 20.0}},
     "/formulas": STRIKE,
+    "/trajectory/uncertainty": HEAVY | SAMPLED,
     "/verdict": WALL | {"search": COARSE, "flight": {}},
 }
 TEXTS = ("sentence", "detail", "note", "fitted_to")
