@@ -1,7 +1,7 @@
 """Report of one strike: the requests whose answers it shows, and its page.
 
-All numbers of a report are answers to ordinary requests, which are computed, cached and counted against quotas like
-those of any client.
+All numbers in a report come from answers to ordinary requests, which are computed, cached and counted against quotas
+like those of any client.
 """
 
 from collections.abc import Mapping

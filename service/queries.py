@@ -15,8 +15,8 @@ from anyio import CancelScope, current_time
 from anyio.to_thread import run_sync
 
 from service.cache.cache import ResultCache
-from service.cache.hdf5 import Segment
 from service.cache.record import Record
+from service.cache.segments import Segment
 from service.errors import ComputationCancelled, QueriesWaitingError, QueueTimeoutError
 from service.operations import KeyedRequest, Operation
 from service.schemas.calibration_motion import Calibration
@@ -43,7 +43,7 @@ one."""
 
 
 def check_work(case: Any, most: float) -> None:
-    """Refuse a case by panels whose runs would exceed the time limit of a computation.
+    """Refuse a case with the method `panels` whose runs would exceed the time limit of a computation.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def check_work(case: Any, most: float) -> None:
 
 
 class Rate:
-    """Rate at which cases are completed, measured over a sliding window of working time; idle time does not count.
+    """Rate at which cases are completed, measured over a sliding window in which idle time does not count.
 
     Parameters
     ----------
@@ -76,14 +76,14 @@ class Rate:
         self._entries: deque[tuple[float, int]] = deque()
         self._count = 0
         self._begin = 0.0
-        """Working time at which the window begins. [s]"""
+        """Time at which the window begins, counted without idle time. [s]"""
         self._at_work = 0
         self._paused = self._idle = clock()
         """Time at which work last ended, and the idle time so far, counted from the origin of the clock. [s]"""
 
     @contextmanager
     def working(self) -> Iterator[None]:
-        """Count time as working time while this or another piece of work lasts."""
+        """Count the time during the block as busy. Blocks may overlap."""
         if not self._at_work:
             self._idle += self._clock() - self._paused
         self._at_work += 1
@@ -122,7 +122,7 @@ class Rate:
         return min(LONGEST_WAIT_SECONDS, max(1, math.ceil(count / rate)))
 
     def _now(self) -> float:
-        """Return the working time so far. [s]"""
+        """Return the time so far without idle time. [s]"""
         return (self._clock() if self._at_work else self._paused) - self._idle
 
     def _forget(self, now: float) -> None:

@@ -21,10 +21,10 @@ from solver.warnings import ModelWarning, implausible
 # An exact solution gains no energy, and with the default tolerances the error is smaller than this.
 MOST_GAIN = 1e-3
 """Largest gain of kinetic energy over its initial value. [1]"""
-# A motion has hundreds of steps, whose errors mostly cancel. Ten is a judgement.
+# A motion has hundreds of steps, whose errors mostly cancel. Ten is a rough choice.
 ERROR_OF_TOLERANCE = 10.0
 """Largest error of an energy over the relative tolerance of a step. [1]"""
-# On an oblique path both faces weaken the resistance, so the bound has to be far below 1. Its value is a judgement.
+# On an oblique path both faces weaken the resistance, so the bound has to be far below 1. Its value is a rough choice.
 LEAST_WORK = 0.05
 """Least energy lost in a wall, over S f'c (weakened by the rear face) times cross section and thickness. [1]"""
 # A thinner wall may lie between the weakened zones of its two faces, where it takes hardly any energy.
@@ -48,7 +48,7 @@ def check_energy(
 ) -> tuple[ModelWarning, ...]:
     """Check that a projectile has not gained energy, and has lost some in a wall that it perforates.
 
-    The panel route is not checked: its fixed steps may gain energy, which another warning reports.
+    The panel method is not checked: its fixed steps may gain energy, which another warning reports.
     """
     if left is None or prepared.numerics.method != "adaptive":
         return ()

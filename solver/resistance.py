@@ -189,7 +189,7 @@ class StrengthPowerLaw:
     Parameters
     ----------
     coefficient
-        Coefficient: 82.6 with exponent -0.544 (Frew et al. 1998), 72 with -0.5 (Li and Chen 2003). [1]
+        Coefficient. [1] Frew et al. (1998) have 82.6 with the exponent -0.544; Li and Chen (2003) 72 with -0.5.
     exponent
         Exponent of the strength. [1]
     reference_strength
@@ -442,7 +442,7 @@ class StrengthPosterior:
     prior_median: float
     """Median by the law of the published tests, without the shots. [1]"""
     factors: tuple[float, ...]
-    """S of each shot, converted to the diameter of the projectile. [1]"""
+    """S of each shot. The S of a shot with another diameter is converted to the diameter of the projectile. [1]"""
     deviations: tuple[float, ...]
     """Deviation of ln S of each shot from the prediction by the law and the other shots, over its dispersion. [1]"""
 

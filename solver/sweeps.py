@@ -76,9 +76,9 @@ STRENGTH_LAWS = {
     PublishedTests: _data_of_published_tests,
     StrengthPowerLaw: _data_of_power_law,
 }
-"""Laws of the strength factor, with functions that describe the data to which their default constants were fitted."""
+"""Laws of the strength factor, each with a function that names the data to which its default constants were fitted."""
 FINITE_ELEMENT_MOTIONS = "S: eq. 9 at 0°, over the angle finite element motions with this decay, to 55°"
-"""Data to which `FINITE_ELEMENT_LAW` was fitted."""
+"""Text that names the data to which `FINITE_ELEMENT_LAW` was fitted."""
 FINITE_ELEMENT_LAW = shaped_as_finite_elements(ObliquityPolynomial())
 """Law with S of eq. 9 in normal impact, and S(θ)/S(0) of finite element motions with the decay law in use."""
 

@@ -42,7 +42,7 @@ MEAN_DENSITY = (1e3, 2e4)
 # The default is the lowest yield strength of hardened 4340 steel, Rc 45.
 USUAL_YIELD_STRENGTH = 1.2e9
 """Default yield strength of the body. [Pa]"""
-# At larger angles of attack bodies bend and break; the value is a judgement.
+# At larger angles of attack bodies bend and break; the value is a rough choice.
 SMALL_ATTACK = math.radians(5.0)
 """Largest angle of attack without a warning. [rad]"""
 MOST_NAMED = 5
@@ -227,12 +227,12 @@ def _strength_law_warnings(
 
 
 def _beyond_fit_over_angle(shape: ObliquityShape, angle: float, held: float) -> tuple[ModelWarning, ...]:
-    """Warn about an oblique angle beyond those to which the dependence of S on it was fitted.
+    """Warn about an oblique angle above the largest to which S over the angle was fitted.
 
     Parameters
     ----------
     angle, held
-        Oblique angle from 0° up, and the one from which S is constant. [rad]
+        Absolute oblique angle, and the angle from which on S is constant. [rad]
     """
     fitted_to = FINITE_ELEMENTS_TO if shape == "finite_elements" else ObliquityPolynomial.fitted_to
     # An angle converted from degrees may exceed the limit by rounding.

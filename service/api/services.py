@@ -93,7 +93,7 @@ class Metrics:
         self._start_failures_counted = 0
         self._implausible = Counter(
             "ricochet_implausible",
-            "Computed answers with the warning `implausible` since the start: faults of the program",
+            "Answers computed since the start with the warning `implausible`; each shows a fault of the program",
             registry=registry,
         )
         self._implausible_counted = 0

@@ -113,7 +113,7 @@ def main(arguments: list[str] | None = None) -> int:
     # The garbage collection at exit would take a quarter of a second to free memory that the system frees anyway.
     atexit.register(gc.freeze)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # Small systems of equations are slower on several threads.
-    os.environ.pop("MPLBACKEND", None)  # Plots go to files, and a backend set by a notebook may not be installed.
+    os.environ.pop("MPLBACKEND", None)  # Plots go to files, and a notebook's backend might not be installed.
     os.environ["MATPLOTLIBRC"] = os.devnull  # Figures have their own style.
     if COMPLETION in os.environ:
         # The shell requests completions, and passes the line so far in a variable: `ricochet`, then the command.

@@ -39,7 +39,7 @@ PAGE_SIZE = 1000
 UNFINISHED = frozenset({"accepted", "running"})
 """Statuses of a job that has not ended."""
 POLL_SECONDS = 0.2
-"""Interval between requests for the state of a job, a judgement: a progress bar moves five times a second. [s]"""
+"""Interval between requests for the state of a job, a rough choice: a progress bar moves five times a second. [s]"""
 JSON, PARQUET = "application/json", "application/vnd.apache.parquet"
 
 Content: TypeAlias = Callable[[], "bytes | Iterable[bytes]"]
@@ -231,7 +231,7 @@ class Client:
         raise AssertionError("the last attempt returns or raises")
 
     def _unreachable(self, error: httpx.TransportError) -> CommandError:
-        """Return the error of a service that does not answer."""
+        """Return the error to raise if the service does not answer."""
         quotes = isinstance(error, httpx.LocalProtocolError)  # Its text may quote the header with the key.
         reason = type(error).__name__ if quotes else reason_of(error) or type(error).__name__
         if not direct_transport(self._http.base_url, self._socket):

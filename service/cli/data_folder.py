@@ -29,7 +29,7 @@ CACHE_ACTIONS = (
     ("evict", "remove the least recently used results", "ricochet cache evict --bytes 1000000000"),
 )
 MAX_OWNER_LENGTH = 100
-"""Largest number of characters of an owner, a judgement: the name appears in each line of the audit log."""
+"""Largest number of characters of an owner, a rough choice: the name appears in each line of the audit log."""
 MAX_CASES = 1_000_000_000
 """Largest quota in cases per hour. It only catches typing errors: no service computes as many."""
 MAX_DAYS = 36_500.0

@@ -18,7 +18,7 @@ FLAG_COLUMN = re.compile(r"^  (-.*)$", re.MULTILINE)
 """Pattern of the lines of a help text that begin with a flag."""
 FLAG = re.compile(r"(?<![\w-])--?[a-z][a-z-]*")
 SIMILAR = 0.7
-"""Ratio of difflib from which a flag without its hyphens is suggested for a misspelt one, a judgement. [1]"""
+"""Ratio of difflib from which a flag without its hyphens is suggested for a misspelt one, a rough choice. [1]"""
 WORDING: Sequence[tuple[str, Callable[[re.Match[str]], str]]] = (
     (
         r"argument (?P<flag>-.*?): invalid choice: '?(?P<word>.*?)'? \(choose from (?P<known>.*)\)",

@@ -183,7 +183,10 @@ def _named_input(pointer: str) -> str:
 
 
 def print_formulas(answer: Mapping[str, Any], *, verbose: bool) -> None:
-    """Print the table of the formulas, the inputs that are out of range, and the spread of those in range."""
+    """Print the table of the formulas, and the spread of their values.
+
+    Inputs outside the range of a formula are listed; such a formula does not count in the spread.
+    """
     rows = [
         [named(FORMULAS, row["formula"]), *(row.get(name, "") for name in LIMITS), _marks(row), row["source"]]
         for row in answer["formulas"]

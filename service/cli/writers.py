@@ -33,7 +33,7 @@ SHOWN = {
 """Columns of the table on a terminal, by operation."""
 MINUS = "\N{MINUS SIGN}"
 DIGITS = 5
-"""Number of significant digits in a table, a judgement: more than any result is accurate to."""
+"""Number of significant digits in a table, a rough choice: more than any result is accurate to."""
 MOST_WRITTEN_OUT = 1e9
 """Magnitude from which numbers have an exponent in a table: pressures in Pa stay below it."""
 NUMERAL = re.compile(r"([-+]?[\d.]+(e[-+]?\d+)?)?|nan|-?inf")

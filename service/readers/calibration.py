@@ -231,10 +231,10 @@ MOTION = (
 )
 MAX_SPEED_RATIO, MIN_SPEED_RATIO = 1.5, 0.1
 """Largest and smallest plausible speed over the initial one, in the first half of the motion [1]. The bounds are wide
-(a judgement), as wrong units are mostly off by a factor of 1000."""
+(a rough choice), as wrong units are mostly off by a factor of 1000."""
 
 ROTATION_SCATTER = math.radians(5.0)
-"""Allowance for the scatter of measured rotations, a judgement. [rad]"""
+"""Allowance for the scatter of measured rotations, a rough choice. [rad]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

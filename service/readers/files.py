@@ -36,8 +36,8 @@ DYNA_TITLE = re.compile(rb"(?s).{,512}ls-dyna.{,80}date")
 DYNA_MOTIONS = (b"r i g i d   b o d y", b"n o d a l   p r i n t")
 OTHER_DYNA = "an LS-DYNA text file other than rbdout and nodout; {motion}"
 HEAD_BYTES = 65_536
-"""Length of the part in which the format of a file is recognized [bytes], a judgement: it has room for the comments at
-the start of a keyword file. It is limited so that a crafted file cannot make the patterns slow."""
+"""Length of the part in which the format of a file is recognized [bytes], a rough choice: it has room for the comments
+at the start of a keyword file. It is limited so that a crafted file cannot make the patterns slow."""
 MAX_BYTES = 2**30
 """Largest file that is read [bytes]: LS-DYNA starts a new file at this size. Without a limit, a device such as
 /dev/zero would be read forever."""
@@ -47,7 +47,7 @@ MOTION_FILES = "the motion of a body is in rbdout, nodout or binout"
 
 MAX_REASON = 500
 """Longest reason of an error before it is cut [characters]: it may quote a cell of any length (the number is a
-judgement)."""
+rough choice)."""
 
 
 class FileError(Exception):

@@ -17,7 +17,7 @@ from solver.projectile import Projectile
 from solver.units import quantity, shown_unit, symbol
 
 SNAPSHOTS = 4
-"""Outlines of the projectile drawn for each run; more would cover each other in a view of this size (a judgement)."""
+"""Outlines of the projectile drawn for each run; a rough choice: more would cover each other in a view of this size."""
 LEAST_WIDTH = 0.8
 """Smallest width of a view over that of the widest [1], which leaves room for its title."""
 Frame: TypeAlias = tuple[float, float, float, float]

@@ -284,8 +284,8 @@ class Trajectory(Part):
     strength_factor: Num
     strength_factor_dispersion: StrengthDispersion
     own_tests: OwnTestsAnswer | MISSING = MISSING
-    """Effect of the user's own tests on S, if there are any; with the `strength_scatter` `paper_table_1`, of the four
-    shots of the paper."""
+    """Effect of the user's own tests on S, if there are any. With `paper_table_1` as `strength_scatter`, the four shots
+    in Table 1 of the paper count as own tests."""
     history: Annotated[MotionHistory | MISSING, GIVEN] = MISSING
     """Motion over time, if requested."""
     warnings: list[ModelWarning]
@@ -393,8 +393,8 @@ class CriticalAngleAnswer(Part):
     strength_factor: Num | MISSING = MISSING
     strength_factor_dispersion: StrengthDispersion | MISSING = MISSING
     own_tests: OwnTestsAnswer | MISSING = MISSING
-    """Effect of the user's own tests on S, if there are any; with the `strength_scatter` `paper_table_1`, of the four
-    shots of the paper."""
+    """Effect of the user's own tests on S, if there are any. With `paper_table_1` as `strength_scatter`, the four shots
+    in Table 1 of the paper count as own tests."""
     energy_fraction_below: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
     energy_fraction_above: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
     exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_")] = MISSING

@@ -18,7 +18,7 @@ from solver.checks import ParameterError
 from solver.strike import TERMINATION_TIME
 
 MOST_COMPARED = 20
-"""Largest number of strength factors to compare, a judgement: more curves cannot be told apart in a plot."""
+"""Largest number of strength factors to compare, a rough choice: more curves cannot be told apart in a plot."""
 
 StrengthFactorValue = Annotated[
     Num, Field(ge=0.1, le=1000.0, description="Strength factor. Measured ones lie between some 5 and 25. [1]")
@@ -265,7 +265,7 @@ class MotionCalibrationRequest(Calibration):
 
     @property
     def run_count(self) -> int:
-        """Number of runs; one without `runs`."""
+        """Number of runs. A request without `runs` has one."""
         return 1 if self.runs is MISSING else len(self.runs)
 
     def longest_run(self) -> float:

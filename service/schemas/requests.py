@@ -1,4 +1,4 @@
-"""Models of requests for trajectories, critical angles, their alternatives with other laws, and reports."""
+"""Models of requests for trajectories, critical angles and reports, and the same requests with alternative laws."""
 
 import math
 from abc import abstractmethod

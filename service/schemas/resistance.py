@@ -38,8 +38,8 @@ OWN_TESTS = {"model": "own_tests", "shots": [SHOT]}
 MOHR_COULOMB = {"model": "mohr_coulomb", "inertia": True}
 
 LARGEST_COEFFICIENT = 1e6
-"""Largest magnitude of a coefficient of the polynomial of S, a judgement. Those of the paper are at most 8.5; the bound
-only keeps products finite."""
+"""Largest magnitude of a coefficient of the polynomial of S, a rough choice. Those of the paper are at most 8.5; the
+bound only keeps products finite."""
 
 Coefficient = Annotated[Num, Field(ge=-LARGEST_COEFFICIENT, le=LARGEST_COEFFICIENT)]
 CovarianceRow = Annotated[list[Coefficient], Field(min_length=1, max_length=10)]

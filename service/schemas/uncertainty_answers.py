@@ -132,9 +132,9 @@ class SensitivityAnswer(Part):
 
     field: str
     first_order: EstimateAnswer | MISSING = MISSING
-    """First-order Sobol index: share of the variance by the input alone. [1]"""
+    """First-order Sobol index: share of the variance that the input explains by itself. [1]"""
     total: EstimateAnswer | MISSING = MISSING
-    """Total Sobol index: share of the variance including interactions. [1]"""
+    """Total Sobol index: share of the variance that the input explains by itself and by its interactions. [1]"""
     swing: list[SwingAnswer]
     after_shots: Annotated[list[AfterShotsAnswer] | MISSING, Of(lambda found: found.after_shots or None)] = MISSING
     """Expected range of the angle after one and after three shots of the user, given for a

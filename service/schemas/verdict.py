@@ -221,8 +221,8 @@ class VerdictAnswer(Part):
     strength_factor_dispersion: Num
     """Standard deviation of ln S at the stated strength, from own tests or from the law of the published tests. [1]"""
     own_tests: OwnTestsAnswer | MISSING = MISSING
-    """Effect of the user's own tests on S, if there are any and there is a critical angle; with the `strength_scatter`
-    `paper_table_1`, of the four shots of the paper."""
+    """Effect of the user's own tests on S, if there are any and there is a critical angle. With `paper_table_1` as
+    `strength_scatter`, the four shots in Table 1 of the paper count as own tests."""
     usual_scatter: list[UncertainInput]
     """Usual scatter of the inputs, in the form of `/cra/uncertainty`."""
     warnings: list[ModelWarning]
@@ -233,7 +233,10 @@ class VerdictAnswer(Part):
 
 
 def verdict_steps(request: ReportRequest) -> Steps:
-    """Return the steps of the verdict on a strike. They omit the 90 % range if runs by panels take seconds."""
+    """Return the steps of the verdict on a strike.
+
+    With the method `panels`, whose runs take seconds, they omit the 90 % range.
+    """
     case = request.resolved()
     return solver_verdict_steps(
         **case.shared_arguments(),

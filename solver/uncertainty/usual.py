@@ -26,7 +26,7 @@ from solver.uncertainty.next_shot import RESIDUAL
 from solver.uncertainty.sampling import Uncertain
 from solver.uncertainty.strikes import THEORY
 
-# The coefficients of variation are judgements.
+# The coefficients of variation are rough choices.
 VELOCITY, DENSITY, MASS = 0.02, 0.02, 0.005
 """Coefficients of variation of velocity, density and mass. [1]"""
 # More digits of a dispersion are not known, and would show in requests.
@@ -35,12 +35,12 @@ DIGITS = 4
 # Where S itself is beyond the usual range, its scatter must not be cut off next to its median.
 WITHIN = 0.5, 2.0
 """Range of the factor on S that is never truncated. [1]"""
-# The standard deviation is a judgement.
+# The standard deviation is a rough choice.
 ATTACK = math.radians(1.0)
 """Standard deviation of the angle of attack. [rad]"""
 THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, MohrCoulomb)
 """Decay laws that count as theories."""
-# The weights are a judgement. The first law with eq. 9 gives the paper's angle; the second follows finite element
+# The weights are rough choices. The first law with eq. 9 gives the paper's angle; the second follows finite element
 # motions more closely and has the S(θ) fitted to these. No decay at all is no theory.
 THEORIES = (0.8, 0.2)
 """Weights of `THEORY_LAWS`. [1]"""

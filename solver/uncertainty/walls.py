@@ -120,7 +120,7 @@ def wall_sentence(wall: WallVerdict) -> str:
 
 
 def _questions(wall: WallVerdict) -> list[tuple[Question, DesignValue]]:
-    """Return the questions that have a design value; the one that requires more comes first."""
+    """Return the questions that have a design value, the one with the thicker wall first."""
     both: list[tuple[Question, DesignValue]] = [("scabbing", wall.scabbing), ("perforation", wall.perforation)]
     known = [each for each in both if each[1].design is not None]
     return sorted(known, key=lambda each: -(each[1].design or 0.0))
@@ -240,7 +240,7 @@ def judge_wall(
     """
     own, infinite = usual_unless_given(resistance), replace(target, thickness=None)
     if numerics is not None and numerics.method == "panels":
-        numerics = None  # a run by panels takes seconds, and the searches below take a hundred runs
+        numerics = None  # a run with panels takes seconds, and the searches below take a hundred runs
     characteristic = target.characteristic_strength
     if characteristic is not None:
         require(
