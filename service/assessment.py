@@ -19,6 +19,7 @@ from solver import ENGINE_VERSION, ConstantStrengthFactor, mass_properties
 from solver.checks import BOUNDS
 from solver.strength_scatter import scatter_of_strength
 from solver.uncertainty.verdict import HALF_WIDTH, SAMPLES, Question, probability_angles
+from solver.units import written_in
 from solver.warnings import RETENTION_DECIDES
 
 EXTRA = ("jinja2", "markupsafe", "matplotlib")
@@ -84,16 +85,16 @@ def first_queries(request: ReportRequest) -> dict[str, Query]:
 
     The answer to `cra` is needed; the others may be problems.
     """
-    case, angle = _search_of(request), _angle_of(request)
+    case, angle, units = _search_of(request), _angle_of(request), _units_of(request)
     strike = _strike_of(case, 0.0 if angle is None else angle)
     plain = {name: strike[name] for name in ("projectile", "target", "impact")}
     wall = {name: value for name, value in strike["target"].items() if name != "thickness_m"}
     speed = case["impact"]["velocity_m_s"]
     return {
         **verdict_queries(request),
-        "cra": Query("cra", case | {"alternatives": True}),
-        "formulas": Query("formulas", plain),
-        "thickness": Query("thickness", strike | {"target": wall}),
+        "cra": Query("cra", case | {"alternatives": True} | units),
+        "formulas": Query("formulas", plain | units),
+        "thickness": Query("thickness", strike | {"target": wall} | units),
         **{
             f"speed {index}": Query("cra", case | {"impact": case["impact"] | {"velocity_m_s": speed * factor}})
             for index, factor in enumerate(SPEEDS)
@@ -123,7 +124,8 @@ def strike_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str
         angles["lowest"] = search["lower_deg"]
     else:
         angles["highest"] = search["upper_deg"]
-    runs = {name: Query("trajectory", _strike_of(case, each)) for name, each in angles.items()}
+    units = _units_of(request)
+    runs = {name: Query("trajectory", _strike_of(case, each) | units) for name, each in angles.items()}
     return weighing_queries(request, found) | runs
 
 
@@ -146,52 +148,61 @@ def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, 
     request = ReportRequest.model_validate(given)
     projectile, target = request.projectile.to_solver(), request.target.to_solver()
     properties = mass_properties(projectile)
-    return page(
-        Assessed(
-            given=given,
-            case=request.canonical(),
-            assumed={
-                "projectile": {
-                    "center_of_gravity_m": properties.center_of_gravity,
-                    "moment_of_inertia_kg_m2": properties.moment_of_inertia,
+    with written_in(request.units):
+        return page(
+            Assessed(
+                given=given,
+                case=request.canonical(),
+                assumed={
+                    "projectile": {
+                        "center_of_gravity_m": properties.center_of_gravity,
+                        "moment_of_inertia_kg_m2": properties.moment_of_inertia,
+                    },
+                    "target": {"youngs_modulus_pa": target.elastic_modulus},
                 },
-                "target": {"youngs_modulus_pa": target.elastic_modulus},
-            },
-            scatter=usual_inputs(request),
-            dispersion=scatter_of_strength(
+                scatter=usual_inputs(request),
+                dispersion=scatter_of_strength(
+                    projectile=projectile,
+                    target=target,
+                    resistance=request.resistance.to_solver(),
+                    strength_scatter=request.strength_scatter.value,
+                ).dispersion,
+                verdict=verdict_in(request, answers),
+                advice=next_shot_advice_in(answers.get("uncertainty", {})),
                 projectile=projectile,
-                target=target,
-                resistance=request.resistance.to_solver(),
-                strength_scatter=request.strength_scatter.value,
-            ).dispersion,
-            verdict=verdict_in(request, answers),
-            advice=next_shot_advice_in(answers.get("uncertainty", {})),
-            projectile=projectile,
-            answers=answers,
-            speeds=[
-                (request.impact.velocity_m_s * factor, answers[f"speed {index}"])
-                for index, factor in enumerate(SPEEDS)
-                if f"speed {index}" in answers
-            ],
-            made=made,
-            address=address,
-            versions={"ricochet": VERSION, "engine": ENGINE_VERSION, "schema": SCHEMA_VERSION},
+                answers=answers,
+                speeds=[
+                    (request.impact.velocity_m_s * factor, answers[f"speed {index}"])
+                    for index, factor in enumerate(SPEEDS)
+                    if f"speed {index}" in answers
+                ],
+                made=made,
+                address=address,
+                versions={"ricochet": VERSION, "engine": ENGINE_VERSION, "schema": SCHEMA_VERSION},
+            )
         )
-    )
 
 
 def _search_of(request: ReportRequest) -> dict[str, Any]:
-    """Return the body of the request for the critical angle."""
-    case = request.model_dump(mode="json", exclude={"alternatives", "output", "flight"})
+    """Return the body of the request for the critical angle, without the units of its texts."""
+    case = request.model_dump(mode="json", exclude={"alternatives", "output", "flight", "units"})
     case["impact"].pop("oblique_angle_deg", None)
     return case
 
 
+def _units_of(request: ReportRequest) -> dict[str, Any]:
+    """Return the field with the units of texts, for the bodies whose answers have texts that are shown.
+
+    Others leave it out, so that their results are the same for all units.
+    """
+    return request.model_dump(mode="json", include={"units"})
+
+
 def _query_of(request: ReportRequest, question: Question) -> Query:
     """Return the request that answers a question of the verdict."""
-    case, angle = _search_of(request), _angle_of(request)
+    case, angle, units = _search_of(request), _angle_of(request), _units_of(request)
     if question.kind == "search":
-        return Query("cra", _with_probe(case, *question.probe) if question.probe else case)
+        return Query("cra", _with_probe(case, *question.probe) if question.probe else case | units)
     if question.kind == "study":
         search = request.canonical()["search"]
         start, stop, count = probability_angles(angle, search["lower_deg"], search["upper_deg"])
@@ -204,7 +215,7 @@ def _query_of(request: ReportRequest, question: Question) -> Query:
                 "uncertain": usual_inputs(request, theories=question.theories),
             },
         )
-    strike = _strike_of(case, angle or 0.0)
+    strike = _strike_of(case, angle or 0.0) | units
     if question.kind == "wall":
         return Query("wall", strike)
     flight = {} if request.flight is MISSING else request.flight.model_dump(mode="json")

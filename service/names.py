@@ -169,6 +169,8 @@ FORMULAS: Final[Mapping[str, str]] = {
     "whiffen": "Whiffen",
 }
 """Display names of the empirical formulas."""
+UNITS: Final[Mapping[str, str]] = {"si": "SI", "us": "US customary"}
+"""Display names of the systems of units in which texts are written."""
 OUTCOMES: Final[Mapping[str, str]] = {
     "ricochet": "ricochet",
     "embedded": "embedded",

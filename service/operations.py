@@ -70,6 +70,7 @@ from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetra
 from solver.search.trials import LAST_POINTS, LAST_STATIONS, LAST_TOLERANCE
 from solver.strike import SEARCH_STATIONS
 from solver.uncertainty import Crossings, Ending, compute_study, judge_wall
+from solver.units import written_in
 
 SCHEMA_VERSION = "1"
 """Version of the requests. It is part of every key, and is raised when the meaning of a request changes, so that older
@@ -252,7 +253,8 @@ def compute_trajectory(request: bytes) -> Answer:
     """Compute the motion of one strike, and its flight after a ricochet if requested."""
     strike = TrajectoryRequest.model_validate_json(request)
     arguments = strike.arguments()
-    found = solver.simulate(**arguments)
+    with written_in(strike.units):
+        found = solver.simulate(**arguments)
     return trajectory_answer(found, flight_of(strike.flight, arguments["projectile"], found))
 
 
@@ -265,7 +267,13 @@ DECIDING_SETTINGS: tuple[dict[str, Any], ...] = (
 
 def compute_critical_angle(request: bytes) -> Answer:
     """Find a critical angle and, if its history is requested, compute the run at that angle."""
-    arguments, sample_interval = CriticalAngleRequest.model_validate_json(request).arguments()
+    search = CriticalAngleRequest.model_validate_json(request)
+    with written_in(search.units):
+        return _critical_angle(search)
+
+
+def _critical_angle(search: CriticalAngleRequest) -> Answer:
+    arguments, sample_interval = search.arguments()
     found = solver.critical_angle(**arguments)
     if sample_interval is None or found.angle is None:
         return critical_angle_answer(found, None)
@@ -330,22 +338,30 @@ def compute_flight(request: bytes) -> Answer:
 
 def compute_formulas(request: bytes) -> Answer:
     """Evaluate the empirical formulas for one strike."""
-    return formulas_answer(FormulasRequest.model_validate_json(request)), None
+    strike = FormulasRequest.model_validate_json(request)
+    with written_in(strike.units):
+        return formulas_answer(strike), None
 
 
 def compute_thickness(request: bytes) -> Answer:
     """Find the least thickness of a wall that a strike does not perforate."""
-    return thickness_answer(ThicknessRequest.model_validate_json(request)), None
+    strike = ThicknessRequest.model_validate_json(request)
+    with written_in(strike.units):
+        return thickness_answer(strike), None
 
 
 def compute_limit_speed(request: bytes) -> Answer:
     """Find the least speed that perforates a wall."""
-    return limit_speed_answer(LimitSpeedRequest.model_validate_json(request)), None
+    wall = LimitSpeedRequest.model_validate_json(request)
+    with written_in(wall.units):
+        return limit_speed_answer(wall), None
 
 
 def compute_wall(request: bytes) -> Answer:
     """Judge a wall for perforation and scabbing."""
-    return wall_answer(judge_wall(**WallRequest.model_validate_json(request).arguments())), None
+    strike = WallRequest.model_validate_json(request)
+    with written_in(strike.units):
+        return wall_answer(judge_wall(**strike.arguments())), None
 
 
 StudyReport: TypeAlias = Callable[[int, float | None], None]

@@ -15,8 +15,8 @@ from anyio import CancelScope, current_time
 from anyio.to_thread import run_sync
 
 from service.cache.cache import ResultCache
-from service.cache.hdf5 import Segment
 from service.cache.record import Record
+from service.cache.segments import Segment
 from service.errors import ComputationCancelled, QueriesWaitingError, QueueTimeoutError
 from service.operations import KeyedRequest, Operation
 from service.schemas.calibration_motion import Calibration

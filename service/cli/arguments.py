@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from service.names import CHOICES
+from service.names import CHOICES, UNITS
 
 if TYPE_CHECKING:
     from service.settings import Settings
@@ -314,6 +314,15 @@ ATTACK = (
 IMPACT = (VELOCITY, OBLIQUE_ANGLE, *ATTACK)
 STRIKE = (*IMPACT, *BODY, *RESISTANCE)
 """All flags of a strike."""
+SHOWN_UNITS = Flag(
+    "--units",
+    ("units",),
+    "units in which quantities are shown; those that are given are in SI (default: si)",
+    read=str,
+    metavar="SYSTEM",
+    choices=tuple(UNITS),
+)
+"""Flag for the units of a report."""
 
 
 def add_case(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> None:

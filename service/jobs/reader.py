@@ -14,8 +14,7 @@ from anyio.to_thread import run_sync
 
 from service.cache.record import CaseResult, Record
 from service.errors import DamagedCasesError, QuotaError, problem_of
-from service.jobs.models import CaseRow, CaseState, JobCase, JobState
-from service.jobs.rows import UNKNOWN, is_of
+from service.jobs.models import UNKNOWN, CaseRow, CaseState, JobCase, JobState, is_of
 from service.jobs.runner import CaseRunner
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService

@@ -5,25 +5,19 @@ import { element, table } from "./elements.js";
 import { fieldAt } from "./fields.js";
 import { buildFold } from "./fold.js";
 import { request } from "./service.js";
+import { inUnits } from "./units.js";
 import { degreesShown, outcomeShown, statusShown } from "./words.js";
 
 /** Return a folded section with the critical angle of a case and, with `hasStrike`, its outcome under other laws. */
 export function lawsFold(onError, { hasStrike }) {
   const content = element("div.laws-table");
   const show = async (values, signal) => {
-    const [angles, outcomes] = await Promise.all([requestAngles(values, signal), hasStrike && requestOutcomes(values, signal)]);
+    const post = async (path, body) => (await request(path, { body: inUnits({ ...body, alternatives: true }), signal })).data;
+    const strike = { ...trajectoryRequest(values), output: { history: false } };
+    const [angles, outcomes] = await Promise.all([post("cra", angleRequest(values)), hasStrike && post("trajectory", strike)]);
     if (!signal.aborted) content.replaceChildren(alternativesTable(angles, outcomes));
   };
   return buildFold("Under other laws", content, show, onError);
-}
-
-async function requestAngles(values, signal) {
-  return (await request("cra", { body: { ...angleRequest(values), alternatives: true }, signal })).data;
-}
-
-async function requestOutcomes(values, signal) {
-  const body = { ...trajectoryRequest(values), output: { history: false }, alternatives: true };
-  return (await request("trajectory", { body, signal })).data;
 }
 
 function alternativesTable(angles, outcomes) {

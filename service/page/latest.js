@@ -11,7 +11,7 @@ import { isAbort } from "./service.js";
  * @param {(value: any, signal: AbortSignal) => Promise<void>} work it shows nothing once its signal is aborted
  * @param {(error: Error) => void} onError called on other failures, not on requests given up
  * @param {{supersede?: boolean, restMs?: number}} options `supersede` gives up the running work for a newer value;
- *   `restMs` is how long a value has to be the latest before it is worked on
+ *   `restMs` is how long a value has to be the latest before it is worked on; the first one, with which a view opens, has not to
  * @returns {((value: any) => void) & {cancel: () => void, stop: () => void, isBehind: () => boolean}} `cancel` gives up
  *   the value, `stop` the function too; `isBehind` returns whether a newer value waits
  */
@@ -19,7 +19,7 @@ export function latest(work, onError, { supersede = false, restMs = 0 } = {}) {
   let waiting = [];
   let running; // of the running work
   let timer; // while a value has to rest
-  let isStopped = false;
+  let [isFirst, isStopped] = [true, false];
 
   const run = async () => {
     timer = undefined;
@@ -47,8 +47,9 @@ export function latest(work, onError, { supersede = false, restMs = 0 } = {}) {
     waiting = [value];
     if (supersede) running?.abort();
     clearTimeout(timer);
-    if (restMs) timer = setTimeout(run, restMs);
+    if (restMs && !isFirst) timer = setTimeout(run, restMs);
     else run();
+    isFirst = false;
   };
   update.isBehind = () => waiting.length > 0;
   update.cancel = () => {

@@ -99,8 +99,8 @@ export class MapPicture {
     return [this.plot, this.counts, this.cell];
   }
 
-  /** Draw what is there of the cells, and of a coarse grid where there are none yet. */
-  async showCells(cells, rough = []) {
+  /** Draw what is there of the cells, and of a coarse grid where there are none yet; lines over them once no more come. */
+  async showCells(cells, rough = [], isLast = true) {
     const { operation } = this.#map;
     const lines = QUANTITIES[operation]?.label.toLowerCase() ?? `greatest depth [${unitOf("mm").unit}]`;
     const scatter = isStudied(this.#map) ? ` ${scatterWords(this.#map.values)}` : "";
@@ -119,7 +119,7 @@ export class MapPicture {
     };
     const isNew = !this.plot.querySelector(".drawing");
     this.here ??= this.#placeOf(this.#map.values);
-    const traces = mapTraces(operation, this.#axes, cells, rough, this.#room(), this.here, (index) => this.#yieldOf(index));
+    const traces = mapTraces(operation, this.#axes, cells, rough, this.#room(), this.here, (index) => this.#yieldOf(index), isLast);
     const map = this.#map;
     const drawn = await draw(this.plot, traces, mapLayout(this.#axes), about);
     this.#isDrawn ||= map === this.#map;

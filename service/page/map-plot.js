@@ -24,11 +24,12 @@ const PAPER = "#e8eaed"; // below the marks of the legend, in either theme
  * @param {number} room for the mark of a cell [px]
  * @param {number[]} here where the case itself is, as shown
  * @param {(index: number) => number} yieldOf the stress above which the surface of the body of a cell yields [Pa]
+ * @param {boolean} hasLines whether there are contours, which take longer than all else
  */
-export function mapTraces(operation, [x, y], cells, rough, room, here, yieldOf) {
+export function mapTraces(operation, [x, y], cells, rough, room, here, yieldOf, hasLines = true) {
   const grid = (value) => y.shown.map((up, row) => x.shown.map((across, column) => value(row * x.shown.length + column, across, up)));
   const rows = (value) => grid((index) => value(cells[index] ?? rough[index]));
-  const finished = (value) => grid((index) => value(cells[index])); // for lines
+  const finished = (value) => grid((index) => (hasLines ? value(cells[index]) : null)); // for lines
   const place = { x: x.shown, y: y.shown };
   const rare = rareWarnings(cells);
   const words = grid((index, across, up) => {
@@ -38,7 +39,7 @@ export function mapTraces(operation, [x, y], cells, rough, room, here, yieldOf) 
   const hover = { text: words, hovertemplate: "%{text}<extra></extra>", hoverongaps: true };
   const quantity = QUANTITIES[operation];
   const surface = quantity ? amounts(place, rows, finished, hover, quantity) : outcomes(place, rows, finished, hover);
-  if (!quantity) surface.push(...bends(place, grid((index) => (cells[index]?.stress === undefined ? null : cells[index].stress / yieldOf(index)))));
+  if (!quantity && hasLines) surface.push(...bends(place, grid((index) => (cells[index]?.stress === undefined ? null : cells[index].stress / yieldOf(index)))));
   return [...surface, ...marks(operation, [x, y], cells, room), ...warned([x, y], cells, room, rare), youAreHere(here)];
 }
 

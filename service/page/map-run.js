@@ -10,7 +10,8 @@ import { clipped } from "./run.js";
 import { QUICK, takeUsual, uncertainInput, usualInputs } from "./scatter.js";
 import { caseAt, quickSweep } from "./sweep.js";
 
-const REDRAW_MS = 300;
+const REDRAW_MS = 300; // at least; a large map is drawn less often, as drawing takes turns with the workers
+const REST = 6; // times what it takes to read and draw the cells: 1/7 of a core
 const AT_ONCE = 2; // studies that are computed at the same time
 
 /**
@@ -81,8 +82,8 @@ function indexOfNearest(places, place) {
  * Follow the job of a map.
  *
  * @param {object} map with its job
- * @param {{onProgress: (job: object) => void, onCells: (cells: object[]) => Promise<void>}} listeners called whenever the
- *   job has changed, and with the cells, row by row, whenever there are more; those without a result are missing
+ * @param {{onProgress: (job: object) => void, onCells: (cells: object[], isLast: boolean) => Promise<void>}} listeners called
+ *   whenever the job has changed, and with the cells, row by row, as there are more; those without a result are missing
  * @param {AbortSignal} signal
  * @param {object[]} known cells that are there already
  * @returns {Promise<object>} the job at its end
@@ -103,15 +104,18 @@ export async function followMap(map, { onProgress, onCells }, signal, known = []
     let [isLast, known] = [false, undefined];
     while (!isLast) {
       isLast = job !== undefined && isFinal(job);
-      if (job && job.counts.done !== known) {
+      const begun = performance.now();
+      if (job && (isLast || job.counts.done !== known)) {
         known = job.counts.done;
         for await (const items of ready()) for (const item of items) cells[item.index] = readCell(item);
-        await onCells(cells);
+        await onCells(cells, isLast);
       }
-      if (!isLast) await pause(REDRAW_MS, signal);
+      const rest = Math.max(REST * (performance.now() - begun), REDRAW_MS);
+      if (!isLast) await Promise.race([ended, pause(rest, signal)]);
     }
   };
-  await Promise.all([follow(), read()]);
+  const ended = follow();
+  await Promise.all([ended, read()]);
   return job;
 }
 

@@ -7,7 +7,7 @@ import { headline, probabilityAt } from "./study.js";
 import { degreesShown, digits } from "./words.js";
 
 const MARGIN_DEG = 4; // shown besides where the probability changes
-const [ROW_PX, AXIS_PX, NARROW] = [38, 70, 640];
+const [ROW_PX, AXIS_PX] = [38, 70];
 
 /** Draw the probability of ricochet over the oblique angle with its band. */
 export function drawCurve(root, study, values) {
@@ -35,17 +35,13 @@ export function drawCurve(root, study, values) {
     marker: { size: 11, color: colour("path") },
   });
   const range = rangeOf(x, y, mine);
-  const note = {
-    text: `<b>${root.clientWidth < NARROW ? words.replace(", sampling error", "<br>") : words}</b>`,
-    // At the end of the line that the curve is far from, and toward the middle, so that no edge cuts it off.
-    ...(here.value > 0.5 ? { y: 0.04, yanchor: "bottom" } : { y: 0.96, yanchor: "top" }),
-    ...{ x: mine, ...(mine < (range[0] + range[1]) / 2 ? { xanchor: "left", xshift: 5 } : { xanchor: "right", xshift: -5 }), yref: "paper", showarrow: false },
-  };
+  // Above the axes, where no curve can run through it.
+  const note = { text: `<b>${words}</b>`, font: { color: colour("path") }, x: 0.5, y: 1, xref: "paper", yref: "paper", yanchor: "bottom", showarrow: false };
   const layout = {
     showlegend: false,
     dragmode: false,
     shapes: [{ type: "line", x0: mine, x1: mine, yref: "paper", y0: 0, y1: 1, line: { color: colour("path"), width: 1.2, dash: "dot" } }],
-    margin: { l: 8, r: 16, t: 34, b: 8 },
+    margin: { l: 8, r: 16, t: 52, b: 8 },
     title: { text: angle && `Critical angle ${angle}`, font: { size: 14 }, x: 0.5, y: 1, yanchor: "top", pad: { t: 8 } },
     annotations: [note],
     xaxis: { title: { text: "Oblique angle [°]" }, range },

@@ -14,7 +14,7 @@ from markupsafe import Markup, escape
 from service.names import FORMULAS, OUTCOMES, QUANTITIES, STATUSES
 from service.reports import style
 from service.reports.assessment_figures import SETTINGS, curves, side_views, sketch, svg
-from service.reports.assessment_numbers import WORDS, Numbers, Row, field_of, lookup, rows, sentence
+from service.reports.assessment_numbers import WORDS, Numbers, Row, lookup, rows, sentence, shown_in
 from service.reports.style import embedded
 from solver.free_surface import NoFreeSurface
 from solver.projectile import Projectile
@@ -28,6 +28,7 @@ from solver.resistance import (
 )
 from solver.uncertainty import Verdict
 from solver.uncertainty.verdict import probability_text
+from solver.units import UnitSystem, interval, number, quantity, symbol, system_in_use, with_symbol
 from solver.warnings import (
     EQUATION_9_DIAMETER,
     EQUATION_9_STRENGTH,
@@ -66,7 +67,6 @@ KEYS: Final[Mapping[str, str]] = {
     "thickness": "least thickness",
     "formulas": "formulas",
 }
-MM: Final = 1e3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,6 +150,8 @@ def page(strike: Assessed) -> str:
         standing=[each for each, standing in warnings if standing],
         keys=[(label, strike.answers[name]["key"]) for name, label in KEYS.items() if _answered(strike, name)],
         strike=strike,
+        symbol=symbol,
+        is_si=system_in_use() is UnitSystem.SI,
         words={"outcomes": OUTCOMES, "ends": ENDS, "statuses": STATUSES, "formulas": FORMULAS},
         pictures={name: embedded(picture) for name, picture in _pictures(strike, study).items()},
     )
@@ -190,11 +192,14 @@ def _problem(strike: Assessed, name: str) -> str | None:
 def _title(strike: Assessed) -> str:
     """Return the title of the report; browsers suggest it as the name of a saved file."""
     case = strike.case
-    parts = [f"{case['impact']['velocity_m_s']:.4g} m/s", f"{1e-6 * case['target']['compressive_strength_pa']:.4g} MPa"]
+    parts = [
+        quantity(case["impact"]["velocity_m_s"], "m/s"),
+        quantity(case["target"]["compressive_strength_pa"], "MPa"),
+    ]
     if (angle := lookup(case, "/impact/oblique_angle_deg")) is not None:
         parts.append(f"{angle:.4g}°")
     if (thickness := lookup(case, "/target/thickness_m")) is not None:
-        parts.append(f"{MM * thickness:.4g} mm")
+        parts.append(quantity(thickness, "mm"))
     return f"Ricochet assessment, {', '.join(parts)}"
 
 
@@ -220,25 +225,25 @@ def _scatter(numbers: Numbers, strike: Assessed, study: Mapping[str, Any] | None
     """Return a row for each uncertain input: label, distribution, and 5 % and 95 % quantiles with the angle at each."""
     found = []
     for i, (each, given) in enumerate(zip((study or {}).get("sensitivity", ()), strike.scatter, strict=False)):
-        field = field_of(each["field"])
-        cells: list[Any] = [QUANTITIES[each["field"]], _spread(given["distribution"], field.written)]
+        unit = shown_in(each["field"])
+        cells: list[Any] = [QUANTITIES[each["field"]], _spread(given["distribution"], unit)]
         for j, change in enumerate(each["swing"][:2]):
             place = f"/uncertainty/sensitivity/{i}/swing/{j}"
             if isinstance(change["value"], str):
                 cells.append(WORDS[change["value"]])
             else:
-                cells.append(numbers.short(f"{place}/value", factor=field.factor, unit=field.written))
+                cells.append(numbers.short(f"{place}/value", unit=unit))
             cells.append(numbers.angle(f"{place}/critical_angle_deg") or "none")
         found.append(cells)
     return found
 
 
 def _spread(distribution: Mapping[str, Any], unit: str) -> str:
-    """Return a distribution in words."""
+    """Return a distribution in words; `unit` is that in which SI shows its values."""
     if distribution["type"] == "discrete":
         return " or ".join(f"{weight:g}" for weight in distribution["weights"])
     if "standard_deviation" in distribution:
-        return f"{distribution['type']}, {distribution['standard_deviation']:g}{unit}"
+        return f"{distribution['type']}, {with_symbol(number(distribution['standard_deviation'], unit, 6), unit)}"
     if "scale" in distribution:
         tails = f"{distribution['degrees_of_freedom']:g} degrees of freedom"
         return f"logarithm Student's, {100.0 * distribution['scale']:g} %, {tails}"
@@ -289,13 +294,13 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
         Limit(
             "Speed below which noses of steel do not erode",
             _speed(numbers),
-            f"up to {RIGID_VELOCITY:g} m/s",
+            f"up to {quantity(RIGID_VELOCITY, 'm/s')}",
             speed <= RIGID_VELOCITY,
         ),
         Limit(
             "Strength in the tests behind the resistance law",
             _strength(numbers),
-            f"{1e-6 * lowest:g} to {1e-6 * highest:g} MPa",
+            interval(lowest, highest, "MPa"),
             lowest <= strength <= highest,
         ),
         Limit(
@@ -323,7 +328,7 @@ def _polynomial_limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
             Limit(
                 "Concrete and projectile of the fit of S",
                 Markup("{}, {}").format(_strength(numbers), _diameter(numbers)),
-                f"{1e-6 * EQUATION_9_STRENGTH:g} MPa, {MM * EQUATION_9_DIAMETER:g} mm",
+                f"{quantity(EQUATION_9_STRENGTH, 'MPa')}, {quantity(EQUATION_9_DIAMETER, 'mm')}",
                 "strength_factor_of_other_concrete" not in codes,
             )
         )
@@ -343,31 +348,31 @@ def _polynomial_limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
 def _published_tests_limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
     """Return the limits of the published tests."""
     codes = {warning["code"] for warning in strike.answers["cra"]["warnings"]}
-    (s0, s1), (d0, d1), (v0, v1) = (
-        PublishedTests.compressive_strengths,
-        PublishedTests.diameters,
-        PublishedTests.velocities,
+    tested = (
+        interval(*PublishedTests.compressive_strengths, "MPa"),
+        interval(*PublishedTests.diameters, "mm"),
+        interval(*PublishedTests.velocities, "m/s"),
     )
     return [
         Limit(
             "Tests behind S",
             Markup("{}, {}, {}").format(_strength(numbers), _diameter(numbers), _speed(numbers)),
-            f"{1e-6 * s0:g} to {1e-6 * s1:g} MPa, {MM * d0:g} to {MM * d1:g} mm, {v0:g} to {v1:g} m/s",
+            ", ".join(tested),
             "published_tests_extrapolated" not in codes,
         )
     ]
 
 
 def _speed(numbers: Numbers) -> Markup:
-    return numbers.short("/case/impact/velocity_m_s", digits=4, unit=" m/s")
+    return numbers.short("/case/impact/velocity_m_s", digits=4, unit="m/s")
 
 
 def _strength(numbers: Numbers) -> Markup:
-    return numbers.short("/case/target/compressive_strength_pa", factor=1e-6, digits=4, unit=" MPa")
+    return numbers.short("/case/target/compressive_strength_pa", digits=4, unit="MPa")
 
 
 def _diameter(numbers: Numbers) -> Markup:
-    return numbers.short("/case/projectile/diameter_m", factor=MM, digits=4, unit=" mm")
+    return numbers.short("/case/projectile/diameter_m", digits=4, unit="mm")
 
 
 LAW_LIMITS: Final[Mapping[str, Callable[[Numbers, Assessed], list[Limit]]]] = {

@@ -8,9 +8,10 @@ from pydantic import MISSING, Field
 from service.schemas.answers import VERSIONED, EngineVersion, Key, ModelWarning
 from service.schemas.fields import GIVEN, NOT_TABLED, walk
 from service.schemas.problems import pointer_of_parameter
-from service.schemas.quantities import Num, Of, Part, solver_arguments, with_examples
+from service.schemas.quantities import Num, Of, Part, Units, solver_arguments, with_examples
 from service.schemas.strike import PAPER, STRIKE, Impact, Projectile, Target
 from solver.formulas import PERFORATION_MARGIN, SCABBING_MARGIN, Limit, formulas, nose_class, spread
+from solver.units import UnitSystem
 from solver.warnings import NORMAL_COMPONENT_ONLY, body_warnings, reinforcement_warnings
 
 REQUEST = {name: PAPER[name] for name in ("projectile", "target")} | {"impact": STRIKE}
@@ -51,6 +52,7 @@ class FormulasRequest(Part):
     projectile: Projectile
     target: Target
     impact: FormulaImpact
+    units: Units = UnitSystem.SI
 
     def canonical(self) -> dict[str, Any]:
         """Return all fields as JSON data, with defaults filled in."""
@@ -58,7 +60,7 @@ class FormulasRequest(Part):
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `solver.formulas`."""
-        return solver_arguments(self)
+        return {name: value for name, value in solver_arguments(self).items() if name != "units"}
 
 
 class NotFitted(Part):

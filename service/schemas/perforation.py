@@ -17,7 +17,7 @@ from service.schemas.answers import (
 )
 from service.schemas.fields import GIVEN, NOT_TABLED, walk
 from service.schemas.formulas import ROW, FormulaRow
-from service.schemas.quantities import Flag, Num, Of, Part, with_examples
+from service.schemas.quantities import Flag, Num, Of, Part, Units, with_examples
 from service.schemas.requests import Case
 from service.schemas.strike import PAPER, PAPER_AT_45, Approach, Impact
 from service.schemas.wall import VARIANTS, Variants
@@ -27,6 +27,7 @@ from solver.perforation import RUN_TOLERANCE
 from solver.strike import TERMINATION_TIME
 from solver.uncertainty import PerforationSpread, limit_speed_spread, thickness_spread
 from solver.uncertainty.walls import PROBABILITY, limit_speed_sentence, thickness_sentence
+from solver.units import UnitSystem
 
 RANGE = {"lower": 0.1623, "upper": 0.2139, "probability": PROBABILITY}
 RANGE_COLUMNS = {
@@ -191,6 +192,8 @@ class ThicknessRequest(ThicknessFields):
 
     model_config = with_examples(PAPER_AT_45)
 
+    units: Units = UnitSystem.SI
+
 
 class ThicknessBase(ThicknessFields):
     """A strike on a wall whose thickness is searched for, in a batch or a sweep, by default without the 90 % range."""
@@ -245,6 +248,8 @@ class LimitSpeedRequest(LimitSpeedFields):
     """A wall and a projectile whose limit speed is searched for."""
 
     model_config = with_examples(WALL)
+
+    units: Units = UnitSystem.SI
 
 
 class LimitSpeedBase(LimitSpeedFields):

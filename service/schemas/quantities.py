@@ -12,6 +12,7 @@ from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Field,
     FiniteFloat,
     GetJsonSchemaHandler,
     Strict,
@@ -22,12 +23,25 @@ from pydantic_core import CoreSchema
 from service.columns import unit_end, unit_of
 from solver.checks import BOUNDS
 from solver.quantities import Quantity, field_docstrings, quantities
+from solver.units import UnitSystem
 
 Num = Annotated[FiniteFloat, Strict()]
 """Finite JSON number, integer or decimal. Strings and booleans, which pydantic would convert, are refused."""
 
 Flag = Annotated[bool, Strict()]
 """JSON true or false. Numbers and strings, which pydantic would convert, are refused."""
+
+
+# Left out of dumps where it has no effect, so that the key of a result is the one that it had without this field.
+Units = Annotated[
+    UnitSystem,
+    Field(
+        exclude_if=lambda units: units is UnitSystem.SI,
+        description="Units of the quantities in the texts of the answer, such as warnings: SI, or US customary units. "
+        "Fields are in SI units.",
+    ),
+]
+"""Units of texts, in a request."""
 
 
 def _whole(value: Any) -> Any:

@@ -13,7 +13,7 @@ import solver
 from service.schemas.fields import walk
 from service.schemas.flight import FlightInput
 from service.schemas.numerics import Method, Numerics, Search, SearchMethod, usual_range
-from service.schemas.quantities import Flag, Num, Part, with_examples
+from service.schemas.quantities import Flag, Num, Part, Units, with_examples
 from service.schemas.resistance import STRENGTH_FACTORS, Resistance
 from service.schemas.strike import (
     HEMISPHERE,
@@ -35,6 +35,7 @@ from solver.strike import SEARCH_TOLERANCE, TRAJECTORY_TOLERANCE, usual_terminat
 from solver.sweeps import fitted_to, obliquity_shape
 from solver.trajectory import SAMPLE_INTERVAL
 from solver.uncertainty.usual import has_own_law
+from solver.units import UnitSystem, written_in
 
 MOST_ROWS = 20_000
 """Largest number of rows of a history: some 4 MB of JSON, and far finer than any plot shows."""
@@ -216,6 +217,7 @@ class TrajectoryRequest(TrajectoryFields):
     model_config = with_examples(PAPER_AT_45, TRUNCATED_CONE)
 
     alternatives: Alternatives = False
+    units: Units = UnitSystem.SI
 
 
 class CriticalAngleBase(Case):
@@ -271,6 +273,7 @@ class CriticalAngleRequest(CriticalAngleBase):
     model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE)
 
     alternatives: Alternatives = False
+    units: Units = UnitSystem.SI
 
 
 Request = TypeVar("Request", bound=TrajectoryRequest | CriticalAngleRequest)
@@ -298,8 +301,12 @@ def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request
         resistance = request.resistance.model_copy(
             update={"strength_factor": law.strength_factor, "free_surface": law.free_surface}
         )
-        other = cast("Request", request.model_copy(update={"resistance": resistance, "alternatives": False}))
-        found.append((laws | {"obliquity_shape": obliquity_shape(each), "fitted_to": fitted_to(each)}, other))
+        # The texts of an alternative are not shown, so that its result is the same for all units.
+        changes = {"resistance": resistance, "alternatives": False, "units": UnitSystem.SI}
+        other = cast("Request", request.model_copy(update=changes))
+        with written_in(request.units):
+            evidence = fitted_to(each)
+        found.append((laws | {"obliquity_shape": obliquity_shape(each), "fitted_to": evidence}, other))
     return found
 
 

@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from service.schemas.fields import in_solver_units
 from service.schemas.flight import FlightInput
 from service.schemas.numerics import Search
-from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, SolverPart, with_examples
+from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, SolverPart, Units, with_examples
 from service.schemas.requests import Case, CriticalAngleBase, TrajectoryFields
 from service.schemas.strike import PAPER, PAPER_AT_45, Impact, Strike
 from service.schemas.uncertain_inputs import SCATTER, UncertainInput, accepts, inputs_of, without_shots
@@ -29,6 +29,7 @@ from solver.uncertainty import (
 from solver.uncertainty.next_shot import next_shots
 from solver.uncertainty.results import FLIGHT_QUANTITIES
 from solver.uncertainty.sampling import FEWEST_SAMPLES
+from solver.units import UnitSystem, written_in
 from solver.warnings import body_warnings
 
 SAMPLING = Sampling()
@@ -92,6 +93,7 @@ class UncertainCase(Case):
 
     uncertain: Inputs
     sampling: Annotated[SamplingSettings, Field(default_factory=SamplingSettings)]
+    units: Units = UnitSystem.SI
 
     def resolved(self) -> Self:
         """Return the request unchanged, since the request of each sample fills in its own defaults."""
@@ -127,6 +129,8 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
         lower, upper = self.search.to_solver().bounds
         base, arguments = self.base, self.shared_arguments()
         inputs = inputs_of(self.uncertain, CriticalAngleBase, base)
+        with written_in(self.units):
+            warnings = body_warnings(self.projectile.to_solver())
         return AngleStudy(
             inputs,
             self.oblique_angles_deg.radians(),
@@ -134,7 +138,7 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
             sensitivity=self.sensitivity,
             bounds=(lower, upper),
             accepts=partial(accepts, CriticalAngleBase, base, inputs),
-            warnings=body_warnings(self.projectile.to_solver()),
+            warnings=warnings,
             shots=next_shots(inputs, **{name: arguments[name] for name in ("projectile", "target", "resistance")}),
         )
 
@@ -163,7 +167,8 @@ class TrajectoryUncertaintyRequest(UncertainCase):
             If values contradict each other.
         """
         inputs = inputs_of(self.uncertain, TrajectoryFields, self.base)
-        warnings = body_warnings(self.projectile.to_solver())
+        with written_in(self.units):
+            warnings = body_warnings(self.projectile.to_solver())
         return TrajectoryStudy(inputs, self.sampling.to_solver(), warnings=warnings)
 
 

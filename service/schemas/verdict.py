@@ -49,6 +49,7 @@ from solver.uncertainty.verdict import (
     probability_text,
 )
 from solver.uncertainty.verdict import verdict_steps as solver_verdict_steps
+from solver.units import written_in
 
 CENTRES = {"normal": "mean", "lognormal": "median", "log_student_t": "median"}
 """Parameter of each distribution that is set to the value of the case."""
@@ -353,7 +354,9 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
         **{name: arguments[name] for name in ("projectile", "target", "resistance")},
         strength_scatter=request.strength_scatter.value,
     )
-    answer: dict[str, Any] = {"sentence": found.sentence, "range_text": found.range_text, "status": found.status.value}
+    with written_in(request.units):
+        sentence = found.sentence
+    answer: dict[str, Any] = {"sentence": sentence, "range_text": found.range_text, "status": found.status.value}
     if found.angle is not None:
         answer["critical_angle_deg"] = answers["cra"]["critical_angle_deg"]
     if found.spread is not None:

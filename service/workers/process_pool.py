@@ -5,7 +5,7 @@ import logging
 
 from service.errors import PoolUnavailableError
 from service.workers.executor import Executor
-from service.workers.work_queue import Accepts, WorkQueue
+from service.workers.work_queue import Accepts, WorkQueue, any_work
 from service.workers.worker_process import WorkerServer
 from solver.compilation import compilation_progress
 
@@ -33,7 +33,7 @@ class ProcessPool(Executor):
         workers: int,
         task_seconds: float,
         queue: WorkQueue | None = None,
-        accepts: Accepts = lambda _: True,
+        accepts: Accepts = any_work,
     ) -> None:
         super().__init__(task_seconds=task_seconds)
         self.queue = queue or self.queue

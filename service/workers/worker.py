@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple, NoReturn
 
-from service.cache.hdf5 import Segment, encode_segments
 from service.cache.record import FloatColumns, Record
+from service.cache.segments import Segment, encode_segments
 from service.errors import field_errors
 from service.operations import SCHEMA_VERSION
 from service.schemas.quantities import Part

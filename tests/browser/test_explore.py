@@ -278,6 +278,34 @@ def test_no_field_has_the_unit_1(page: Page) -> None:
     assert "1" not in page.locator(".unit").all_inner_texts()
 
 
+def test_histories_out_of_sight_wait_until_the_inputs_rest(page: Page) -> None:
+    """They take longer to draw than the rest of a step of a slider. In sight they follow at once."""
+    later = """() => {
+        const [side, histories] = ['side view', 'histories'].map(
+            (part) => performance.getEntriesByName(`ricochet: ${part}`),
+        );
+        const of = ({ startTime }) => side.find((each) => each.startTime === startTime);
+        return histories.map((each) => each.duration - of(each).duration);
+    }"""
+    move = """(slider, speed) => {
+        slider.value = speed;
+        slider.dispatchEvent(new Event('input', { bubbles: true }));
+    }"""
+    open_explore(page)
+    slider = page.get_by_label("Speed, slider")
+
+    def after_the_side_view(speed: int) -> float:
+        count = len(page.evaluate(later))
+        slider.evaluate(move, speed)  # `fill` would scroll to it
+        page.wait_for_function(f"count => ({later})().length > count", arg=count)
+        found: float = page.evaluate(later)[-1]
+        return found
+
+    assert after_the_side_view(250) >= 990.0
+    page.locator(".histories").evaluate("part => scrollTo(0, part.getBoundingClientRect().top - 300)")
+    assert min(after_the_side_view(speed) for speed in range(260, 300, 5)) < 990.0
+
+
 def test_scrubbing_moves_the_outline_and_the_line_in_the_histories(page: Page) -> None:
     open_explore(page)
     last = outline(page)

@@ -252,3 +252,25 @@ def test_button_and_results_of_a_long_form_are_easy_to_reach(page: Page, size: t
     expect(page.get_by_role("button", name="Run")).to_be_in_viewport()
     page.get_by_role("button", name="Show the results").click()
     expect(page.get_by_role("region", name="Answer")).to_be_in_viewport()
+
+
+def test_words_on_the_curve_stand_above_it_at_every_angle_on_a_phone(new_page: NewPage) -> None:
+    page = new_page(width=390, height=844)
+    page.goto(f"/#/how-sure?{TWO}&sampling.max_samples=512")
+    wait(page)
+    page.get_by_text("The case", exact=True).click()
+    plot = page.locator(".curve .drawing")
+    for angle in ("40", "47", "48.5", "50", "55.25"):
+        page.get_by_label("Oblique angle", exact=True).fill(angle)
+        note = plot.locator(".annotation")
+        expect(note).to_contain_text(f"{angle}°: ")
+        words, axes, frame = (part.bounding_box() for part in (note, plot.locator(".nsewdrag"), plot))
+        assert words is not None
+        assert axes is not None
+        assert frame is not None
+        assert words["y"] + words["height"] <= axes["y"] + 1.0
+        assert frame["x"] <= words["x"]
+        assert words["x"] + words["width"] <= frame["x"] + frame["width"]
+        title = plot.locator(".gtitle").bounding_box()
+        assert title is not None
+        assert title["y"] + title["height"] <= words["y"] + 4.0, "the box of a text has some room above and below"

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from service.names import CHOICES, FORMULAS, JOB_STATUSES, OPERATIONS, OUTCOMES, QUANTITIES, STATUSES
+from service.names import CHOICES, FORMULAS, JOB_STATUSES, OPERATIONS, OUTCOMES, QUANTITIES, STATUSES, UNITS
 from service.reports.assessment_numbers import WORDS
 from service.schemas.strike import PAPER_AT_45
 from solver.formulas import formulas
@@ -19,7 +19,7 @@ from tests.cli.commands import run
 
 SCHEMAS = json.loads((Path(__file__).parents[2] / "openapi/openapi.json").read_text())["components"]["schemas"]
 REQUESTS = ("TrajectoryRequest", "CriticalAngleRequest")
-SETTINGS = re.compile(r"output\.|alternatives$|numerics\.(panels|time_step_s)$")
+SETTINGS = re.compile(r"output\.|alternatives$|units$|numerics\.(panels|time_step_s)$")
 """Fields without a display name: those that are not part of a case, and settings of the panels."""
 RAW = re.compile(r"\b[a-z]+_[a-z_0-9]+\b")
 
@@ -67,6 +67,7 @@ def test_every_formula_has_a_name() -> None:
         (STATUSES, ["SearchStatus", "PerforationStatus"]),
         (JOB_STATUSES, ["JobStatus"]),
         (OPERATIONS, ["JobOperation"]),
+        (UNITS, ["UnitSystem"]),
     ],
 )
 def test_every_end_and_operation_has_a_name(names: dict[str, str], schemas: list[str]) -> None:

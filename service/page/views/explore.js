@@ -9,7 +9,7 @@ import { drawFlight, flightWords, requestFlight } from "../flight.js";
 import { CaseForm } from "../form.js";
 import { drawHistories, moveInstant } from "../histories.js";
 import { latest } from "../latest.js";
-import { lostNote, pause } from "../lost.js";
+import { lostNote, untilSeen } from "../lost.js";
 import { purge } from "../plots.js";
 import { presetLinks } from "../presets.js";
 import { reportButton } from "../report.js";
@@ -21,7 +21,7 @@ import { TurnHandle } from "../turn-handle.js";
 import { Verdict } from "../verdict.js";
 import { describeRun, outcomeShown } from "../words.js";
 
-const ANGLE_MS = 20; // between side view and histories, for an angle that has arrived to be shown
+const REST_MS = 1000; // without a change before histories out of sight are drawn: that takes as long as several steps of a slider
 const ABOUT = "A rigid projectile strikes concrete at an angle from the normal; above the critical angle it ricochets.";
 
 /** Show the view. */
@@ -42,6 +42,7 @@ class Explore {
     this.parts = parts;
     this.instant = query.has("time_ms") ? Number(query.get("time_ms")) / 1e3 : Infinity; // the last unless chosen
     this.updatePicture = latest((values, signal) => this.showPicture(values, signal), fail);
+    this.updateHistories = latest((start, signal) => this.showHistories(start, signal), fail, { supersede: true });
     this.handle = new TurnHandle(parts.side, {
       onTurn: (angle) => this.form.setField("impact.oblique_angle_deg", angle),
       onHold: (isHeld) => {
@@ -54,7 +55,7 @@ class Explore {
       case: readCase(query),
       open: matchMedia("(min-width: 60rem)").matches ? undefined : ["How it strikes"],
       onChange: (values) => this.change(values),
-      onHold: () => this.updatePicture.cancel(),
+      onHold: () => [this.updatePicture, this.updateHistories].forEach((each) => each.cancel()),
       problem: parts.problem,
       parts: () => [...this.ofStrike, parts.scrubber],
       panels: [this.verdict, this.laws],
@@ -80,6 +81,7 @@ class Explore {
     this.changed = performance.now();
     this.copy.clear();
     markStale(...this.ofStrike, this.parts.scrubber);
+    this.updateHistories.cancel();
     this.verdict.setCase(values);
     this.updatePicture(values);
     this.laws.setCase(values);
@@ -102,10 +104,15 @@ class Explore {
     performance.measure("ricochet: side view", { start });
     if (this.updatePicture.isBehind()) return;
     markFresh(parts.outcome, parts.side, parts.scrubber);
-    await pause(ANGLE_MS, signal);
-    if (this.updatePicture.isBehind()) return;
+    this.updateHistories(start);
+  }
+
+  /** Show what is below the side view once it is seen, so that a slider above it does not wait for what nobody sees. */
+  async showHistories(start, signal) {
+    const { parts, run } = this;
+    await untilSeen(parts.histories, REST_MS, signal);
     await drawHistories(parts.histories, this.runs, this.row);
-    if (signal.aborted || this.updatePicture.isBehind()) return;
+    if (signal.aborted) return;
     markFresh(parts.histories);
     performance.measure("ricochet: histories", { start });
     listen(parts, (row) => this.scrubber.move(row));
@@ -116,14 +123,14 @@ class Explore {
   async showFlight(run, signal) {
     const { landing, flight } = this.parts;
     const found = await requestFlight(run, signal);
-    if (signal.aborted || this.updatePicture.isBehind()) return;
+    if (signal.aborted) return;
     flight.parentElement.hidden = !found;
     if (!flight.querySelector(".drawing")) flight.replaceChildren(); // else words on a field that was not accepted stay
     if (found) {
       landing.textContent = flightWords(found);
       await drawFlight(flight, run, found);
     }
-    if (!signal.aborted && !this.updatePicture.isBehind()) markFresh(landing, flight);
+    if (!signal.aborted) markFresh(landing, flight);
   }
 
   drawSide() {
@@ -160,6 +167,7 @@ class Explore {
     this.readdress();
     if (this.form.isHeld) return; // what is pinned is compared once the fields have a case
     markStale(this.parts.side, this.parts.histories, this.parts.scrubber);
+    this.updateHistories.cancel();
     this.updatePicture(this.form.currentCase());
   }
 
@@ -185,6 +193,7 @@ class Explore {
 
   leave() {
     this.updatePicture.stop();
+    this.updateHistories.stop();
     this.verdict.stop();
     this.laws.stop();
     this.scrubber.stop();

@@ -157,8 +157,8 @@ class MapView {
     this.cancelButton.disabled = false;
     const listeners = {
       onProgress: (job) => this.picture.showProgress(job),
-      onCells: async (cells) => {
-        if (!signal.aborted) await this.picture.showCells(cells, quick?.cells);
+      onCells: async (cells, isLast) => {
+        if (!signal.aborted) await this.picture.showCells(cells, quick?.cells, isLast);
       },
     };
     try {
