@@ -2,15 +2,18 @@
 
     python benchmarks/scaling.py [--quick] [--cases 1000] [--turns 5]
 
-One, two and one worker compute the same strikes shortly after one another, so that the speed of the machine is nearly
-the same: threads of `critical_angle_many`, and processes. Losses have two causes, which two controls distinguish.
+Each turn computes the same strikes with one worker, then with two, and with one again, so that a drift in the speed
+of the machine cancels. The workers are threads of `critical_angle_many`, or processes. A gain below two has two causes:
 
 - Workers wait: fewer than two cores are busy. Near the end of a batch one may compute a hard strike of a fifth of a
   second while the other has none left, which matters little with many strikes.
-- The same work takes more CPU time on two cores than on one. Multiply-adds in the first-level cache share neither
-  memory nor interpreter, but use their whole core; a short loop in registers uses hardly any of it.
+- The same work takes more CPU time on two cores than on one.
 
-Takes about 25 s a turn for 1,000 cases; `--quick` does one turn of 20.
+Two other loops, measured in the same way, show how much of the second cause is due to the machine. Neither shares
+memory or the interpreter. One multiplies and adds numbers in the first-level cache, and keeps the arithmetic units of
+its core busy; the other is a short chain of operations in registers, which leaves most of them idle.
+
+A turn takes about 25 s for 1,000 cases; `--quick` computes 20 cases in a single turn.
 """
 
 import argparse

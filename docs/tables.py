@@ -29,7 +29,7 @@ def settings_table() -> str:
                 f"`{(prefix + name).upper()}`",
                 default(name, field),
                 bounds(field),
-                " ".join((field.description or "").split()),
+                described(field),
             )
             for name, field in settings.model_fields.items()
         ]
@@ -62,12 +62,19 @@ def default(name: str, field: FieldInfo) -> str:
     value = field.default
     if value is None:
         return "none"
+    if value in ("", ()):
+        return "empty"
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     if name.endswith("bytes"):
         unit, size = next((unit, size) for unit, size in BYTES.items() if value % size == 0)
         return f"`{value}` ({value // size} {unit})"
     return f"`{value}`"
+
+
+def described(field: FieldInfo) -> str:
+    """Return the description of a setting. The unit of pure numbers is left out: it looks like a note."""
+    return " ".join((field.description or "").replace("[1]", "").split())
 
 
 def bounds(field: FieldInfo) -> str:

@@ -1,6 +1,7 @@
-"""The report of one strike: the requests whose answers it shows, and its page.
+"""Report of one strike: the requests whose answers it shows, and its page.
 
-Its numbers are those of requests that anyone may send: they are computed, kept and counted like any other.
+All numbers in a report come from answers to ordinary requests, which are computed, cached and counted against quotas
+like those of any client.
 """
 
 from collections.abc import Mapping
@@ -18,16 +19,17 @@ from solver import ENGINE_VERSION, ConstantStrengthFactor, mass_properties
 from solver.checks import BOUNDS
 from solver.strength_scatter import scatter_of_strength
 from solver.uncertainty.verdict import HALF_WIDTH, SAMPLES, Question, probability_angles
+from solver.units import written_in
 from solver.warnings import RETENTION_DECIDES
 
 EXTRA = ("jinja2", "markupsafe", "matplotlib")
 """Packages of the extra `reports`."""
 SPEEDS = tuple(round(0.5 + 0.1 * step, 1) for step in range(11))
-"""Speeds of the curve over the speed of the case. [1]"""
+"""Speeds at which the report shows the critical angle, relative to the speed of the case. [1]"""
 ASIDE_DEG = 0.5
-"""Distance of the runs just below and just above from the critical angle. [°]"""
+"""Angle between the critical angle and the runs drawn just below and just above it. [°]"""
 STEEPEST_DEG = 89.9
-"""Largest angle of these runs. [°]"""
+"""Largest oblique angle of the run just above the critical angle. [°]"""
 
 
 class Query(NamedTuple):
@@ -38,12 +40,12 @@ class Query(NamedTuple):
 
 
 def require_extra() -> None:
-    """Check that what draws reports is installed.
+    """Check that the packages of the extra `reports` are installed.
 
     Raises
     ------
     ReportsMissingError
-        If it is not.
+        If one of them is missing.
     """
     for name in EXTRA:
         if find_spec(name) is None:
@@ -53,14 +55,14 @@ def require_extra() -> None:
 def verdict_queries(request: ReportRequest) -> dict[str, Query]:
     """Return the requests that the verdict is made from, by name.
 
-    The answer to `cra` is needed; the others may be problems. A wall is judged at the angle to judge, along the normal
-    without one.
+    The answer to `cra` is needed; the others may be problems. A wall is judged at the angle to judge, or in normal
+    impact if none is given.
     """
     return {name: _query_of(request, question) for name, question in next(verdict_steps(request)).items()}
 
 
 def weighing_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
-    """Return the searches that show how far the warnings of the search move its angle, by their code and a number.
+    """Return searches that show how far the effects behind warnings shift the angle, by warning code and number.
 
     Their answers may be problems.
 
@@ -83,16 +85,16 @@ def first_queries(request: ReportRequest) -> dict[str, Query]:
 
     The answer to `cra` is needed; the others may be problems.
     """
-    case, angle = _search_of(request), _angle_of(request)
+    case, angle, units = _search_of(request), _angle_of(request), _units_of(request)
     strike = _strike_of(case, 0.0 if angle is None else angle)
     plain = {name: strike[name] for name in ("projectile", "target", "impact")}
     wall = {name: value for name, value in strike["target"].items() if name != "thickness_m"}
     speed = case["impact"]["velocity_m_s"]
     return {
         **verdict_queries(request),
-        "cra": Query("cra", case | {"alternatives": True}),
-        "formulas": Query("formulas", plain),
-        "thickness": Query("thickness", strike | {"target": wall}),
+        "cra": Query("cra", case | {"alternatives": True} | units),
+        "formulas": Query("formulas", plain | units),
+        "thickness": Query("thickness", strike | {"target": wall} | units),
         **{
             f"speed {index}": Query("cra", case | {"impact": case["impact"] | {"velocity_m_s": speed * factor}})
             for index, factor in enumerate(SPEEDS)
@@ -104,13 +106,14 @@ def first_queries(request: ReportRequest) -> dict[str, Query]:
 def strike_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
     """Return the requests that depend on the answer to the search, by name.
 
-    They are the searches that weigh its warnings, and the runs to draw beside that at the angle to judge: on either
-    side of the critical angle.
+    They are the searches that weigh its warnings, and the runs on either side of the critical angle, which are drawn
+    beside the run at the angle to judge.
 
     Parameters
     ----------
     found
-        The answer to the search. Without an angle, the run is at the end of the range that is nearest to one.
+        The answer to the search. If it has no critical angle, the only run is at the end of the range nearest to a
+        change of outcome.
     """
     case, search = _search_of(request), request.canonical()["search"]
     angles: dict[str, float] = {}
@@ -121,7 +124,8 @@ def strike_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str
         angles["lowest"] = search["lower_deg"]
     else:
         angles["highest"] = search["upper_deg"]
-    runs = {name: Query("trajectory", _strike_of(case, each)) for name, each in angles.items()}
+    units = _units_of(request)
+    runs = {name: Query("trajectory", _strike_of(case, each) | units) for name, each in angles.items()}
     return weighing_queries(request, found) | runs
 
 
@@ -135,7 +139,7 @@ def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, 
     answers
         Answers, or objects with a `problem`, by the names of their requests.
     made
-        Date and time, as text.
+        Date and time of the report, as text.
     address
         Address of the service that computed it; None if it was computed without one.
     """
@@ -144,52 +148,61 @@ def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, 
     request = ReportRequest.model_validate(given)
     projectile, target = request.projectile.to_solver(), request.target.to_solver()
     properties = mass_properties(projectile)
-    return page(
-        Assessed(
-            given=given,
-            case=request.canonical(),
-            assumed={
-                "projectile": {
-                    "center_of_gravity_m": properties.center_of_gravity,
-                    "moment_of_inertia_kg_m2": properties.moment_of_inertia,
+    with written_in(request.units):
+        return page(
+            Assessed(
+                given=given,
+                case=request.canonical(),
+                assumed={
+                    "projectile": {
+                        "center_of_gravity_m": properties.center_of_gravity,
+                        "moment_of_inertia_kg_m2": properties.moment_of_inertia,
+                    },
+                    "target": {"youngs_modulus_pa": target.elastic_modulus},
                 },
-                "target": {"youngs_modulus_pa": target.elastic_modulus},
-            },
-            scatter=usual_inputs(request),
-            dispersion=scatter_of_strength(
+                scatter=usual_inputs(request),
+                dispersion=scatter_of_strength(
+                    projectile=projectile,
+                    target=target,
+                    resistance=request.resistance.to_solver(),
+                    strength_scatter=request.strength_scatter.value,
+                ).dispersion,
+                verdict=verdict_in(request, answers),
+                advice=next_shot_advice_in(answers.get("uncertainty", {})),
                 projectile=projectile,
-                target=target,
-                resistance=request.resistance.to_solver(),
-                strength_scatter=request.strength_scatter.value,
-            ).dispersion,
-            verdict=verdict_in(request, answers),
-            advice=next_shot_advice_in(answers.get("uncertainty", {})),
-            projectile=projectile,
-            answers=answers,
-            speeds=[
-                (request.impact.velocity_m_s * factor, answers[f"speed {index}"])
-                for index, factor in enumerate(SPEEDS)
-                if f"speed {index}" in answers
-            ],
-            made=made,
-            address=address,
-            versions={"ricochet": VERSION, "engine": ENGINE_VERSION, "schema": SCHEMA_VERSION},
+                answers=answers,
+                speeds=[
+                    (request.impact.velocity_m_s * factor, answers[f"speed {index}"])
+                    for index, factor in enumerate(SPEEDS)
+                    if f"speed {index}" in answers
+                ],
+                made=made,
+                address=address,
+                versions={"ricochet": VERSION, "engine": ENGINE_VERSION, "schema": SCHEMA_VERSION},
+            )
         )
-    )
 
 
 def _search_of(request: ReportRequest) -> dict[str, Any]:
-    """Return the body of the search."""
-    case = request.model_dump(mode="json", exclude={"alternatives", "output", "flight"})
+    """Return the body of the request for the critical angle, without the units of its texts."""
+    case = request.model_dump(mode="json", exclude={"alternatives", "output", "flight", "units"})
     case["impact"].pop("oblique_angle_deg", None)
     return case
 
 
+def _units_of(request: ReportRequest) -> dict[str, Any]:
+    """Return the field with the units of texts, for the bodies whose answers have texts that are shown.
+
+    Others leave it out, so that their results are the same for all units.
+    """
+    return request.model_dump(mode="json", include={"units"})
+
+
 def _query_of(request: ReportRequest, question: Question) -> Query:
     """Return the request that answers a question of the verdict."""
-    case, angle = _search_of(request), _angle_of(request)
+    case, angle, units = _search_of(request), _angle_of(request), _units_of(request)
     if question.kind == "search":
-        return Query("cra", _with_probe(case, *question.probe) if question.probe else case)
+        return Query("cra", _with_probe(case, *question.probe) if question.probe else case | units)
     if question.kind == "study":
         search = request.canonical()["search"]
         start, stop, count = probability_angles(angle, search["lower_deg"], search["upper_deg"])
@@ -202,7 +215,7 @@ def _query_of(request: ReportRequest, question: Question) -> Query:
                 "uncertain": usual_inputs(request, theories=question.theories),
             },
         )
-    strike = _strike_of(case, angle or 0.0)
+    strike = _strike_of(case, angle or 0.0) | units
     if question.kind == "wall":
         return Query("wall", strike)
     flight = {} if request.flight is MISSING else request.flight.model_dump(mode="json")
@@ -210,7 +223,7 @@ def _query_of(request: ReportRequest, question: Question) -> Query:
 
 
 def _with_probe(case: Mapping[str, Any], code: str, value: float) -> dict[str, Any]:
-    """Return the body of a search with another value, as `solver.uncertainty.weighed_warnings.with_probe`."""
+    """Return the body of a search in which a probe changes one value; `code` is that of the warning to weigh."""
     if code == RETENTION_DECIDES:
         return {**case, "numerics": case.get("numerics", {}) | {"retention_energy_fraction": value}}
     held = {"model": ConstantStrengthFactor.name, "value": value}
@@ -218,7 +231,7 @@ def _with_probe(case: Mapping[str, Any], code: str, value: float) -> dict[str, A
 
 
 def _strike_of(case: Mapping[str, Any], angle: float) -> dict[str, Any]:
-    """Return the body of a run."""
+    """Return the body of the request for a run at an oblique angle. [°]"""
     found = {name: part for name, part in case.items() if name != "search"}
     return found | {"impact": case["impact"] | {"oblique_angle_deg": angle}}
 

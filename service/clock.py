@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 WATCH_SECONDS = 60.0
-"""Interval between comparisons of the clocks, a judgement: the log explains a jump within a minute. [s]"""
+"""Interval between comparisons of the clocks, a rough choice: the log explains a jump within a minute. [s]"""
 DIVERGENCE_SECONDS = 30.0
-"""Smallest difference that is reported. [s] Time synchronisation that slews the clock stays below it: chrony's default
-is at most 8.3 %, which is 5 s between two comparisons."""
+"""Smallest difference between the clocks that is reported. [s] Time synchronisation that slews the clock stays below
+it: chrony's default is at most 8.3 %, which is 5 s between two comparisons."""
 
 log = logging.getLogger(__name__)
 
@@ -22,9 +22,10 @@ class Clock:
     Parameters
     ----------
     now
-        Returns the seconds since 1970, for the expiry of keys and the retention of jobs. [s]
+        Function that returns the time since 1970, for the expiry of keys and the retention of jobs. [s]
     monotonic
-        Returns the seconds since an arbitrary instant, unaffected by setting the clock, for quotas and timeouts. [s]
+        Function that returns the time since an arbitrary instant, unaffected by setting the clock, for quotas and
+        timeouts. [s]
     """
 
     now: Callable[[], float] = time.time
@@ -35,7 +36,7 @@ SYSTEM = Clock()
 
 
 class ClockWatch:
-    """Log a warning when the clock of the machine has been set or the machine has slept."""
+    """Task that logs a warning when the clock of the machine has been set or the machine has slept."""
 
     def __init__(self, clock: Clock = SYSTEM) -> None:
         self._clock = clock

@@ -43,7 +43,7 @@ def unit_of(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a table.
+    """A column of a table of results.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Column:
     description
         Description without the unit.
     dtype
-        NumPy type. Texts are UTF-8 of fixed length, padded with zeros, which compression removes from the file.
+        NumPy type. Texts are UTF-8 of fixed length, padded with zeros, which take hardly any space once compressed.
     """
 
     name: str
@@ -66,53 +66,64 @@ class Column:
 
 
 IDENTITY = (
-    Column("key", "of the result; empty if the case has none", "S64"),
-    Column("operation", "what was computed", "S32"),
-    Column("engine_version", "of the solver", "S32"),
-    Column("schema_version", "of the contract", "S32"),
+    Column("key", "key of the result; empty if the case has none", "S64"),
+    Column("operation", "operation that computed the result", "S32"),
+    Column("engine_version", "version of the solver", "S32"),
+    Column("schema_version", "version of the contract", "S32"),
 )
-WARNINGS = Column("warnings", "codes of the warnings, with spaces between", "S512")
+WARNINGS = Column("warnings", "codes of the warnings, separated by spaces", "S512")
 NUMBERING = (
-    Column("index", "of the case in the batch, from 0", "<i8"),
+    Column("index", "number of the case in the batch, from 0", "<i8"),
     Column("custom_id", "name of the case in the batch", "S512"),
-    Column("problem", "type of the problem of a case that has no result", "S128"),
+    Column("problem", "type of the problem, for a case without a result", "S128"),
 )
 """Columns that only tables of batches have."""
-CASE = Column("case", "row of the summary it belongs to, from 0", "<i8")
+CASE = Column("case", "row of the case in the summary, from 0", "<i8")
 QUANTITIES = {
     "depth_displacement_m": "displacement of the centre of gravity along the inward normal of the face",
     "lateral_displacement_m": "displacement of the centre of gravity along the face",
     "rotation_deg": "change of the axis angle",
 }
-RUN = Column("run", "place of the run in the request, from 0", "<i8")
+RUN = Column("run", "number of the run in the request, from 0", "<i8")
 RESIDUALS = (
     RUN,
-    Column("oblique_angle_deg", "from the inward normal of the face to the velocity"),
-    Column("strength_factor", "as given"),
+    Column("oblique_angle_deg", "angle from the inward normal of the face to the velocity"),
+    Column("strength_factor", "strength factor, as given"),
     Column("residual", "given minus fitted strength factor"),
-    Column("velocity_m_s", "at first contact"),
-    Column("group", "that the test belongs to", "S512"),
+    Column("velocity_m_s", "speed at first contact"),
+    Column("group", "name of the group of the test", "S512"),
     Column("depth_m", "greatest depth of the nose tip, as given"),
-    Column("predicted_depth_m", "with the strength factor that fits best"),
+    Column("predicted_depth_m", "greatest depth of the nose tip, predicted with the fitted strength factor"),
     Column("residual_m", "given minus predicted depth"),
-    Column("time_s", "since first contact"),
+    Column("time_s", "time since first contact"),
     *(Column(name, f"{text}, as given") for name, text in QUANTITIES.items()),
-    *(Column(f"predicted_{name}", "with the strength factor that fits best") for name in QUANTITIES),
-    *(Column(f"residual_{name}", "given minus predicted") for name in QUANTITIES),
-    Column("quantity", "what a row is of: the probability of an outcome, or a quantile", "S64"),
-    Column("level", "of the quantile"),
-    Column("ricochet_probability", "at the oblique angle"),
+    *(
+        Column(f"predicted_{name}", f"{text}, predicted with the fitted strength factor")
+        for name, text in QUANTITIES.items()
+    ),
+    *(Column(f"residual_{name}", f"{text}, given minus predicted") for name, text in QUANTITIES.items()),
+    Column("quantity", "quantity of the row: the probability of an outcome, or a quantile", "S64"),
+    Column("level", "level of the quantile"),
+    Column("ricochet_probability", "probability of ricochet at the oblique angle"),
     Column("value", "probability, or quantile in the unit of the quantity"),
-    Column("lower", "end of its interval"),
-    Column("upper", "end of its interval"),
-    Column("formula", "as the answer names it", "S64"),
-    Column("penetration_depth_m", "into concrete that is thick enough"),
-    Column("scabbing_thickness_m", "least thickness of a wall whose back does not scab"),
+    Column("lower", "lower end of the confidence interval"),
+    Column("upper", "upper end of the confidence interval"),
+    Column("formula", "name of the formula in the answer", "S64"),
+    Column("penetration_depth_m", "depth of penetration into concrete that is thick enough"),
+    Column("scabbing_thickness_m", "least thickness of a wall whose rear face does not scab"),
     Column("perforation_thickness_m", "least thickness of a wall that is not perforated"),
-    Column("in_range", "whether the strike is in the range of the formula, unknown if that is not known", "S8"),
-    Column("note", "what is in doubt, or assumed", "S256"),
-    Column("verified", "whether the constants were compared with an original", "S8"),
-    Column("source", "authors and year", "S128"),
+    Column(
+        "in_range",
+        "yes or no: whether the strike is in the range of the formula; unknown if it has no stated range",
+        "S8",
+    ),
+    Column("note", "doubts about the formula, or assumptions", "S256"),
+    Column(
+        "verified",
+        "yes or no: whether the constants were compared with an original, a standard or a published shot",
+        "S8",
+    ),
+    Column("source", "authors and year of the source", "S128"),
 )
 """Columns of the detailed tables: residuals of calibrations, curves of studies of uncertainty, empirical formulas. Each
 table has some of them."""
@@ -142,7 +153,8 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     for unit in ("deg", "m", "m_s"):
         if bracket := answer.get(f"bracket_{unit}"):
             row[f"bracket_low_{unit}"], row[f"bracket_high_{unit}"] = min(bracket), max(bracket)
-    # Searches for perforation answer a thickness or a speed. Columns have the unit in their names, fields do not.
+    # Searches for perforation return a thickness or a speed, so that the columns have the unit in their names, unlike
+    # the fields.
     if "variants" in answer and "iterations" in answer:
         unit = "m" if "thickness_m" in answer["iterations"][0] else "m_s"
         row |= {f"{name}_{unit}": value for name, value in answer["variants"].items()}
@@ -156,7 +168,7 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
         row["confidence_low"], row["confidence_high"] = interval
     angle = answer.get("critical_angle", {})
     row |= {name: angle[name]["value"] for name in ("mean_deg", "standard_deviation_deg") if name in angle}
-    # Probabilities have their outcomes as names of columns.
+    # The column of a probability has the name of its outcome.
     row |= {each["outcome"]: each["value"] for each in answer.get("outcomes", ()) if "value" in each}
     # Each code is listed once, in the order of the warnings; codes have no spaces.
     row["warnings"] = " ".join(dict.fromkeys(warning["code"] for warning in answer.get("warnings", ())))
@@ -220,7 +232,8 @@ SIGNED_NUMBER = re.compile(r"[+-]\d+(\.\d*)?([eE][+-]?\d+)?", re.ASCII)
 def csv_cells(row: Iterable[Any]) -> list[Any]:
     """Return the cells of a row of CSV, with an apostrophe before each text that a spreadsheet would evaluate.
 
-    Names of cases come from clients, and a formula in one would run where the table is opened (CSV injection).
+    Names of cases come from clients, and a formula in a name would run on the machine that opens the table (CSV
+    injection).
     """
     return [f"'{value}" if isinstance(value, str) and _is_formula(value) else value for value in row]
 

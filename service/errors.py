@@ -117,7 +117,7 @@ class QueueFullError(ServiceError):
 class JobsTooLargeError(QueueFullError):
     """The unfinished jobs of an owner would exceed their limit on disk space."""
 
-    # A judgement: room appears when a job ends, which the service does not predict here.
+    # A rough choice: space becomes free when a job ends, which is not predicted here.
     retry_after = 60
 
     def __init__(self, limit: int) -> None:
@@ -125,7 +125,7 @@ class JobsTooLargeError(QueueFullError):
 
 
 class QueriesWaitingError(QueueFullError):
-    """The queue of single queries is full."""
+    """The queue of single queries is full, or a query has waited too long."""
 
     status = HTTPStatus.SERVICE_UNAVAILABLE
     type = "urn:ricochet:problem:busy"
@@ -194,7 +194,7 @@ class OwnerStreamsError(ServiceError):
     type = "urn:ricochet:problem:owner-streams"
     title = "Too many event streams of this owner"
     retry_after = 30
-    """Time after which a stream may have ended, a judgement: a stream lasts as long as its job. [s]"""
+    """Time after which a stream may have ended, a rough choice: a stream lasts as long as its job. [s]"""
 
     def __init__(self, limit: int) -> None:
         super().__init__(f"{limit} event streams are open; end one, or read the job itself")
@@ -225,7 +225,7 @@ class IdempotencyBusyError(ServiceError):
 
 
 class StorageError(ServiceError):
-    """The disk is full, read-only or gone, so that jobs cannot be stored or read."""
+    """The disk is full, read-only or missing, so that jobs cannot be stored or read."""
 
     status = HTTPStatus.INSUFFICIENT_STORAGE
     type = "urn:ricochet:problem:storage-full"
@@ -233,7 +233,7 @@ class StorageError(ServiceError):
 
 
 class UnsuitableFolderError(StorageError):
-    """The file system of the data folder lacks a feature that SQLite needs, however much space it has."""
+    """The file system of the data folder lacks a feature that SQLite needs; space is not the problem."""
 
     type = "urn:ricochet:problem:unsuitable-folder"
     title = "The data folder is on an unsuitable file system"
@@ -250,7 +250,7 @@ which the write-ahead log needs."""
 
 
 def storage_reason(error: Exception) -> str:
-    """Return the reason of a disk error without the path, which clients are not to see."""
+    """Return the reason of a disk error without the path, which clients must not see."""
     if is_unsuitable(error):
         return (
             "its file system cannot share files in memory, which SQLite needs, as some network and FUSE file systems: "
@@ -277,7 +277,7 @@ class DownloadsFullError(ServiceError):
     type = "urn:ricochet:problem:downloads-full"
     title = "Too many files are being sent"
     retry_after = 30
-    """Time after which a download may have ended, a judgement: it depends on the clients. [s]"""
+    """Time after which a download may have ended, a rough choice: it depends on the clients. [s]"""
 
     def __init__(self) -> None:
         super().__init__(
@@ -340,8 +340,8 @@ STATUS_PROBLEMS = {
     HTTPStatus.BAD_GATEWAY: ("no-answer", "The service behind this one does not answer"),
     HTTPStatus.SERVICE_UNAVAILABLE: ("not-ready", "The service is not ready"),
 }
-"""Type, without its prefix, and title of problems that are no more than an HTTP status. They are written out because
-the phrases of `HTTPStatus` differ between versions of Python."""
+"""Type, without its prefix, and title of problems that only state an HTTP status. They are written out because the
+phrases of `HTTPStatus` differ between versions of Python."""
 
 
 class JobGoneError(StorageError):
@@ -407,7 +407,7 @@ class MissingExtraError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class ProblemType:
-    """Status, type and title, which all problems of one type share."""
+    """Status, type and title that all problems of one type share."""
 
     status: HTTPStatus
     type: str
@@ -449,7 +449,7 @@ SOLVER_ERRORS: Mapping[type, tuple[HTTPStatus, str, str]] = {
         "The motion could not be integrated",
     ),
 }
-"""Status, type and title of the solver's errors. They are mapped here because the solver knows nothing of HTTP."""
+"""Status, type and title of the solver's errors. They are mapped here because the solver does not depend on HTTP."""
 
 
 def problem_types() -> list[ProblemType]:
@@ -496,7 +496,7 @@ def validated_as(model: type[Model], content: Any, pointer: str = "") -> Model:
     Raises
     ------
     InvalidBodyError
-        If it is not valid.
+        If the content is not valid.
     """
     try:
         return model.model_validate(content)
@@ -536,17 +536,12 @@ def errors_of_point(grid: Grid, number: int, point: Sequence[float]) -> Iterator
         raise InvalidBodyError(errors, place) from error
 
 
-def problem_of(exception: BaseException, errors: Sequence[dict[str, str]] | None = None) -> dict[str, Any]:
+def problem_of(exception: BaseException) -> dict[str, Any]:
     """Return the problem document of an exception, without `instance`.
 
     The cause of an unexpected error is written to the log only, because its message may contain paths or data.
-
-    Parameters
-    ----------
-    errors
-        Errors of fields; those of the exception if not given.
     """
-    kind, found = ProblemType.of(exception), field_errors(exception) if errors is None else errors
+    kind, found = ProblemType.of(exception), field_errors(exception)
     if found:
         detail = ": ".join(filter(None, found[0].values())) + (" (and more)" if len(found) > 1 else "")
         if isinstance(exception, InvalidBodyError) and exception.place:

@@ -153,7 +153,8 @@ ALIASES: Final[Mapping[str, tuple[str, ...]]] = {
     "custom_id": ("id", "name", "label", "case", "case_id", "shot", "test", "no", "nr", "number"),
 }
 """Common names of inputs, without units, by the dotted path of the input. Headers of tables are matched against them,
-and suggestions made from them. They are lower-case, with an underscore for any character that is no letter or digit."""
+and suggestions made from them. They are lower-case, with an underscore for any character that is not a letter or
+digit."""
 FORMULAS: Final[Mapping[str, str]] = {
     "modified_ndrc": "Modified NDRC",
     "degen": "Degen",
@@ -168,6 +169,8 @@ FORMULAS: Final[Mapping[str, str]] = {
     "whiffen": "Whiffen",
 }
 """Display names of the empirical formulas."""
+UNITS: Final[Mapping[str, str]] = {"si": "SI", "us": "US customary"}
+"""Display names of the systems of units in which texts are written."""
 OUTCOMES: Final[Mapping[str, str]] = {
     "ricochet": "ricochet",
     "embedded": "embedded",

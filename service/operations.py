@@ -70,6 +70,7 @@ from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetra
 from solver.search.trials import LAST_POINTS, LAST_STATIONS, LAST_TOLERANCE
 from solver.strike import SEARCH_STATIONS
 from solver.uncertainty import Crossings, Ending, compute_study, judge_wall
+from solver.units import written_in
 
 SCHEMA_VERSION = "1"
 """Version of the requests. It is part of every key, and is raised when the meaning of a request changes, so that older
@@ -77,7 +78,7 @@ results are no longer found; `ENGINE_VERSION` does the same for answers."""
 
 
 class Request(Protocol):
-    """A validated request."""
+    """Protocol of the models of requests, after validation."""
 
     def canonical(self) -> dict[str, Any]:
         """Return all fields as JSON data, with defaults filled in."""
@@ -91,7 +92,7 @@ class KeyedRequest:
     key: str
     json: bytes
     work: int = 1
-    """Cost of computing it. [ordinary cases]"""
+    """Cost of the computation. [ordinary cases]"""
 
     @classmethod
     def of(cls, operation: str, request: Request) -> "KeyedRequest":
@@ -114,8 +115,8 @@ def result_key(operation: str, request: dict[str, Any]) -> str:
     Returns
     -------
     str
-        SHA-256, hexadecimal. It is independent of the order of fields, of 1 or 1.0, and of the sign of a zero, and
-        depends on everything else to the last bit of a number.
+        SHA-256, hexadecimal. It does not depend on the order of fields, the notation of a number (1 or 1.0) or the sign
+        of a zero, but on all other content to the last bit of each number.
     """
     content = {
         "operation": operation,
@@ -127,7 +128,7 @@ def result_key(operation: str, request: dict[str, Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Replace numbers by floats, so that equal numbers have one text."""
+    """Replace numbers by floats, so that equal numbers are written alike."""
     kind = type(value)
     if kind is float or kind is int:
         return float(value) + 0.0  # Adding 0.0 turns -0.0 into 0.0.
@@ -190,7 +191,7 @@ class Operation:
     route, description, tag
         Operation id, description and tag of the route in the contract.
     cases
-        Returns the cost of a request against a quota, where it differs from `work`. [ordinary cases]
+        Function that returns the cost of a request against a quota, if it differs from `work`. [ordinary cases]
     weight
         Cost of a case of a batch or a sweep, against a quota and against the size up to which batches are answered in
         the response. [ordinary cases]
@@ -234,7 +235,7 @@ class Operation:
     def work(self, request: Case) -> int:
         """Return the cost of one case. [ordinary cases]
 
-        By panels it counts all time steps that the runs could take, as nobody knows beforehand when a run will end.
+        With panels, all time steps up to the termination time count, since the end of a run is not known beforehand.
         """
         once = max(self.weight, math.ceil(self.runs * request.panel_steps() / PANEL_STEPS))
         return once * request.searches
@@ -252,7 +253,8 @@ def compute_trajectory(request: bytes) -> Answer:
     """Compute the motion of one strike, and its flight after a ricochet if requested."""
     strike = TrajectoryRequest.model_validate_json(request)
     arguments = strike.arguments()
-    found = solver.simulate(**arguments)
+    with written_in(strike.units):
+        found = solver.simulate(**arguments)
     return trajectory_answer(found, flight_of(strike.flight, arguments["projectile"], found))
 
 
@@ -260,12 +262,18 @@ DECIDING_SETTINGS: tuple[dict[str, Any], ...] = (
     {"stations": SEARCH_STATIONS},
     {"relative_tolerance": LAST_TOLERANCE, "stations": LAST_STATIONS, "points": LAST_POINTS},
 )
-"""Numerical settings of the two last levels of a search, which decide its angle."""
+"""Numerical settings of the last two levels of refinement of a search, which determine its angle."""
 
 
 def compute_critical_angle(request: bytes) -> Answer:
     """Find a critical angle and, if its history is requested, compute the run at that angle."""
-    arguments, sample_interval = CriticalAngleRequest.model_validate_json(request).arguments()
+    search = CriticalAngleRequest.model_validate_json(request)
+    with written_in(search.units):
+        return _critical_angle(search)
+
+
+def _critical_angle(search: CriticalAngleRequest) -> Answer:
+    arguments, sample_interval = search.arguments()
     found = solver.critical_angle(**arguments)
     if sample_interval is None or found.angle is None:
         return critical_angle_answer(found, None)
@@ -329,23 +337,31 @@ def compute_flight(request: bytes) -> Answer:
 
 
 def compute_formulas(request: bytes) -> Answer:
-    """Evaluate the empirical formulas."""
-    return formulas_answer(FormulasRequest.model_validate_json(request)), None
+    """Evaluate the empirical formulas for one strike."""
+    strike = FormulasRequest.model_validate_json(request)
+    with written_in(strike.units):
+        return formulas_answer(strike), None
 
 
 def compute_thickness(request: bytes) -> Answer:
     """Find the least thickness of a wall that a strike does not perforate."""
-    return thickness_answer(ThicknessRequest.model_validate_json(request)), None
+    strike = ThicknessRequest.model_validate_json(request)
+    with written_in(strike.units):
+        return thickness_answer(strike), None
 
 
 def compute_limit_speed(request: bytes) -> Answer:
     """Find the least speed that perforates a wall."""
-    return limit_speed_answer(LimitSpeedRequest.model_validate_json(request)), None
+    wall = LimitSpeedRequest.model_validate_json(request)
+    with written_in(wall.units):
+        return limit_speed_answer(wall), None
 
 
 def compute_wall(request: bytes) -> Answer:
     """Judge a wall for perforation and scabbing."""
-    return wall_answer(judge_wall(**WallRequest.model_validate_json(request).arguments())), None
+    strike = WallRequest.model_validate_json(request)
+    with written_in(strike.units):
+        return wall_answer(judge_wall(**strike.arguments())), None
 
 
 StudyReport: TypeAlias = Callable[[int, float | None], None]
@@ -363,11 +379,11 @@ class StudyOperation:
     model
         Model of a request of that operation in a batch.
     finding
-        Extracts the result that the study needs from the answer to a sample.
+        Function from the answer to a sample to the result that the study needs.
     failed, outside
         Results that stand for a failed sample and for one outside the accepted range.
     answer
-        Converts the result of the study to JSON data.
+        Function that converts the result of the study to JSON data.
     """
 
     sample: str
@@ -378,7 +394,7 @@ class StudyOperation:
     answer: Callable[[Any], dict[str, Any]]
 
     def base(self, request: Any) -> Case:
-        """Return the request of which the samples are variations."""
+        """Return the request that the samples vary."""
         return self.model.model_validate(request.base)
 
     def sampler(self, request: Any) -> Callable[[Sequence[Any]], KeyedRequest | None]:
@@ -450,11 +466,11 @@ PANEL_STEPS = 1e6
 
 
 FIT_CASES = 20
-"""Cost of a calibration, which takes as long as this many ordinary cases [ordinary cases]."""
+"""Cost of fitting one strength factor, by the time that it takes. [ordinary cases]"""
 
 
 def cases_of_a_fit(request: Calibration) -> int:
-    """Return the cost of fitting one strength factor, by panels from all time steps of its runs. [ordinary cases]"""
+    """Return the cost of fitting one strength factor; with panels it grows with the time steps. [ordinary cases]"""
     return math.ceil(FIT_CASES * max(1.0, request.panel_steps() / PANEL_STEPS))
 
 
@@ -468,7 +484,10 @@ def cases_of_a_study(request: UncertainCase) -> int:
     return request.sampling.max_samples
 
 
-SEARCH_NOTE = f"A case counts as {WALL_CASES} against a quota, as many as the runs of its search; with a range, as six."
+SEARCH_NOTE = (
+    f"A case counts as {WALL_CASES} against a quota, as many as the runs of its search, or as "
+    f"{6 * WALL_CASES} with the 90 % range."
+)
 UNCERTAINTY_TOOL = (
     "uncertainty",
     "Uncertainty of an angle or an outcome",
@@ -750,7 +769,7 @@ OPERATIONS: dict[str, Operation] = {
 
 
 def is_study(operation: str) -> bool:
-    """Return True if an operation is a study of uncertainty; names that only a later version knows are not."""
+    """Return True if an operation is a study of uncertainty; names of a later version are not."""
     return operation in OPERATIONS and OPERATIONS[operation].study is not None
 
 

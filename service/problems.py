@@ -47,7 +47,7 @@ async def answer_exception(request: Request, exception: Exception) -> Response:
 async def answer_validation_error(request: Request, exception: Exception) -> Response:
     """Answer validation errors that FastAPI found in a request."""
     assert isinstance(exception, RequestValidationError)  # noqa: S101 (the handler of nothing else)
-    # FastAPI prepends "body" or "query" to the location, which is no part of a pointer into the body.
+    # FastAPI prepends "body" or "query" to the location, which is not part of a pointer into the body.
     found = [{**error, "loc": error["loc"][1:]} for error in exception.errors()[:MAX_ERRORS]]
     return await answer_exception(request, InvalidBodyError(validation_errors(found)))
 

@@ -15,8 +15,8 @@ from anyio import CancelScope, current_time
 from anyio.to_thread import run_sync
 
 from service.cache.cache import ResultCache
-from service.cache.hdf5 import Segment
 from service.cache.record import Record
+from service.cache.segments import Segment
 from service.errors import ComputationCancelled, QueriesWaitingError, QueueTimeoutError
 from service.operations import KeyedRequest, Operation
 from service.schemas.calibration_motion import Calibration
@@ -28,21 +28,22 @@ from solver import ParameterError
 from solver.warnings import IMPLAUSIBLE
 
 MEMORY_SECONDS = 30.0
-"""Window over which the rate is measured [s]: it covers a few chunks of slow work, yet forgets other work before."""
+"""Window over which the rate is measured [s]: it covers a few chunks of slow work, but not the work of earlier jobs."""
 SHORTEST_SECONDS = 0.05
 """Shortest window [s]. The first chunk of a job may take less, and its rate would be nearly infinite."""
 STEP_SECONDS = 0.5
-"""Cases done within this time share one entry of the window, so that the window has at most 60 entries. [s]"""
+"""Time within which completed cases share one entry of the window, so that it has at most 60 entries. [s]"""
 LONGEST_WAIT_SECONDS = 3600
 """Longest wait that is announced [s]. A rate measured over half a minute says nothing about a later time."""
 CASE_SECONDS = 0.02
 """Assumed time of an ordinary case on one core until a rate has been measured [s]; such cases take 10 to 20 ms."""
 ABANDONED_SECONDS = 0.5
-"""Time that a running query has left after its last client has gone [s]: an ordinary one then ends and is kept."""
+"""Time for which a running query continues after its last client has gone [s], enough to complete and cache an ordinary
+one."""
 
 
 def check_work(case: Any, most: float) -> None:
-    """Refuse a case by panels whose runs would exceed the time limit of a computation.
+    """Refuse a case with the method `panels` whose runs would exceed the time limit of a computation.
 
     Raises
     ------
@@ -59,14 +60,14 @@ def check_work(case: Any, most: float) -> None:
 
 
 class Rate:
-    """Rate at which cases are completed, measured over a sliding window of working time; idle time does not count.
+    """Rate at which cases are completed, measured over a sliding window in which idle time does not count.
 
     Parameters
     ----------
     cores
-        Returns the number of cases that are computed at the same time.
+        Function that returns the number of cases that are computed at the same time.
     clock
-        Returns the time. [s]
+        Function that returns the time. [s]
     """
 
     def __init__(self, cores: Callable[[], int], clock: Callable[[], float] = time.monotonic) -> None:
@@ -75,14 +76,14 @@ class Rate:
         self._entries: deque[tuple[float, int]] = deque()
         self._count = 0
         self._begin = 0.0
-        """Time since which the entries count. [s]"""
+        """Time at which the window begins, counted without idle time. [s]"""
         self._at_work = 0
         self._paused = self._idle = clock()
-        """When work ended, and time without any. [s]"""
+        """Time at which work last ended, and the idle time so far, counted from the origin of the clock. [s]"""
 
     @contextmanager
     def working(self) -> Iterator[None]:
-        """Let time count, as long as this or another piece of work lasts."""
+        """Count the time during the block as busy. Blocks may overlap."""
         if not self._at_work:
             self._idle += self._clock() - self._paused
         self._at_work += 1
@@ -121,7 +122,7 @@ class Rate:
         return min(LONGEST_WAIT_SECONDS, max(1, math.ceil(count / rate)))
 
     def _now(self) -> float:
-        """Time that has been worked. [s]"""
+        """Return the time so far without idle time. [s]"""
         return (self._clock() if self._at_work else self._paused) - self._idle
 
     def _forget(self, now: float) -> None:
@@ -150,7 +151,7 @@ QUEUE_SECONDS = 30.0
 
 
 class QueryService:
-    """Answers single queries and computes chunks of jobs.
+    """Service that answers single queries and computes chunks of jobs.
 
     Parameters
     ----------
@@ -217,8 +218,8 @@ class QueryService:
     async def answer(self, operation: str, request: KeyedRequest, owner: str = "") -> Answered:
         """Return the record of a request, and whether it came from the cache.
 
-        Equal requests in flight share one computation, queued for the owner who was first. It is cancelled when all
-        their clients have left: at once while it is queued, after `ABANDONED_SECONDS` while it runs.
+        Equal requests in flight share one computation, queued for the owner of the first request. It is cancelled when
+        all their clients have left: at once while it is queued, after `ABANDONED_SECONDS` while it runs.
 
         Raises
         ------
@@ -278,7 +279,7 @@ class QueryService:
         cases
             Cases with different keys, none of which is in flight.
         owner
-            Owner in whose turn the chunk is computed.
+            Owner whose turn in the queue the chunk takes.
         remaining
             Cost of the rest of the job. [ordinary cases]
         begun
@@ -308,14 +309,15 @@ class QueryService:
             with limit:
                 results = await self.executor.run(calls, owner=owner, cost=cost, remaining=remaining, begun=taken)
             if results is not None:
-                # Results are stored before anybody is told of them, so a case that is marked done can be read.
+                # Results are stored before the futures are set, so that the result of a case marked as done can be
+                # read.
                 with CancelScope(shield=True):
                     outcomes = await run_sync(self._put, operation, cases, results)
         except Exception as error:  # noqa: BLE001 (set on the futures, and raised where they are awaited)
             outcomes = [error] * len(cases)
         finally:
             self._queued.difference_update(futures.values())
-            # The keys are removed before the futures are set: one that stayed here could never be computed again.
+            # The keys are removed before the futures are set: a key that stayed here could never be computed again.
             for key, future in futures.items():
                 if self._in_flight.get(key) is future:
                     del self._in_flight[key]
@@ -344,7 +346,7 @@ class QueryService:
                     self._give_up(key, found)
 
     def _give_up(self, key: str, found: "asyncio.Future[Answered]") -> None:
-        """Cancel a single query, unless it is done or another client waits for it by now."""
+        """Cancel a single query, unless it is done or another client is now waiting for it."""
         if not found.done() and not self._clients[found]:
             self._forget(key, found)
             found.cancel()
@@ -353,15 +355,7 @@ class QueryService:
         record = await run_sync(self.cache.get, request.key)
         if record is not None:
             return record, "hit"
-        json, outcome = await self._compute(operation, request, owner)
-        self._rate.add(request.work)
-        self._count(operation, outcome, "miss", 1)
-        record = self._record(operation, request, json, outcome)
-        return await run_sync(self.cache.put, record), "miss"
-
-    async def _compute(self, operation: str, request: KeyedRequest, owner: str) -> tuple[bytes, str]:
-        """Have a worker compute one request, and return its JSON and outcome."""
-        return await self.submit(
+        json, outcome = await self.submit(
             compute_single,
             self.operations[operation].compute,
             operation,
@@ -371,6 +365,10 @@ class QueryService:
             cost=request.work,
             begun=partial(self._running.add, self._in_flight[request.key]),
         )
+        self._rate.add(request.work)
+        self._count(operation, outcome, "miss", 1)
+        record = self._record(operation, request, json, outcome)
+        return await run_sync(self.cache.put, record), "miss"
 
     async def submit(
         self,
@@ -387,9 +385,11 @@ class QueryService:
         QueriesWaitingError
             If the queue is full, or this call has waited too long.
         """
-        queue, busy = self.executor.queue, QueriesWaitingError(self.seconds_until_done())
-        if queue.singles >= self._max_waiting and not queue.make_room(owner, busy):
-            raise busy
+        queue = self.executor.queue
+        if queue.singles >= self._max_waiting:
+            busy = QueriesWaitingError(self.seconds_until_done())
+            if not queue.make_room(owner, busy):
+                raise busy
         self._work += cost
         self._submitted += 1
         try:
@@ -409,7 +409,7 @@ class QueryService:
     def _put(
         self, operation: str, cases: Sequence[KeyedRequest], results: Sequence[CallResult]
     ) -> list[Record | Exception]:
-        """Store the results of a chunk in one file."""
+        """Store the results of a chunk in one file, and return the record or the error of each case."""
         outcomes: list[Record | Exception] = []
         for case, result in zip(cases, results[: len(cases)], strict=True):
             if result.error is not None:

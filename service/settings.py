@@ -30,7 +30,7 @@ def missing_package(feature: str, package: str, extra: str) -> str:
 
 
 def built_manual() -> Path:
-    """`build/manual` beside the packages."""
+    """Folder `build/manual` beside the packages."""
     return Path(__file__).parents[1] / "build" / "manual"
 
 
@@ -48,9 +48,9 @@ class ServerSettings(SettingsGroup):
     port: Annotated[int, Field(ge=0, le=65535)] = 8000
     """Port to listen on. 0 selects a free port."""
     tls_certificate: Path | None = None
-    """File with the certificate for HTTPS (PEM, with its chain). Requires `tls_key`."""
+    """File with the certificate for HTTPS (PEM, with its chain). Requires `RICOCHET_TLS_KEY`."""
     tls_key: Path | None = None
-    """File with the private key of the certificate (PEM)."""
+    """File with the private key of the certificate (PEM). Requires `RICOCHET_TLS_CERTIFICATE`."""
     trusted_proxies: Names = ()
     """Addresses or networks of proxies, such as `127.0.0.1,10.0.0.0/8`, whose `X-Forwarded-For` and `X-Forwarded-Proto`
     headers are trusted. Those of other senders are ignored, since any client can forge them."""
@@ -129,7 +129,7 @@ class LimitSettings(SettingsGroup):
     max_jsonl_bytes: Annotated[int, Field(ge=1024)] = 200 * 1024 * 1024
     """Largest JSONL body, which is read as a stream. [bytes] It holds 100,000 cases of 2 kB, five times the usual
     length."""
-    # 190 is below the depth at which the parser gives up, so that the error names this limit.
+    # The bound of 190 is below the depth that the parser refuses, so that the error names this setting.
     max_body_depth: Annotated[int, Field(ge=10, le=190)] = 20
     """Deepest nesting of objects and lists in a body. [1] The deepest request has 7 levels; the parser accepts some
     200."""
@@ -137,11 +137,11 @@ class LimitSettings(SettingsGroup):
     """Largest product of panels and time steps of one run of the paper's method, up to its termination time. [1]
     96,000 panels with steps of 1 µs over the usual 0.05 s make 4.8e9, some 100 s of work."""
     max_streams: Annotated[int, Field(ge=1)] = 200
-    """Largest number of open event streams. [1] Each one is woken at every change of its job, so the number bounds the
-    work of a change; 200 is a judgement."""
+    """Largest number of open event streams. [1] Each one is woken at every change of its job, so the limit bounds the
+    work of a change; 200 is a rough choice, ten owners with 20 streams each."""
     max_owner_streams: Annotated[int, Field(ge=1)] = 20
-    """Largest number of open event streams of one owner, or of one address where no key is required. [1] It is more
-    than a browser opens, and leaves room for ten owners."""
+    """Largest number of open event streams of one owner. [1] It is more than a browser opens, and leaves room for ten
+    owners."""
     max_owner_queries: Annotated[int, Field(ge=1)] = 100
     """Largest number of single queries of one owner that wait or run, where keys are required. [1] They amount to half
     a second to some seconds of work."""
@@ -166,7 +166,7 @@ class CacheSettings(SettingsGroup):
 class JobSettings(SettingsGroup):
     """Size from which work becomes a job, and limits on waiting and finished jobs."""
 
-    # 1,000 is the largest batch that the contract accepts as JSON.
+    # The bound of 1,000 is the largest batch that the contract accepts as JSON.
     small_cases: Annotated[int, Field(ge=0, le=1000)] = 100
     """Largest number of cases that are answered in the response; more become a job. [1] A hundred cases take about a
     second. A search for perforation counts as 20."""
@@ -174,10 +174,10 @@ class JobSettings(SettingsGroup):
     """Largest number of samples of a study of uncertainty that is answered in the response; a larger study becomes a
     job. [1] Sixteen thousand samples take about a minute."""
     max_queued_cases: Annotated[int, Field(ge=1)] = 2_000_000
-    """Largest number of cases that wait in all jobs. [1] One owner may take half of what the others leave: ten of the
-    largest batches, some hours of work."""
+    """Largest number of cases that wait in all jobs. [1] The cases of one owner may fill half of the space that those
+    of other owners leave. On an idle service that is a million cases: ten of the largest batches, hours of work."""
     job_days: Annotated[float, Field(gt=0.0)] = 7.0
-    """Time for which a job is kept after its end: a weekend and some days more. [days]"""
+    """Time for which a job is kept after its end. The default leaves some working days after a weekend. [days]"""
     owner_jobs_bytes: Annotated[int, Field(ge=1)] = 1024**3
     """Disk space for the jobs of one owner without their results, enough for ten million usual cases. [bytes] Jobs that
     ended first are removed to make room for a new one."""
@@ -192,21 +192,22 @@ class ExecutorSettings(SettingsGroup):
     executor: Literal["pool", "dask", "in-process"] = "pool"
     """Executor of batches: worker processes (`pool`), a Dask cluster (`dask`) or, for use with a debugger, a thread of
     the service (`in-process`). With the first two, worker processes compute single queries."""
-    # 1,024 only stops a slip of the pen: more cores than one machine of today has, each with a process of some 100 MB.
+    # The bound of 1,024 only catches typing errors: no machine of today has as many cores, and a process takes 100 MB.
     workers: Annotated[int, Field(default_factory=available_cores, ge=1, le=1024)]
     """Number of worker processes. [1] One per core, since a worker computes without waiting."""
     dask_scheduler: Annotated[str, Field(pattern=r"^((tcp|tls|ws|wss)://.+)?$")] = ""
-    """Address of the Dask scheduler, such as tcp://host:8786."""
+    """Address of the Dask scheduler, such as `tcp://host:8786`. Required with `RICOCHET_EXECUTOR=dask`, and otherwise
+    unused."""
     task_seconds: Annotated[float, Field(gt=0.0)] = 60.0
     """Longest time that a single query may run. [s] The paper's case takes well under a second; the largest query
     within the other limits would take minutes."""
     study_seconds: Annotated[float, Field(gt=0.0)] = 300.0
     """Longest time for a study of uncertainty that is answered in the response, five times what the largest takes on
-    two cores. [s] A verdict and a report, which contain a study, may take twice as long. A job has no such limit; its
-    cases have `task_seconds`."""
+    two cores. [s] A verdict and a report, which contain a study, may take twice as long. A job has no such limit; for
+    its cases it is `RICOCHET_TASK_SECONDS`."""
     probe_seconds: Annotated[float, Field(gt=0.0)] = 2.0
-    """Longest time that the readiness probe waits for a worker. [s] The probe passes waiting queries, but not running
-    ones."""
+    """Longest time that the readiness probe waits for a worker. [s] The probe is served before waiting queries, but
+    cannot interrupt a running one."""
 
     @model_validator(mode="after")
     def _dask_is_there(self) -> Self:
@@ -222,7 +223,7 @@ OTHER_VARIABLES = frozenset({"RICOCHET_URL", "RICOCHET_API_KEY"})
 
 
 def unknown_variables() -> list[str]:
-    """Return environment variables with the prefix of settings that are no setting, and so may be misspelt."""
+    """Return environment variables that have the prefix of settings but are not settings, and may be misspelt."""
     known = {f"RICOCHET_{name.upper()}" for name in Settings.model_fields} | OTHER_VARIABLES
     return sorted(name for name in os.environ if name.upper().startswith("RICOCHET_") and name.upper() not in known)
 

@@ -198,7 +198,7 @@ def tracer_provider() -> trace.TracerProvider:
 
 
 def hide_header(record: logging.LogRecord) -> bool:
-    """Replace a warning of OpenTelemetry that would print a malformed header, which holds the key of the collector."""
+    """Replace OpenTelemetry's warning about a malformed header, whose text contains the key of the collector."""
     record.msg, record.args = "OTEL_EXPORTER_OTLP_HEADERS: an entry is not NAME=VALUE, URL encoded; it is left out", ()
     return True
 
@@ -232,7 +232,7 @@ def current_traceparent() -> str | None:
 def span_within(
     tracer: trace.Tracer, name: str, traceparent: str | None, attributes: Mapping[str, str | int]
 ) -> Iterator[None]:
-    """Trace a part of a job as a child of the request that made it, whose `traceparent` survives a restart."""
+    """Trace a part of a job as a child of the request that submitted it, by its stored `traceparent`."""
     parent = PROPAGATOR.extract({TRACEPARENT: traceparent} if traceparent else {})
     with tracer.start_as_current_span(name, context=parent, attributes=attributes):
         yield
@@ -263,7 +263,7 @@ class LinkedTrace:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, with the ids of its span and its log entry exchanged."""
+        """Pass a request on; add the id of its log entry to its span, and that of its span to its log entry."""
         span = trace.get_current_span()
         if scope["type"] != "http" or not span.get_span_context().is_valid:
             await self._app(scope, receive, send)

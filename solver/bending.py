@@ -486,8 +486,8 @@ def _follow_stress(
     """
     change = cut.change
     # The stress is computed at the ends of steps only: states inside are interpolated, and their loads scatter where
-    # the body slides straight. Instants spaced evenly in the sum of velocity changes lie close where the loads are
-    # large.
+    # the body slides straight. Times between which the velocity changes by equal amounts lie close together where
+    # the loads are large.
     last = _speed_change(steps, model.body, change) - 1
     count = at = 0
     for k in range(instants):

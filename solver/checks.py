@@ -185,7 +185,7 @@ MILLIMETRES = (("mm", 1e-3), ("cm", 1e-2))
 PRESSURES = (("MPa", 1e6), ("kPa", 1e3), ("GPa", 1e9))
 """Units in which strengths are often given instead of pascals."""
 # Each range includes all real strikes with a margin, and excludes most values in a wrong unit. The values are
-# judgements.
+# rough choices.
 BOUNDS: Mapping[str, Bound] = {
     "projectile.diameter": Bound(1e-3, 5.0, "m", "metres", MILLIMETRES),
     "projectile.length": Bound(1e-3, 20.0, "m", "metres", MILLIMETRES),

@@ -266,7 +266,10 @@ def _silhouette(projectile: Projectile) -> FloatArray:
 
 
 def plot_search(trials: Columns, title: str, angle: float | None, ax: Any) -> Figure:
-    """Plot the final position of each trial over its angle, with hollow marks for rough trials; return the figure."""
+    """Plot the final depth of the nose tip in each trial over its angle, and return the figure.
+
+    Trials with coarse numerical settings have hollow marks.
+    """
     panel = new_figure(6.0, 4.0).subplots() if ax is None else ax
     degrees = np.degrees(trials["oblique_angle"])
     for outcome, color in COLORS.items():

@@ -8,12 +8,13 @@ from solver.arrays import FloatArray
 from solver.checks import ParameterError, require_between, require_bounds
 from solver.prepared import Exit
 from solver.projectile import Projectile, solid_properties
+from solver.units import shown_unit, with_symbol
 
 AIR_DENSITY = 1.225
 """Density of air at sea level, International Standard Atmosphere (ISO 2533:1975). [kg/m³]"""
 GRAVITY = 9.80665
 """Standard gravity, 3rd CGPM (1901). [m/s²]"""
-# Blunt bodies have drag coefficients of about 1; the value is a judgement.
+# Blunt bodies have drag coefficients of about 1; the value is a rough choice.
 TUMBLING_DRAG = 1.0
 """Default drag coefficient, of a tumbling body on its mean projected area. [1]"""
 # With this tolerance distances are accurate to a millimetre in a kilometre, and vary smoothly enough with the elevation
@@ -257,19 +258,20 @@ def flight_after(
 
 
 def landing_sentence(distance: float, farthest: float, without_drag: float) -> str:
-    """Return a sentence with three distances in metres: as computed, at any elevation, and without drag."""
+    """Return a sentence with three distances [m]: as computed, at any elevation, and without drag."""
     # Distances are rounded up, as a danger zone that is too large is the safe side.
     computed, any_elevation, no_drag = map(_rounded_up, (distance, farthest, without_drag))
     return (
-        f"Lands about {computed} m away if it tumbles as computed, up to {any_elevation} m at any elevation, at most "
-        f"{no_drag} m without drag."
+        f"Lands about {computed} away if it tumbles as computed, up to {any_elevation} at any elevation, at most "
+        f"{no_drag} without drag."
     )
 
 
 def _rounded_up(distance: float) -> str:
-    """Format a distance rounded up to whole metres, or to tens of metres above 100 m."""
-    step = 10 if distance > 100.0 else 1
-    return f"{math.ceil(distance / step) * step:,}"
+    """Format a distance [m] rounded up to whole metres or feet, or to tens of them above 100."""
+    shown = distance * shown_unit("m").factor
+    step = 10 if shown > 100.0 else 1
+    return with_symbol(f"{math.ceil(shown / step) * step:,}", "m")
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from solver.projectile import Projectile
 from solver.resistance import StrengthPowerLaw, nose_factor
 from solver.strike import Impact
 from solver.target import Target
+from solver.units import quantity
 
 NoseClass: TypeAlias = Literal["flat", "blunt", "hemispherical", "sharp"]
 """Class of a nose, in the order of increasing penetration."""
@@ -259,8 +260,8 @@ def chang(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
         perforation_thickness=(61.0 / v) ** 0.25 * math.sqrt(energy) * d,
         out_of_range=_outside("impact.velocity", v, 16.0, 312.0, "m/s", of="along the normal")
         + _outside("projectile.mass", projectile.mass, 0.11, 343.0, "kg")
-        + _outside("projectile.diameter", 1e3 * d, 50.0, 300.0, "mm")
-        + _outside("target.compressive_strength", 1e-6 * strength, 23.0, 46.0, "MPa")
+        + _outside("projectile.diameter", d, 0.05, 0.3, "mm")
+        + _outside("target.compressive_strength", strength, 23e6, 46e6, "MPa")
         + _not_flat(projectile),
         source="Chang 1981",
         verified=False,
@@ -346,8 +347,8 @@ def ukaea(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
         penetration_depth=ratio * d,
         scabbing_thickness=5.3 * g**0.33 * d,
         out_of_range=_outside("impact.velocity", _normal_velocity(impact), 25.0, 300.0, "m/s", of="along the normal")
-        + _outside("target.compressive_strength", 1e-6 * target.compressive_strength, 22.0, 44.0, "MPa")
-        + _outside("projectile.mass", projectile.mass / d**3, 5e3, 2e5, of="(M/d³ in kg/m³)"),
+        + _outside("target.compressive_strength", target.compressive_strength, 22e6, 44e6, "MPa")
+        + _outside("projectile.mass", projectile.mass / d**3, 5e3, 2e5, "kg/m³", of="(M/d³)"),
         note=_ndrc_note(projectile),
         source="Barr 1990 (UKAEA)",
         verified=False,
@@ -447,7 +448,9 @@ def whiffen(
     note = "within 15 % of its tests"
     if aggregate_size is None:
         aggregate_size = AGGREGATE_SIZE
-        note += f"; largest aggregate taken as {1e3 * aggregate_size:g} mm: half or twice that moves the depth by 7 %"
+        note += (
+            f"; largest aggregate taken as {quantity(aggregate_size, 'mm')}: half or twice that moves the depth by 7 %"
+        )
     require_positive("aggregate_size", aggregate_size)
     d, v, strength = projectile.diameter, _normal_velocity(impact), target.compressive_strength / PSI
     weight_over_square = projectile.mass / POUND / (d / INCH) ** 2
@@ -458,7 +461,7 @@ def whiffen(
         penetration_depth=depth * INCH,
         out_of_range=_outside("impact.velocity", v, 0.0, 1127.8, "m/s", of="along the normal")
         + _outside("projectile.mass", projectile.mass, 0.136, 9979.0, "kg")
-        + _outside("projectile.diameter", 1e3 * d, 12.7, 965.2, "mm"),
+        + _outside("projectile.diameter", d, 0.0127, 0.9652, "mm"),
         note=note,
         source="Whiffen 1943, after Leppänen 2002",
         verified=False,
@@ -641,13 +644,18 @@ def _not_flat(projectile: Projectile) -> tuple[OutOfRange, ...]:
 def _outside(
     field: str, value: float, lowest: float, highest: float, unit: str = "", *, of: str = ""
 ) -> tuple[OutOfRange, ...]:
-    """Return an `OutOfRange` if a value is outside the range of the tests.
+    """Return an `OutOfRange` if a value is outside the range of the tests. [SI]
 
-    Every number in its text is followed by its unit, so that it can be converted to other units.
+    Parameters
+    ----------
+    unit
+        Unit in which SI shows the value.
+    of
+        Words after the range.
     """
     if lowest <= value <= highest:
         return ()
-    least, most, here = (f"{float(f'{number:.5g}'):g} {unit}".rstrip() for number in (lowest, highest, value))
+    least, most, here = (quantity(each, unit, 5) for each in (lowest, highest, value))
     bounds = f"from {least} to {most}" if lowest > 0.0 else f"up to {most}"
     if math.isinf(highest):
         bounds = f"at least {least}"

@@ -31,7 +31,7 @@ from solver.surface_integration import Law
 RAMP_FRACTION = 1e-4
 """Normal velocity over which the static stress builds up, as a fraction of the impact velocity. [1]"""
 # With the ramp, the load at the end of a contact decays gradually instead of stopping at an instant, so a small load
-# has to count as none. A millionth of the load on a body of that size is a judgement.
+# has to count as none. A millionth of the load on a body of that size is a rough choice.
 NEGLIGIBLE_LOAD = 1e-6
 """Load below which a body counts as unloaded, over static stress × (distance of tip from centre of gravity)². [1]"""
 STEP_WIDTH = 26

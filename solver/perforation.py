@@ -37,7 +37,7 @@ MOST_DIAMETERS = 1000.0
 VELOCITIES = (1.0, 2000.0)
 """Range of velocities searched. [m/s]"""
 # The outcome need not be monotonic, and the first change is sought: larger steps could pass over it, smaller ones take
-# more trials. The factor is a judgement.
+# more trials. The factor is a rough choice.
 GROWTH = 1.5
 """Ratio of the values of consecutive trials until the outcome changes. [1]"""
 # A bracket of this width is far below the scatter of S, and takes about twelve bisections.

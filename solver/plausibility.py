@@ -15,15 +15,16 @@ from solver.prepared import Exit, Outcome, PreparedCase
 from solver.projectile import MassProperties, mass_properties
 from solver.resistance import plug_height
 from solver.strike import Impact
+from solver.units import quantity
 from solver.warnings import ModelWarning, implausible
 
 # An exact solution gains no energy, and with the default tolerances the error is smaller than this.
 MOST_GAIN = 1e-3
 """Largest gain of kinetic energy over its initial value. [1]"""
-# A motion has hundreds of steps, whose errors mostly cancel. Ten is a judgement.
+# A motion has hundreds of steps, whose errors mostly cancel. Ten is a rough choice.
 ERROR_OF_TOLERANCE = 10.0
 """Largest error of an energy over the relative tolerance of a step. [1]"""
-# On an oblique path both faces weaken the resistance, so the bound has to be far below 1. Its value is a judgement.
+# On an oblique path both faces weaken the resistance, so the bound has to be far below 1. Its value is a rough choice.
 LEAST_WORK = 0.05
 """Least energy lost in a wall, over S f'c (weakened by the rear face) times cross section and thickness. [1]"""
 # A thinner wall may lie between the weakened zones of its two faces, where it takes hardly any energy.
@@ -47,7 +48,7 @@ def check_energy(
 ) -> tuple[ModelWarning, ...]:
     """Check that a projectile has not gained energy, and has lost some in a wall that it perforates.
 
-    The panel route is not checked: its fixed steps may gain energy, which another warning reports.
+    The panel method is not checked: its fixed steps may gain energy, which another warning reports.
     """
     if left is None or prepared.numerics.method != "adaptive":
         return ()
@@ -62,7 +63,9 @@ def check_energy(
         or left.kinetic_energy + _least_work(prepared, impact) <= most
     ):
         return ()
-    return (implausible(f"the projectile passes {thickness:.4g} m of concrete with hardly any loss of energy"),)
+    return (
+        implausible(f"the projectile passes {quantity(thickness, 'm')} of concrete with hardly any loss of energy"),
+    )
 
 
 def check_depth(prepared: PreparedCase, impact: Impact, depth: float) -> tuple[ModelWarning, ...]:
@@ -73,7 +76,7 @@ def check_depth(prepared: PreparedCase, impact: Impact, depth: float) -> tuple[M
     error = MOST_GAIN + ERROR_OF_TOLERANCE * prepared.numerics.relative_tolerance
     if depth <= (1.0 + error) * most + RAMP * prepared.projectile.diameter:
         return ()
-    return (implausible(f"{depth:.4g} m is deeper than {most:.4g} m, where its energy is used up"),)
+    return (implausible(f"{quantity(depth, 'm')} is deeper than {quantity(most, 'm')}, where its energy is used up"),)
 
 
 def deepest_by_energy(prepared: PreparedCase, impact: Impact) -> float:
@@ -105,7 +108,9 @@ def check_walls(
     most = deepest_by_energy(prepared, impact) + weakened + sheared
     walls = sorted(passed, key=lambda each: each[0])
     if walls and walls[-1][0] > most:
-        return (implausible(f"{walls[-1][0]:.4g} m are perforated, and {most:.4g} m use up its energy"),)
+        return (
+            implausible(f"{quantity(walls[-1][0], 'm')} are perforated, and {quantity(most, 'm')} use up its energy"),
+        )
     rises = (after.speed - before.speed for (_, before), (_, after) in itertools.pairwise(walls))
     # Only in head-on strikes is the exit speed known to fall with the thickness.
     if _is_head_on(impact) and max(rises, default=0.0) > MOST_RISE * impact.velocity:

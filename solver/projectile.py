@@ -50,11 +50,6 @@ class Line:
         """Length along the outline. [m]"""
         return math.hypot(self.x_end - self.x_start, self.r_end - self.r_start)
 
-    @property
-    def tangent_angle(self) -> float:
-        """Angle α between the axis and the tangent of the outline. [rad]"""
-        return math.atan2(self.r_end - self.r_start, self.x_end - self.x_start)
-
     def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return x, r, sin α and cos α at the fractions `t` of the length. [m, m, 1, 1]"""
         rise, run = self.r_end - self.r_start, self.x_end - self.x_start

@@ -2,18 +2,22 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, assert_never, get_args
 
 import numpy as np
 
 from solver.checks import BOUNDS, require
 from solver.projectile import Projectile
 from solver.resistance import (
+    ConstantStrengthFactor,
+    ObliquityPolynomial,
     OwnTests,
+    PublishedTests,
     Resistance,
     Shot,
     ShotPrediction,
     StrengthPosterior,
+    StrengthPowerLaw,
     predict_shot,
     tail_ratio,
 )
@@ -88,15 +92,18 @@ def known_strength(
         f"must be one of {', '.join(map(repr, known))}, got {strength_scatter!r}",
     )
     model = resistance.strength_factor
-    if isinstance(model, OwnTests):
-        require(strength_scatter == "law", "strength_scatter", "must be 'law' where S is read from own tests")
-        posterior = model.posterior(
-            projectile=projectile, target=target, inertia_factor=resistance.inertia_factor, crater=resistance.crater
-        )
-    elif strength_scatter == "paper_table_1":
-        posterior = TABLE_1.posterior(projectile=PAPER_PROJECTILE, target=PAPER_TARGET)
-    else:
-        return predict_shot(np.zeros(0)), None
+    match model:
+        case OwnTests():
+            require(strength_scatter == "law", "strength_scatter", "must be 'law' where S is read from own tests")
+            posterior = model.posterior(
+                projectile=projectile, target=target, inertia_factor=resistance.inertia_factor, crater=resistance.crater
+            )
+        case ConstantStrengthFactor() | ObliquityPolynomial() | StrengthPowerLaw() | PublishedTests():
+            if strength_scatter == "law":
+                return predict_shot(np.zeros(0)), None
+            posterior = TABLE_1.posterior(projectile=PAPER_PROJECTILE, target=PAPER_TARGET)
+        case _:
+            assert_never(model)
     return ShotPrediction(math.log(posterior.median), posterior.scale, posterior.degrees_of_freedom), posterior
 
 

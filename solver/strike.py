@@ -32,7 +32,7 @@ TRAJECTORY_STATIONS, SEARCH_STATIONS = 12, 8
 # which the model leaves out.
 RETENTION_ENERGY_FRACTION = 0.01
 """Default retention energy over the initial kinetic energy. [1]"""
-# At the lower bound the retention energy is that of rest. The upper bound is a judgement.
+# At the lower bound the retention energy is that of rest. The upper bound is a rough choice.
 RETENTION_BOUNDS = (1e-4, 0.5)
 """Accepted retention energies, over the initial kinetic energy. [1]"""
 
@@ -87,13 +87,13 @@ class Numerics:
         fixed step of the paper. The default is adaptive, or panels in the searches of the paper.
     termination_time
         Time at which a run ends undecided. Unless given, 50 ms or, where that is longer, the time to travel 20 lengths
-        of the projectile, at most 1 s; 50 ms on the panel route, 5 ms in the searches of the paper. [s]
+        of the projectile, at most 1 s; 50 ms with the method ``panels``, 5 ms in the searches of the paper. [s]
     panels
-        Number of surface elements of the panel route. The reference runs used 96,000. [1]
+        Number of surface elements of the panel method. The reference runs used 96,000. [1]
     time_step
-        Step of the panel route, from a hundredth to a hundred times that of the paper, 0.01 ms. [s]
+        Step of the panel method, from a hundredth to a hundred times that of the paper, 0.01 ms. [s]
     relative_tolerance
-        Error of one step of the adaptive route, over the scale of the motion. Unless given, 3e-7 for a trajectory,
+        Error of one step of the adaptive method, over the scale of the motion. Unless given, 3e-7 for a trajectory,
         which balances energy to 1e-6, and 3e-4 for a search, which uses a finer level where the angle is in doubt. [1]
     stations
         Number of Gauss-Legendre points of the adaptive route along a stretch of the outline. Unless given, 12 for a
@@ -180,7 +180,7 @@ class ResolvedNumerics:
 
     @property
     def fixed_steps(self) -> int:
-        """Number of steps of the panel route up to the termination time."""
+        """Number of steps of the panel method up to the termination time."""
         return math.ceil(self.termination_time / self.time_step)
 
 

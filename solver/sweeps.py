@@ -34,6 +34,8 @@ from solver.strength_scatter import ScatterSource
 from solver.strike import Impact, Numerics, full_name, is_part, label, put, short_names, strike_parts
 from solver.target import Target
 from solver.trajectory import Trajectory
+from solver.units import interval, quantity
+from solver.warnings import EQUATION_9_DIAMETER, EQUATION_9_STRENGTH
 
 if TYPE_CHECKING:
     import xarray
@@ -53,14 +55,30 @@ DECAY_LAWS = {
     NoFreeSurface: "no decay",
 }
 """Decay laws, and the evidence for each."""
+
+
+def _data_of_equation_9() -> str:
+    diameter, strength = quantity(EQUATION_9_DIAMETER, "mm"), quantity(EQUATION_9_STRENGTH, "MPa")
+    return f"S: finite elements, {diameter} into {strength}, 0° to 45°"
+
+
+def _data_of_published_tests() -> str:
+    diameters, strengths = interval(0.010, 0.203, "mm"), interval(13e6, 108e6, "MPa")
+    return f"S: 251 tests at 0°, {diameters}, {strengths}, over the angle as eq. 9"
+
+
+def _data_of_power_law() -> str:
+    return "S: tests at 0° of Frew et al. (1998), over the angle constant"
+
+
 STRENGTH_LAWS = {
-    ObliquityPolynomial: "S: finite elements, 80 mm into 39 MPa, 0° to 45°",
-    PublishedTests: "S: 251 tests at 0°, 10 to 203 mm, 13 to 108 MPa, over the angle as eq. 9",
-    StrengthPowerLaw: "S: tests at 0° of Frew et al. (1998), over the angle constant",
+    ObliquityPolynomial: _data_of_equation_9,
+    PublishedTests: _data_of_published_tests,
+    StrengthPowerLaw: _data_of_power_law,
 }
-"""Laws of the strength factor, and the data to which their default constants were fitted."""
+"""Laws of the strength factor, each with a function that names the data to which its default constants were fitted."""
 FINITE_ELEMENT_MOTIONS = "S: eq. 9 at 0°, over the angle finite element motions with this decay, to 55°"
-"""Data to which `FINITE_ELEMENT_LAW` was fitted."""
+"""Text that names the data to which `FINITE_ELEMENT_LAW` was fitted."""
 FINITE_ELEMENT_LAW = shaped_as_finite_elements(ObliquityPolynomial())
 """Law with S of eq. 9 in normal impact, and S(θ)/S(0) of finite element motions with the decay law in use."""
 
@@ -426,5 +444,5 @@ def obliquity_shape(resistance: Resistance) -> ObliquityShape:
 def fitted_to(resistance: Resistance) -> str:
     """Return the data to which the laws of one of the alternative resistances were fitted."""
     model = resistance.strength_factor
-    strength = FINITE_ELEMENT_MOTIONS if model == FINITE_ELEMENT_LAW else STRENGTH_LAWS[type(model)]
+    strength = FINITE_ELEMENT_MOTIONS if model == FINITE_ELEMENT_LAW else STRENGTH_LAWS[type(model)]()
     return f"{strength}; {DECAY_LAWS[type(resistance.free_surface)]}"

@@ -91,16 +91,16 @@ class Crater:
     Parameters
     ----------
     depth_diameters
-        Depth of the crater over the diameter of the projectile: 2 (Forrestal et al. 1994), or 0.707 plus the length of
-        the nose over the diameter (Li and Chen 2003). [1]
+        Depth of the crater over the diameter of the projectile. [1] Forrestal et al. (1994) use 2; Li and Chen (2003)
+        use 0.707 plus the length of the nose over the diameter.
 
     Notes
     -----
-    All forces are those of the cavity expansion times ``x / (k d)``, with the depth ``x`` of the deepest point of the
-    surface, up to the crater depth ``k d``. Forrestal, Altman, Cargile and Hanchak (1994) let the axial force rise in
-    proportion to depth with k = 2, Li and Chen (2003) with k = 0.707 + nose length / d; there the slope is the force at
-    the end of the crater over its depth; here the force follows the velocity at each instant. Both are for normal
-    impact; the effect of a crater on an oblique strike has not been tested.
+    All forces are those of the cavity expansion times ``x / (k d)``, where ``x`` is the depth of the deepest point of
+    the surface, up to the crater depth ``k d``. In both publications (Forrestal, Altman, Cargile and Hanchak 1994; Li
+    and Chen 2003) the axial force rises in proportion to depth alone, up to its value at the end of the crater. In this
+    model it also depends on the velocity at each instant. Both publications are about normal impact; the effect of a
+    crater on an oblique strike has not been tested.
     """
 
     depth_diameters: float = 2.0

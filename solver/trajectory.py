@@ -37,7 +37,7 @@ SAMPLE_INTERVAL = 1e-5
 # A history has 14 quantities of 8 bytes for each instant: 112 MB at this limit.
 MOST_INSTANTS = 1_000_000
 """Largest number of instants in a history."""
-# An exact solution gains no energy. The rounding errors of the panel route stay far below this limit.
+# An exact solution gains no energy. The rounding errors of the panel method stay far below this limit.
 ENERGY_GAIN_TOLERATED = 1e-6
 """Gain of kinetic energy in one step above which a warning is given, over the initial energy. [1]"""
 
@@ -75,8 +75,8 @@ class Motion(ComparedByFields, Generic[Value]):
     and negative while the body is slowed. [m/s²]"""
     transverse_acceleration: Value
     """Acceleration of the centre of gravity across the axis, positive in the direction in which the nose moves as the
-    axis angle grows. It is caused by the resistance. On the panel route, samples scatter about the mean where the body
-    slides straight, since the load depends on a transverse speed of some mm/s. [m/s²]"""
+    axis angle grows. It is caused by the resistance. With the method `panels`, samples scatter about the mean where the
+    body slides straight, since the load depends on a transverse speed of some mm/s. [m/s²]"""
     kinetic_energy: Value
     """Kinetic energy of translation and rotation. [J]"""
 

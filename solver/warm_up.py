@@ -12,7 +12,7 @@ from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, Numeri
 from solver.trajectory import simulate
 
 POLL_SECONDS = 1.0
-"""Interval of the reports of progress. [s]"""
+"""Interval between two reports of progress. [s]"""
 
 Report = Callable[[str], object]
 """Function that shows a line of progress to the user."""

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import assert_never
 
 from solver.formulas import formulas, spread
 from solver.motion import MOST_TURN
@@ -14,14 +15,17 @@ from solver.resistance import (
     HELD_FROM,
     ConstantStrengthFactor,
     ObliquityPolynomial,
+    ObliquityShape,
     OwnTests,
     PublishedTests,
     Resistance,
     StrengthPosterior,
+    StrengthPowerLaw,
     plug_height,
 )
 from solver.strike import PAPER_PROJECTILE, Impact
 from solver.target import MOST_PLUG, Target
+from solver.units import fixed, interval, number, quantity, with_symbol
 
 # Steel noses were seen to erode above about this speed (Forrestal et al. 1996).
 RIGID_VELOCITY = 800.0
@@ -38,7 +42,7 @@ MEAN_DENSITY = (1e3, 2e4)
 # The default is the lowest yield strength of hardened 4340 steel, Rc 45.
 USUAL_YIELD_STRENGTH = 1.2e9
 """Default yield strength of the body. [Pa]"""
-# At larger angles of attack bodies bend and break; the value is a judgement.
+# At larger angles of attack bodies bend and break; the value is a rough choice.
 SMALL_ATTACK = math.radians(5.0)
 """Largest angle of attack without a warning. [rad]"""
 MOST_NAMED = 5
@@ -57,8 +61,7 @@ class ModelWarning:
     code
         Stable name for programs.
     detail
-        Explanation for people. Quantities are written as a number, a blank and an SI unit, so that they can be
-        converted.
+        Explanation for people, with quantities in the units of `solver.units`.
     standing
         True if most answers have the warning and it hardly changes them. Such warnings are shown together in one note.
     angle_shift
@@ -78,8 +81,8 @@ def range_warnings(*, target: Target, velocity: float) -> tuple[ModelWarning, ..
         found.append(
             ModelWarning(
                 "velocity_beyond_rigid",
-                f"{velocity:g} m/s is above {RIGID_VELOCITY:g} m/s, where noses of steel erode; the body is taken as "
-                "rigid",
+                f"{quantity(velocity, 'm/s', 6)} is above {quantity(RIGID_VELOCITY, 'm/s')}, where noses of steel "
+                "erode; the body is taken as rigid",
             )
         )
     lowest, highest = TESTED_STRENGTH
@@ -87,8 +90,8 @@ def range_warnings(*, target: Target, velocity: float) -> tuple[ModelWarning, ..
         found.append(
             ModelWarning(
                 "strength_beyond_tests",
-                f"compressive strength {target.compressive_strength / 1e6:g} MPa is outside {lowest / 1e6:g} to "
-                f"{highest / 1e6:g} MPa, the range of the tests behind the resistance law",
+                f"compressive strength {quantity(target.compressive_strength, 'MPa', 6)} is outside "
+                f"{interval(lowest, highest, 'MPa')}, the range of the tests behind the resistance law",
             )
         )
     return tuple(found)
@@ -103,8 +106,9 @@ def body_warnings(projectile: Projectile) -> tuple[ModelWarning, ...]:
     return (
         ModelWarning(
             "mean_density_unusual",
-            f"the mean density of the projectile, its mass over the volume of its outline, is {density:.4g} kg/m³, "
-            f"outside {lowest:,.0f} to {highest:,.0f} kg/m³: compare its mass, diameter and length with those meant",
+            "the mean density of the projectile, its mass over the volume of its outline, is "
+            f"{quantity(density, 'kg/m³')}, outside {interval(lowest, highest, 'kg/m³', grouped=True)}: compare its "
+            "mass, diameter and length with those meant",
         ),
     )
 
@@ -177,51 +181,81 @@ def law_warnings(
     *, projectile: Projectile, target: Target, resistance: Resistance, impact: Impact
 ) -> tuple[ModelWarning, ...]:
     """Return the warnings about laws outside the range of their data, and about effects that they leave out."""
-    model, oblique_angle = resistance.strength_factor, impact.oblique_angle
-    found = []
-    shape = getattr(model, "obliquity_shape", "equation_9")  # polynomials are fits like eq. 9
-    by_angle = not isinstance(model, ConstantStrengthFactor) and shape != "constant"
-    fitted_to = FINITE_ELEMENTS_TO if shape == "finite_elements" else ObliquityPolynomial.fitted_to
-    held = resistance.held_from
-    # An angle converted from degrees may exceed the limit by rounding.
-    if by_angle and abs(oblique_angle) > fitted_to * (1.0 + 1e-12):
-        found.append(
-            ModelWarning(
-                "strength_fit_extrapolated",
-                f"the strength factor was fitted to finite element runs from 0° to {math.degrees(fitted_to):g}° "
-                f"from the normal; {math.degrees(abs(oblique_angle)):.4g}° is beyond"
-                + (f", where it is held from {math.degrees(held):.4g}° on" if abs(oblique_angle) > held else ""),
-            )
-        )
-    if isinstance(model, ObliquityPolynomial) and any(model.coefficients[1:]) and abs(oblique_angle) > HELD_FROM < held:
-        found.append(
-            ModelWarning(
-                "strength_factor_not_held",
-                f"beyond {math.degrees(HELD_FROM):g}° the strength factor follows its polynomial, which nothing bounds "
-                f"there, up to {math.degrees(min(abs(oblique_angle), held)):.4g}°; eq. 9 is held from "
-                f"{math.degrees(HELD_FROM):g}° on, see `held_from_deg`",
-            )
-        )
-    if isinstance(model, ObliquityPolynomial) and model.coefficients == EQUATION_9_COEFFICIENTS:
-        found += _other_concrete(projectile, target)
-    if isinstance(model, PublishedTests):
-        found += _beyond_published_tests(projectile, target, impact.velocity)
-    if isinstance(model, OwnTests):
-        posterior = model.posterior(
-            target=target, projectile=projectile, inertia_factor=resistance.inertia_factor, crater=resistance.crater
-        )
-        found += own_tests_apart(posterior)
-        found += shallow_shots(
-            depths=[shot.depth for shot in model.shots],
-            diameters=[projectile.diameter if shot.diameter is None else shot.diameter for shot in model.shots],
-        )
-        found += _own_tests_deeper_than_wall(model, target)
-    if resistance.crater is not None and oblique_angle != 0.0:
+    found = _strength_law_warnings(projectile=projectile, target=target, resistance=resistance, impact=impact)
+    if resistance.crater is not None and impact.oblique_angle != 0.0:
         found.append(CRATER_AT_OBLIQUITY)
     if target.thickness is not None:
         found.append(_rear_face(projectile=projectile, target=target, resistance=resistance, impact=impact))
         found += _plug_through_wall(projectile, target, resistance)
     return tuple(found)
+
+
+def _strength_law_warnings(
+    *, projectile: Projectile, target: Target, resistance: Resistance, impact: Impact
+) -> list[ModelWarning]:
+    """Return the warnings about the law of the strength factor."""
+    model, angle, held = resistance.strength_factor, abs(impact.oblique_angle), resistance.held_from
+    found: list[ModelWarning] = []
+    match model:
+        case ConstantStrengthFactor():
+            pass
+        case ObliquityPolynomial():
+            found += _beyond_fit_over_angle("equation_9", angle, held)  # polynomials are fits like eq. 9
+            if any(model.coefficients[1:]) and angle > HELD_FROM < held:
+                found.append(_strength_factor_not_held(angle, held))
+            if model.coefficients == EQUATION_9_COEFFICIENTS:
+                found += _other_concrete(projectile, target)
+        case StrengthPowerLaw():
+            found += _beyond_fit_over_angle(model.obliquity_shape, angle, held)
+        case PublishedTests():
+            found += _beyond_fit_over_angle(model.obliquity_shape, angle, held)
+            found += _beyond_published_tests(projectile, target, impact.velocity)
+        case OwnTests():
+            found += _beyond_fit_over_angle(model.obliquity_shape, angle, held)
+            posterior = model.posterior(
+                target=target, projectile=projectile, inertia_factor=resistance.inertia_factor, crater=resistance.crater
+            )
+            found += own_tests_apart(posterior)
+            found += shallow_shots(
+                depths=[shot.depth for shot in model.shots],
+                diameters=[projectile.diameter if shot.diameter is None else shot.diameter for shot in model.shots],
+            )
+            found += _own_tests_deeper_than_wall(model, target)
+        case _:
+            assert_never(model)
+    return found
+
+
+def _beyond_fit_over_angle(shape: ObliquityShape, angle: float, held: float) -> tuple[ModelWarning, ...]:
+    """Warn about an oblique angle above the largest to which S over the angle was fitted.
+
+    Parameters
+    ----------
+    angle, held
+        Absolute oblique angle, and the angle from which on S is constant. [rad]
+    """
+    fitted_to = FINITE_ELEMENTS_TO if shape == "finite_elements" else ObliquityPolynomial.fitted_to
+    # An angle converted from degrees may exceed the limit by rounding.
+    if shape == "constant" or angle <= fitted_to * (1.0 + 1e-12):
+        return ()
+    return (
+        ModelWarning(
+            "strength_fit_extrapolated",
+            f"the strength factor was fitted to finite element runs from 0° to {math.degrees(fitted_to):g}° "
+            f"from the normal; {math.degrees(angle):.4g}° is beyond"
+            + (f", where it is held from {math.degrees(held):.4g}° on" if angle > held else ""),
+        ),
+    )
+
+
+def _strength_factor_not_held(angle: float, held: float) -> ModelWarning:
+    """Warn about a polynomial that is followed beyond the angle from which eq. 9 is held."""
+    return ModelWarning(
+        "strength_factor_not_held",
+        f"beyond {math.degrees(HELD_FROM):g}° the strength factor follows its polynomial, which nothing bounds "
+        f"there, up to {math.degrees(min(angle, held)):.4g}°; eq. 9 is held from "
+        f"{math.degrees(HELD_FROM):g}° on, see `held_from_deg`",
+    )
 
 
 def _rear_face(*, projectile: Projectile, target: Target, resistance: Resistance, impact: Impact) -> ModelWarning:
@@ -232,20 +266,17 @@ def _rear_face(*, projectile: Projectile, target: Target, resistance: Resistance
         front = "" if resistance.crater is not None else " and the impact face no crater"
         code = "rear_face_unconservative"
         detail = f"the rear face has no plug that shears out{front}: walls hold less than this says"
-    strike = f"{impact.velocity:.4g} m/s at {math.degrees(abs(impact.oblique_angle)):.4g}° from the normal"
+    oblique_angle = math.degrees(abs(impact.oblique_angle))
+    strike = f"{quantity(impact.velocity, 'm/s')} at {oblique_angle:.4g}° from the normal"
     answers = formulas(projectile=projectile, target=target, impact=impact)
     if required := spread(answers, "perforation_thickness"):
-        thicknesses = [_millimetres(each) for each in sorted({required.lowest, required.highest})]
+        thicknesses = [number(each, "mm", 3) for each in sorted({required.lowest, required.highest})]
         by = "formula within its range requires" if required.count == 1 else "formulas within their range require"
-        detail += f"; against {strike} {required.count} {by} {' to '.join(dict.fromkeys(thicknesses))} mm"
+        needed = with_symbol(" to ".join(dict.fromkeys(thicknesses)), "mm")
+        detail += f"; against {strike} {required.count} {by} {needed}"
     else:
         detail += f"; no formula is within its range for {strike}"
     return ModelWarning(code, detail)
-
-
-def _millimetres(length: float) -> str:
-    """Format a length [m] in millimetres with three significant digits and no exponent: 1170, not 1.17e+03."""
-    return f"{float(f'{1e3 * length:.3g}'):.15g}"
 
 
 def _plug_through_wall(projectile: Projectile, target: Target, resistance: Resistance) -> tuple[ModelWarning, ...]:
@@ -256,9 +287,9 @@ def _plug_through_wall(projectile: Projectile, target: Target, resistance: Resis
     return (
         ModelWarning(
             "plug_through_wall",
-            f"the plug would be {_millimetres(height)} mm high in thicker concrete, and the wall is "
-            f"{1e3 * target.thickness:.4g} mm thick: the plug is taken as {100.0 * MOST_PLUG:g} % of the wall, and how "
-            "such a wall holds is a guess",
+            f"the plug would be {quantity(height, 'mm', 3)} high in thicker concrete, and the wall is "
+            f"{quantity(target.thickness, 'mm')} thick: the plug is taken as {100.0 * MOST_PLUG:g} % of the wall, and "
+            "how such a wall holds is a guess",
         ),
     )
 
@@ -272,9 +303,9 @@ def _other_concrete(projectile: Projectile, target: Target) -> tuple[ModelWarnin
     return (
         ModelWarning(
             "strength_factor_of_other_concrete",
-            f"the strength factor of eq. 9 was fitted to concrete of {EQUATION_9_STRENGTH / 1e6:g} MPa and a "
-            f"projectile of {EQUATION_9_DIAMETER * 1e3:g} mm; here are {strength / 1e6:.4g} MPa and "
-            f"{diameter * 1e3:.4g} mm. In normal impact eq. 9 gives {EQUATION_9_COEFFICIENTS[0]:.3g}, the law "
+            f"the strength factor of eq. 9 was fitted to concrete of {quantity(EQUATION_9_STRENGTH, 'MPa')} and a "
+            f"projectile of {quantity(EQUATION_9_DIAMETER, 'mm')}; here are {quantity(strength, 'MPa')} and "
+            f"{quantity(diameter, 'mm')}. In normal impact eq. 9 gives {EQUATION_9_COEFFICIENTS[0]:.3g}, the law "
             f"{PublishedTests.name} {other:.3g}",
         ),
     )
@@ -292,7 +323,7 @@ def scatter_of_table_1(projectile: Projectile, target: Target) -> ModelWarning:
     same = projectile.nose == PAPER_PROJECTILE.nose and _like_equation_9(projectile, target)
     detail = (
         "the scatter of the strength factor is the one that the four tests of the paper's Table 1 leave, into its "
-        f"concrete of {EQUATION_9_STRENGTH / 1e6:g} MPa"
+        f"concrete of {quantity(EQUATION_9_STRENGTH, 'MPa')}"
     )
     if not same:
         detail += ": nothing shows that it is known so well for this nose, diameter and strength"
@@ -330,8 +361,8 @@ def _own_tests_deeper_than_wall(tests: OwnTests, target: Target) -> tuple[ModelW
     return (
         ModelWarning(
             DEEPER_THAN_WALL,
-            f"shots deeper than the wall of {1e3 * target.thickness:.4g} mm: {named}; own tests must be into a target "
-            "that stops them well before its rear, as one that is perforated says little of S",
+            f"shots deeper than the wall of {quantity(target.thickness, 'mm')}: {named}; own tests must be into a "
+            "target that stops them well before its rear, as one that is perforated says little of S",
         ),
     )
 
@@ -339,13 +370,13 @@ def _own_tests_deeper_than_wall(tests: OwnTests, target: Target) -> tuple[ModelW
 def _beyond_published_tests(projectile: Projectile, target: Target, velocity: float) -> tuple[ModelWarning, ...]:
     """Warn about a strike outside the range of the tests to which the law was fitted."""
     limits = (
-        ("compressive strength", target.compressive_strength, PublishedTests.compressive_strengths, 1e-6, "MPa"),
-        ("diameter", projectile.diameter, PublishedTests.diameters, 1e3, "mm"),
-        ("speed", velocity, PublishedTests.velocities, 1.0, "m/s"),
+        ("compressive strength", target.compressive_strength, PublishedTests.compressive_strengths, "MPa"),
+        ("diameter", projectile.diameter, PublishedTests.diameters, "mm"),
+        ("speed", velocity, PublishedTests.velocities, "m/s"),
     )
     outside = [
-        f"{name} {value * factor:.4g} {unit} outside {lowest * factor:.4g} to {highest * factor:.4g} {unit}"
-        for name, value, (lowest, highest), factor, unit in limits
+        f"{name} {quantity(value, unit)} outside {interval(lowest, highest, unit)}"
+        for name, value, (lowest, highest), unit in limits
         if not lowest * (1.0 - 1e-12) <= value <= highest * (1.0 + 1e-12)
     ]
     if not outside:
@@ -493,9 +524,9 @@ def bends(*, stress: float, time: float, distance: float, yield_strength: float 
     return (
         ModelWarning(
             BENDS,
-            f"its surface yields in bending: {stress / 1e6:.4g} MPa, {1e3 * distance:.0f} mm behind the tip, "
-            f"{1e3 * time:.2f} ms after first contact, are above {limit / 1e6:.4g} MPa, {given}; from there on the "
-            "motion of a rigid body says less",
+            f"its surface yields in bending: {quantity(stress, 'MPa')}, {with_symbol(fixed(distance, 'mm'), 'mm')} "
+            f"behind the tip, {1e3 * time:.2f} ms after first contact, are above {quantity(limit, 'MPa')}, {given}; "
+            "from there on the motion of a rigid body says less",
         ),
     )
 

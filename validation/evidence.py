@@ -1,4 +1,4 @@
-"""The table of evidence: for each kind of test its number, source, exclusions, result and a verdict."""
+"""The table of evidence: for each kind of test the number of tests, their source, exclusions, result and a verdict."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -214,7 +214,7 @@ NARROW = "\N{NARROW NO-BREAK SPACE}"
 SHORT = 5
 """Significant digits up to which a number is shown in full."""
 MOST_SPREAD = 1e5
-"""Ratio of largest to smallest number of a column above which each number has its own decimals. [1]"""
+"""Ratio of the largest to the smallest number of a column above which their numbers of decimals differ. [1]"""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 

@@ -60,9 +60,9 @@ PANELS, RAMP, GRAZING = "finer panels", "shorter ramp", "contact between panels"
 """Explanations of a difference between routes. The last is a contact so shallow that no panel has its centre in the
 concrete."""
 SHORT_RAMPS = (0.01, 0.001)
-"""Factors on the usual ramp of the static stress on the Gauss point route, which panels do not have. The ramp lets a
-shank that lies in its hole creep, which turns it by tenths of a degree over a long path and moves its last contact with
-the hole. [1]"""
+"""Factors on the usual ramp of the static stress in the method of Gauss points; the panel method has no ramp. Because
+of the ramp, a shank that rests against the wall of its hole creeps. Over a long path this turns the body by tenths of a
+degree, and moves its last contact with the hole. [1]"""
 GRAZING_DEPTH = 1e-3
 """Depth over length below which a contact may lie between two rows of panels, i.e. the spacing of the rows. [1]"""
 NEAR_THRESHOLD = 3.0
@@ -73,7 +73,7 @@ depth and diameter. [1]"""
 
 
 class Resolution(NamedTuple):
-    """Resolution of the panel route."""
+    """Resolution of the panel method."""
 
     panels: int
     steps: float
@@ -126,7 +126,8 @@ class End(NamedTuple):
     protrusion: Protrusion | None
     """Protrusion from the rear face of a wall, if any."""
     at_rest: bool
-    """Whether the run ended at rest, not with the end of all loads. Panels may not detect rest."""
+    """True if the run ended because the body was at rest, and not because all loads had ended. The panel method does
+    not always detect rest."""
     time: float
     """Time of the end. [s]"""
 
@@ -275,7 +276,7 @@ def _random_nose(shape: str, radius: float, random: np.random.Generator) -> Nose
 
 
 def compare(number: int, strike: Strike) -> Comparison:
-    """Compare both routes; if they differ, refine the panels, then shorten the ramp of the Gauss point route."""
+    """Compare both routes; if they differ, refine the panels, then shorten the ramp of the Gauss points."""
     adaptive, explained = strike.end(), ""
     sharp = adaptive
     panels = strike.end(_panel_numerics(strike, adaptive, COARSE))
@@ -324,7 +325,8 @@ def _grazes(strike: Strike, adaptive: End, panels: End) -> bool:
 def _panel_numerics(strike: Strike, adaptive: End, resolution: Resolution) -> Numerics:
     """Return numerics with this resolution, up to the time that `MOST_STEPS` allow.
 
-    Fixed steps may not detect rest, so a body that comes to rest in the target is followed for only half as long again.
+    Fixed steps do not always detect rest, so a body that comes to rest in the target is followed for only half as long
+    again.
     """
     velocity = strike.impact.velocity
     step = strike.projectile.diameter / velocity / resolution.steps

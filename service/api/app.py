@@ -171,7 +171,7 @@ def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastA
         openapi_tags=TAGS,
         license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
         lifespan=lifespan,
-        # `page` serves contract and documentation itself, without scripts from other sites.
+        # `service/api/page.py` serves `/openapi.json` and its documentation, which would load scripts of other sites.
         openapi_url=None,
         docs_url=None,
         redoc_url=None,

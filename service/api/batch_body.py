@@ -278,7 +278,8 @@ async def split_lines(
 ) -> AsyncIterator[list[bytes]]:
     """Split a body into lines, and yield them in blocks.
 
-    Reading stops in a line that exceeds `max_bytes`. Its beginning is yielded, and is long enough to be refused.
+    Reading stops in a line that exceeds `max_bytes`. The part read so far, which exceeds it too, is
+    yielded, so that the caller refuses the line.
     """
     lines, size, rest = list[bytes](), 0, b""
     async for chunk in chunks:

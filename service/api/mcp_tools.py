@@ -144,6 +144,9 @@ def tools_of(operations: Iterable[Operation]) -> dict[str, ToolOperations]:
     return {name: ToolOperations(text, found[name]) for name, text in texts.items()}
 
 
+# A language model reads and converts SI units, and the list of tools should stay short.
+NOT_LISTED = frozenset({"units"})
+"""Fields of requests that the list of tools does not show."""
 KEPT = ("type", "const", "enum", "required")
 """Keywords of a schema that are copied to the list of tools unchanged."""
 REMARK = re.compile(r"(?<=\.) (?=[A-Z`]).*?(?= \[[^\]]+\]$)|(?<=\]) .*", re.DOTALL)
@@ -187,6 +190,7 @@ def brief(
         short["properties"] = {
             field: brief(each, listed, definitions, full=field in node.get("required", ()))
             for field, each in node["properties"].items()
+            if field not in NOT_LISTED
         }
     if name:
         listed.add(text)

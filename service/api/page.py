@@ -74,7 +74,7 @@ class Assets(StaticFiles):
     """Static files with the headers of the page, compressed for clients that accept it."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """Return a file, or 304 if the browser has it. A file under the present version may be cached for a year."""
+        """Return a file, or 304 if the browser has it. A file under the current version may be cached for a year."""
         version, _, rest = path.partition("/")
         is_versioned = VERSION.fullmatch(version) is not None
         response = await super().get_response(rest if is_versioned else path, scope)
@@ -141,8 +141,8 @@ DOCS_ASSETS = StaticFiles(directory=Path(fastapi_offline.__file__).parent / "sta
 DOCS_POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; img-src 'self' data:"
 )
-"""Content security policy of Swagger UI, which may not connect to other sites. Its page contains an inline script and
-inline styles, hence `unsafe-inline`."""
+"""Content security policy of Swagger UI, which keeps it from connecting to other sites. Its page contains an inline
+script and inline styles, hence `unsafe-inline`."""
 DOCS_DARK = """<style>
 @media (prefers-color-scheme: dark) {
   html { background: #14171b; color-scheme: dark; }
@@ -158,7 +158,7 @@ PLOTLY = Assets(directory=plotly_folder())
 
 @router.get("/")
 async def page(request: Request) -> Response:
-    """Serve index.html, or 304 if the browser has the present version."""
+    """Serve index.html, or 304 if the browser has the current version."""
     plain, packed, tag = await run_sync(index_content)
     headers = HEADERS | {"ETag": tag, "Vary": "Accept-Encoding"}
     if tag in request.headers.get("If-None-Match", ""):

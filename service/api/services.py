@@ -56,11 +56,11 @@ class Metrics:
         disable_created_metrics()  # type: ignore[no-untyped-call]
         self.registry = registry = CollectorRegistry()
         self._cases = Counter(
-            "ricochet_cases", "Cases answered, by how they ended", LABELS["ricochet_cases"], registry=registry
+            "ricochet_cases", "Cases answered, by outcome", LABELS["ricochet_cases"], registry=registry
         )
         self._seconds = Histogram(
             "ricochet_request_seconds",
-            "Time from a request to the end of its answer",
+            "Time from the arrival of a request to the end of its response",
             LABELS["ricochet_request_seconds"],
             buckets=HISTOGRAM_SECONDS,
             registry=registry,
@@ -70,16 +70,16 @@ class Metrics:
             for name, text in {
                 "queued_queries": "Single queries that wait for a worker",
                 "queued_cases": "Cases of batches and jobs that wait or run",
-                "running_chunks": "Chunks of jobs being made, computed or kept",
-                "workers": "Worker processes that are up",
-                "cache_bytes": "Size of the results on the disk",
-                "cache_segments": "Files of results",
-                "cache_cases": "Results on the disk",
+                "running_chunks": "Chunks of jobs being prepared, computed or stored",
+                "workers": "Worker processes running",
+                "cache_bytes": "Size of the results on disk",
+                "cache_segments": "Files of results on disk",
+                "cache_cases": "Results on disk",
             }.items()
         }
         self._width = Gauge(
             "ricochet_chunk_width",
-            "Chunks that can be computed at once, in the pool or, while there is one, on the cluster",
+            "Chunks that can be computed at the same time, by the pool or by the cluster",
             LABELS["ricochet_chunk_width"],
             registry=registry,
         )
@@ -93,11 +93,11 @@ class Metrics:
         self._start_failures_counted = 0
         self._implausible = Counter(
             "ricochet_implausible",
-            "Computed answers with the warning `implausible` since the start: faults of the program",
+            "Answers computed since the start with the warning `implausible`; each shows a fault of the program",
             registry=registry,
         )
         self._implausible_counted = 0
-        self._jobs = Gauge("ricochet_jobs", "Jobs that are kept", LABELS["ricochet_jobs"], registry=registry)
+        self._jobs = Gauge("ricochet_jobs", "Jobs stored, by status", LABELS["ricochet_jobs"], registry=registry)
         build = {"engine_version": ENGINE_VERSION, "schema_version": SCHEMA_VERSION}
         Info("ricochet_build", "Versions of the service", registry=registry).info(build)
 

@@ -22,10 +22,9 @@ from pathlib import Path
 
 from cachetools import LRUCache
 
-from service.cache.hdf5 import DecodedSegment, Segment, digest_of, encode_segments
 from service.cache.index import Index, Journal, Location, Statistics, discard_database
 from service.cache.record import Record
-from service.cache.segments import Segments, discard
+from service.cache.segments import DecodedSegment, Segment, Segments, digest_of, discard, encode_segments
 from service.errors import (
     DamagedFileError,
     FolderInUseError,

@@ -1,9 +1,4 @@
-"""HDF5 files: the segments of the cache, and the files of results for download.
-
-A segment has the data that the cache needs to answer a request again:
-
-    key, outcome, request, answer   one row per result; requests and answers as JSON
-    history/                        motions, one dataset per column; `case` is the row of the result
+"""HDF5 files of results for download, and what they share with the segments of the cache.
 
 A file of results describes itself:
 
@@ -17,21 +12,20 @@ A file of results describes itself:
 Texts are declared as UTF-8. Numbers are arrays with their unit in the attribute `units`.
 """
 
-import hashlib
 import io
 import itertools
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from tempfile import SpooledTemporaryFile
-from typing import Any, TypeAlias
+from typing import Any
 
 import h5py
 import numpy as np
 import orjson
 
-from service.cache.record import CaseResult, FloatColumns, Record
+from service.cache.record import CaseResult, Record
 from service.cache.tables import (
     Rows,
     Table,
@@ -43,7 +37,6 @@ from service.cache.tables import (
     trials_of,
 )
 from service.columns import CASE, IDENTITY, NUMBERING, RESIDUALS, WARNINGS, Column
-from service.errors import DamagedFileError
 from service.operations import OPERATIONS
 from service.schemas.answers import MotionInHistory
 from service.schemas.fields import columns_of
@@ -57,8 +50,6 @@ GZIP_LEVEL = 3
 COMPRESSED_BYTES = 4096
 """Size of the smallest dataset that is compressed [bytes]. A chunk of HDF5 takes 2 kB in addition to its data, so that
 smaller datasets would grow."""
-SEGMENT_BYTES = 16 * 1024 * 1024
-"""Largest size of the histories and texts of one segment [bytes]. All of it is read and decompressed for one result."""
 CHUNK_ROWS = 4096
 """Number of rows of a chunk in a file that is written in blocks: few enough to be held in memory, and enough to be
 compressed well."""
@@ -72,127 +63,18 @@ SPOOLED_BYTES = 8 * 1024 * 1024
 LAYOUT = "2"
 """Version of the layout, raised when a change requires programs that read the files to change."""
 DESCRIPTIONS = {
-    "summary": "the answers in short, a row each",
-    "requests": "canonical requests as JSON, every default filled in, a row a row of the summary",
-    "answers": "answers as JSON, a row a row of the summary: without the histories, which are a table of this file",
-    "iterations": "every trial of the searches, in order",
-    "history": "the motions at even intervals and at the event that ended the run",
-    "residuals": "what a calibration was given, what it predicts and what is left",
+    "summary": "main numbers of the answers, one row for each case",
+    "requests": "canonical requests as JSON with all defaults filled in, in the order of the summary",
+    "answers": "answers as JSON without their histories, in the order of the summary",
+    "iterations": "all trials of the searches, in order",
+    "history": "motions over time, at even intervals and at the event that ended the run",
+    "residuals": "residuals of calibrations, curves and quantiles of uncertainty studies, or results of formulas",
 }
 
 HDF5 = threading.RLock()
 """Lock held while a file is open, because the HDF5 library is not thread-safe. The lock of h5py should suffice, but a
 server once crashed with corrupted memory, for a reason that was not found. Eight threads that write and read 200 files
 of 64 results take 1.4 and 1.7 s with this lock, and 1.1 and 2.1 s without it; the bytes are the same."""
-
-Segment: TypeAlias = tuple[Sequence[str], bytes]
-"""Keys of the records of a segment, in the order of its rows, and the content of the file."""
-
-
-def digest_of(content: bytes) -> str:
-    """Return the hash of a segment, which is its name.
-
-    The hash is checked before a file is opened, because a damaged file can crash the HDF5 library.
-    """
-    return hashlib.sha256(content).hexdigest()[:32]
-
-
-def to_segment(*records: Record) -> bytes:
-    """Encode results of one operation and version as a segment. The same results give the same bytes."""
-    first, content = records[0], io.BytesIO()
-    texts = {
-        "key": [record.key.encode() for record in records],
-        "outcome": [record.outcome.encode() for record in records],
-        "request": [record.request_json for record in records],
-        "answer": [record.answer_json for record in records],
-    }
-    with HDF5, h5py.File(content, "w", **NEW_FILE) as file:
-        file.attrs["title"], file.attrs["layout"] = "segment of ricochet results", LAYOUT
-        for name in ("operation", "engine_version", "schema_version"):
-            file.attrs[name] = getattr(first, name)
-        for name, lines in texts.items():
-            longest = max(1, *map(len, lines))
-            _create(file, name, np.array(lines, f"S{longest}"))
-        histories = histories_of(records)
-        group = file.create_group("history", track_order=True) if histories else file
-        for name, values in histories.items():
-            _create(group, name, values).attrs["units"] = Column(name, "").unit
-    return content.getvalue()
-
-
-def encode_segments(records: Sequence[Record]) -> list[Segment]:
-    """Encode records of one operation as one segment, or as several if they exceed `SEGMENT_BYTES`."""
-    segments: list[Segment] = []
-    part: list[Record] = []
-    histories, longest = 0, 0
-    for record in records:
-        nbytes = sum(column.nbytes for column in (record.history or {}).values())
-        # Texts have a fixed length in the file, so that each row takes as much space as the longest one.
-        text = len(record.answer_json) + len(record.request_json)
-        if part and histories + nbytes + (len(part) + 1) * max(longest, text) > SEGMENT_BYTES:
-            segments.append(([each.key for each in part], to_segment(*part)))
-            part, histories, longest = [], 0, 0
-        part.append(record)
-        histories, longest = histories + nbytes, max(longest, text)
-    if part:
-        segments.append(([each.key for each in part], to_segment(*part)))
-    return segments
-
-
-class DecodedSegment:
-    """Decoded content of a segment, from which records are made.
-
-    Raises
-    ------
-    DamagedFileError
-        If the file was not written by `to_segment` of this version.
-    """
-
-    def __init__(self, data: bytes) -> None:
-        try:
-            with HDF5, h5py.File(io.BytesIO(data)) as file:
-                self.keys = [key.decode() for key in file["key"][()].tolist()]
-                self._outcomes = [outcome.decode() for outcome in file["outcome"][()].tolist()]
-                self._requests, self._answers = file["request"][()].tolist(), file["answer"][()].tolist()
-                self._history = {name: dataset[()] for name, dataset in file.get("history", {}).items()}
-                names = ("operation", "engine_version", "schema_version")
-                self._operation, self._engine, self._schema = (file.attrs[name] for name in names)
-        # The hash has been checked, so a file that cannot be decoded was written by another version.
-        except (LookupError, OSError, TypeError, ValueError, AttributeError) as error:
-            raise DamagedFileError(f"no segment of this version: {error}") from error
-
-    def records(self, rows: Iterable[int]) -> list[Record]:
-        """Return the results in the given rows.
-
-        Raises
-        ------
-        DamagedFileError
-            If a row does not exist.
-        """
-        try:
-            return [
-                Record(
-                    self.keys[row],
-                    self._operation,
-                    self._requests[row],
-                    self._answers[row],
-                    self._history_of(row),
-                    outcome=self._outcomes[row],
-                    engine_version=self._engine,
-                    schema_version=self._schema,
-                )
-                for row in rows
-            ]
-        except IndexError as error:
-            raise DamagedFileError(str(error)) from error
-
-    def _history_of(self, row: int) -> FloatColumns | None:
-        if not self._history:
-            return None
-        start, end = np.searchsorted(self._history[CASE.name], [row, row + 1])
-        columns = {name: column for name, column in self._history.items() if name != CASE.name}
-        # The part is copied, because a view would keep the whole array of the segment in memory.
-        return {name: column[start:end].copy() for name, column in columns.items()} if end > start else None
 
 
 def to_hdf5(record: Record) -> bytes:
@@ -376,7 +258,7 @@ class GrowingTable:
                 dataset.resize(len(dataset) + count, 0)
                 dataset[len(dataset) - count :] = values[:count].astype(dataset.dtype)
             else:
-                dataset = _create(self._group, name, values[:count], grows=count % CHUNK_ROWS == 0)
+                dataset = add_dataset(self._group, name, values[:count], grows=count % CHUNK_ROWS == 0)
                 column = self._columns.get(name) or Column(name, "")
                 dataset.attrs["units"], dataset.attrs["description"] = column.unit, column.description
         self._rows -= count
@@ -429,7 +311,7 @@ class GrowingText:
         self._lines.close()
 
 
-def _create(group: h5py.Group, name: str, values: Rows, *, grows: bool = False) -> h5py.Dataset:
+def add_dataset(group: h5py.Group, name: str, values: Rows, *, grows: bool = False) -> h5py.Dataset:
     """Create a one-dimensional dataset with the given values, texts declared as UTF-8."""
     is_text = values.dtype.kind == "S"
     if is_text:

@@ -4,25 +4,150 @@ lock                                       lock of the service that owns the fol
 results/segments/<first two digits>/<name>.h5
 results/.partial/                          files being written; remains of a crash are removed at the next start
 damaged/<name>.h5                          damaged files that were set aside
+
+A segment has the data that the cache needs to answer a request again:
+
+    key, outcome, request, answer   one row per result; requests and answers as JSON
+    history/                        motions, one dataset per column; `case` is the row of the result
 """
 
+import hashlib
+import io
 import itertools
 import os
 import re
 import shutil
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TypeAlias
+
+import h5py
+import numpy as np
 
 from service.cache.damaged import set_aside
-from service.cache.hdf5 import DecodedSegment, digest_of
+from service.cache.hdf5 import HDF5, LAYOUT, NEW_FILE, add_dataset
+from service.cache.record import FloatColumns, Record
+from service.cache.tables import histories_of
+from service.columns import CASE, Column
 from service.errors import DamagedFileError
 from service.private_files import make_private_folder, open_private
 
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
+SEGMENT_BYTES = 16 * 1024 * 1024
+"""Largest size of the histories and texts of one segment [bytes]. All of it is read and decompressed for one result."""
 MOST_REMEMBERED = 100_000
 """Number of segments remembered as intact, in some 20 MB of memory. Others are read when they are checked."""
+
+Segment: TypeAlias = tuple[Sequence[str], bytes]
+"""Keys of the records of a segment, in the order of its rows, and the content of the file."""
+
+
+def digest_of(content: bytes) -> str:
+    """Return the hash of a segment, which is its name.
+
+    The hash is checked before a file is opened, because a damaged file can crash the HDF5 library.
+    """
+    return hashlib.sha256(content).hexdigest()[:32]
+
+
+def to_segment(*records: Record) -> bytes:
+    """Encode results of one operation and version as a segment. The same results give the same bytes."""
+    first, content = records[0], io.BytesIO()
+    texts = {
+        "key": [record.key.encode() for record in records],
+        "outcome": [record.outcome.encode() for record in records],
+        "request": [record.request_json for record in records],
+        "answer": [record.answer_json for record in records],
+    }
+    with HDF5, h5py.File(content, "w", **NEW_FILE) as file:
+        file.attrs["title"], file.attrs["layout"] = "segment of ricochet results", LAYOUT
+        for name in ("operation", "engine_version", "schema_version"):
+            file.attrs[name] = getattr(first, name)
+        for name, lines in texts.items():
+            longest = max(1, *map(len, lines))
+            add_dataset(file, name, np.array(lines, f"S{longest}"))
+        histories = histories_of(records)
+        group = file.create_group("history", track_order=True) if histories else file
+        for name, values in histories.items():
+            add_dataset(group, name, values).attrs["units"] = Column(name, "").unit
+    return content.getvalue()
+
+
+def encode_segments(records: Sequence[Record]) -> list[Segment]:
+    """Encode records of one operation as one segment, or as several if they exceed `SEGMENT_BYTES`."""
+    segments: list[Segment] = []
+    part: list[Record] = []
+    histories, longest = 0, 0
+    for record in records:
+        nbytes = sum(column.nbytes for column in (record.history or {}).values())
+        # Texts have a fixed length in the file, so that each row takes as much space as the longest one.
+        text = len(record.answer_json) + len(record.request_json)
+        if part and histories + nbytes + (len(part) + 1) * max(longest, text) > SEGMENT_BYTES:
+            segments.append(([each.key for each in part], to_segment(*part)))
+            part, histories, longest = [], 0, 0
+        part.append(record)
+        histories, longest = histories + nbytes, max(longest, text)
+    if part:
+        segments.append(([each.key for each in part], to_segment(*part)))
+    return segments
+
+
+class DecodedSegment:
+    """Decoded content of a segment, from which records are made.
+
+    Raises
+    ------
+    DamagedFileError
+        If the file was not written by `to_segment` of this version.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        try:
+            with HDF5, h5py.File(io.BytesIO(data)) as file:
+                self.keys = [key.decode() for key in file["key"][()].tolist()]
+                self._outcomes = [outcome.decode() for outcome in file["outcome"][()].tolist()]
+                self._requests, self._answers = file["request"][()].tolist(), file["answer"][()].tolist()
+                self._history = {name: dataset[()] for name, dataset in file.get("history", {}).items()}
+                names = ("operation", "engine_version", "schema_version")
+                self._operation, self._engine, self._schema = (file.attrs[name] for name in names)
+        # The hash has been checked, so a file that cannot be decoded was written by another version.
+        except (LookupError, OSError, TypeError, ValueError, AttributeError) as error:
+            raise DamagedFileError(f"no segment of this version: {error}") from error
+
+    def records(self, rows: Iterable[int]) -> list[Record]:
+        """Return the results in the given rows.
+
+        Raises
+        ------
+        DamagedFileError
+            If a row does not exist.
+        """
+        try:
+            return [
+                Record(
+                    self.keys[row],
+                    self._operation,
+                    self._requests[row],
+                    self._answers[row],
+                    self._history_of(row),
+                    outcome=self._outcomes[row],
+                    engine_version=self._engine,
+                    schema_version=self._schema,
+                )
+                for row in rows
+            ]
+        except IndexError as error:
+            raise DamagedFileError(str(error)) from error
+
+    def _history_of(self, row: int) -> FloatColumns | None:
+        if not self._history:
+            return None
+        start, end = np.searchsorted(self._history[CASE.name], [row, row + 1])
+        columns = {name: column for name, column in self._history.items() if name != CASE.name}
+        # The part is copied, because a view would keep the whole array of the segment in memory.
+        return {name: column[start:end].copy() for name, column in columns.items()} if end > start else None
 
 
 class Segments:

@@ -1,6 +1,7 @@
 """Layout number and decoding of text, shared by the SQLite files of a data folder."""
 
 import sqlite3
+from functools import partial
 
 from service.errors import FolderLayoutError
 
@@ -25,9 +26,6 @@ def check_layout(connection: sqlite3.Connection, name: str) -> int:
     raise FolderLayoutError(name, layout, LAYOUT)
 
 
-def decode(text: bytes) -> str:
-    """Decode a text, with replacements for damaged bytes.
-
-    The damage is then found when the value is checked, and reported with its job or key; SQLite would fail the query.
-    """
-    return text.decode(errors="replace")
+decode = partial(str, encoding="utf-8", errors="replace")
+"""Function that decodes a text, with replacements for damaged bytes. The damage is then found when the value is
+checked, and reported with its job or key; SQLite would fail the query."""

@@ -44,7 +44,7 @@ EVENT_LOOPS = frozenset({"serve", "mcp"})
 
 
 class Command(NamedTuple):
-    """A command and its module."""
+    """Name and help text of a command, and the module that defines it."""
 
     name: str
     help: str
@@ -55,13 +55,13 @@ COMMANDS = (
     Command("init", "write a commented file of a strike to start from", "service.cli.init"),
     Command("trajectory", "motion of one impact", "service.cli.single"),
     Command("cra", "critical ricochet angle of one impact", "service.cli.single"),
-    Command("uncertainty", "how sure an angle or an outcome is", "service.cli.uncertainty"),
-    Command("formulas", "penetration and least thickness by the formulas of the field", "service.cli.walls"),
+    Command("uncertainty", "uncertainty of a critical angle or of an outcome", "service.cli.uncertainty"),
+    Command("formulas", "penetration depth and least thickness by empirical formulas", "service.cli.walls"),
     Command("thickness", "least thickness of a wall that is not perforated", "service.cli.walls"),
     Command("limit-speed", "least speed that perforates a wall", "service.cli.walls"),
-    Command("flight", "where a body lands after a ricochet", "service.cli.flight"),
-    Command("report", "a strike on two pages to file, as HTML or PDF", "service.cli.reports"),
-    Command("batch", "many cases from a file", "service.cli.batch"),
+    Command("flight", "landing point of a body after a ricochet", "service.cli.flight"),
+    Command("report", "two-page report of a strike, as HTML or PDF", "service.cli.reports"),
+    Command("batch", "results of many cases from a file", "service.cli.batch"),
     Command("sweep", "one case over ranges of up to four of its fields", "service.cli.batch"),
     Command("jobs", "list, follow and cancel the jobs of a service", "service.cli.jobs"),
     Command("serve", "run the service, configured by RICOCHET_... variables", "service.cli.serve"),
@@ -77,14 +77,14 @@ COMMANDS = (
 
 
 def add_version(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet version`."""
+    """Add the arguments of `ricochet version`."""
     parser.description = "Print the version of the package and of the solver; results can change with the latter."
     parser.epilog = examples("ricochet version")
     parser.set_defaults(run=print_versions)
 
 
 def print_versions(_: argparse.Namespace) -> int:
-    """Print the versions."""
+    """Print the versions of the package and of the solver."""
     from solver import ENGINE_VERSION
 
     print(f"ricochet {VERSION}, engine {ENGINE_VERSION}")
@@ -92,10 +92,12 @@ def print_versions(_: argparse.Namespace) -> int:
 
 
 def add_help(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet help`."""
+    """Add the arguments of `ricochet help`."""
     parser.description = "Print the help of a command, as its flag --help does, or the list of commands."
     parser.epilog = examples("ricochet help", "ricochet help cra", "ricochet help jobs results")
-    parser.add_argument("words", nargs="*", metavar="COMMAND", help="a command, and perhaps its action")
+    parser.add_argument(
+        "words", nargs="*", metavar="COMMAND", help="name of a command, and of its action if it has any"
+    )
     parser.set_defaults(run=print_help)
 
 
@@ -105,16 +107,16 @@ def print_help(args: argparse.Namespace) -> int:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command; return its exit status."""
+    """Run the `ricochet` command with some arguments, by default those of the process; return its exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
     prepare_streams()
-    # The last garbage collection would take a quarter of a second to free memory that the end of the process frees.
+    # The garbage collection at exit would take a quarter of a second to free memory that the system frees anyway.
     atexit.register(gc.freeze)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # Small systems of equations are slower on several threads.
-    os.environ.pop("MPLBACKEND", None)  # Plots go to files, and a backend set by a notebook may not be installed.
-    os.environ["MATPLOTLIBRC"] = os.devnull  # The figures have a style of their own.
+    os.environ.pop("MPLBACKEND", None)  # Plots go to files, and a notebook's backend might not be installed.
+    os.environ["MATPLOTLIBRC"] = os.devnull  # Figures have their own style.
     if COMPLETION in os.environ:
-        # The shell asks for completions: the command is the first word of its line behind that of the program.
+        # The shell requests completions, and passes the line so far in a variable: `ricochet`, then the command.
         arguments = os.environ.get("COMP_LINE", "").split()[1:]
     name = next((argument for argument in arguments if not argument.startswith("-")), "")
     try:
@@ -168,11 +170,11 @@ def interruptible(name: str) -> Iterator[None]:
 
 def interrupted() -> int:
     """Report that Ctrl-C was pressed, and return the exit status."""
-    # A second Ctrl-C ends the process at once, without a traceback from whatever runs at exit.
+    # From now on Ctrl-C ends the process at once, without a traceback from a function that runs at exit.
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # If the interruption passed through `exec` of a text, as when a named tuple is made, Python ends the process by the
-    # signal whatever the exit status. Executing another text clears that mark.
+    # If Ctrl-C interrupted code that `exec` runs from a text, such as the definition of a named tuple, Python would end
+    # the process by the signal instead of with this exit status. Evaluating another text resets that state.
     eval("None")  # noqa: S307 (a constant)
     print("interrupted", file=sys.stderr)
     return INTERRUPTED
@@ -185,13 +187,14 @@ def prepare_streams() -> None:
         stream = getattr(sys, name)
         if stream is None:
             nowhere = os.open(os.devnull, os.O_RDWR)
-            setattr(sys, name, os.fdopen(nowhere, mode, encoding="utf-8", closefd=False))  # It is open until the exit.
+            # The stream stays open until the process exits.
+            setattr(sys, name, os.fdopen(nowhere, mode, encoding="utf-8", closefd=False))
         elif isinstance(stream, io.TextIOWrapper) and mode == "w":
             stream.reconfigure(errors="plain")
 
 
 def plain(error: UnicodeError) -> tuple[str, int]:
-    """Return ASCII replacements for characters that cannot be encoded, and the position after them."""
+    """Return ASCII replacements for characters that an encoding lacks, and the position after them."""
     assert isinstance(error, UnicodeEncodeError)  # noqa: S101 (streams for output alone have it)
     found = ""
     for character in error.object[error.start : error.end]:
@@ -201,7 +204,7 @@ def plain(error: UnicodeError) -> tuple[str, int]:
 
 
 def define(command: Command, parser: argparse.ArgumentParser) -> None:
-    """Import the module of a command, and add the flags to its parser."""
+    """Import the module of a command, and add its flags to the parser."""
     getattr(import_module(command.module), f"add_{command.name.replace('-', '_')}")(parser)
 
 
@@ -225,7 +228,7 @@ def run(name: str, arguments: Sequence[str]) -> int:
     if COMPLETION in os.environ:
         import argcomplete
 
-        argcomplete.autocomplete(parser)  # It prints what completes the line, and ends the process.
+        argcomplete.autocomplete(parser)  # This prints the completions, and ends the process.
     args = parser.parse_args(with_values(arguments))
     check_outputs(args)
     with one_answer(args):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from service.names import CHOICES
+from service.names import CHOICES, UNITS
 
 if TYPE_CHECKING:
     from service.settings import Settings
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 FAILED, WRONG, SOME_FAILED, INTERRUPTED = 1, 2, 3, 130
 """Exit statuses: the computation or the service failed; the input or the usage is wrong; some cases of a batch have no
-result; Ctrl-C, for which shells report 128 plus the number of SIGINT."""
+result; Ctrl-C was pressed, for which shells report 128 plus the number of SIGINT."""
 EXIT_STATUSES = f"""\
 exit status:
   0  success
@@ -24,7 +24,7 @@ exit status:
   {SOME_FAILED}  finished, but some cases of a batch have a problem instead of a result
   {INTERRUPTED}  interrupted (Ctrl-C)"""
 INPUT_STATUSES = frozenset({400, 404, 405, 406, 413, 415})
-"""HTTP statuses caused by the request."""
+"""HTTP statuses of errors in the request, after which the command ends with `WRONG`."""
 MANY = ("cra", "trajectory", "thickness", "limit-speed")
 """Operations of batches and sweeps, the default first."""
 INVALID = "urn:ricochet:problem:invalid-request"
@@ -84,7 +84,7 @@ class RefusedError(CommandError):
 
 
 def reason_of(error: BaseException) -> str:
-    """Return the text of an error of the system without its number."""
+    """Return the text of a system error without its number."""
     return re.sub(r"\[Errno -?\d+\] ", "", str(error))
 
 
@@ -94,7 +94,7 @@ def problem_text(problem: Mapping[str, Any]) -> str:
 
 
 URL, DATA_DIR = "RICOCHET_URL", "RICOCHET_DATA_DIR"
-"""Environment variables that replace flags."""
+"""Environment variables with the defaults of `--url` and `--data-dir`."""
 
 
 def read_numbers(text: str) -> list[float]:
@@ -103,7 +103,7 @@ def read_numbers(text: str) -> list[float]:
     Raises
     ------
     ArgumentTypeError
-        If one of them is no number.
+        If one of them is not a number.
     """
     try:
         return [float(number) for number in text.split(",")]
@@ -174,7 +174,7 @@ SHAPES, LAWS, DECAYS = (tuple(CHOICES[".".join((*part, name))]) for part, name i
 BODY = (
     Flag("--diameter", ("projectile", "diameter_m"), "shank diameter [m]"),
     Flag("--length", ("projectile", "length_m"), "length from nose tip to base [m]"),
-    Flag("--mass", ("projectile", "mass_kg"), "mass [kg]"),
+    Flag("--mass", ("projectile", "mass_kg"), "mass of the projectile [kg]"),
     Flag("--nose", ("projectile", "nose", "shape"), "shape of the nose", read=str, metavar="SHAPE", choices=SHAPES),
     Flag(
         "--caliber-radius-head",
@@ -201,19 +201,19 @@ BODY = (
     Flag(
         "--center-of-gravity",
         ("projectile", "center_of_gravity_m"),
-        "distance behind the nose tip [m] (default: homogeneous projectile)",
+        "distance of the centre of gravity behind the nose tip [m] (default: homogeneous projectile)",
     ),
     Flag(
         "--moment-of-inertia",
         ("projectile", "moment_of_inertia_kg_m2"),
         "transverse moment of inertia about the centre of gravity [kg m²] (default: homogeneous projectile)",
     ),
-    Flag("--compressive-strength", ("target", "compressive_strength_pa"), "strength of the concrete [Pa]"),
+    Flag("--compressive-strength", ("target", "compressive_strength_pa"), "compressive strength of the concrete [Pa]"),
     Flag("--density", ("target", "density_kg_m3"), "density of the concrete [kg/m³]"),
     Flag(
         "--youngs-modulus",
         ("target", "youngs_modulus_pa"),
-        "modulus of the concrete [Pa] (default: from the strength, ACI 318-19)",
+        "Young's modulus of the concrete [Pa] (default: from the strength, ACI 318-19)",
     ),
     Flag("--poissons-ratio", ("target", "poissons_ratio"), "Poisson's ratio of the concrete [1] (default: 0.5)"),
     Flag("--thickness", ("target", "thickness_m"), "thickness of the wall [m] (default: half-space)"),
@@ -230,12 +230,12 @@ RESISTANCE = (
     Flag(
         "--shots",
         (*STRENGTH, "shots"),
-        "own shots into the concrete, CSV with velocity, depth, and perhaps mass and diameter: S is read from them",
+        "CSV file of your own shots (velocity, depth, optionally mass and diameter), from which S is estimated",
         read=InputFile,
         metavar="FILE",
         implies=("own_tests",),
     ),
-    Flag("--strength-factor", (*STRENGTH, "value"), "a constant S [1]", implies=("constant",)),
+    Flag("--strength-factor", (*STRENGTH, "value"), "constant strength factor S [1]", implies=("constant",)),
     Flag(
         "--strength-coefficients",
         (*STRENGTH, "coefficients"),
@@ -259,7 +259,7 @@ RESISTANCE = (
     Flag(
         "--reference-strength",
         (*STRENGTH, "reference_strength_pa"),
-        "strength that the power law divides by [Pa] (default: 1e6)",
+        "reference strength of the power law [Pa] (default: 1e6)",
         implies=("strength_power_law",),
     ),
     Flag(
@@ -271,7 +271,7 @@ RESISTANCE = (
     Flag(
         "--reference-diameter",
         (*STRENGTH, "reference_diameter_m"),
-        "diameter that the power law divides by [m] (default: 0.0762)",
+        "reference diameter of the power law [m] (default: 0.0762)",
         implies=("strength_power_law",),
     ),
     Flag(
@@ -314,6 +314,15 @@ ATTACK = (
 IMPACT = (VELOCITY, OBLIQUE_ANGLE, *ATTACK)
 STRIKE = (*IMPACT, *BODY, *RESISTANCE)
 """All flags of a strike."""
+SHOWN_UNITS = Flag(
+    "--units",
+    ("units",),
+    "units in which quantities are shown; those that are given are in SI (default: si)",
+    read=str,
+    metavar="SYSTEM",
+    choices=tuple(UNITS),
+)
+"""Flag for the units of a report."""
 
 
 def add_case(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> None:
@@ -336,7 +345,7 @@ def add_case(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> None:
 
 
 def add_numbers(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> Any:
-    """Add the flags for the fields of a case, and return their group, whose class argparse does not export."""
+    """Add the flags for the fields of a case, and return their group."""
     group = parser.add_argument_group("case", "SI units, angles in degrees from the normal; flags override the file")
     for flag in flags:
         group.add_argument(
@@ -352,12 +361,12 @@ def add_numbers(parser: argparse.ArgumentParser, flags: Sequence[Flag]) -> Any:
 
 
 def add_verbose(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add `--verbose`."""
+    """Add the flag `--verbose`, with its help text."""
     parser.add_argument("-v", "--verbose", action="store_true", help=what)
 
 
 def add_alternatives(parser: argparse.ArgumentParser) -> None:
-    """Add `--alternatives`."""
+    """Add the flag `--alternatives`, which also computes the case with other laws."""
     parser.add_argument(
         "--alternatives",
         action="store_true",
@@ -366,29 +375,29 @@ def add_alternatives(parser: argparse.ArgumentParser) -> None:
 
 
 def add_url(parser: argparse.ArgumentParser, default: str = "compute locally") -> None:
-    """Add `--url`."""
+    """Add the flag `--url`; `default` says in its help text what the command does without it."""
     parser.add_argument(
         "--url",
         default=os.environ.get(URL) or None,
-        help=f"address of a service, also {URL} (default: {default}); RICOCHET_API_KEY is its API key",
+        help=f"address of a service, also set by {URL} (default: {default}); its API key is read from RICOCHET_API_KEY",
     )
 
 
 def add_data_dir(parser: argparse.ArgumentParser) -> None:
-    """Add `--data-dir`."""
+    """Add the flag `--data-dir`, which keeps locally computed results in a folder."""
     parser.add_argument(
         "--data-dir",
         type=Path,
         default=os.environ.get(DATA_DIR) or None,
         metavar="FOLDER",
-        help=f"keep locally computed results in this folder, also {DATA_DIR} (default: keep nothing)",
+        help=f"keep locally computed results in this folder, also set by {DATA_DIR} (default: keep nothing)",
     )
 
 
 def add_operation(parser: argparse.ArgumentParser) -> None:
-    """Add `--operation`."""
+    """Add the flag `--operation` of batches and sweeps."""
     parser.add_argument(
-        "--operation", choices=MANY, default="cra", help="what to compute for each case (default: %(default)s)"
+        "--operation", choices=MANY, default="cra", help="operation to compute for each case (default: %(default)s)"
     )
 
 

@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from service.cli.client import Content
 
 READ_SIZE = 256 * 1024
-"""Size of the pieces in which a file is read [bytes]. It is that of the blocks in which a service validates lines."""
+"""Size of the pieces in which a file is read [bytes]. The service validates lines in blocks of the same size."""
 JSONL = "application/jsonl"
 TABLES = frozenset({".csv", ".tsv", ".xlsx"})
 """File extensions of tables of cases."""
 OTHER_SPREADSHEETS = frozenset({".xls", ".xlsb", ".xlsm", ".ods", ".numbers", ".parquet"})
-"""File extensions of tables that are not read."""
+"""File extensions of other tables, which are refused with the advice to save them as .xlsx or .csv."""
 MAX_LISTED = 50
-"""Largest number of errors that are listed, a judgement: nobody corrects more at once."""
+"""Largest number of errors that are listed, a rough choice: nobody corrects more at once."""
 MAX_PLOT_AXES = 2
 """Largest number of axes that a plot can show: a curve has one, a map two."""
 MAX_POINTS = 100_000
@@ -54,13 +54,13 @@ class SweepAxis(NamedTuple):
 
 
 def add_batch(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet batch`."""
+    """Add the arguments of `ricochet batch`."""
     parser.description = (
-        "Compute many cases. Each line of the file is a request body in JSON, with an optional custom_id; or the file "
-        "is a table, CSV or Excel, with a case in each row, whose columns are fields by name, such as velocity_m_s, "
-        "'Speed (m/s)', fc_MPa or id, with units in the header or in a second line. CSV and Excel results carry the "
-        "columns of the table. Results are written in the order of the file as soon as they are ready: as "
-        "JSON lines, or on a terminal as a table of the first."
+        "Compute many cases. Each line of the file is a request body in JSON, with an optional custom_id. "
+        "Alternatively the file is a table, CSV or Excel, with a case in each row and a field in each column, such as "
+        "velocity_m_s, 'Speed (m/s)', fc_MPa or id; units are in the header or in a second line. CSV and Excel "
+        "results repeat the columns of the table. Results are written in the order of the file as soon as they are "
+        "ready: as JSON lines, or on a terminal as a table of the first ones."
     )
     parser.epilog = examples(
         "ricochet batch cases.jsonl -o angles.csv",
@@ -72,25 +72,27 @@ def add_batch(parser: argparse.ArgumentParser) -> None:
         "file",
         type=InputFile,
         metavar="FILE",
-        help="up to 100,000 cases, .jsonl, .csv, .tsv or .xlsx; - reads JSON lines",
-    )
-    parser.add_argument("--case", type=InputFile, metavar="CASE", help="TOML or JSON file with what a table leaves out")
-    parser.add_argument(
-        "--keep", action="append", default=[], metavar="HEADER", help="column that is no field, to carry to the output"
+        help="file of up to 100,000 cases, .jsonl, .csv, .tsv or .xlsx; - reads JSON lines",
     )
     parser.add_argument(
-        "--skip-bad", action="store_true", help="compute the good rows and write the others with their error"
+        "--case", type=InputFile, metavar="CASE", help="TOML or JSON file with the fields that a table lacks"
+    )
+    parser.add_argument(
+        "--keep", action="append", default=[], metavar="HEADER", help="column that is not a field, copied to the output"
+    )
+    parser.add_argument(
+        "--skip-bad", action="store_true", help="compute the valid rows, and write the others with their errors"
     )
     _add_common(parser)
     parser.set_defaults(run=run_file)
 
 
 def add_sweep(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet sweep`."""
+    """Add the arguments of `ricochet sweep`."""
     parser.description = (
         "Compute a case for every combination of the values of up to four fields; the last axis varies fastest. The "
-        "case may leave out the fields of the axes. For thickness and limit-speed, what is sought and other parts than "
-        "projectile, target, impact, resistance and numerics are left out of the file."
+        "file may lack the fields of the axes. For thickness and limit-speed, the quantity to find is ignored in the "
+        "file, and so is everything but projectile, target, impact, resistance and numerics."
     )
     parser.epilog = examples(
         "ricochet sweep strike.toml --axis impact.velocity_m_s=200:300:3 --csv",
@@ -168,7 +170,7 @@ def _cases_of_table(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
     Raises
     ------
     CommandError
-        If the file is no table, no row is valid, or one is not and `--skip-bad` is not given.
+        If the file is not a table, no row is valid, or a row is invalid and `--skip-bad` is not given.
     """
     from service.cli.case_table import CUSTOM_ID, UnknownColumnsError, read_cases
     from service.cli.local import wrong_cases
@@ -211,7 +213,7 @@ def _described(
 
 
 def _describe(table: "CaseTable", number: int, error: Mapping[str, str], base: RequestBody) -> str:
-    """Return what is wrong with a row of a table or with the file beside it, beginning with the place."""
+    """Return the message for an error in a row of a table or in the file of `--case`, beginning with its place."""
     pointer, detail, row = error["pointer"], error["detail"], table.rows[number]
     in_file = base.describe(pointer, detail) if pointer and base.value_at(pointer) is not None else ""
     place = f"{table.path}:{row.line}: {pointer}".removesuffix(": ")
@@ -228,7 +230,7 @@ def _cases_of_lines(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
     """
     from service.cli.local import wrong_cases
 
-    # Empty lines at the end are no cases; within the file they are errors, as for a service.
+    # Empty lines at the end of the file are ignored; elsewhere they are errors, as for a service.
     lines = read_text(args.file).rstrip("\n").encode().split(b"\n")
     errors = wrong_cases(args.operation, lines)
     sent = [number for number in range(len(lines)) if number not in errors]
@@ -240,7 +242,7 @@ def _cases_of_lines(args: argparse.Namespace) -> tuple[list[bytes], Inputs]:
 def _left_out(
     errors: Mapping[int, Sequence[Mapping[str, str]]], names: Mapping[int, str], path: str
 ) -> dict[int, dict[str, Any]]:
-    """Return the items of invalid cases, with the problem that a service would answer."""
+    """Return the items of invalid cases, with the problem that a service would return."""
     from service.errors import InvalidBodyError, problem_of
 
     items: dict[int, dict[str, Any]] = {}
@@ -281,7 +283,7 @@ def _explain_lines(args: argparse.Namespace, error: RefusedError, read: "Content
     from service.cli.local import wrong_cases
 
     content = read()
-    # A pipe has been kept as bytes; a file is read once more.
+    # The content of a pipe was kept as bytes; a file is read again.
     text = content if isinstance(content, bytes) else b"".join(content)
     texts = text.rstrip(b"\n").split(b"\n")
     wrong = wrong_cases(args.operation, texts)
@@ -296,7 +298,7 @@ def _explain_lines(args: argparse.Namespace, error: RefusedError, read: "Content
 
 
 def _describe_lines(file: str, errors: Mapping[int, Sequence[Mapping[str, str]]]) -> Iterator[str]:
-    """Yield what is wrong with lines, by their places from 0, or with the file as a whole, at -1."""
+    """Yield the messages for errors by line, counted from 0; errors of the whole file have the number -1."""
     for number, found in sorted(errors.items()):
         place = file if number < 0 else f"{file}:{number + 1}"
         for each in found:
@@ -323,7 +325,7 @@ def run_sweep(args: argparse.Namespace) -> int:
 
 
 def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: Sequence[Writer]) -> int:
-    """Compute few points in this process, unless their results are to be kept; else run a job."""
+    """Compute a small sweep in this process, unless its results are to be kept; run any other as a job."""
     if not args.url and not args.data_dir:
         from service.cli import local
 
@@ -363,7 +365,7 @@ def read_axis(text: str) -> SweepAxis:
 
 
 def _linspace(start: float, stop: float, count: int) -> list[float]:
-    """Return evenly spaced values, computed as by the service, so that keys and plots agree to the last bit."""
+    """Return evenly spaced values, computed as in the service, so that keys and plots agree to the last bit."""
     if not 1 <= count <= MAX_POINTS:
         raise ValueError(count)
     if count == 1:

@@ -47,7 +47,7 @@ DECAY_NAMES = CHOICES["resistance.free_surface.model"]
 
 
 def add_calibrate(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet calibrate`."""
+    """Add the arguments of `ricochet calibrate`."""
     parser.description = "Fit strength factors to tests or finite element histories."
     parser.epilog = examples("ricochet calibrate obliquity points.csv --json")
     kinds = parser.add_subparsers(dest="calibration", required=True, metavar="KIND")
@@ -61,7 +61,7 @@ def add_calibrate(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fit and print; return 1 if no fit is possible, 2 if a file or a flag is wrong."""
+    """Run a fit, and print its result; return 1 if no fit is possible, 2 if a file or a flag is wrong."""
     fits: dict[str, Callable[[argparse.Namespace], None]] = {
         "depth": calibrate_depth,
         "motion": calibrate_motion,
@@ -90,10 +90,10 @@ def calibrate_depth(args: argparse.Namespace) -> None:
         grouped=args.group,
     )
     tests = [_fields(asdict(test)) for test in found]
-    # The first request is only the fit, whose factor the second one then compares.
+    # The first request has no factors to compare, since the fitted one, which is compared with them, is not known yet.
     body.content.pop("compare_strength_factors", None)
     answer = body.answer("calibration_depth", args.url, tests=tests)
-    if args.curves or args.strength_factors:  # A second request, as the fitted factor is known now and has a curve too.
+    if args.curves or args.strength_factors:  # The fitted factor is now known and gets a curve too.
         factors = sorted({*args.strength_factors, answer["strength_factor"]})
         answer = body.answer("calibration_depth", args.url, tests=tests, compare_strength_factors=factors)
     if args.curves:
@@ -120,7 +120,7 @@ def calibrate_motion(args: argparse.Namespace) -> None:
         data = {"runs": [{"impact": each.impact, "history": each.history} for each in inputs]}
         del body.content["impact"]
     answer = body.answer("calibration_motion", args.url, weights=weights, **data)
-    if args.histories or args.strength_factors:  # `predicted` is the motion of the fitted factor.
+    if args.histories or args.strength_factors:  # `compared` lacks the fitted factor; its motion is `predicted`.
         for run in answer.get("runs", [answer]):
             fitted = {"strength_factor": answer["strength_factor"], "history": run["predicted"]}
             others = [each for each in run.get("compared", ()) if each["strength_factor"] != answer["strength_factor"]]
@@ -149,7 +149,7 @@ distribution = {{ type = "normal", mean = {factor}, standard_deviation = {error}
 
 
 def shots_as_uncertain(tests: Sequence[Mapping[str, Any]], posterior: Mapping[str, float]) -> str:
-    """Return depth tests as TOML: own tests, as of `--shots`, and the remaining scatter of S as an uncertain input."""
+    """Return depth tests as TOML: a strength factor of the model `own_tests`, and its scatter as an uncertain input."""
     from solver.resistance import PLAUSIBLE_FACTORS
 
     kept = ("velocity_m_s", "depth_m", "mass_kg")
@@ -192,7 +192,7 @@ def _table_inputs(args: argparse.Namespace) -> list[_Input]:
         cells = {f"impact/{name}": value for name, value in _fields(row.impact).items()}
         until = args.until if row.until is None else row.until
         own = argparse.Namespace(**(vars(args) | cells | {"history": InputFile(row.file), "until": until}))
-        # The files of the runs are checked too, so that an output does not overwrite one of them.
+        # The outputs are checked against the files of the runs, so that none of these is overwritten.
         check_outputs(own)
         try:
             inputs.append(replace(_single_input(own), name=row.name))
@@ -290,7 +290,7 @@ def _weights(pairs: Iterable[tuple[str, str]]) -> dict[str, float]:
 
 
 def _write_csv(output: OutputFile, tables: Iterable[Mapping[str, Any]]) -> None:
-    """Write tables one below the other, with a row for each instant or velocity; missing columns are empty."""
+    """Write tables one below the other, with a row for each time or velocity; missing columns are empty."""
     tables, text = list(tables), io.StringIO()
     names = list(dict.fromkeys(name for table in tables for name in table))
     writer = csv.DictWriter(text, names, lineterminator="\n")

@@ -42,7 +42,7 @@ NOT_USED = ("output", "search", "custom_id")
 DATA = ("tests", "history", "runs", "points")
 """Fields of a calibration that come from a file of data."""
 NOT_FITTED = frozenset({"/tests", "/history", "/runs"})
-"""Pointers to whole data. An error there means that the data are well formed but cannot be fitted."""
+"""Pointers to the data of a fit as a whole. An error with such a pointer means that valid data cannot be fitted."""
 VERBOSE = "print the warnings in full, with the standing notes"
 CSV_FILES = (
     "Columns are found by their names, with the unit at the end (time_s, depth_displacement_mm, rotation_deg, "
@@ -63,7 +63,7 @@ def add_depth_flags(parser: argparse.ArgumentParser) -> None:
         "tests",
         type=InputFile,
         metavar="TESTS.csv",
-        help="velocity and depth of each test, optionally its mass and weight",
+        help="CSV file with velocity and depth of each test, optionally its mass and weight",
     )
     _add_file_flags(parser, DEPTH_TESTS, "velocity=V0", "depth=mm")
     parser.add_argument("--group", action="store_true", help="also fit each group of the group column")
@@ -84,13 +84,19 @@ def add_motion_flags(parser: argparse.ArgumentParser) -> None:
         "ricochet calibrate motion history.csv --case strike.toml --oblique-angle 30 --until greatest-depth",
         "ricochet calibrate motion --runs runs.csv --case strike.toml --until greatest-depth",
     )
-    parser.add_argument("history", nargs="?", type=InputFile, metavar="HISTORY", help="CSV, rbdout, nodout or binout")
+    parser.add_argument(
+        "history",
+        nargs="?",
+        type=InputFile,
+        metavar="HISTORY",
+        help="file of the motion: CSV, rbdout, nodout or binout",
+    )
     parser.add_argument(
         "--runs",
         type=InputFile,
         metavar="RUNS.csv",
         help="fit several histories together: a table with the file, oblique_angle, velocity and until of each run; "
-        "what it lacks is set by flags",
+        "flags set the columns that it lacks",
     )
     _add_file_flags(parser, MOTION, "time=T(ms)", "time=ms")
     dyna = parser.add_argument_group("LS-DYNA files")
@@ -102,8 +108,10 @@ def add_motion_flags(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=AXIS",
         help="global axis of depth, lateral or rotation, such as depth=-z; quantities without an axis are not fitted",
     )
-    dyna.add_argument("--part", type=int, metavar="ID", help="the rigid body, if the file has several")
-    dyna.add_argument("--node", type=int, metavar="ID", help="the node, which must be at the centre of gravity")
+    dyna.add_argument("--part", type=int, metavar="ID", help="id of the rigid body to read, if the file has several")
+    dyna.add_argument(
+        "--node", type=int, metavar="ID", help="id of the node to read, which must be at the centre of gravity"
+    )
     parser.add_argument(
         "--contact",
         type=float,
@@ -141,10 +149,12 @@ def add_obliquity_flags(parser: argparse.ArgumentParser) -> None:
         "points",
         type=InputFile,
         metavar="POINTS.csv",
-        help="oblique_angle_deg, strength_factor and optionally standard_error",
+        help="CSV file with oblique_angle_deg, strength_factor and optionally standard_error",
     )
     _add_file_flags(parser, OBLIQUITY_POINTS, "oblique_angle=theta", "oblique_angle=deg")
-    parser.add_argument("--order", type=int, default=2, metavar="N", help="highest power of the angle (%(default)s)")
+    parser.add_argument(
+        "--order", type=int, default=2, metavar="N", help="degree of the polynomial in the angle (%(default)s)"
+    )
     parser.add_argument("--json", action="store_true", help="print the answer as one line of JSON")
     add_verbose(parser, VERBOSE)
     add_url(parser)
@@ -174,7 +184,7 @@ def _add_file_flags(parser: argparse.ArgumentParser, quantities: Sequence[Quanti
 
 def _add_fit_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--confidence", type=float, default=0.95, metavar="P", help="level of the interval (%(default)s)"
+        "--confidence", type=float, default=0.95, metavar="P", help="confidence level of the interval (%(default)s)"
     )
     forms = parser.add_mutually_exclusive_group()
     forms.add_argument("--json", action="store_true", help="print the answer as one line of JSON")
@@ -185,7 +195,12 @@ def _add_fit_flags(parser: argparse.ArgumentParser) -> None:
         "uncertainty`",
     )
     parser.add_argument(
-        "--strength-factors", type=float, nargs="+", default=[], metavar="S", help="further factors to compare with"
+        "--strength-factors",
+        type=float,
+        nargs="+",
+        default=[],
+        metavar="S",
+        help="further strength factors to predict with",
     )
     add_verbose(parser, VERBOSE)
     add_url(parser)
@@ -240,14 +255,14 @@ CalibrationT = TypeVar("CalibrationT", bound=Calibration)
 
 
 class StrikeCalibration(Calibration):
-    """Base of a calibration with an impact."""
+    """Body of a calibration with the impact of a single run."""
 
     impact: Impact
 
 
 @dataclass(frozen=True)
 class CalibrationBody(RequestBody):
-    """Body of a calibration.
+    """Request body of a calibration with the origin of its fields.
 
     Parameters
     ----------
@@ -264,7 +279,7 @@ class CalibrationBody(RequestBody):
         return f"{self.data_file}: {pointer[1:].replace('/', '.')}: {detail}"
 
     def explain(self, error: RefusedError) -> CommandError:
-        """Return an error with its flags and files. Data that cannot be fitted are a failure, not a wrong input."""
+        """Return an error that names flags and files. Data that cannot be fitted give exit status 1, other errors 2."""
         found = super().explain(error)
         if any(each["pointer"] in NOT_FITTED for each in error.errors):
             found.status = FAILED
@@ -286,7 +301,7 @@ def calibration_body(
     Raises
     ------
     CommandError
-        If the file holds no JSON object or a field is invalid; it names the flag or the pointer.
+        If the file holds no JSON object or a field is invalid; the message names the flag or the pointer.
     """
     case = read_body(args.case, args, flags)
     # These fields are ignored rather than refused, so that the file of a strike serves for its calibration too.
@@ -294,7 +309,7 @@ def calibration_body(
     if "impact" not in model.model_fields:
         content.pop("impact", None)
     if isinstance(content.get("resistance"), dict):
-        # The strength factor is what the fit seeks, so that the one of the case does not count.
+        # The fit determines the strength factor, so that of the case is ignored.
         content["resistance"] = {k: v for k, v in content["resistance"].items() if k != "strength_factor"}
     content["confidence_level"] = args.confidence
     given = {**case.given, "/confidence_level": "--confidence", "/weights": "--weight"}
@@ -312,7 +327,7 @@ def calibration_body(
     try:
         with refusals():
             valid = validated_as(model, content)
-            # The conversion to the solver checks how the fields fit together.
+            # The conversion to the solver checks that the fields do not contradict each other.
             valid.model_arguments()
     except RefusedError as error:
         raise body.explain(error) from None

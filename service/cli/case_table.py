@@ -49,7 +49,7 @@ GREEK = str.maketrans({"ρ": "rho", "ψ": "psi", "θ": "theta", "ω": "omega", "
 APOSTROPHES = re.compile("['\N{PRIME}\N{RIGHT SINGLE QUOTATION MARK}]")
 NO_WORD = re.compile(r"[^a-z0-9]+")
 SOUGHT = ("impact.oblique_angle_deg", "impact.velocity_m_s", "target.thickness_m")
-"""Fields that a search finds, which its cases do not have."""
+"""Fields that a search determines, which its cases therefore lack."""
 NEEDED = frozenset(
     (
         "projectile.diameter_m",
@@ -61,7 +61,8 @@ NEEDED = frozenset(
         "impact.oblique_angle_deg",
     )
 )
-"""Fields whose column has no empty cell: a gap is more likely an error than a wish for the number of `--case`."""
+"""Fields whose columns must not have empty cells: a gap is more likely a mistake than a request for the number of
+`--case`."""
 MAX_SHOWN = 40
 """Largest number of characters of a header that an error quotes or a suggestion is searched for."""
 MAX_COLUMNS = 10
@@ -92,7 +93,7 @@ class Column(NamedTuple):
 
 
 def is_needed(column: Column) -> bool:
-    """Return whether a column has no empty cell."""
+    """Return True if a column must not have empty cells."""
     return ".".join(column.steps) in NEEDED
 
 
@@ -126,13 +127,13 @@ class CaseTable:
     rows: Sequence[Row]
 
     def gives(self, pointer: str) -> bool:
-        """Return whether a column gives a field or a part of it."""
+        """Return True if a column gives a field or a part of it."""
         return any(f"{column.pointer}/".startswith(f"{pointer}/") for column in self.columns if column.steps)
 
     def described(self, row: Row, pointer: str, detail: str) -> str:
         """Return the message of an error, beginning with the cell; empty if no cell sets the field."""
         name, _, of_model = detail.removeprefix("`").partition("` ")
-        if of_model:  # An unknown model is an error of the part; the cell is that of its name.
+        if of_model:  # The error of an unknown model points to the part; its cell is that of the field with the name.
             pointer, detail = f"{pointer}/{name}", of_model
         for column, cell in zip(self.columns, row.cells, strict=True):
             if column.steps and column.pointer == pointer:
@@ -142,7 +143,7 @@ class CaseTable:
                     return f"{place}: {detail}{typed}{decimal_hint(cell)}"
                 if detail == MISSING:
                     return f"{place}: the cell is empty"
-        if detail == MISSING:  # Without its cell, the part that it would be in may be missing as a whole.
+        if detail == MISSING:  # If all cells of an object are empty, the pointer is that of the object.
             for column, cell in zip(self.columns, row.cells, strict=True):
                 if column.pointer.startswith(f"{pointer}/") and is_needed(column) and not cell:
                     return f"{self.path}:{row.line}: {column.header}: the cell is empty"
@@ -150,7 +151,7 @@ class CaseTable:
 
 
 class UnknownColumnsError(CommandError):
-    """Columns of a table are no fields of a case.
+    """Columns of a table are not fields of a case.
 
     Parameters
     ----------
@@ -173,12 +174,12 @@ def read_cases(file: Path, operation: str, base: Mapping[str, Any], keep: Collec
     base
         Fields of every case, which the cells of a row replace unless they are empty.
     keep
-        Headers of columns that are no fields and are only copied to the output.
+        Headers of columns that are not fields and are only copied to the output.
 
     Raises
     ------
     CommandError
-        If the file is no table, or columns are no fields of a case.
+        If the file is not a table, or columns are not fields of a case.
     """
     try:
         table = read_table(file, gaps=True)
@@ -208,7 +209,7 @@ def _columns(table: Table, fields: Sequence[str], keep: Collection[str]) -> list
     Raises
     ------
     CommandError
-        If some columns are no fields, or two of them are the same field.
+        If some columns are not fields, or two of them are the same field.
     """
     columns, unknown = list[Column](), list[str]()
     by_field = dict[str, str]()
@@ -246,7 +247,7 @@ def _field_of(header: str, fields: Sequence[str]) -> tuple[str, float, str]:
     name = "number" if stem == "#" else NO_WORD.sub("_", APOSTROPHES.sub("", stem.lower().translate(GREEK))).strip("_")
     if not found:
         found = {field: unit or given for field in fields if (given := _unit_in(name, field)) is not None}
-    # A field closer to the top takes precedence: the length of a projectile before that of its boat-tail.
+    # The field with the shortest path takes precedence: the length of a projectile before that of its boat-tail.
     nearest = min((field.count(".") for field in found), default=0)
     found = {field: unit for field, unit in found.items() if field.count(".") == nearest}
     if len(found) > 1:
@@ -276,7 +277,7 @@ def _remove_field(body: dict[str, Any], steps: Sequence[str]) -> None:
 
 
 def _unit_in(name: str, field: str) -> str | None:
-    """Return the unit in the name of a column for a field, empty without one, None if the name is of another field."""
+    """Return the unit in a column name that matches a field, empty without one; None if the name does not match."""
     last = field.rpartition(".")[2]
     names = {*ALIASES.get(field, ()), last.removesuffix(unit_end(last))}
     if name in names:
@@ -313,7 +314,7 @@ def _value(cell: str, factor: float) -> Any:
     cell = cell.replace(MINUS, "-")
     is_number = NUMBER.fullmatch(cell) is not None
     if is_number and factor != 1.0:
-        # In decimal arithmetic 80 mm are exactly 0.08 m, so that the case has the same key as one given in metres.
+        # Decimal arithmetic converts 80 mm to exactly 0.08 m, so that the case has the same key as one in metres.
         return float(Decimal(cell.lower().replace("d", "e")) * Decimal(repr(factor)))
     try:
         return json.loads(cell)

@@ -39,16 +39,17 @@ PAGE_SIZE = 1000
 UNFINISHED = frozenset({"accepted", "running"})
 """Statuses of a job that has not ended."""
 POLL_SECONDS = 0.2
-"""Interval between requests for the state of a job, a judgement: a progress bar moves five times a second. [s]"""
+"""Interval between requests for the state of a job, a rough choice: a progress bar moves five times a second. [s]"""
 JSON, PARQUET = "application/json", "application/vnd.apache.parquet"
 
 Content: TypeAlias = Callable[[], "bytes | Iterable[bytes]"]
-"""Function that returns a request body. It is called again when the request is repeated, as a stream is read once."""
+"""Function that returns a request body. It is called again when a request is repeated, since a stream can be read only
+once."""
 
 
 @contextmanager
 def connect(address: str, *, socket: str | None = None, **options: Any) -> Iterator["Client"]:
-    """Open a client for the service at an address, or behind a socket.
+    """Open a client for the service at an address, or at a socket in a file.
 
     Error messages never contain the text of the library, which quotes headers and URLs with the secrets in them.
 
@@ -84,7 +85,7 @@ def set_variables(names: Iterable[str]) -> list[str]:
 
 
 def direct_transport(url: httpx.URL, socket: str | None) -> dict[str, Any]:
-    """Return the options of a transport to this machine, which bypasses proxies; none for another machine."""
+    """Return the options of a transport that bypasses proxies, for a service on this machine; empty for others."""
     loopback = url.host == "localhost"
     with suppress(ValueError):
         loopback = loopback or ip_address(url.host).is_loopback
@@ -92,7 +93,7 @@ def direct_transport(url: httpx.URL, socket: str | None) -> dict[str, Any]:
 
 
 def wrong_variables(error: Exception) -> str:
-    """Return the message for environment variables that prevent a client, without their values (passwords)."""
+    """Return the message for invalid variables of proxies or certificates, without values, which may be passwords."""
     names = set_variables(CERTIFICATES if isinstance(error, OSError) else PROXIES)
     if isinstance(error, ImportError):
         names = [name for name in names if os.environ[name].startswith("socks")]
@@ -160,13 +161,13 @@ class Client:
         return parse(self._send("GET", path_of(job_id)))
 
     def job_at_its_end(self, job_id: str) -> dict[str, Any]:
-        """Wait until a job has ended, and return it. Its last result can be read a moment before its end."""
+        """Wait until a job has ended, and return its state. The last result can be available a moment earlier."""
         while (job := self.job(job_id))["status"] in UNFINISHED:
             time.sleep(POLL_SECONDS)
         return job
 
     def jobs(self) -> list[dict[str, Any]]:
-        """Return all jobs, the newest first."""
+        """Return the states of all jobs, the newest first."""
         found: list[dict[str, Any]] = []
         cursor = ""
         while True:
@@ -190,7 +191,7 @@ class Client:
         return self._send("GET", path, headers={"Accept": PARQUET}).content
 
     def cancel(self, job_id: str) -> dict[str, Any]:
-        """Cancel a job and return it."""
+        """Cancel a job, and return its state."""
         return parse(self._send("POST", f"{path_of(job_id)}/cancel"))
 
     def delete(self, job_id: str) -> None:
@@ -215,12 +216,12 @@ class Client:
                 # A repeated request is safe: computations have no side effects, and jobs have an idempotency key.
                 response = self._http.request(method, path, content=content() if content else None, headers=headers)
             except httpx.TransportError as error:
-                # A service that has never answered is more likely absent than restarting, so that waiting is in vain.
+                # A service that has never answered is more likely absent than restarting, so that it is not waited for.
                 if pause is None or not self._reached:
                     raise self._unreachable(error) from None
                 time.sleep(pause)
                 continue
-            # Any response, a refusal too, shows that a service is there.
+            # Any response, even an error, shows that a service is there.
             self._reached = True
             if response.is_success:
                 return response
@@ -230,8 +231,8 @@ class Client:
         raise AssertionError("the last attempt returns or raises")
 
     def _unreachable(self, error: httpx.TransportError) -> CommandError:
-        """Return the error of a service that does not answer."""
-        quotes = isinstance(error, httpx.LocalProtocolError)  # Its text may quote headers, and so the key.
+        """Return the error to raise if the service does not answer."""
+        quotes = isinstance(error, httpx.LocalProtocolError)  # Its text may quote the header with the key.
         reason = type(error).__name__ if quotes else reason_of(error) or type(error).__name__
         if not direct_transport(self._http.base_url, self._socket):
             names = set_variables(("ALL_PROXY", f"{self._http.base_url.scheme.upper()}_PROXY"))
@@ -241,7 +242,7 @@ class Client:
 
 def without_secrets(address: str) -> str:
     """Return an address without the parts that may contain a password or a key."""
-    # Only these parts of an address can carry a password or a key; any other address is shown as it was typed.
+    # Passwords and keys can only be in user information, query and fragment; any other address is shown as typed.
     if not any(mark in address for mark in "@?#"):
         return address
     try:
@@ -257,7 +258,7 @@ def path_to(operation: str) -> str:
 
 
 def path_of(job_id: str) -> str:
-    """Return the path of a job; any text is a valid id."""
+    """Return the path of a job, with reserved characters of its id quoted."""
     return f"/jobs/{quote(job_id, safe='')}"
 
 
@@ -299,5 +300,5 @@ def refusal(response: httpx.Response) -> RefusedError:
 def retry_pause(response: httpx.Response) -> float:
     """Return the time to wait before a request is repeated. [s]"""
     seconds = response.headers.get("Retry-After", "")
-    # `Retry-After` may also be a date, which this service does not send; then one second is waited.
+    # `Retry-After` may also be a date, which this service does not send; the pause is then one second.
     return min(float(seconds) if seconds.isdigit() else 1.0, LONGEST_PAUSE)

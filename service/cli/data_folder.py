@@ -29,15 +29,15 @@ CACHE_ACTIONS = (
     ("evict", "remove the least recently used results", "ricochet cache evict --bytes 1000000000"),
 )
 MAX_OWNER_LENGTH = 100
-"""Largest number of characters of an owner, a judgement: the name appears in each line of the audit log."""
+"""Largest number of characters of an owner, a rough choice: the name appears in each line of the audit log."""
 MAX_CASES = 1_000_000_000
-"""Largest quota in cases per hour. It only stops a slip of the pen: no service computes as many."""
+"""Largest quota in cases per hour. It only catches typing errors: no service computes as many."""
 MAX_DAYS = 36_500.0
-"""Longest lifetime of a key, a century, which only stops a slip of the pen. [days]"""
+"""Longest lifetime of a key, a century, which only catches typing errors. [days]"""
 
 
 def add_folder(parser: argparse.ArgumentParser) -> None:
-    """Add `--data-dir`."""
+    """Add the flag `--data-dir`, which selects the data folder of a service."""
     parser.add_argument("--data-dir", metavar="FOLDER", help=f"the data folder (default: {DATA_DIR})")
 
 
@@ -47,7 +47,7 @@ def settings_for(args: argparse.Namespace) -> "Settings":
 
 
 def add_keys(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet keys`."""
+    """Add the arguments of `ricochet keys`."""
     parser.description = "Add, list and revoke the API keys in the data folder, RICOCHET_DATA_DIR."
     parser.epilog = examples("ricochet keys add --owner alice --cases-per-hour 100000")
     actions = add_actions(parser, KEY_ACTIONS)
@@ -61,7 +61,10 @@ def add_keys(parser: argparse.ArgumentParser) -> None:
         "--scope", action="append", choices=SCOPES, help="what the key permits, repeatable (default: read and run)"
     )
     add.add_argument(
-        "--cases-per-hour", type=_cases, metavar="NUMBER", help="most cases in any hour (default: unlimited)"
+        "--cases-per-hour",
+        type=_cases,
+        metavar="NUMBER",
+        help="largest number of cases in any hour (default: unlimited)",
     )
     add.add_argument("--expires", type=_days, metavar="DAYS", help="lifetime of the key (default: until revoked)")
     actions["revoke"].add_argument("id", metavar="ID", help="id of the key, from `ricochet keys list`")
@@ -135,7 +138,7 @@ def _days(text: str) -> float:
 
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet cache`."""
+    """Add the arguments of `ricochet cache`."""
     parser.description = "Inspect and repair the results in the data folder, RICOCHET_DATA_DIR."
     parser.epilog = examples("ricochet cache stat")
     actions = add_actions(parser, CACHE_ACTIONS)

@@ -20,11 +20,11 @@ FLAGS = (
 
 
 def add_flight(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet flight`."""
+    """Add the arguments of `ricochet flight`."""
     parser.description = (
-        "Compute where a body lands that leaves a face with some speed and elevation: a point mass with quadratic "
-        "drag. The direction in which a tumbling body leaves is the least certain of all, so the farthest distance "
-        "at any elevation is printed too."
+        "Compute where a body lands after it leaves a face with a given speed and elevation, as a point mass with "
+        "quadratic drag. The direction in which a tumbling body leaves is the least certain input, so the farthest "
+        "distance at any elevation is printed too."
     )
     parser.epilog = examples("ricochet flight --speed 101.1 --elevation 19.18 --mass 13 --area 0.0321")
     add_numbers(parser, FLAGS)

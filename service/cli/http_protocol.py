@@ -1,7 +1,7 @@
-"""HTTP/1.1 by uvicorn and httptools, with two changes: offers of an upgrade are ignored, and heads are bounded.
+"""HTTP/1.1 by uvicorn and httptools, with two changes: upgrades are ignored, and the size of heads is limited.
 
-Uvicorn's other parser, h11, ignores upgrades too. But a head of 64 kB, with a header of blanks that ends in a NUL,
-keeps its regular expression busy for 13 s, and the event loop with it; one of 4 kB for 65 ms.
+Uvicorn's other parser, h11, ignores upgrades too. But its regular expression takes 13 s for a head of 64 kB with a
+header of blanks that ends in a NUL (65 ms for 4 kB), and blocks the event loop meanwhile.
 """
 
 from typing import Any
@@ -33,7 +33,7 @@ class RequestParser(HttpRequestParser):
 
 
 class HttpProtocol(HttpToolsProtocol):
-    """HTTP connection that ignores offers of an upgrade and bounds heads.
+    """HTTP connection that ignores offers of an upgrade and limits the size of heads.
 
     A server may ignore an offer to change the protocol (RFC 9110, section 7.8), which Java's client and `curl --http2`
     make with every request. llhttp, the parser in httptools, does not read the body of such a request and expects
@@ -52,10 +52,10 @@ class HttpProtocol(HttpToolsProtocol):
         """Parse some bytes; refuse a head that is too long."""
         begun = self.headers if self._in_head else None
         super().data_received(data)
-        while again := self._declined:  # A loop and no recursion: thousands of pipelined requests may offer an upgrade.
+        while again := self._declined:  # A recursion could overflow: thousands of requests may be pipelined.
             self._declined = b""
             super().data_received(again)
-        if not self._in_head or self.headers is not begun:  # Each request has its own list, so this head is a new one.
+        if not self._in_head or self.headers is not begun:  # Each request has its own list: this head is new.
             return
         self._head_bytes += len(data)
         if self._head_bytes > MAX_HEAD_BYTES and not self.transport.is_closing():
@@ -77,7 +77,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._declined = line + fields + b"\r\n" + rest
 
     def on_message_begin(self) -> None:
-        """Begin a request."""
+        """Count the bytes of a new head from zero, and begin the request."""
         self._in_head, self._head_bytes = True, 0
         super().on_message_begin()
 

@@ -63,10 +63,10 @@ TABLE_ENDINGS = (".csv", ".xlsx")
 
 
 def add_init(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet init`."""
+    """Add the arguments of `ricochet init`."""
     parser.description = (
-        "Write a file of a strike to start from, that of the source paper, with every nose shape and strength law as a "
-        "comment; or with --table a table of cases for `ricochet batch`. A file that is there already is left as it is."
+        "Write a file of a strike to start from: the strike of the source paper, with every nose shape and strength "
+        "law as a comment; or with --table a table of cases for `ricochet batch`. An existing file is not changed."
     )
     parser.epilog = examples("ricochet init", "ricochet init wall.toml", "ricochet init --table cases.csv")
     options = {"nargs": "?", "default": "strike.toml", "help": "default: strike.toml"}
@@ -76,7 +76,7 @@ def add_init(parser: argparse.ArgumentParser) -> None:
 
 
 def run_init(args: argparse.Namespace) -> int:
-    """Write the file."""
+    """Write the file of a strike or, with `--table`, a table of cases."""
     file, command, content = args.file, "cra", STRIKE.encode()
     if args.table:
         file, command = args.table, "batch"
@@ -104,18 +104,18 @@ def as_workbook(table: str) -> bytes:
 
 
 def add_completion(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet completion`."""
+    """Add the arguments of `ricochet completion`."""
     parser.description = (
         "Print a script with which a shell completes commands, flags, their choices and files. Append it to ~/.bashrc "
         "or ~/.zshrc, or write it to ~/.config/fish/completions/ricochet.fish."
     )
     parser.epilog = examples("ricochet completion bash", "ricochet completion zsh", "ricochet completion fish")
-    parser.add_argument("shell", choices=("bash", "zsh", "fish"), help="the shell that reads it")
+    parser.add_argument("shell", choices=("bash", "zsh", "fish"), help="shell for which the script is printed")
     parser.set_defaults(run=run_completion)
 
 
 def run_completion(args: argparse.Namespace) -> int:
-    """Print the script of argcomplete, which asks this command at each completion."""
+    """Print the script of argcomplete, which runs this command for each completion."""
     from argcomplete.shell_integration import shellcode
 
     print(shellcode(["ricochet"], shell=args.shell))

@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.05, 0.5
-"""First and longest interval between requests for new results of a job, doubled each time [s]. A judgement: a small job
-is noticed at once, and a long one costs two requests a second."""
+"""First and longest interval between requests for new results of a job, doubled each time [s]. A rough choice: a small
+job is noticed at once, and a long one costs two requests a second."""
 ACTIONS = (
     ("list", "list the jobs, the newest first", "ricochet jobs list"),
     ("show", "print the state of a job", "ricochet jobs show ID --json"),
@@ -51,7 +51,7 @@ ACTIONS = (
 
 
 def add_jobs(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet jobs`."""
+    """Add the arguments of `ricochet jobs`."""
     parser.description = "List, follow and cancel the jobs of a service: batches and sweeps that run in the background."
     parser.epilog = examples(f"ricochet jobs list --url {DEFAULT_URL}")
     for action, subparser in add_actions(parser, ACTIONS).items():
@@ -107,13 +107,13 @@ def _summary(job: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _queue(job: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the place of a job and the time that is left of it, both empty if it has ended."""
+    """Return the place of a job in the queue and its remaining time, both empty if it has ended."""
     queue = job.get("queue", {})
     return {"jobs ahead": queue.get("jobs_ahead", ""), "remaining s": queue.get("remaining_s", "")}
 
 
 def print_results(client: "Client", args: argparse.Namespace) -> int:
-    """Write the results of a job."""
+    """Write the results of a job until it ends; return the exit status."""
     job = client.job(args.id)
     with open_output(args) as stream:
         return follow(client, job, args, stream)
@@ -145,14 +145,14 @@ class BatchRequest:
 def run_batch(args: argparse.Namespace, request: BatchRequest) -> int:
     """Compute cases as a job, write their results, and return the exit status."""
     with service_for(args) as client, open_output(args) as stream:
-        # The random idempotency key makes a repeated submission safe, and two equal batches two jobs.
+        # With a random idempotency key a repeated submission is safe, and two equal batches become two jobs.
         job = client.submit(request.path, request.content, request.media_type, uuid4().hex)
         if args.url:
             return follow(client, job, args, stream, request)
         try:
             return follow(client, job, args, stream, request)
         finally:
-            # Nobody can ask this private service for the job any more; its results are kept in the cache.
+            # The private service ends here, so that the job is of no further use; its results stay in the cache.
             with suppress(CommandError):
                 client.delete(job["id"])
 
@@ -198,13 +198,13 @@ def kept_rows(args: argparse.Namespace, stream: TextIO, counts: Counts, total: i
     try:
         yield
     except BaseException:
-        if args.output and Path(stream.name).stat().st_size:  # All writers have flushed what they wrote.
+        if args.output and Path(stream.name).stat().st_size:  # All writers flush what they write.
             print(f"{counts.total:,} of {total:,} rows in {stream.name}", file=sys.stderr)
         raise
 
 
 def report_counts(args: argparse.Namespace, counts: Counts) -> None:
-    """Print the number of results on standard error, unless all went into a pipe without a problem."""
+    """Print the number of results on standard error, unless all were written to a pipe without a problem."""
     if args.output or counts.failed or sys.stdout.isatty():
         print(counts, file=sys.stderr)
 
@@ -217,7 +217,7 @@ def service_for(args: argparse.Namespace) -> AbstractContextManager["Client"]:
         return connect(args.url)
     from service.workers.template import template
 
-    template.start()  # It loads the solver while this process imports the server.
+    template.start()  # The template loads the solver while this process imports the server.
     from service.cli.server import local_server
 
     data_dir: Path | None = args.data_dir
@@ -249,11 +249,12 @@ def follow(
     inputs = request.inputs if request else None
     writers: list[Writer] = [*(request.writers if request else ()), counts]
     if not args.parquet:
-        asked = client.job(job["id"]).get("request", {})  # The answer to a submission does not repeat it.
+        asked = client.job(job["id"]).get("request", {})  # The answer to a submission lacks the request.
         base = asked["base"] if "axes" in asked else None
         writers.insert(0, writer_for(args, stream, job["operation"], base, inputs))
     if args.parquet:
-        client.parquet(job["id"], limit=1)  # A service without Parquet refuses this now instead of after the work.
+        # A service without Parquet refuses the output now rather than after the work.
+        client.parquet(job["id"], limit=1)
     with kept_rows(args, stream, counts, job["counts"]["total"]):
         try:
             with progress("computing") as report:
@@ -262,7 +263,7 @@ def follow(
                     for writer in writers:
                         writer.write(items)
         except KeyboardInterrupt:
-            # The hint is printed for Ctrl-C only: a job of a service goes on without this command.
+            # The hint is printed for Ctrl-C only, after which the job of a service continues without this command.
             print(how_to_continue(job, args), file=sys.stderr)
             raise
         if args.parquet:
@@ -291,7 +292,7 @@ def pages(client: "Client", job_id: str, report: ProgressReport) -> Iterator[Seq
             return
         counts = client.job(job_id)["counts"]
         report(counts["done"], counts["total"])
-        # The cursor has not moved, so that there is nothing new; only then is a pause made.
+        # A pause is made only if the cursor has not moved, which means that there are no new results.
         if page["next"] == cursor:
             time.sleep(pause)
             pause = min(2.0 * pause, LONGEST_PAUSE)

@@ -17,7 +17,7 @@ second or two."""
 
 
 def is_small(operation: str, count: int) -> bool:
-    """Return True if `count` cases are computed in this process."""
+    """Return True if `count` cases are few enough to be computed in this process."""
     from service.operations import OPERATIONS
 
     return count * OPERATIONS[operation].weight <= SMALL_CASES
@@ -36,12 +36,12 @@ def refusals() -> Iterator[None]:
 
 
 MOST_CHECKED = 2_000
-"""Number of cases of a batch that the solver checks before the computation, in 0.4 ms each, 0.8 s in all. A later case
-whose values contradict each other has a problem as its result."""
+"""Largest number of cases of a batch that the solver checks before the computation, in 0.4 ms each and 0.8 s in all.
+Any further case whose values contradict each other has a problem as its result."""
 
 
 def wrong_cases(operation: str, cases: Iterable[Any]) -> dict[int, list[dict[str, str]]]:
-    """Return the errors of the cases of a batch by number, from the same checks as those of the routes.
+    """Return the errors of a batch by the number of the case, from the checks that a service makes.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ from service.cli.arguments import FAILED, CommandError, InputFile
 
 ONE_ANSWER = {".json": "json", ".csv": "csv"}
 MANY_ANSWERS = {".jsonl": "json", ".ndjson": "json", ".csv": "csv", ".parquet": "parquet", ".xlsx": "xlsx"}
-"""Flags of formats by file extension."""
+"""Format flags by file extension, for commands with many answers."""
 PLOT = (".png", ".svg", ".pdf")
 MEANINGFUL, ALL_DIGITS = 6, 17
 """Default and largest number of significant digits. A search ends within 0.01°, and runs are accurate to 1e-6 of their
@@ -73,7 +73,7 @@ class OutputFile:
         return found
 
     def check(self, others: "Collection[InputFile | OutputFile]") -> None:
-        """Check before the computation that the file can be written and is none of the others.
+        """Check before the computation that the file can be written and differs from the other files.
 
         Raises
         ------
@@ -152,7 +152,7 @@ class OutputFile:
 
 
 def _target(path: Path) -> Path:
-    """Follow links to the file, which need not exist. A pipe behind a link of /proc has no other path."""
+    """Return the file that links lead to, which need not exist. A pipe of /proc has no path but that of its link."""
     resolved = Path(os.path.realpath(path)) if path.is_symlink() else path
     return path if path.exists() and not resolved.exists() else resolved
 
@@ -195,7 +195,7 @@ def _replace(path: Path, partial_name: str, before: os.stat_result | None) -> No
     except OSError:
         if before is None:
             raise
-        # A mount point cannot be renamed over, nor can a file on another file system be renamed.
+        # Renaming cannot replace a mount point, and cannot move a file from another file system.
         shutil.copyfile(partial_name, path)
         Path(partial_name).unlink()
 
@@ -212,7 +212,7 @@ def add_formats(
     parser: argparse.ArgumentParser, *, json: str, csv: str, endings: Mapping[str, str] = ONE_ANSWER
 ) -> Any:
     """Add `--output`, `--json`, `--csv` and `--digits`; return the group of the formats, which exclude each other."""
-    described = f"write to a file, in the format of its name: {', '.join(endings)}; else a flag says the format"
+    described = f"write to a file, in the format of its name: {', '.join(endings)}; else a flag selects the format"
     add_output_file(parser, "-o", "--output", endings=endings, help=described)
     formats = parser.add_mutually_exclusive_group()
     formats.add_argument("--json", action="store_true", help=json)
@@ -242,11 +242,11 @@ def add_output(parser: argparse.ArgumentParser) -> None:
     formats.add_argument(
         "--parquet", action="store_true", help="write the summaries as Parquet; needs the extra parquet at the service"
     )
-    parser.set_defaults(xlsx=False)  # It is set by a file extension only: nobody reads a workbook from a pipe.
+    parser.set_defaults(xlsx=False)  # Only a file extension sets it: workbooks are not read from pipes.
 
 
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add `--plot`."""
+    """Add the flag `--plot` for a file; `what` says in its help text what is plotted."""
     add_output_file(parser, "--plot", endings=PLOT, help=f"plot {what}, as .svg, .png or .pdf")
 
 
@@ -279,7 +279,7 @@ def check_outputs(args: argparse.Namespace) -> None:
 
 
 def _is_standard(output: OutputFile) -> bool:
-    """Return True if a path names standard output, which must not be opened a second time: output would mix."""
+    """Return True if a path names standard output, which must not be opened twice, since both outputs would mix."""
     if output.text == STANDARD:
         return True
     with suppress(OSError):

@@ -13,12 +13,12 @@ from service.cli.arguments import STRIKE, UsageError
 from service.names import ALIASES
 
 NEGATIVE = re.compile(r"-\.?\d")
-"""Pattern of the begin of a negative number."""
+"""Pattern of the first characters of a negative number."""
 FLAG_COLUMN = re.compile(r"^  (-.*)$", re.MULTILINE)
 """Pattern of the lines of a help text that begin with a flag."""
 FLAG = re.compile(r"(?<![\w-])--?[a-z][a-z-]*")
 SIMILAR = 0.7
-"""Similarity above which a misspelt flag gets a suggestion, by difflib, the hyphens before it aside. [1]"""
+"""Ratio of difflib from which a flag without its hyphens is suggested for a misspelt one, a rough choice. [1]"""
 WORDING: Sequence[tuple[str, Callable[[re.Match[str]], str]]] = (
     (
         r"argument (?P<flag>-.*?): invalid choice: '?(?P<word>.*?)'? \(choose from (?P<known>.*)\)",
@@ -35,8 +35,8 @@ WORDING: Sequence[tuple[str, Callable[[re.Match[str]], str]]] = (
     (r"the following arguments are required: (.*)", lambda found: f"{found[1]}: is missing"),
     (r"argument (.*)", lambda found: found[1]),
 )
-"""Patterns of argparse's error messages, with functions that reword them. argparse offers no other form of an error;
-messages that match none are printed unchanged."""
+"""Patterns of argparse's error messages, with functions that reword them. argparse reports errors only as text;
+messages that match no pattern are printed unchanged."""
 
 
 class Parser(argparse.ArgumentParser):

@@ -12,6 +12,7 @@ from typing import Any
 
 from service.cli.arguments import (
     FAILED,
+    SHOWN_UNITS,
     STRIKE,
     CommandError,
     RefusedError,
@@ -25,6 +26,7 @@ from service.cli.plots import check_plot
 from service.cli.request_body import read_body
 from service.cli.writers import progress
 
+FLAGS = (*STRIKE, SHOWN_UNITS)
 BROWSERS = (
     "chromium",
     "chromium-browser",
@@ -50,15 +52,17 @@ PRINT_SECONDS = 120.0
 
 
 def add_report(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet report`."""
+    """Add the arguments of `ricochet report`."""
     parser.description = (
-        "Write the report of one strike on two pages of A4: its critical angle with the usual scatter and under other "
-        "models, runs just below and just above, limits of validity, and the formulas of the field. With --angle the "
+        "Write a report of one strike on two pages of A4: its critical angle with the usual scatter and under other "
+        "models, runs just below and just above it, limits of validity, and the empirical formulas. With --angle the "
         "strike at that angle is judged too. It computes some 300 cases. A PDF is printed by an installed Chromium, "
         "Chrome or Edge."
     )
-    parser.epilog = examples("ricochet report strike.toml", "ricochet report strike.toml --angle 30 -o report.pdf")
-    add_case(parser, STRIKE)
+    parser.epilog = examples(
+        "ricochet report strike.toml", "ricochet report strike.toml --angle 30 --units us -o report.pdf"
+    )
+    add_case(parser, FLAGS)
     described = "file to write, .html or .pdf, or - to print the HTML (default: %(default)s)"
     add_output_file(parser, "-o", "--output", endings=(".html", ".pdf"), default="report.html", help=described)
     add_url(parser)
@@ -74,7 +78,7 @@ def run_report(args: argparse.Namespace) -> int:
         If the report cannot be made, or the file cannot be written.
     """
     browser = find_browser() if args.output and args.output.ending() == ".pdf" else ""
-    body = read_body(args.case, args, STRIKE)
+    body = read_body(args.case, args, FLAGS)
     try:
         page = _fetch_report(args.url, body.content) if args.url else make_report(body.content).encode()
     except RefusedError as error:

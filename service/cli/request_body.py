@@ -15,14 +15,14 @@ from service.cli.arguments import MODEL_NAMES, CommandError, Flag, InputFile, Re
 
 STDIN = "-"
 MAX_BYTES, MAX_OBJECT = 2**30, 10_000_000
-"""Largest table of cases and largest case that are read, since a device such as /dev/zero has no end [bytes]. 1 GiB is
-ten times the largest batch of a service, 10 MB a hundred times the largest case."""
+"""Largest table of cases and largest case that are read [bytes]; without a limit, a device such as /dev/zero would be
+read forever. 1 GiB is ten times the largest batch of a service, 10 MB a hundred times the largest case."""
 QUOTED = re.compile(r""""(?:[^"\\\n]|\\.)*+"?|'[^'\n]*+'?""")
 DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
 """Pattern of a key of more than 100 parts outside of quotes. The time of tomllib grows with the square of their number,
 so that it would take minutes."""
 MISSING = "is missing"
-"""Message for a missing required field, as of `service.schemas.wording`."""
+"""Message for a missing required field, the same as in `service.schemas.wording`."""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics", "strength_scatter"}
 SOUGHT = {"thickness": ("target", "thickness_m"), "limit-speed": ("impact", "velocity_m_s")}
 """Field that a search for perforation determines, by operation."""
@@ -105,7 +105,7 @@ def read_body(file: str | Path | None, args: argparse.Namespace, flags: Sequence
 
 
 def read_own_shots(flag: Flag, file: InputFile) -> list[dict[str, float]]:
-    """Read a file of shots, and return them in the form of own tests.
+    """Read a file of the user's own shots, and return them as the `shots` of the model `own_tests`.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def _put_number(body: dict[str, Any], flag: Flag, value: float | None) -> None:
 
 
 def put_model(body: dict[str, Any], part: tuple[str, ...], chosen: Sequence[tuple[Flag, Any]]) -> None:
-    """Set a union from its flags. The model of the file is kept if it has the fields of the flags.
+    """Set a part with several models from its flags. The model of the file is kept if it has the fields of the flags.
 
     Raises
     ------
@@ -181,11 +181,11 @@ def _split(text: str) -> tuple[str, Any]:
     try:
         return field, json.loads(value)
     except (ValueError, RecursionError):
-        return field, value  # The value is a word, such as the name of a model.
+        return field, value  # The value is text, such as the name of a model.
 
 
 def put_field(body: dict[str, Any], steps: Sequence[str], value: Any, text: str) -> None:
-    """Set any field of a body. `text` is the input of the user, for the error if a parent is no object."""
+    """Set any field of a body. `text` is the input of the user, for the error if a parent is not an object."""
     parent = body
     for step in steps[:-1]:
         parent = parent.setdefault(step, {})

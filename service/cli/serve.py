@@ -43,7 +43,7 @@ log = logging.getLogger(__name__)
 
 
 def add_serve(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet serve`."""
+    """Add the arguments of `ricochet serve`."""
     parser.description = (
         "Run the service until SIGTERM or Ctrl-C. It is configured by RICOCHET_HOST, RICOCHET_PORT, RICOCHET_DATA_DIR, "
         "RICOCHET_WORKERS and the other variables of docs/operating.md."
@@ -68,7 +68,7 @@ def run_serve(args: argparse.Namespace) -> int:
     if settings.executor != "in-process":
         from service.workers.template import template
 
-        template.start()  # It loads the solver while this process imports the application.
+        template.start()  # The template loads the solver while this process imports the application.
     from service.api.app import create_app
     from service.auth.api_keys import KeysUnreadableError
     from service.cli.server import Server
@@ -90,7 +90,7 @@ def run_serve(args: argparse.Namespace) -> int:
     check_access(settings, app.state.services.keys)
     check_proxy(settings)
     warn_of_readers(*filter(None, (settings.data_dir / "auth.sqlite", settings.tls_key)))
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # Uvicorn raises it again after its shutdown.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # Uvicorn raises the signal again after its shutdown.
     server = Server(app, settings, lambda port: print_address(settings, port))
     try:
         with suppress(KeyboardInterrupt):
@@ -98,7 +98,7 @@ def run_serve(args: argparse.Namespace) -> int:
     except (UnusableFolderError, ExecutorError, OSError) as error:
         raise CommandError(reason_of(error), NOT_STARTED) from None
     except RuntimeError as error:
-        if "start new thread" not in str(error):  # Python has no exception of its own for it.
+        if "start new thread" not in str(error):  # Python has no specific exception for a failed start.
             raise
         raise CommandError(f"{error}; {LIMIT_HINT}", NOT_STARTED) from None
     except Exception:
@@ -159,7 +159,7 @@ def check_access(settings: "Settings", keys: "ApiKeyStore") -> None:
 
 
 def check_proxy(settings: "Settings") -> None:
-    """Log a warning if other machines reach the service without a proxy, which alone limits slow clients."""
+    """Log a warning if other machines reach the service without a proxy, since only a proxy limits slow clients."""
     if not settings.on_loopback and not settings.trusted_proxies:
         log.warning(
             "the service on %s does not limit slow clients: put a proxy in front of it as in docs/how-to/deploy.md and "
@@ -177,7 +177,7 @@ def print_address(settings: "Settings", port: int | None) -> None:
 
 
 def add_mcp(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet mcp`."""
+    """Add the arguments of `ricochet mcp`."""
     parser.description = (
         "Offer critical angles, trajectories, uncertainty and wall thicknesses as tools of the Model Context Protocol, "
         "over standard input and output, until the input ends. Computed here or by a service. Needs the extra mcp."
@@ -210,7 +210,7 @@ def run_mcp(args: argparse.Namespace) -> int:
 
 
 async def serve_tools(client: "Client") -> None:
-    """Answer messages. A computation ends when its call is cancelled or the input ends."""
+    """Answer the messages of an MCP client. A computation ends when its call is cancelled or the input ends."""
     from mcp.server.stdio import stdio_server
 
     from service.api.mcp_tools import ToolError, server_of
@@ -257,7 +257,7 @@ async def lines_of(descriptor: int) -> AsyncIterator[str]:
 
 
 def add_openapi(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet openapi`."""
+    """Add the arguments of `ricochet openapi`."""
     parser.description = f"Write the contract of the service to {CONTRACT}."
     parser.epilog = examples("ricochet openapi")
     parser.add_argument("--check", action="store_true", help="only check that the file is up to date")

@@ -30,7 +30,7 @@ from solver.compilation import compilation_progress
 SOCKET_FOLDER_BYTES = 70
 """Longest path of the folder of a socket [bytes]. The names below it take 24; macOS allows 103 in all, Linux 107."""
 TICK_SECONDS = 0.1
-"""Interval between checks for a signal during a slow start, so that SIGTERM seems to act at once. [s]"""
+"""Interval between checks for a signal during a slow start, short enough for SIGTERM to seem immediate. [s]"""
 MAX_CONNECTIONS = 800
 """Largest number of open connections. Each takes 10 kB and one of the usual 1,024 file descriptors, of which files and
 workers need some. Further connections are answered with 503."""
@@ -40,7 +40,7 @@ sends a request on a connection that is being closed here."""
 TERMINATED = 143
 """Exit status after SIGTERM, as reported by shells: 128 plus the number of the signal."""
 PROGRESS_SECONDS = 5.0
-"""Interval between lines of the log while the solver is compiled, a judgement: it takes half a minute or more. [s]"""
+"""Interval between lines of the log while the solver is compiled, a rough choice: it takes half a minute. [s]"""
 
 log = logging.getLogger(__name__)
 
@@ -143,7 +143,7 @@ def socket_folder() -> str:
 def local_server(data_dir: Path | None) -> Iterator[Client]:
     """Run a private service in this process, with its own workers, cache and jobs, and open a client for it.
 
-    Many cases are thus computed by the same code locally and by a service.
+    Batches and sweeps are thus computed by the same code locally and by a service.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def local_server(data_dir: Path | None) -> Iterator[Client]:
     CommandError
         If the folder belongs to a running service, or the workers cannot be started.
     """
-    previous = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # Unwinds the contexts below.
+    previous = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # This exits the contexts below.
     with (
         tempfile.TemporaryDirectory(prefix="ricochet-") as folder,
         tempfile.TemporaryDirectory(prefix="ricochet-", dir=socket_folder()) as sockets,

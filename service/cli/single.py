@@ -28,7 +28,7 @@ ENDS = {"outcome": OUTCOMES, "status": STATUSES}
 
 
 def add_trajectory(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet trajectory`."""
+    """Add the arguments of `ricochet trajectory`."""
     parser.description = (
         "Compute the motion of a projectile from first contact until it ricochets, comes to rest, or reaches the "
         "termination time."
@@ -47,11 +47,11 @@ def add_trajectory(parser: argparse.ArgumentParser) -> None:
 
 
 def add_cra(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet cra`."""
+    """Add the arguments of `ricochet cra`."""
     parser.description = (
         "Find the smallest oblique angle, from the inward normal of the face, at which a projectile ricochets, with "
-        "its 90 % range by the usual scatter; with --angle, judge the strike at that angle too. Prints one line; if "
-        "there is no such angle in the range, it says so."
+        "its 90 % range under the usual scatter; with --angle, judge the strike at that angle too. The answer is one "
+        "line, which also says if there is no such angle in the range."
     )
     parser.epilog = examples(
         "ricochet cra strike.toml",
@@ -68,7 +68,7 @@ def add_cra(parser: argparse.ArgumentParser) -> None:
 
 
 def add_operation_command(commands: Any, name: str) -> argparse.ArgumentParser | None:
-    """Define a command for an operation without one of its own; None for an unknown operation."""
+    """Add a command for an operation that has none of its own, and return its parser; None for an unknown operation."""
     from service.operations import OPERATIONS
 
     if name not in OPERATIONS or OPERATIONS[name].many is None:
@@ -232,7 +232,7 @@ def print_motion(answer: Mapping[str, Any], *, verbose: bool) -> None:
 
 
 def print_search(answer: Mapping[str, Any], verdict: Mapping[str, Any], *, verbose: bool, shots: str) -> None:
-    """Print the verdict, the effect of own shots if there are any, and with `verbose` the trials and numbers."""
+    """Print the verdict, the effect of the user's own shots if any, and with `verbose` the trials and numbers."""
     if verbose:
         columns = ("oblique_angle_deg", "final_position_m", "outcome")
         rows = [
@@ -260,7 +260,7 @@ def print_search(answer: Mapping[str, Any], verdict: Mapping[str, Any], *, verbo
 
 
 def shots_sentence(body: RequestBody, answer: Mapping[str, Any]) -> str:
-    """Return a sentence with the effect of own shots on S; empty without shots or without a critical angle."""
+    """Return a sentence on the effect of the user's own shots on S; empty without shots or without an angle."""
     if "own_tests" not in answer or body.value_at("/resistance/strength_factor/model") != "own_tests":
         return ""
     tests = answer["own_tests"]

@@ -43,11 +43,11 @@ WIDE = (7.0, 4.0)
 
 
 def add_uncertainty(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet uncertainty`."""
+    """Add the arguments of `ricochet uncertainty`."""
     parser.description = (
-        "Estimate the probability of ricochet over the oblique angle, and what the critical angle is sensitive to; "
-        "with --angle, the probability of each outcome of that strike. Without inputs that scatter, the usual ones do: "
-        "what tests of this kind leave unknown."
+        "Estimate the probability of ricochet over the oblique angle, and the sensitivity of the critical angle to "
+        "each input; with --angle, the probability of each outcome of that strike. If no input is uncertain, the "
+        "usual scatter of the inputs is assumed."
     )
     parser.epilog = examples(
         "ricochet uncertainty strike.toml",
@@ -62,14 +62,14 @@ def add_uncertainty(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="FIELD=TYPE:...",
         help="scatter of a field: normal:MEAN:DEVIATION, truncated_normal:MEAN:DEVIATION:LOWER:UPPER, "
-        "lognormal:MEDIAN:DISPERSION, log_student_t:MEDIAN:SCALE:FREEDOM or that with :LOWER:UPPER, "
+        "lognormal:MEDIAN:DISPERSION, log_student_t:MEDIAN:SCALE:FREEDOM with an optional :LOWER:UPPER, "
         "uniform:LOWER:UPPER, triangular:LOWER:MODE:UPPER, or discrete:VALUE@WEIGHT:VALUE@WEIGHT...; adds to "
         "[[uncertain]] tables of the file",
     )
     parser.add_argument(
         "--next-shot",
         action="store_true",
-        help="say what one and three shots of your own into the concrete would make of the 90 %% range",
+        help="print the 90 %% range to expect after one and after three shots of your own into the concrete",
     )
     add_formats(parser, json="print the answer as the service sends it", csv="print the probabilities")
     add_verbose(parser, "print the warnings in full, with the standing notes")
@@ -134,12 +134,12 @@ def with_usual_scatter(body: RequestBody) -> None:
 
 
 def next_shot_advice(answer: Mapping[str, Any]) -> str:
-    """Return the advice on the value of further own shots, in one sentence.
+    """Return one sentence of advice on the value of further shots by the user.
 
     Raises
     ------
     CommandError
-        If the study has no uncertain S.
+        If S is not an uncertain input of the study.
     """
     from service.schemas.verdict import next_shot_advice_in
 
@@ -177,7 +177,7 @@ def estimate_here(operation: str, body: RequestBody) -> bytes:
 
 
 def reached(half_width: float | None, requested: float) -> str:
-    """Return a text with the half width reached and requested; empty before there is one."""
+    """Return a text with the half width reached and requested; empty before one is known."""
     return "" if half_width is None else f"half width {half_width:.2g}, requested {requested:g}"
 
 

@@ -37,12 +37,12 @@ BRACKETS = {"least_thickness_m": "bracket_m", "limit_speed_m_s": "bracket_m_s"}
 
 
 def add_thickness(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet thickness`."""
+    """Add the arguments of `ricochet thickness`."""
     parser.description = (
-        "Judge how thick a wall must be: design values against perforation and scabbing by the empirical formulas of "
-        "the field, which take the component of the velocity along the normal, and the least thickness that a strike "
-        "does not perforate by the model. A thickness in the file is judged. Other parts than projectile, target, "
-        "impact, resistance and numerics are left out."
+        "Judge how thick a wall must be: design values against perforation and scabbing by the empirical formulas, "
+        "which use the component of the velocity along the normal, and the least thickness that a strike does not "
+        "perforate by the model. If the file has a thickness, it is judged. Everything in the file but projectile, "
+        "target, impact, resistance and numerics is ignored."
     )
     parser.epilog = examples(
         "ricochet thickness strike.toml --angle 30", "ricochet thickness strike.toml --angle 0 --json"
@@ -55,11 +55,10 @@ def add_thickness(parser: argparse.ArgumentParser) -> None:
 
 
 def add_limit_speed(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet limit-speed`."""
+    """Add the arguments of `ricochet limit-speed`."""
     parser.description = (
-        "Find the least speed at which a projectile perforates a wall, by the empirical formulas of the field and by "
-        "the model. A speed in the file is left out, and so are other parts than projectile, target, impact, "
-        "resistance and numerics."
+        "Find the least speed at which a projectile perforates a wall, by the empirical formulas and by the model. A "
+        "speed in the file is ignored, and so is everything but projectile, target, impact, resistance and numerics."
     )
     parser.epilog = examples("ricochet limit-speed strike.toml --thickness 0.2 --angle 20")
     add_case(parser, WALL_FLAGS)
@@ -123,7 +122,7 @@ def _print(args: argparse.Namespace, text: bytes, value: str, said: list[str]) -
 
 
 def _found(answer: Mapping[str, Any], value: str) -> dict[str, Any]:
-    """Return the numbers of a search, which serve to compare models and not for a design."""
+    """Return the numbers of a search, which are for a comparison of models, not for design."""
     found: dict[str, Any] = {"status": named(STATUSES, answer["status"])}
     if value in answer:
         bracket = BRACKETS[value]
@@ -144,13 +143,12 @@ LIMITS = ("penetration_depth_m", "scabbing_thickness_m", "perforation_thickness_
 
 
 def add_formulas(parser: argparse.ArgumentParser) -> None:
-    """Define `ricochet formulas`."""
+    """Add the arguments of `ricochet formulas`."""
     parser.description = (
-        "Evaluate the empirical formulas of the field: how deep a projectile goes into thick concrete, and the least "
-        "thickness of a wall that does not scab, and that is not perforated. Each formula says whether the strike is "
-        "in the range it was fitted to. The formulas have no angle: as is common practice, an oblique strike "
-        "counts with the component of its velocity along the normal. "
-        "Other parts of a file than projectile, target and impact are left out."
+        "Evaluate the empirical formulas: the depth of penetration into thick concrete, and the least thickness of a "
+        "wall that does not scab and of one that is not perforated. Each formula says whether the strike is in the "
+        "range it was fitted to. The formulas have no angle: as is common practice, they use the component of the "
+        "velocity along the normal. Everything in the file but projectile, target and impact is ignored."
     )
     parser.epilog = examples("ricochet formulas strike.toml", "ricochet formulas strike.toml --velocity 60 --csv")
     add_case(parser, FLAGS)
@@ -185,7 +183,10 @@ def _named_input(pointer: str) -> str:
 
 
 def print_formulas(answer: Mapping[str, Any], *, verbose: bool) -> None:
-    """Print the table of the formulas, the inputs that are out of range, and the spread of those in range."""
+    """Print the table of the formulas, and the spread of their values.
+
+    Inputs outside the range of a formula are listed; such a formula does not count in the spread.
+    """
     rows = [
         [named(FORMULAS, row["formula"]), *(row.get(name, "") for name in LIMITS), _marks(row), row["source"]]
         for row in answer["formulas"]

@@ -30,10 +30,10 @@ SHOWN = {
     "thickness": ("status", "least_thickness_m"),
     "limit-speed": ("status", "limit_speed_m_s"),
 }
-"""Columns of the summary in the table on a terminal."""
+"""Columns of the table on a terminal, by operation."""
 MINUS = "\N{MINUS SIGN}"
 DIGITS = 5
-"""Number of significant digits in a table, a judgement: more than any result is accurate to."""
+"""Number of significant digits in a table, a rough choice: more than any result is accurate to."""
 MOST_WRITTEN_OUT = 1e9
 """Magnitude from which numbers have an exponent in a table: pressures in Pa stay below it."""
 NUMERAL = re.compile(r"([-+]?[\d.]+(e[-+]?\d+)?)?|nan|-?inf")
@@ -45,7 +45,7 @@ class Writer(ABC):
 
     @abstractmethod
     def write(self, items: Sequence[Item]) -> None:
-        """Write some results."""
+        """Write some results, which follow those written before."""
 
     def close(self) -> None:  # noqa: B027 (most have nothing to do)
         """Finish the output after the last result."""
@@ -163,7 +163,7 @@ def without_name(names: Iterable[str]) -> list[str]:
 
 
 class CsvTable(Writer):
-    """Writer of CSV."""
+    """Writer of a CSV table with a row for each result."""
 
     def __init__(self, stream: TextIO, rows: Rows) -> None:
         self._stream = stream
@@ -201,7 +201,7 @@ class Workbook(Writer):
             self._begun = True
 
     def close(self) -> None:
-        """Save the workbook."""
+        """Save the workbook, which is kept in temporary files until then."""
         self._book.save(self._stream.buffer)
         self._stream.flush()
 
@@ -269,7 +269,7 @@ class Counts(Writer):
         self.failed = 0
 
     def write(self, items: Sequence[Item]) -> None:
-        """Count results."""
+        """Count the results, and the problems among them."""
         self.total += len(items)
         self.failed += sum("problem" in item for item in items)
 
@@ -318,7 +318,7 @@ def print_csv(columns: Mapping[str, Sequence[Any]], digits: int | None) -> None:
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Print a table with numbers aligned right, on a terminal with rules.
+    """Print a table with numbers aligned right, and with rules if it is printed on a terminal.
 
     Parameters
     ----------

@@ -227,7 +227,8 @@ class Database:
             connection.execute("PRAGMA journal_mode = WAL")  # Readers do not wait for the writer.
             connection.execute("PRAGMA synchronous = FULL")  # An accepted job must survive a power cut.
             connection.execute("PRAGMA foreign_keys = ON")  # Cases are deleted with their job.
-            connection.execute("PRAGMA wal_autocheckpoint = 0")  # An automatic checkpoint may copy only a part.
+            # `checkpoint` moves the whole log at intervals; an automatic checkpoint might move only a part of it.
+            connection.execute("PRAGMA wal_autocheckpoint = 0")
             if layout == 0:
                 self.was_missing = not self._checked
                 connection.executescript(f"BEGIN IMMEDIATE; {TABLES} PRAGMA user_version = {LAYOUT}; COMMIT;")

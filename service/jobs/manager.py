@@ -29,7 +29,7 @@ from service.queries import Answered, Count, QueryService, Rate
 from service.telemetry import NO_TRACER, current_traceparent
 
 EXPIRY_SECONDS = 3600.0
-"""Interval between removals of expired jobs [s]. An hour is short against a retention of days."""
+"""Interval between removals of expired jobs [s]. Jobs are kept for days, so an hour more does not matter."""
 REOPEN_SECONDS = 5.0
 """Interval between attempts to load jobs that could not be read at the start, chosen by judgement. [s]"""
 CHECKPOINT_SECONDS = 5.0
@@ -295,7 +295,7 @@ class JobManager:
 
     async def tally(self) -> Counter[Status]:
         """Return the numbers of jobs of all owners by status."""
-        # The state in memory is newer than the file: an end may not have been written yet.
+        # The state in memory is newer than the file: the end of a job might not have been written yet.
         present = self._scheduler.unwritten | {name: job.state for name, job in self._scheduler.active.items()}
         return await run_sync(self._jobs.tally, present) + Counter(state.status for state in present.values())
 

@@ -14,8 +14,7 @@ from anyio.to_thread import run_sync
 
 from service.cache.record import CaseResult, Record
 from service.errors import DamagedCasesError, QuotaError, problem_of
-from service.jobs.models import CaseRow, CaseState, JobCase, JobState
-from service.jobs.rows import UNKNOWN, is_of
+from service.jobs.models import UNKNOWN, CaseRow, CaseState, JobCase, JobState, is_of
 from service.jobs.runner import CaseRunner
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService
@@ -166,7 +165,7 @@ def again_of(state: JobState, row: CaseRow) -> JobCase | None:
     """Return the case to compute again, because its result was evicted; None if its request is damaged."""
     if row.request is None or state.operation == UNKNOWN:
         return None
-    # The result of an earlier engine cannot be computed any more, so the case gets the key of the present versions.
+    # The result of an earlier engine cannot be computed any more, so the case gets the key of the current versions.
     key = row.key if state.versions == VERSIONS else result_key(state.operation, orjson.loads(row.request))
     if not is_of(state.operation, row.request, key):
         return None

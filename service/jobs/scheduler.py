@@ -21,8 +21,7 @@ from opentelemetry.trace import Tracer
 
 from service.cache.record import CaseResult
 from service.errors import DamagedCasesError, JobGoneError, StorageError, case_problem, problem_of
-from service.jobs.models import BLOCK_SIZE, CaseRow, CaseState, JobCase, JobState, Status
-from service.jobs.rows import is_of
+from service.jobs.models import BLOCK_SIZE, CaseRow, CaseState, JobCase, JobState, Status, is_of
 from service.jobs.runner import Blocks, CaseRunner
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService

@@ -19,7 +19,10 @@ from service.clock import SYSTEM, Clock
 from service.errors import DamagedCasesError, JobGoneError, JobsTooLargeError
 from service.jobs.database import Database
 from service.jobs.models import (
+    BLOCK_COLUMNS,
     BLOCK_SIZE,
+    COLUMNS,
+    DAMAGE,
     KEY_BYTES,
     CaseBlock,
     CaseRow,
@@ -29,18 +32,13 @@ from service.jobs.models import (
     JobState,
     Status,
     StoredSweep,
-    join_keys,
-    split_requests,
-    title_of,
-)
-from service.jobs.rows import (
-    BLOCK_COLUMNS,
-    COLUMNS,
-    DAMAGE,
     damaged_case,
+    join_keys,
     read_block,
     read_job,
     read_problem,
+    split_requests,
+    title_of,
 )
 from service.operations import OPERATIONS, SCHEMA_VERSION, result_key
 from solver import ENGINE_VERSION
@@ -336,7 +334,7 @@ class JobStore:
         return found
 
     def renew_keys(self, job: int) -> None:
-        """Replace the keys of a job that was accepted by an earlier version with those of the present versions."""
+        """Replace the keys of a job that was accepted by an earlier version with those of the current versions."""
         operation = self._jobs("number = ?", job)[0].operation
         with self._database.reading() as database:
             numbers = database.execute("SELECT slice FROM slices WHERE job = ?", (job,)).fetchall()

@@ -2,6 +2,7 @@
 
 import { valueAt, withValue } from "./case.js";
 import { isVariant, nodeAt, paperCase, requiredOf, tagOf } from "./contract.js";
+import { areUs } from "./units.js";
 
 const PARTS = ["projectile", "target", "impact", "resistance", "numerics", "search", "strength_scatter"];
 const LEAST_MS = 250;
@@ -47,9 +48,9 @@ export function caseQuery(values) {
   return query;
 }
 
-/** Return the address of a view. */
+/** Return the address of a view, with the units shown unless they are SI. */
 export function address(view, query) {
-  const text = query.toString();
+  const text = new URLSearchParams([...query].filter(([name]) => name !== "units").concat(areUs() ? [["units", "us"]] : [])).toString();
   return text ? `#/${view}?${text}` : `#/${view}`;
 }
 

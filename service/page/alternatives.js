@@ -5,13 +5,14 @@ import { element, table } from "./elements.js";
 import { fieldAt } from "./fields.js";
 import { buildFold } from "./fold.js";
 import { request } from "./service.js";
+import { inUnits } from "./units.js";
 import { degreesShown, outcomeShown, statusShown } from "./words.js";
 
 /** Return a folded section with the critical angle of a case and, with `hasStrike`, its outcome under other laws. */
 export function lawsFold(onError, { hasStrike }) {
   const content = element("div.laws-table");
   const show = async (values, signal) => {
-    const post = async (path, body) => (await request(path, { body: { ...body, alternatives: true }, signal })).data;
+    const post = async (path, body) => (await request(path, { body: inUnits({ ...body, alternatives: true }), signal })).data;
     const strike = { ...trajectoryRequest(values), output: { history: false } };
     const [angles, outcomes] = await Promise.all([post("cra", angleRequest(values)), hasStrike && post("trajectory", strike)]);
     if (!signal.aborted) content.replaceChildren(alternativesTable(angles, outcomes));

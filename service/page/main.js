@@ -7,7 +7,7 @@ import { untilAnswered } from "./lost.js";
 import { followPrinting } from "./print.js";
 import { isLost, keyNeeds, request, useKey } from "./service.js";
 import { followTheme } from "./theme.js";
-import { followUnits } from "./units.js";
+import { followUnits, showUnits } from "./units.js";
 import { unreadNote } from "./unread.js";
 
 const VIEWS = {
@@ -20,12 +20,14 @@ const VIEWS = {
 };
 
 const main = document.getElementById("view");
+const units = document.getElementById("units");
 let leave;
 let shown = 0;
 
 async function show() {
   const { view, query } = readAddress(location.hash);
   if (!(view in VIEWS)) return location.replace("#/explore");
+  showUnits(query.get("units"), units);
   const turn = ++shown;
   if (turn > 1) main.focus();
   leave?.();
@@ -98,7 +100,11 @@ document.querySelector(".skip").addEventListener("click", (event) => {
   main.focus();
 });
 followTheme(document.getElementById("theme"));
-followUnits(document.getElementById("units"), show);
+followUnits(units, () => {
+  const { view, query } = readAddress(location.hash);
+  history.replaceState(null, "", address(view, query));
+  show();
+});
 followPrinting();
 offerKey();
 document.querySelector("nav").addEventListener("click", ({ target }) => {

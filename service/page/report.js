@@ -3,6 +3,7 @@
 import { announce, element, save, taskButton } from "./elements.js";
 import { fileName } from "./exports.js";
 import { request } from "./service.js";
+import { inUnits } from "./units.js";
 
 const WAIT = "The report is being computed: some 300 cases, half a minute to a few minutes.";
 const POLL_MS = 100;
@@ -23,7 +24,7 @@ export function reportButton(read, onError) {
     announce(WAIT);
     const [values, back] = [read(), location.href];
     try {
-      const { data } = await request("report", { body: reportRequest(values), as: "blob" });
+      const { data } = await request("report", { body: inUnits(reportRequest(values)), as: "blob" });
       if (tab && !tab.closed) showIn(tab, data, values, back);
       announce("The report is in a new tab; print it from there.");
     } catch (error) {

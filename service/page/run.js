@@ -4,6 +4,7 @@ import { trajectoryRequest, valueAt, withValue } from "./case.js";
 import { nodeAt } from "./contract.js";
 import { centreOfGravity } from "./outline.js";
 import { request } from "./service.js";
+import { inUnits } from "./units.js";
 
 const INSTANTS = 100; // at least, mostly
 const [FEWEST, MOST] = [60, 600];
@@ -54,7 +55,7 @@ export function requestEnd(values, signal) {
  * it takes too many; it is in motion then.
  */
 export async function requestStrike(body, signal) {
-  const send = async (given) => (await request("trajectory", { body: given, signal })).data;
+  const send = async (given) => (await request("trajectory", { body: inUnits(given), signal })).data;
   try {
     return await send(body);
   } catch (error) {

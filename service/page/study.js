@@ -6,6 +6,7 @@ import { statesOf, submit } from "./job-progress.js";
 import { untilAnswered } from "./lost.js";
 import { uncertainInput } from "./scatter.js";
 import { Problem, request } from "./service.js";
+import { inUnits } from "./units.js";
 
 /**
  * Compute a study as a job, with few samples and, if those do not suffice, with all.
@@ -25,7 +26,7 @@ export async function* computeStudy({ values, inputs, sampling, key }, signal) {
     if (data.convergence.half_width.at(-1) <= nodeAt("sampling.half_width", {}).default) return;
   }
   for (const samples of few < most && !key ? [few, most] : [most]) {
-    const body = { ...angleRequest(values), uncertain, sampling: { ...sampling, max_samples: samples } };
+    const body = inUnits({ ...angleRequest(values), uncertain, sampling: { ...sampling, max_samples: samples } });
     const { id } = await submit("cra/uncertainty", body, signal);
     const remove = () => request(`jobs/${id}`, { method: "DELETE" });
     const cancel = () => request(`jobs/${id}/cancel`, { method: "POST" }).then(remove).catch(() => {});

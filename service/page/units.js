@@ -18,10 +18,11 @@ const KINDS = {
 };
 /** What is shown in US customary units instead. */
 const US = { "m/s": "ft/s", m: "ft", mm: "in", kg: "lb", MPa: "psi", GPa: "ksi", "kg/m³": "lb/ft³", "kg m²": "lb ft²", kN: "kip", kJ: "ft lbf", J: "ft lbf", N: "lbf", Pa: "psi" };
-/** A quantity in a sentence of the service, which is in SI: perhaps a range, as in `473 to 629 mm`. */
-const QUANTITY = /(?:(-?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?) to )?(-?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?)[ \u00a0](m\/s|mm|m|kg\/m³|kg m²|kg|MPa|GPa|Pa|kN|kJ|N|J)(?![\w²³/])/g;
 const COLUMN = /_(m_s|kg_m3|kg_m2|m|kg|pa|n_m|n|j)$/;
 const COLUMNS = { m_s: ["ft_s", 0.3048], kg_m3: ["lb_ft3", 16.018463373960142], kg_m2: ["lb_ft2", 0.042140110093804], m: ["in", 0.0254], kg: ["lb", 0.45359237], pa: ["psi", 6894.757293168], n_m: ["ft_lbf", 1.3558179483314], n: ["lbf", 4.4482216152605], j: ["ft_lbf", 1.3558179483314] };
+
+/** Systems of units by their names in addresses and requests. */
+export const SYSTEMS = ["si", "us"];
 
 let isUs = kept(STORED) === "us";
 
@@ -35,9 +36,21 @@ export function followUnits(select, onChange) {
   });
 }
 
+/** Show the units of an address, if it names any; they are not kept for others. */
+export function showUnits(name, select) {
+  if (!SYSTEMS.includes(name)) return;
+  isUs = name === "us";
+  select.value = name;
+}
+
 /** Return whether US customary units are shown. */
 export function areUs() {
   return isUs;
+}
+
+/** Return the body of a request with the units shown, in which the texts of its answer are. */
+export function inUnits(body) {
+  return isUs ? { ...body, units: "us" } : body;
 }
 
 /** Return the unit shown instead of one of SI, and what it is in the unit of SI without prefix: mm gives 1e-3. */
@@ -67,16 +80,6 @@ export function readQuantity(text, si) {
   if (unit && !found) return { wrong: `${JSON.stringify(name.trim())} is not a unit here${si ? `, as ${unitOf(si).unit} is` : ""}` };
   const note = isThousands ? `${bare} is read as ${bare.replace(",", "")}; for a fraction type ${bare.replace(",", ".")}` : undefined;
   return { value: Number((value * (known[found] ?? 1)).toPrecision(15)), note };
-}
-
-/** Return text with its quantities in the units shown. */
-export function inShownUnits(text) {
-  if (!isUs) return text;
-  return text.replace(QUANTITY, (_, least, most, si) => {
-    const { unit, factor } = unitOf(si);
-    const shown = (number) => Number(((Number(number.replaceAll(",", "")) * kindOf(si)[si]) / factor).toPrecision(4));
-    return `${least === undefined ? "" : `${shown(least)} to `}${shown(most)} ${unit}`;
-  });
 }
 
 /** Return columns of SI, whose names end with their unit, in the units shown. */

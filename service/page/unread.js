@@ -5,6 +5,7 @@ import { MOST_PINS } from "./compare.js";
 import { element } from "./elements.js";
 import { readInputs } from "./scatter.js";
 import { OPERATIONS, readAxis } from "./sweep.js";
+import { SYSTEMS } from "./units.js";
 
 const isNumber = (text) => text !== "" && Number.isFinite(Number(text));
 /** A pinned strike is a query within the query; those after the last that is taken are left out. */
@@ -33,7 +34,8 @@ const OWN = {
 /** Return a note that names the parameters of an address that cannot be read; undefined if there are none. */
 export function unreadNote(view, query) {
   const values = readCase(query);
-  const isRead = ([name, text]) => (name in OWN[view] ? OWN[view][name](text, query) : readParameter(name, text, values) !== undefined);
+  const own = { ...OWN[view], units: (text) => SYSTEMS.includes(text) };
+  const isRead = ([name, text]) => (name in own ? own[name](text, query) : readParameter(name, text, values) !== undefined);
   const unread = [...query].filter((each) => !isRead(each)).map(([name, text]) => `${name}=${text}`);
   if (!unread.length) return undefined;
   return element("p.warning.unread", { role: "alert" }, `Not understood in the address, and left out: ${unread.join(", ")}.`);

@@ -11,7 +11,7 @@ import { clipped, requestEnd } from "./run.js";
 import { inputField, takeUsual } from "./scatter.js";
 import { request } from "./service.js";
 import { clearParts, markFresh, markStale } from "./stale.js";
-import { inShownUnits } from "./units.js";
+import { inUnits } from "./units.js";
 import { degreesShown, describeAngle, digits, endingShown, lengthShown, quantityShown, warningList } from "./words.js";
 
 const REST_MS = 300; // without a change before the spread and the theories are computed: they are hundreds of searches
@@ -35,7 +35,7 @@ function verdictOf({ values, run, found, judged }) {
     const second = `${angle ? `Critical angle ${angle}` : "No critical angle"}${range}.`;
     return { first: `At ${mine} from the normal, with the inputs as given: ${endingShown(run)}.`, second, end: endOf(run), design: "", angle };
   }
-  const [first, ...others] = sentencesOf(inShownUnits(judged.sentence));
+  const [first, ...others] = sentencesOf(judged.sentence);
   const last = others.findIndex((each) => each.startsWith("Wall ")) + 1 || others.length; // the values of a wall follow
   const end = range && judged.probability_text === undefined ? `${mine} is not in the range searched. ${endOf(run)}` : endOf(run);
   return { first, second: others.slice(0, last).join(" "), end, design: others.slice(last).join(" "), angle };
@@ -150,7 +150,7 @@ export class Verdict {
   async #showAngle(values, signal) {
     const isKnown = this.isOf(values);
     const [found, run] = await Promise.all([
-      isKnown ? this.found : request("cra", { body: angleRequest(values), signal }).then(({ data }) => data),
+      isKnown ? this.found : request("cra", { body: inUnits(angleRequest(values)), signal }).then(({ data }) => data),
       this.hasRun ? undefined : requestEnd(values, signal),
     ]);
     if (signal.aborted) return;
@@ -165,7 +165,7 @@ export class Verdict {
   }
 
   async #judge(values, signal) {
-    const { data } = await request("verdict", { body: reportRequest(clipped(values)), signal });
+    const { data } = await request("verdict", { body: inUnits(reportRequest(clipped(values))), signal });
     if (signal.aborted) return;
     this.#judged = { ...data, oblique_angle_deg: values.impact.oblique_angle_deg };
     takeUsual(data.usual_scatter);

@@ -2,7 +2,7 @@
 
 import { names } from "./contract.js";
 import { element } from "./elements.js";
-import { inShownUnits, unitOf } from "./units.js";
+import { unitOf } from "./units.js";
 
 const STATUSES = {
   no_ricochet: "Nothing in the range searched is turned away: there is no critical angle.",
@@ -122,7 +122,7 @@ export function warningList(...lists) {
   const rank = ({ code }) => (WORST.includes(code) ? WORST.indexOf(code) : WORST.length + (code === "strength_fit_extrapolated"));
   const special = found.filter(({ standing }) => !standing).sort((one, other) => rank(one) - rank(other));
   const standing = found.filter((each) => each.standing);
-  const words = ({ detail }) => unbroken(sentence(inShownUnits(detail)));
+  const words = ({ detail }) => unbroken(sentence(detail));
   const folded = (name, kind, some, ...summary) => {
     const items = some.map((each) => element(`li.${kind}`, { "data-code": each.code }, words(each)));
     return some.length ? [element(`details.${name}`, {}, element("summary", {}, ...summary), element("ul", {}, ...items))] : [];
@@ -135,7 +135,7 @@ export function warningList(...lists) {
 
 /** Return text whose numbers keep to a line with their units. */
 export function unbroken(text) {
-  return text.replace(/(\d) (?=%|°|[kmM]?m\b|m\/s|kg|[MG]?Pa\b|k?N\b)/g, "$1\u00a0");
+  return text.replace(/(\d) (?=%|°|[kmM]?m\b|m\/s|kg|[MG]?Pa\b|k?N\b|(?:in|ft|lb|[pk]si)\b)/g, "$1\u00a0");
 }
 
 /** Return text with a capital first letter. */

@@ -186,7 +186,7 @@ class MotionRunRow:
     line
         Line of the table.
     impact
-        Those quantities of the impact that the table gives, by name. [m/s, rad, rad/s]
+        Quantities of the impact in the table, by name. [m/s, rad, rad/s]
     until
         End of the fitted part, if the table gives one. [s]
     """
@@ -231,15 +231,15 @@ MOTION = (
 )
 MAX_SPEED_RATIO, MIN_SPEED_RATIO = 1.5, 0.1
 """Largest and smallest plausible speed over the initial one, in the first half of the motion [1]. The bounds are wide
-(a judgement), as wrong units are mostly off by a factor of 1000."""
+(a rough choice), as wrong units are mostly off by a factor of 1000."""
 
 ROTATION_SCATTER = math.radians(5.0)
-"""Allowance for the scatter of measured rotations, a judgement. [rad]"""
+"""Allowance for the scatter of measured rotations, a rough choice. [rad]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expected:
-    """The impact that a history should belong to, by which implausible motions are found."""
+    """The impact to which a history should belong, for checks of plausibility."""
 
     impact: Impact
     projectile: Projectile
@@ -271,8 +271,9 @@ def read_motion(
     part, node
         LS-DYNA: the rigid body or the node to read, if there are several.
     contact
-        Time of first contact in the file. Earlier rows are left out, and time and displacements count from it. By
-        default LS-DYNA files count from their first state, and CSV files are read as they are. [s]
+        Time of first contact in the file. Earlier rows are left out, and time and displacements are measured from it.
+        By default those of LS-DYNA files are measured from their first state, and those of CSV files are read
+        unchanged. [s]
     expected
         The impact, to refuse implausible motions.
 
@@ -308,7 +309,7 @@ def read_motion(
 
 
 def _read_dyna(path: str | Path, content: bytes, part: int | None, node: int | None) -> States | None:
-    """Return the states of an LS-DYNA file; None if it is another file."""
+    """Return the states of an LS-DYNA file; None for a file of another format."""
     if is_binout(content):
         return read_binout(path, content, part, node)
     if RBDOUT_MARK.encode() in content:
@@ -369,7 +370,8 @@ def _check_speed(readings: Readings, expected: Expected) -> None:
         _refuse(readings, way > MAX_SPEED_RATIO * free + 0.5 * expected.projectile.diameter, name, "more", impact)
         most = MAX_SPEED_RATIO * impact.velocity * np.diff(time) + 0.5 * expected.projectile.diameter
         _refuse_step(readings, most, name, impact)
-        # Too slow a motion is looked for at half of its way: later the projectile may have been slow for long.
+        # The lower bound is checked at half of the distance only: afterwards the projectile may have been slow for
+        # long.
         half = np.arange(len(time)) == (int(np.argmax(way >= 0.5 * way.max())) if way.any() else len(time) - 1)
         _refuse(readings, half & (way < MIN_SPEED_RATIO * share[name] * free), name, "much less", impact)
     if "rotation" in readings.values:

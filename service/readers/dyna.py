@@ -124,12 +124,12 @@ def along(states: States, axes: Mapping[str, CoordinateAxis]) -> Readings:
 
 
 def select(path: str | PathLike[str], kind: str, ids: Sequence[int], wanted: int | None) -> int:
-    """Return the id of the body to read: the wanted one if any, otherwise the only one.
+    """Return the id of the body to read: the one requested or, without a request, the only one in the file.
 
     Raises
     ------
     FileError
-        If the wanted body is missing, or there are several and none is wanted.
+        If the requested body is missing, or there are several and none is requested.
     """
     listed = ", ".join(str(one) for one in ids[:20]) + (", ..." if len(ids) > 20 else "")
     if wanted is None:
@@ -141,13 +141,13 @@ def select(path: str | PathLike[str], kind: str, ids: Sequence[int], wanted: int
     return wanted
 
 
-# The digits are limited: otherwise the search would begin anew at each digit of a long run of digits.
+# The number of digits is limited: otherwise the search would start again at each digit of a long number.
 NUMBER = re.compile(
     r"[+-]?\d{1,40}\.\d{,40}(?:[EeDd][+-]?\d{1,9}|[+-]\d{3})?|[+-]?(?:nan|inf(?:inity)?)", re.IGNORECASE
 )
 MAX_LINE = 10_000
 """Longest line of numbers that is parsed [characters]. Lines of LS-DYNA have some 200; the limit bounds the time for a
-crafted line (the number is a judgement)."""
+crafted line (the number is a rough choice)."""
 ASTERISKS, COLUMN_WIDTH = re.compile(r"\*+"), 12
 """Fortran fills the column of a number that does not fit with asterisks; a column of LS-DYNA is 12 characters wide."""
 BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d{3})$")
@@ -156,7 +156,7 @@ BARE_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d{3})$")
 RBDOUT_MARK = "r i g i d   b o d y   m o t i o n"
 RBDOUT_STATE = re.compile(r"\s*r i g i d +b o d y +m o t i o n +a t +cycle= *\S+ +time= *(?P<time>\S+)\s*")
 SWITCHED = "a part that is switched to deformable is not a rigid body"
-"""Reason of an error for a body that is absent from states in the middle of a file."""
+"""Hint in the error for a body that is missing in states in the middle of a file."""
 BODY = re.compile(r"\s*(nodal )?rigid body\s+(?P<body>\d{1,18})\b.*")
 DISPLACEMENT_LINE = re.compile(r"\s*displacements:(?P<numbers>.*)")
 
@@ -178,7 +178,7 @@ def read_rbdout(path: str | Path, lines: Sequence[str], part: int | None) -> Sta
     """
     starts: list[int] = []
     times: list[float] = []
-    rows: list[tuple[int, int, int, str]] = []  # body, state, line, numbers
+    rows: list[tuple[int, int, int, str]] = []  # Body, state, line and numbers.
     body: int | None = None
     for line, text in enumerate(lines, 1):
         if found := RBDOUT_STATE.fullmatch(text):
@@ -189,7 +189,7 @@ def read_rbdout(path: str | Path, lines: Sequence[str], part: int | None) -> Sta
             body = int(found["body"])
         elif body is not None and starts and (found := DISPLACEMENT_LINE.fullmatch(text)):
             rows.append((body, len(starts), line, found["numbers"]))
-            # The displacements that follow for this body are along its own axes.
+            # Later displacements of this body are along its own axes, and are skipped.
             body = None
     wanted = select(path, "rigid body", sorted({row[0] for row in rows}), part)
     motions: list[list[float]] = []
@@ -234,7 +234,7 @@ def read_nodout(path: str | Path, lines: Sequence[str], node: int | None) -> Sta
                 motions[kind].append(_numbers(path, line, row["numbers"], 3, f"node {wanted}")[:3])
                 places[kind].append(line)
         elif begun:
-            # A table ends at its first other line, as the title of the next state may look like a row.
+            # A table ends at the first line that is not a row, since the title of the next state may look like a row.
             kind = ""
     for kind, lines_of_states in starts.items():
         _require_complete(path, missing, lines_of_states, len(lines_of_states), motions[kind])
@@ -272,7 +272,7 @@ def _require_complete(
 
 
 def _numbers(path: str | PathLike[str], line: int, text: str, least: int, what: str) -> list[float]:
-    """Return the numbers of a line, NaN for asterisks; in fixed-width formats nothing need separate them.
+    """Return the numbers of a line, NaN for asterisks; those of a fixed width may stand without separators.
 
     Raises
     ------
@@ -369,7 +369,7 @@ def read_binout(path: str | Path, content: bytes, part: int | None, node: int | 
 
 
 def _continuations(path: str | Path) -> Iterator["Lsda"]:
-    """Yield the files in which LS-DYNA continues a binout that is full: binout0000%001, binout0000%002, ..."""
+    """Yield the files in which LS-DYNA continues a full binout, such as binout0000%001 and binout0000%002."""
     for number in itertools.count(1):
         further = Path(f"{path}%{number:03d}")
         if not further.exists():
@@ -378,7 +378,7 @@ def _continuations(path: str | Path) -> Iterator["Lsda"]:
 
 
 def _ids_of_states(files: Sequence["Lsda"], folders: Sequence["Folder"], database: str) -> list[FloatArray]:
-    """Return the ids of the bodies of each state, in the order of its numbers; states with equal ids share an array.
+    """Return the ids of the bodies of each state, in the order of their numbers; states with equal ids share an array.
 
     The ids are taken from the state itself or, if it has none, from the metadata last written before it. LS-DYNA
     writes the metadata again when a part is switched between rigid and deformable, and in each file that continues a

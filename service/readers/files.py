@@ -36,18 +36,18 @@ DYNA_TITLE = re.compile(rb"(?s).{,512}ls-dyna.{,80}date")
 DYNA_MOTIONS = (b"r i g i d   b o d y", b"n o d a l   p r i n t")
 OTHER_DYNA = "an LS-DYNA text file other than rbdout and nodout; {motion}"
 HEAD_BYTES = 65_536
-"""Length of the part in which the format of a file is recognized [bytes]; the comments at the start of a keyword file
-have room in it (a judgement). The patterns see no more, so that a crafted file cannot make them slow."""
+"""Length of the part in which the format of a file is recognized [bytes], a rough choice: it has room for the comments
+at the start of a keyword file. It is limited so that a crafted file cannot make the patterns slow."""
 MAX_BYTES = 2**30
-"""Largest file that is read [bytes]. LS-DYNA begins another file at this size; and a device such as /dev/zero would be
-read without end."""
+"""Largest file that is read [bytes]: LS-DYNA starts a new file at this size. Without a limit, a device such as
+/dev/zero would be read forever."""
 D3PLOT_TYPES, D3PLOT_DIMENSIONS = range(1, 7), range(2, 8)
 MOTION_FILES = "the motion of a body is in rbdout, nodout or binout"
 
 
 MAX_REASON = 500
 """Longest reason of an error before it is cut [characters]: it may quote a cell of any length (the number is a
-judgement)."""
+rough choice)."""
 
 
 class FileError(Exception):
@@ -80,17 +80,17 @@ def read_bytes(path: str | Path) -> bytes:
     Raises
     ------
     FileError
-        If the file cannot be read, is empty or too large, or has a format that no reader takes.
+        If the file cannot be read, is empty or too large, or has a format without a reader.
     """
     try:
         with Path(path).open("rb") as file:
-            # One byte too many shows that the file is too large; a device has no size to ask for.
+            # One more byte than the limit shows that the file is too large; a device does not report its size.
             content = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise FileError(path, error.strerror or str(error)) from None
     if len(content) > MAX_BYTES:
         raise FileError(path, f"the file is larger than {MAX_BYTES:,} bytes")
-    # A byte order mark, blanks and the zeros of a file that was only allocated are no content either.
+    # A byte order mark, blanks and the zeros of a file that was allocated but not written do not count as content.
     if not content.strip(b"\xef\xbb\xbf \t\r\n\x00"):
         raise FileError(path, "the file is empty")
     if other := _other_format(content):
@@ -99,7 +99,7 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def _other_format(content: bytes) -> str | None:
-    """Return the name of a format that no reader takes, with advice for the user; None for any other content."""
+    """Return the name of a format without a reader, with advice for the user; None for any other content."""
     if _is_d3plot(content):
         return "LS-DYNA's d3plot, the state of a whole model; {motion}"
     head = content[:HEAD_BYTES]
@@ -129,8 +129,8 @@ def lines_of(path: str | Path, content: bytes, *, strict: bool = True) -> list[s
     Parameters
     ----------
     strict
-        Raise an error if the text is not UTF-8; otherwise replace such characters, which occur in titles of older
-        LS-DYNA files.
+        True to raise an error if the text is not UTF-8. Otherwise such characters, which occur in titles of older
+        LS-DYNA files, are replaced.
 
     Raises
     ------
@@ -171,7 +171,7 @@ class Readings:
 
     @property
     def rows(self) -> int:
-        """Number of rows."""
+        """Number of rows of each column."""
         return len(next(iter(self.values.values())))
 
     def each_row(self) -> Iterator[dict[str, float]]:
@@ -186,14 +186,14 @@ class Readings:
         return FileError(self.path, reason, self.lines[row])
 
     def require(self, name: str, accepted: NDArray[np.bool_], requirement: str, unit: str) -> None:
-        """Raise an error for the first row whose value of the quantity is not accepted.
+        """Raise an error for the first row whose value is not accepted.
 
         Parameters
         ----------
         accepted
             True in each row whose value is accepted.
         requirement
-            End of the sentence of the error, such as "must be greater than 0".
+            End of the message, such as "must be greater than 0".
         """
         rows = np.flatnonzero(~accepted)
         if rows.size:

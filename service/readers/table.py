@@ -85,7 +85,7 @@ class UnknownUnitError(ValueError):
 
 
 def spelled(unit: str) -> str:
-    """Return a unit in the spelling of the mappings above: m/s becomes m_s, µs becomes us."""
+    """Return a unit in the spelling of the mappings of units: m/s becomes m_s, µs becomes us."""
     return unit.translate(SPELLINGS).lower()
 
 
@@ -131,24 +131,24 @@ def unit_in_header(quantity: Quantity, cell: str, *, named: bool) -> str | None:
 
 SEPARATORS = ",;\t"
 SEPARATOR_LINE = re.compile(r"\s*sep=(?P<separator>[,;\t|])\s*", re.IGNORECASE)
-"""First line in which spreadsheets name the separator."""
+"""Line at the start of a file in which spreadsheets name the separator."""
 COMMENTS = ("#", "%")
 NUMBER_SIGN = re.compile(r"# *(?=[,;\t])")
-"""Begin of a header whose first column is named #, as that of a number often is."""
+"""Start of a header whose first column is named #, which is common for a column of running numbers."""
 NUMBERED = re.compile(r"#[^\s,;\t]+(?=([,;\t]))")
-"""Begin of a row whose first cell is a number such as #17."""
+"""Start of a row whose first cell is a running number such as #17."""
 MAX_NAMES = 20
-"""Largest number of column names listed in an error, which should stay readable (a judgement)."""
+"""Largest number of column names listed in an error, which should stay readable (a rough choice)."""
 MAX_COLUMNS = 10_000
-"""Largest number of columns. The name of each is compared with those of all quantities in all units, so that the time
-grows with the columns (the number is a judgement)."""
+"""Largest number of columns. The time grows with the columns, as each is compared with the names of all quantities in
+all units (the number is a rough choice)."""
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?")
 BLANKS = re.compile(r"(?<![ \t])[ \t]++(?![\[(])")
-"""Blanks between two cells, unless a unit in brackets follows. The match is a whole run of blanks and possessive, as
-otherwise the time would grow with the square of a long run."""
+"""Blanks between two cells, unless a unit in brackets follows. The pattern matches a whole run possessively, since the
+time would otherwise grow with the square of its length."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{,2}(,\d{3})+(\.\d*)?")
-"""A number with commas between thousands; a single comma may as well be a decimal comma."""
+"""A number with commas between thousands. If it has a single comma, that may also be a decimal comma."""
 MINUS = "\u2212"
 """Typographic minus sign, which spreadsheets and web pages put before numbers."""
 
@@ -203,8 +203,8 @@ def read_table(path: str | Path, content: bytes | None = None, *, gaps: bool = F
     Parameters
     ----------
     gaps
-        True if lines may be empty, and rows may lack cells at their ends. A line with all cells that begins with a
-        number such as #17 is then a row, and a column without a name or a cell is ignored.
+        True if lines may be empty, and rows may lack cells at their ends. A line that begins with a running number such
+        as #17 is then a row if it has all cells, and a column without a name or a cell is ignored.
 
     Raises
     ------
@@ -255,7 +255,7 @@ def read_table(path: str | Path, content: bytes | None = None, *, gaps: bool = F
 
 
 def _with_numbers(lines: list[str]) -> list[str]:
-    """Return lines with quotes around a column # and around numbers such as #17, which are then no comments.
+    """Return the lines with quotes around a header # and numbers such as #17, so that these are not comments.
 
     A line that begins with such a number is a row if it has as many cells as the header.
     """
@@ -398,7 +398,7 @@ def _find_one(table: Table, quantity: Quantity, name: str | None, unit: str | No
 
 
 def _check_absent(table: Table, quantity: Quantity, wanted: str | None) -> None:
-    """Raise an error if a missing quantity is required, or if a column has its name but is not read as it."""
+    """Raise an error if a missing quantity is required, or if a column that is not read has its name."""
     if wanted is None:
         for cell in table.header:
             for name in quantity.names:
@@ -443,14 +443,14 @@ def _number(table: Table, column: Column, line: int, cell: str) -> float:
 
 
 def _hint(cell: str, *, first: bool) -> str:
-    """Return the end of an error for a cell that is not a number."""
+    """Return the end of the message for a cell that is not a number."""
     if found := decimal_hint(cell):
         return found
     return "; is this a second header? Units may stand below the names, other text may not" if first else ""
 
 
 def decimal_hint(cell: str) -> str:
-    """Return the end of an error for a number with commas; empty for any other cell."""
+    """Return the end of the message for a number with commas; empty for any other cell."""
     if THOUSANDS.fullmatch(cell):
         plain = cell.replace(",", "")
         if cell.count(",") == 1 and "." not in cell:

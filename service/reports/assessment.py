@@ -1,7 +1,7 @@
-"""Report of one strike for the files of an assessor: case, answer, spread, other models, limits, formulas, sources."""
+"""Report of one strike for an assessor: case, answer, scatter, other models, limits, formulas and sources."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
@@ -14,13 +14,21 @@ from markupsafe import Markup, escape
 from service.names import FORMULAS, OUTCOMES, QUANTITIES, STATUSES
 from service.reports import style
 from service.reports.assessment_figures import SETTINGS, curves, side_views, sketch, svg
-from service.reports.assessment_numbers import WORDS, Numbers, Row, field_of, lookup, rows, sentence
+from service.reports.assessment_numbers import WORDS, Numbers, Row, lookup, rows, sentence, shown_in
 from service.reports.style import embedded
 from solver.free_surface import NoFreeSurface
 from solver.projectile import Projectile
-from solver.resistance import EQUATION_9_COEFFICIENTS, ObliquityPolynomial, PublishedTests
+from solver.resistance import (
+    EQUATION_9_COEFFICIENTS,
+    ConstantStrengthFactor,
+    ObliquityPolynomial,
+    OwnTests,
+    PublishedTests,
+    StrengthPowerLaw,
+)
 from solver.uncertainty import Verdict
 from solver.uncertainty.verdict import probability_text
+from solver.units import UnitSystem, interval, number, quantity, symbol, system_in_use, with_symbol
 from solver.warnings import (
     EQUATION_9_DIAMETER,
     EQUATION_9_STRENGTH,
@@ -45,7 +53,7 @@ RUN_TITLES: Final[Mapping[str, str]] = {
     "highest": "Greatest angle searched, ",
 }
 UNSAID: Final = frozenset({"no_indices"})
-"""Codes of warnings that concern nothing in the report."""
+"""Codes of warnings that the report omits: it does not show sensitivity indices."""
 KEYS: Final[Mapping[str, str]] = {
     "cra": "critical angle",
     "uncertainty": "spread",
@@ -59,7 +67,6 @@ KEYS: Final[Mapping[str, str]] = {
     "thickness": "least thickness",
     "formulas": "formulas",
 }
-MM: Final = 1e3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,13 +150,15 @@ def page(strike: Assessed) -> str:
         standing=[each for each, standing in warnings if standing],
         keys=[(label, strike.answers[name]["key"]) for name, label in KEYS.items() if _answered(strike, name)],
         strike=strike,
+        symbol=symbol,
+        is_si=system_in_use() is UnitSystem.SI,
         words={"outcomes": OUTCOMES, "ends": ENDS, "statuses": STATUSES, "formulas": FORMULAS},
         pictures={name: embedded(picture) for name, picture in _pictures(strike, study).items()},
     )
 
 
 def _headline(verdict: Verdict) -> Markup:
-    """Return the verdict as HTML: its range in bold, its first sentences on the strike and the wall in large type."""
+    """Return the verdict as HTML, with its range in bold and its first sentences on strike and wall in large type."""
     leads = [verdict.sentence, verdict.wall.sentence if verdict.wall else ""]
     text = escape(verdict.sentence)
     for lead in dict.fromkeys(escape(_first_sentence(each)) for each in leads if each):
@@ -161,7 +170,7 @@ def _headline(verdict: Verdict) -> Markup:
 
 
 def _first_sentence(text: str) -> str:
-    """Return the text up to the first full stop before a capital letter; none follows decimals and abbreviations."""
+    """Return the first sentence of a text, which ends at a full stop before a capital letter."""
     return re.split(r"(?<=\.) (?=[A-Z])", text, maxsplit=1)[0]
 
 
@@ -183,11 +192,14 @@ def _problem(strike: Assessed, name: str) -> str | None:
 def _title(strike: Assessed) -> str:
     """Return the title of the report; browsers suggest it as the name of a saved file."""
     case = strike.case
-    parts = [f"{case['impact']['velocity_m_s']:.4g} m/s", f"{1e-6 * case['target']['compressive_strength_pa']:.4g} MPa"]
+    parts = [
+        quantity(case["impact"]["velocity_m_s"], "m/s"),
+        quantity(case["target"]["compressive_strength_pa"], "MPa"),
+    ]
     if (angle := lookup(case, "/impact/oblique_angle_deg")) is not None:
         parts.append(f"{angle:.4g}°")
     if (thickness := lookup(case, "/target/thickness_m")) is not None:
-        parts.append(f"{MM * thickness:.4g} mm")
+        parts.append(quantity(thickness, "mm"))
     return f"Ricochet assessment, {', '.join(parts)}"
 
 
@@ -196,7 +208,7 @@ def _groups(numbers: Numbers, strike: Assessed) -> Mapping[str, list[Row]]:
 
 
 def _probability_at(strike: Assessed, study: Mapping[str, Any] | None) -> int | None:
-    """Return the index of the angle to judge among the angles of the study."""
+    """Return the index of the angle to judge among the angles of the uncertainty study."""
     angle = lookup(strike.case, "/impact/oblique_angle_deg")
     if study is None or angle is None:
         return None
@@ -210,28 +222,28 @@ def _quantiles(study: Mapping[str, Any] | None) -> Mapping[float, int]:
 
 
 def _scatter(numbers: Numbers, strike: Assessed, study: Mapping[str, Any] | None) -> list[list[Any]]:
-    """Return a row for each uncertain input: label, spread, and its 5 % and 95 % quantiles with the angle at each."""
+    """Return a row for each uncertain input: label, distribution, and 5 % and 95 % quantiles with the angle at each."""
     found = []
     for i, (each, given) in enumerate(zip((study or {}).get("sensitivity", ()), strike.scatter, strict=False)):
-        field = field_of(each["field"])
-        cells: list[Any] = [QUANTITIES[each["field"]], _spread(given["distribution"], field.written)]
+        unit = shown_in(each["field"])
+        cells: list[Any] = [QUANTITIES[each["field"]], _spread(given["distribution"], unit)]
         for j, change in enumerate(each["swing"][:2]):
             place = f"/uncertainty/sensitivity/{i}/swing/{j}"
             if isinstance(change["value"], str):
                 cells.append(WORDS[change["value"]])
             else:
-                cells.append(numbers.short(f"{place}/value", factor=field.factor, unit=field.written))
+                cells.append(numbers.short(f"{place}/value", unit=unit))
             cells.append(numbers.angle(f"{place}/critical_angle_deg") or "none")
         found.append(cells)
     return found
 
 
 def _spread(distribution: Mapping[str, Any], unit: str) -> str:
-    """Return a distribution in words."""
+    """Return a distribution in words; `unit` is that in which SI shows its values."""
     if distribution["type"] == "discrete":
         return " or ".join(f"{weight:g}" for weight in distribution["weights"])
     if "standard_deviation" in distribution:
-        return f"{distribution['type']}, {distribution['standard_deviation']:g}{unit}"
+        return f"{distribution['type']}, {with_symbol(number(distribution['standard_deviation'], unit, 6), unit)}"
     if "scale" in distribution:
         tails = f"{distribution['degrees_of_freedom']:g} degrees of freedom"
         return f"logarithm Student's, {100.0 * distribution['scale']:g} %, {tails}"
@@ -278,20 +290,17 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
     speed, strength = impact["velocity_m_s"], target["compressive_strength_pa"]
     lowest, highest = TESTED_STRENGTH
     attack = degrees(SMALL_ATTACK)
-    speed_shown = numbers.short("/case/impact/velocity_m_s", digits=4, unit=" m/s")
-    strength_shown = numbers.short("/case/target/compressive_strength_pa", factor=1e-6, digits=4, unit=" MPa")
-    diameter_shown = numbers.short("/case/projectile/diameter_m", factor=MM, digits=4, unit=" mm")
     found = [
         Limit(
             "Speed below which noses of steel do not erode",
-            speed_shown,
-            f"up to {RIGID_VELOCITY:g} m/s",
+            _speed(numbers),
+            f"up to {quantity(RIGID_VELOCITY, 'm/s')}",
             speed <= RIGID_VELOCITY,
         ),
         Limit(
             "Strength in the tests behind the resistance law",
-            strength_shown,
-            f"{1e-6 * lowest:g} to {1e-6 * highest:g} MPa",
+            _strength(numbers),
+            interval(lowest, highest, "MPa"),
             lowest <= strength <= highest,
         ),
         Limit(
@@ -301,18 +310,29 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
             abs(impact["angle_of_attack_deg"]) <= attack,
         ),
     ]
-    search, law = strike.answers["cra"], strike.case["resistance"]["strength_factor"]
+    law = strike.case["resistance"]["strength_factor"]["model"]
+    return [*found, *LAW_LIMITS[law](numbers, strike)]
+
+
+def _no_limits(_: Numbers, __: Assessed) -> list[Limit]:
+    """Return no limits, for laws without data of their own: the strength in the tests behind all laws is listed."""
+    return []
+
+
+def _polynomial_limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
+    """Return the limits of a polynomial in the oblique angle."""
+    found, search = [], strike.answers["cra"]
     codes = {warning["code"] for warning in search["warnings"]}
-    if law["model"] == ObliquityPolynomial.name and tuple(law["coefficients"]) == EQUATION_9_COEFFICIENTS:
+    if tuple(strike.case["resistance"]["strength_factor"]["coefficients"]) == EQUATION_9_COEFFICIENTS:
         found.append(
             Limit(
                 "Concrete and projectile of the fit of S",
-                Markup("{}, {}").format(strength_shown, diameter_shown),
-                f"{1e-6 * EQUATION_9_STRENGTH:g} MPa, {MM * EQUATION_9_DIAMETER:g} mm",
+                Markup("{}, {}").format(_strength(numbers), _diameter(numbers)),
+                f"{quantity(EQUATION_9_STRENGTH, 'MPa')}, {quantity(EQUATION_9_DIAMETER, 'mm')}",
                 "strength_factor_of_other_concrete" not in codes,
             )
         )
-    if law["model"] == ObliquityPolynomial.name and "critical_angle_deg" in search:
+    if "critical_angle_deg" in search:
         fitted = degrees(ObliquityPolynomial.fitted_to)
         found.append(
             Limit(
@@ -322,25 +342,51 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
                 search["critical_angle_deg"] <= fitted,
             )
         )
-    if law["model"] == PublishedTests.name:
-        (s0, s1), (d0, d1), (v0, v1) = (
-            PublishedTests.compressive_strengths,
-            PublishedTests.diameters,
-            PublishedTests.velocities,
-        )
-        found.append(
-            Limit(
-                "Tests behind S",
-                Markup("{}, {}, {}").format(strength_shown, diameter_shown, speed_shown),
-                f"{1e-6 * s0:g} to {1e-6 * s1:g} MPa, {MM * d0:g} to {MM * d1:g} mm, {v0:g} to {v1:g} m/s",
-                "published_tests_extrapolated" not in codes,
-            )
-        )
     return found
 
 
+def _published_tests_limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
+    """Return the limits of the published tests."""
+    codes = {warning["code"] for warning in strike.answers["cra"]["warnings"]}
+    tested = (
+        interval(*PublishedTests.compressive_strengths, "MPa"),
+        interval(*PublishedTests.diameters, "mm"),
+        interval(*PublishedTests.velocities, "m/s"),
+    )
+    return [
+        Limit(
+            "Tests behind S",
+            Markup("{}, {}, {}").format(_strength(numbers), _diameter(numbers), _speed(numbers)),
+            ", ".join(tested),
+            "published_tests_extrapolated" not in codes,
+        )
+    ]
+
+
+def _speed(numbers: Numbers) -> Markup:
+    return numbers.short("/case/impact/velocity_m_s", digits=4, unit="m/s")
+
+
+def _strength(numbers: Numbers) -> Markup:
+    return numbers.short("/case/target/compressive_strength_pa", digits=4, unit="MPa")
+
+
+def _diameter(numbers: Numbers) -> Markup:
+    return numbers.short("/case/projectile/diameter_m", digits=4, unit="mm")
+
+
+LAW_LIMITS: Final[Mapping[str, Callable[[Numbers, Assessed], list[Limit]]]] = {
+    ConstantStrengthFactor.name: _no_limits,
+    ObliquityPolynomial.name: _polynomial_limits,
+    StrengthPowerLaw.name: _no_limits,
+    PublishedTests.name: _published_tests_limits,
+    OwnTests.name: _no_limits,
+}
+"""Functions that return the limits of each law of the strength factor, by its name."""
+
+
 def _warnings(strike: Assessed) -> list[tuple[tuple[str, str, str], bool]]:
-    """Return the warnings of the report: those of the verdict, and from other answers those with a further code.
+    """Return the warnings of the report: those of the verdict, and those of other answers with other codes.
 
     Each item is the code, the text and the label of the answer, and True if most answers have this warning.
     """

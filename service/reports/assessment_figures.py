@@ -1,4 +1,4 @@
-"""Figures of the report of one strike: a sketch, side views of runs, and the two decisive curves."""
+"""Figures of the report of one strike: a sketch, side views of runs, and curves over the speed and the angle."""
 
 import io
 import math
@@ -9,17 +9,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc
+from matplotlib.ticker import AutoLocator
 
 from service.reports import style
 from service.reports.style import TIP_PATH, TipPath, draw_concrete, draw_path, silhouette, tip_path
 from solver.projectile import Projectile
+from solver.units import quantity, shown_unit, symbol
 
 SNAPSHOTS = 4
-"""Outlines of the projectile drawn for each run; more would cover each other in a view of this size (a judgement)."""
+"""Outlines of the projectile drawn for each run; a rough choice: more would cover each other in a view of this size."""
 LEAST_WIDTH = 0.8
-"""Least width of a view, over that of the widest beside it [1]; a narrower one would be too narrow for its title."""
+"""Smallest width of a view over that of the widest [1], which leaves room for its title."""
 Frame: TypeAlias = tuple[float, float, float, float]
-"""Left, right, top and bottom end of a view. [m]"""
+"""Left, right, top and bottom limit of a view. [m]"""
 SETTINGS: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 8.5,
@@ -34,7 +36,7 @@ ONE_LINE: dict[str, Any] = {
     "handletextpad": 0.4,
     "borderpad": 0.2,
 }
-"""A legend below a picture, so narrow that its entries fit beside each other."""
+"""Options of a legend below a picture, whose entries fit on one line."""
 PAGE = 7.2
 """Width of the page between its margins. [in]"""
 
@@ -81,7 +83,7 @@ def sketch(projectile: Projectile, *, oblique_deg: float, attack_deg: float, thi
         axes.text(max(tip[0], ahead[0]) + 0.04 * length, min(tip[1], ahead[1]), f"δ = {attack_deg:.3g}°", va="center")
     axes.text(left + 0.3 * side, 0.0, "face ", ha="left", va="bottom", fontsize=7)
     if thickness is not None and thickness < below:
-        text = f"back, {1e3 * thickness:.4g} mm"
+        text = f"back, {quantity(thickness, 'mm')}"
         axes.text(left + 0.3 * side, thickness, text, ha="left", va="top", fontsize=7)
     axes.set_axis_off()
     return figure
@@ -119,9 +121,35 @@ def side_views(
     for axes, (title, _), path, (left, right, _, _) in zip(grid, runs, paths, frames, strict=True):
         draw_path(axes, projectile, path, np.linspace(0.0, path.time[-1], SNAPSHOTS))
         draw_concrete(axes, lateral=(left, right), depth=(top, bottom), thickness=thickness)
-        axes.set(title=title, xlabel="along the face [m]")
-    grid[0].set(ylabel="depth [m]")
+        axes.set(title=title, xlabel=f"along the face [{symbol('m')}]")
+        if (factor := shown_unit("m").factor) != 1.0:
+            _tick_in(axes, factor)
+    grid[0].set(ylabel=f"depth [{symbol('m')}]")
     return figure
+
+
+class _ScaledTicks(AutoLocator):
+    """Ticks at round numbers of another unit than that of the data.
+
+    Parameters
+    ----------
+    factor
+        Number of units shown in one of the data.
+    """
+
+    def __init__(self, factor: float) -> None:
+        super().__init__()
+        self._factor = factor
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        return np.asarray(super().tick_values(vmin * self._factor, vmax * self._factor)) / self._factor
+
+
+def _tick_in(axes: Axes, factor: float) -> None:
+    """Show the axes of a view, whose data are in metres, in a unit of which `factor` make a metre."""
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(_ScaledTicks(factor))
+        axis.set_major_formatter(lambda value, _: f"{value * factor:.6g}".replace("-", "\N{MINUS SIGN}"))
 
 
 def _widened(frame: Frame, width: float) -> Frame:
@@ -176,13 +204,17 @@ def curves(
     grid = figure.add_gridspec(1, 2)
     halves = [figure.add_subfigure(grid[column]) for column in range(2)]
     left = halves[0].subplots()
-    _draw_speeds(left, speeds)
+    factor = shown_unit("m/s").factor
+    speed *= factor
+    _draw_speeds(left, [(each * factor, answer) for each, answer in speeds])
     left.axvline(speed, color=style.HINT, linewidth=0.8, linestyle="--")
     if angle is not None:
         left.plot([speed], [angle], "o", color="black", markersize=5, zorder=5, label="this case")
     if judged is not None:
         left.plot([speed], [judged], "x", color=TIP_PATH, markersize=6, zorder=5, label="angle to judge")
-    left.set(title="Critical angle over the speed", xlabel="speed [m/s]", ylabel="angle from the normal [°]")
+    left.set(
+        title="Critical angle over the speed", xlabel=f"speed [{symbol('m/s')}]", ylabel="angle from the normal [°]"
+    )
     left.set_ylim(0.0, 90.0)
     if left.get_legend_handles_labels()[1]:
         halves[0].legend(loc="outside lower center", **ONE_LINE)  # No place within the axes is free for every case.

@@ -8,8 +8,12 @@ from markupsafe import Markup, escape
 
 from service.columns import unit_end, unit_of
 from service.names import CHOICES, QUANTITIES
+from solver.units import fixed, number, rounded, shown_unit, with_symbol
 
-MINUS, NARROW = "\N{MINUS SIGN}", "\N{NARROW NO-BREAK SPACE}"
+MINUS, BLANK = "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}"
+# An input in SI has about as many digits, and more of them would show the rounding of the conversion.
+INPUT_DIGITS = 6
+"""Largest number of significant digits of a converted number. [1]"""
 
 
 def lookup(content: Any, pointer: str) -> Any:
@@ -25,7 +29,9 @@ def lookup(content: Any, pointer: str) -> Any:
 
 
 class Numbers:
-    """Formatter of numbers from answers; the page keeps the pointer and all digits of each.
+    """Formatter of numbers from answers; the page keeps the pointer and all digits of each, in the unit of the answer.
+
+    Units are given as SI shows them, such as ``mm``, and numbers are in the units of `solver.units`.
 
     Parameters
     ----------
@@ -40,62 +46,43 @@ class Numbers:
         """Return the value at a JSON pointer; None if there is none."""
         return lookup(self._content, pointer)
 
-    def fixed(self, pointer: str, decimals: int, *, factor: float = 1.0, unit: str = "") -> Markup:
-        """Return a number, times a factor, with a fixed number of decimals; empty if there is no number."""
-        return self._written(pointer, factor, f".{decimals}f", unit)
-
-    def short(self, pointer: str, *, factor: float = 1.0, digits: int = 3, unit: str = "") -> Markup:
-        """Return a number, times a factor, with the given significant digits; empty if there is no number."""
-        return self._written(pointer, factor, f".{digits}g", unit)
-
-    def upwards(self, pointer: str, *, factor: float = 1.0) -> Markup:
-        """Return a number, times a factor, rounded up to an integer, as is usual for a design value."""
+    def fixed(self, pointer: str, decimals: int = 0, *, unit: str = "", bare: bool = False) -> Markup:
+        """Return a number with decimals as in SI; empty if there is no number. `bare` leaves out the unit."""
         value = self.at(pointer)
-        # Without the subtraction, a whole number that rounding made slightly too large would become the next one.
-        return Markup() if value is None else self._data(pointer, factor, f"{math.ceil(value * factor - 1e-6)}", "")
+        return self._data(pointer, unit, "" if value is None else fixed(value, unit, decimals), bare=bare)
+
+    def short(self, pointer: str, *, digits: int = 3, unit: str = "") -> Markup:
+        """Return a number with the given significant digits; empty if there is no number."""
+        value = self.at(pointer)
+        shown = "" if value is None else number(value, unit, digits, converted_digits=INPUT_DIGITS)
+        return self._data(pointer, unit, shown)
+
+    def upwards(self, pointer: str, unit: str, *, times: float = 1.0) -> Markup:
+        """Return a number times a factor, rounded up as is usual for a design value, without its unit."""
+        value = self.at(pointer)
+        shown = "" if value is None else rounded(value, unit, math.ceil, times)
+        return self._data(pointer, unit, shown, times=times, bare=True)
 
     def angle(self, pointer: str, decimals: int = 2) -> Markup:
         """Return an angle with the sign of degrees."""
         return self.fixed(pointer, decimals, unit="°")
 
-    def _written(self, pointer: str, factor: float, spec: str, unit: str) -> Markup:
-        value = self.at(pointer)
-        if value is None:
+    def _data(self, pointer: str, unit: str, text: str, *, times: float = 1.0, bare: bool = False) -> Markup:
+        if not text:
             return Markup()
-        return self._data(pointer, factor, _plain(format(value * factor, spec)).replace("-", MINUS), unit)
-
-    def _data(self, pointer: str, factor: float, text: str, unit: str) -> Markup:
-        value = self.at(pointer)
-        return Markup('<data value="{}" data-from="{}" data-factor="{:g}">{}</data>{}').format(
-            repr(float(value)), pointer, factor, text, unit.replace(" ", "\N{NO-BREAK SPACE}")
+        factor = shown_unit(unit).factor * times
+        return Markup('<data value="{}" data-from="{}" data-factor="{:.12g}">{}</data>{}').format(
+            repr(float(self.at(pointer))),
+            pointer,
+            factor,
+            text.replace("-", MINUS),
+            "" if bare else with_symbol("", unit).replace(" ", BLANK),
         )
-
-
-def _plain(text: str) -> str:
-    """Rewrite the exponent of a number: small ones in full, others without padding; zero loses its sign."""
-    mantissa, exponent, power = text.partition("e")
-    if exponent and 0 <= int(power) <= 6:
-        text = f"{float(text):.0f}"
-    elif exponent:
-        text = f"{mantissa}e{int(power)}"
-    return text.removeprefix("-") if not text.strip("-0.") else text
 
 
 def sentence(text: str) -> Markup:
     """Return a warning as a sentence, with a capital letter and a full stop."""
     return escape(text[:1].upper() + text[1:] + ("" if text.endswith((".", "!", "?")) else "."))
-
-
-class Field(NamedTuple):
-    """Format of an input: the number shown is `factor` times its value, in `unit`."""
-
-    unit: str = ""
-    factor: float = 1.0
-
-    @property
-    def written(self) -> str:
-        """The unit with the space, if any, that separates it from the number."""
-        return f" {self.unit}" if self.unit and self.unit != "°" else self.unit
 
 
 class Row(NamedTuple):
@@ -107,7 +94,7 @@ class Row(NamedTuple):
 
 
 MOST_SHOTS = 12
-"""Largest number of shots listed in the report, where a list should stay within a few lines (a judgement)."""
+"""Largest number of shots listed in the report, where a list should stay within a few lines (a rough choice)."""
 SHOT = ("velocity_m_s", "depth_m", "mass_kg", "diameter_m")
 """Fields of a shot, in the order in which they are shown."""
 GROUPS: Final[Mapping[str, str]] = {
@@ -120,28 +107,28 @@ GROUPS: Final[Mapping[str, str]] = {
     "search": "Computation",
 }
 """Title of the group of inputs for each part of the request, in the order of the report."""
-BY_END: Final[Mapping[str, Field]] = {"_m": Field("mm", 1e3), "_pa": Field("MPa", 1e-6)}
-"""Format of quantities by the end of their names; all others are shown in the unit of the contract."""
-OTHER_FIELDS: Final[Mapping[str, Field]] = {
-    "projectile.nose.points": Field("mm", 1e3),
-    "target.youngs_modulus_pa": Field("GPa", 1e-9),
-    "numerics.termination_time_s": Field("ms", 1e3),
-    "numerics.retention_energy_fraction": Field("%", 100.0),
+BY_END: Final[Mapping[str, str]] = {"_m": "mm", "_pa": "MPa"}
+"""Unit in which SI shows quantities, by the end of their names; all others are shown in the unit of the contract."""
+OTHER_UNITS: Final[Mapping[str, str]] = {
+    "projectile.nose.points": "mm",
+    "target.youngs_modulus_pa": "GPa",
+    "numerics.termination_time_s": "ms",
+    "numerics.retention_energy_fraction": "%",
 }
-"""Format of single quantities for which neither the end of the name nor the unit of the contract serves."""
+"""Units of the quantities that are shown neither by the end of their names nor in the unit of the contract."""
 
 
-def field_of(name: str) -> Field:
-    """Return the format of a quantity of the contract."""
-    return OTHER_FIELDS.get(name) or BY_END.get(unit_end(name)) or Field(unit_of(name))
+def shown_in(name: str) -> str:
+    """Return the unit in which SI shows a quantity of the contract; empty if it has none."""
+    return OTHER_UNITS.get(name) or BY_END.get(unit_end(name)) or unit_of(name)
 
 
-FIELDS: Final[Mapping[str, Field]] = {
-    f"/{name.replace('.', '/')}": field_of(name) for name in QUANTITIES if name.partition(".")[0] in GROUPS
+FIELDS: Final[Mapping[str, str]] = {
+    f"/{name.replace('.', '/')}": shown_in(name) for name in QUANTITIES if name.partition(".")[0] in GROUPS
 }
-"""Format of each input, by its JSON pointer."""
+"""Unit in which SI shows each input, by its JSON pointer."""
 UNUSED: Final = frozenset({"/numerics/panels", "/numerics/time_step_s", "/search/relative_tolerance"})
-"""Settings of the numerics and of the searches of the paper, which only its reproduction uses."""
+"""Settings that only the numerics and searches of the paper use, which a report therefore omits."""
 ABSENT: Final[Mapping[str, tuple[str, str]]] = {
     "/target/thickness_m": ("half-space", "default"),
     "/impact/oblique_angle_deg": ("none", "not given"),
@@ -178,13 +165,13 @@ def rows(numbers: Numbers, given: Mapping[str, Any], case: Mapping[str, Any]) ->
     """
     found: dict[str, list[Row]] = {group: [] for group in GROUPS.values()}
     values = dict(leaves(case))
-    for pointer, field in FIELDS.items():
+    for pointer, unit in FIELDS.items():
         group = found[GROUPS[pointer.split("/")[1]]]
         if pointer in values:
             note = "" if lookup(given, pointer) is not None else "default"
-            group.append(Row(label_of(pointer), _shown(numbers, f"/case{pointer}", field), note))
+            group.append(Row(label_of(pointer), _shown(numbers, f"/case{pointer}", unit), note))
         elif pointer in ASSUMED:
-            shown = _shown(numbers, f"/assumed{pointer}", field, digits=4)
+            shown = _shown(numbers, f"/assumed{pointer}", unit, digits=4)
             group.append(Row(label_of(pointer), shown, ASSUMED[pointer]))
         elif pointer in ABSENT:
             group.append(Row(label_of(pointer), *ABSENT[pointer]))
@@ -201,24 +188,24 @@ def leaves(case: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any
             yield pointer, value
 
 
-def _shown(numbers: Numbers, pointer: str, field: Field, *, digits: int = 12) -> Any:
+def _shown(numbers: Numbers, pointer: str, unit: str, *, digits: int = 12) -> Any:
     value = numbers.at(pointer)
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, str):
         return WORDS.get(value, value)
     if isinstance(value, Sequence):
-        return f"{_listed(value, field.factor)}{field.written}"
-    return numbers.short(pointer, factor=field.factor, digits=digits, unit=field.written)
+        return with_symbol(_listed(value, unit), unit)
+    return numbers.short(pointer, digits=digits, unit=unit)
 
 
 def _shot(shot: Mapping[str, float]) -> str:
     """Return the given fields of a shot as text."""
-    given = [(shot[name], field_of(name)) for name in SHOT if name in shot]
-    return ", ".join(f"{value * field.factor:.6g}{field.written}" for value, field in given)
+    given = [(shot[name], shown_in(name)) for name in SHOT if name in shot]
+    return ", ".join(with_symbol(number(value, unit, 6, converted_digits=INPUT_DIGITS), unit) for value, unit in given)
 
 
-def _listed(values: Sequence[Any], factor: float) -> str:
+def _listed(values: Sequence[Any], unit: str) -> str:
     """Return the numbers in full, or how many there are if they are too many to list."""
     if values and isinstance(values[0], Mapping):
         more = f"; {len(values)} in all, as in the request" if len(values) > MOST_SHOTS else ""
@@ -226,5 +213,6 @@ def _listed(values: Sequence[Any], factor: float) -> str:
     if values and isinstance(values[0], Sequence):
         if len(values) > 6:
             return f"{len(values)} rows, as in the request"
-        return "; ".join(_listed(row, factor) for row in values)
-    return ", ".join(f"{value * factor:.12g}".replace("-", MINUS) for value in values)
+        return "; ".join(_listed(row, unit) for row in values)
+    shown = (number(value, unit, 12, converted_digits=INPUT_DIGITS) for value in values)
+    return ", ".join(each.replace("-", MINUS) for each in shown)

@@ -72,7 +72,7 @@ def panels(count: int, *, height: float = 3.2, rows: int = 1, **options: Any) ->
     rows
         Number of rows; the last one may have fewer panels.
     **options
-        Options of `Figure.subplots`: `sharex`, `sharey`, ...
+        Options of `Figure.subplots`, such as `sharex` and `sharey`.
     """
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     grid = figure.subplots(rows, -(-count // rows), squeeze=False, **options).ravel().tolist()

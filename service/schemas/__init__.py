@@ -1,4 +1,4 @@
-"""Models of requests and answers in the contract. Degrees are converted to radians here and nowhere else."""
+"""Models of the requests and answers of the HTTP contract, and their conversion to and from the solver."""
 
 from service.schemas.answers import (
     CriticalAngleAnswer,

@@ -1,4 +1,4 @@
-"""Models of the answers to trajectories and critical angles."""
+"""Models of the answers to requests for trajectories and critical angles."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Generic, TypeVar
@@ -117,9 +117,9 @@ class ModelWarning(Part):
     detail: str
     """Text of the warning, for people."""
     standing: bool | MISSING = MISSING
-    """Present and true for a standing note, which applies to most answers and hardly changes this one."""
+    """Present and true for a standing note: a warning that comes with most answers and hardly affects this one."""
     angle_shift_deg: Num | MISSING = MISSING
-    """Change of the critical angle by the effect that the warning names, if it is computed. [°]"""
+    """Change of the critical angle caused by the effect that the warning names, if it is computed. [°]"""
 
 
 StrengthDispersion = Annotated[
@@ -127,13 +127,13 @@ StrengthDispersion = Annotated[
     Field(
         ge=0.0,
         description="Standard deviation of ln S for the next shot into the same concrete, from own tests or from the "
-        "law of the published tests. [ln]",
+        "law of the published tests. [1]",
     ),
 ]
 
 
 class OwnTestsAnswer(Part):
-    """Posterior and prior of S for a concrete with own tests, in normal impact."""
+    """Strength factor S in normal impact before and after the user's own tests of the concrete."""
 
     model_config = with_examples(OWN_TESTS)
 
@@ -141,19 +141,22 @@ class OwnTestsAnswer(Part):
     median: Num
     """Posterior median of S for the next shot. [1]"""
     dispersion: Num
-    """Posterior standard deviation of ln S. [ln]"""
+    """Posterior standard deviation of ln S. [1]"""
     spread: Annotated[list[Num], Field(min_length=2, max_length=2)]
     """Posterior 90 % range of S for the next shot. [1]"""
     prior_median: Num
     """Prior median of S, by the law of the published tests. [1]"""
     prior_dispersion: Num
-    """Prior standard deviation of ln S. [ln]"""
+    """Prior standard deviation of ln S. [1]"""
     prior_spread: Annotated[list[Num], Field(min_length=2, max_length=2)]
     """Prior 90 % range of S. [1]"""
 
 
 class Motion(Part, Generic[Value]):
-    """Quantities of a motion. Depth is positive inside the target, lateral in the direction of travel."""
+    """Position, velocity, loads and energy of the projectile.
+
+    Depth is positive inside the target, and the lateral position in the direction of travel.
+    """
 
     solved = solver.Motion
 
@@ -172,13 +175,16 @@ class Motion(Part, Generic[Value]):
 
 
 class MotionState(Motion[Num]):
-    """State of the motion at one instant. Depth is positive inside the target, lateral in the direction of travel."""
+    """State of the motion at one instant.
+
+    Depth is positive inside the target, and the lateral position in the direction of travel.
+    """
 
     model_config = with_examples(STATE)
 
 
 class MotionInHistory(Motion[Value], Generic[Value]):
-    """Quantities of a motion that only a history has, in addition to those of a state."""
+    """Quantities of a motion over time: those of a state, and accelerations."""
 
     axial_acceleration_g: Value
     transverse_acceleration_g: Value
@@ -205,7 +211,7 @@ class Exit(Part):
     kinetic_energy_j: Num
     lateral_m: Num
     flight: Annotated[FlightResult | MISSING, GIVEN, columns_of(FlightResult, "flight_")] = MISSING
-    """Flight to the ground, in the answer to a trajectory with `flight`."""
+    """Flight to the ground after the exit, if the request has `flight`."""
 
 
 class FlightAnswer(FlightResult):
@@ -229,7 +235,7 @@ class Protrusion(Part):
 
 
 class BendingHistory(Part):
-    """Largest bending stress in the body over time, at the instants of its computation."""
+    """Largest bending stress in the body over time, at the times at which it was computed."""
 
     model_config = with_examples({"time_s": [0.0, 0.001615], "stress_pa": [0.0, 1.829e9]})
 
@@ -278,26 +284,27 @@ class Trajectory(Part):
     strength_factor: Num
     strength_factor_dispersion: StrengthDispersion
     own_tests: OwnTestsAnswer | MISSING = MISSING
-    """Effect of own tests on S, if there are any. With eq. 9 in its concrete the shots of the paper count as such."""
+    """Effect of the user's own tests on S, if there are any. With `paper_table_1` as `strength_scatter`, the four shots
+    in Table 1 of the paper count as own tests."""
     history: Annotated[MotionHistory | MISSING, GIVEN] = MISSING
     """Motion over time, if requested."""
     warnings: list[ModelWarning]
 
 
 class Alternative(Part):
-    """Result of the same case with other laws."""
+    """Result of the same case with another decay law or strength law."""
 
     free_surface: FreeSurfaceModel
     strength_factor: StrengthLaw
     obliquity_shape: ObliquityShape
     fitted_to: str
-    """Data that the two laws were fitted to."""
+    """Data to which the decay law and the strength law were fitted."""
     problem: Problem | MISSING = MISSING
     """Reason why there is no result with these laws."""
 
 
 class TrajectoryAlternative(Alternative):
-    """Outcome of the same strike with other laws."""
+    """Outcome of the same strike with another decay law or strength law."""
 
     model_config = with_examples(OTHER_OUTCOME)
 
@@ -305,7 +312,7 @@ class TrajectoryAlternative(Alternative):
 
 
 class CriticalAngleAlternative(Alternative):
-    """Result of the same search with other laws."""
+    """Result of the same search with another decay law or strength law."""
 
     model_config = with_examples(OTHER_ANGLE)
 
@@ -315,12 +322,12 @@ class CriticalAngleAlternative(Alternative):
 
 
 class TrajectoryAnswer(Trajectory):
-    """Answer to a trajectory."""
+    """Answer to a request for a trajectory."""
 
     model_config = with_examples(RUN | VERSIONED, RUN | VERSIONED | {"alternatives": [OTHER_OUTCOME]})
 
     alternatives: Annotated[list[TrajectoryAlternative] | MISSING, GIVEN] = MISSING
-    """Results with other laws, if requested."""
+    """Results with other decay and strength laws, if requested."""
     key: Key
     engine_version: EngineVersion
 
@@ -336,14 +343,14 @@ class Trial(Part):
     final_position_m: Num
     outcome: Outcome
     fine: Annotated[
-        bool, Column("fine", "whether it was computed at the final resolution, or only to see where to look", "?")
+        bool, Column("fine", "true if computed at the final resolution, false if only to locate the angle", "?")
     ]
     exit: Annotated[Exit | MISSING, Of(lambda trial: trial.exit if trial.fine else None)] = MISSING
-    """State at the exit, in a fine trial whose projectile left the target."""
+    """State at the exit, if the trial has the final resolution and the projectile left the target."""
 
 
 class OutcomeInterval(Part):
-    """Oblique angles at which the strike has one outcome."""
+    """Interval of oblique angles in which all strikes have the same outcome."""
 
     model_config = with_examples(INTERVAL)
 
@@ -355,7 +362,7 @@ class OutcomeInterval(Part):
 
 
 class CriticalAngleAnswer(Part):
-    """Answer to a critical angle."""
+    """Answer to a request for a critical angle."""
 
     model_config = with_examples(
         FOUND | VERSIONED, NONE_FOUND | VERSIONED, FOUND | VERSIONED | {"alternatives": [OTHER_ANGLE]}
@@ -380,13 +387,14 @@ class CriticalAngleAnswer(Part):
     )
     bracket_deg: Annotated[
         Bracket | MISSING,
-        Column("bracket_low_deg", "lower of the angles between which the change was last pinned down"),
-        Column("bracket_high_deg", "upper of these"),
+        Column("bracket_low_deg", "lower end of the last bracket of the critical angle"),
+        Column("bracket_high_deg", "upper end of the last bracket of the critical angle"),
     ] = MISSING
     strength_factor: Num | MISSING = MISSING
     strength_factor_dispersion: StrengthDispersion | MISSING = MISSING
     own_tests: OwnTestsAnswer | MISSING = MISSING
-    """Effect of own tests on S, if there are any. With eq. 9 in its concrete the shots of the paper count as such."""
+    """Effect of the user's own tests on S, if there are any. With `paper_table_1` as `strength_scatter`, the four shots
+    in Table 1 of the paper count as own tests."""
     energy_fraction_below: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
     energy_fraction_above: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
     exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_")] = MISSING
@@ -394,12 +402,12 @@ class CriticalAngleAnswer(Part):
     iterations: list[Trial]
     other_crossings_deg: list[Num]
     outcomes: list[OutcomeInterval] | MISSING = MISSING
-    """Intervals of equal outcome over the whole range, in order, with ends to the tolerance. Present for a target with
-    a thickness in a search by outcome."""
+    """Intervals of equal outcome over the whole range, in increasing order, with ends accurate to the tolerance.
+    Present if the target has a thickness and the search is by `outcome`."""
     trajectory: Annotated[Trajectory | MISSING, GIVEN] = MISSING
     """Run at the critical angle, if requested."""
     alternatives: Annotated[list[CriticalAngleAlternative] | MISSING, GIVEN] = MISSING
-    """Results with other laws, if requested."""
+    """Results with other decay and strength laws, if requested."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion

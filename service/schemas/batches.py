@@ -10,10 +10,10 @@ from service.schemas.requests import Case, TrajectoryFields, TrajectoryOutput
 from service.schemas.strike import PAPER_AT_45
 
 MOST_CASES = 1_000
-"""Largest number of cases in a JSON batch. It bounds the time of parsing, which is done in one piece."""
+"""Largest number of cases in a JSON batch. It bounds the time for which parsing blocks other requests."""
 MOST_LINES = 100_000
-"""Largest number of cases in a JSONL batch, and of points in a sweep. A judgement: some twenty minutes of work on one
-core for critical angles, and 200 MB of JSON lines; measured up to this size."""
+"""Largest number of cases in a JSONL batch, and of points in a sweep. A rough choice: this many critical angles are
+some twenty minutes of work on one core and 200 MB of JSON lines; larger numbers have not been measured."""
 
 CustomId = Annotated[
     str,
@@ -41,13 +41,13 @@ class Batch(Part, Generic[BatchCase]):
 
 
 class Cases(Part):
-    """Body of a batch whose cases are not validated yet, as they are validated in parts."""
+    """Body of a batch before its cases are validated, which happens in parts."""
 
     cases: Annotated[list[Any], Field(min_length=1, max_length=MOST_CASES)]
 
 
 class Item(Part):
-    """One case with its result, or with the problem that prevented one."""
+    """A case of a batch or a point of a sweep with its result, or with the reason why there is none."""
 
     index: Index
     custom_id: CustomId | MISSING = MISSING
@@ -58,7 +58,7 @@ class Item(Part):
 
 
 class ResultItem(Item, Generic[Answer]):
-    """One case of an operation with its result, or with the problem that prevented one."""
+    """A case or point of one operation with its result, or with the reason why there is none."""
 
     result: Answer | MISSING = MISSING
 
@@ -79,7 +79,7 @@ class BatchOutput(TrajectoryOutput):
 
 
 class TrajectoryBase(TrajectoryFields):
-    """One strike in a batch or a sweep. Unlike a single one, its answer has no history by default."""
+    """One strike in a batch or a sweep. Unlike that of a single strike, its answer has no history by default."""
 
     model_config = with_examples(PAPER_AT_45)
 

@@ -35,11 +35,11 @@ from solver.calibration import ObliquityPoint as SolverPoint
 from solver.checks import ParameterError
 
 MOST_TESTS = 1000
-"""Largest number of tests, four times as many as all published ones that the law was fitted to."""
+"""Largest number of tests, four times the 251 published tests to which the law of S was fitted."""
 CURVE_POINTS = 21
 """Number of points of a curve of depth over velocity, enough for a smooth plot."""
 BELOW, ABOVE = 0.8, 1.2
-"""Ends of a curve, relative to the lowest and to the highest velocity of the tests [1]."""
+"""Lowest velocity of a curve relative to the lowest of the tests, and highest relative to the highest. [1]"""
 
 TEST = {"velocity_m_s": 238.1, "depth_m": 0.30, "mass_kg": 12.923}
 TABLE_1 = [
@@ -48,7 +48,7 @@ TABLE_1 = [
     {"velocity_m_s": 314.0, "depth_m": 0.45, "mass_kg": 12.910},
     {"velocity_m_s": 369.5, "depth_m": 0.53, "mass_kg": 12.914},
 ]
-"""Tests of the paper's table 1."""
+"""Penetration tests of the paper's table 1, as an example."""
 
 POSTERIOR = {"type": "log_student_t", "median": 8.055, "scale": 0.0815, "degrees_of_freedom": 7.0}
 """Posterior of S after the tests of table 1."""
@@ -70,11 +70,12 @@ class DepthTest(SolverPart[SolverTest]):
     weight: Annotated[Num, Field(ge=1e-6, le=1e6)] = 1.0
     """Relative weight of the squared residual. [1]"""
     group: Group | MISSING = MISSING
-    """Name of a group of tests, which gets a strength factor of its own in addition to that of all tests."""
+    """Name of the group of the test. Each group gets a strength factor of its own, in addition to the one for all
+    tests."""
 
 
 class DepthCalibrationRequest(Calibration):
-    """Shots of one projectile into one target in normal impact."""
+    """Penetration tests of one projectile and target in normal impact, to which a strength factor is fitted."""
 
     model_config = with_examples(
         {"projectile": PROJECTILE, "target": TARGET, "tests": TABLE_1},
@@ -153,7 +154,7 @@ class DepthCurve(Part):
 class Posterior(Part):
     """Posterior of S for the next shot into the same concrete, with the published tests as the prior.
 
-    Weights of tests have no effect on it.
+    The weights of the tests have no effect on it.
     """
 
     model_config = with_examples(POSTERIOR)
@@ -162,7 +163,7 @@ class Posterior(Part):
     median: Num
     """Median of S. [1]"""
     scale: Num
-    """Scale of ln S, which has Student's distribution. [ln]"""
+    """Scale of ln S, which has Student's distribution. [1]"""
     degrees_of_freedom: Num
     """Degrees of freedom of Student's distribution. [1]"""
 
@@ -193,7 +194,7 @@ class DepthCalibrationAnswer(Part):
         ConfidenceInterval | MISSING,
         Of(_interval_in),
         Column("confidence_low", "lower end of the confidence interval of the strength factor"),
-        Column("confidence_high", "upper end of it"),
+        Column("confidence_high", "upper end of the confidence interval of the strength factor"),
     ] = MISSING
     residuals: Residuals
     """Measured minus predicted depth of each test. [m]"""
@@ -212,7 +213,7 @@ class DepthCalibrationAnswer(Part):
 
 
 def depth_answer(fit: DepthFit, curves: Sequence[tuple[float, FloatArray, FloatArray]]) -> dict[str, Any]:
-    """Return the answer from a fit and from curves of strength factor, velocities and depths."""
+    """Return the answer for a fit and its curves, each a strength factor with velocities and depths."""
     groups = [{"group": name} | walk(FittedStrength, group) for name, group in fit.groups.items()]
     compared = [
         {"strength_factor": factor, "velocity_m_s": velocities.tolist(), "depth_m": depths.tolist()}
@@ -222,7 +223,7 @@ def depth_answer(fit: DepthFit, curves: Sequence[tuple[float, FloatArray, FloatA
 
 
 MOST_POINTS = 1000
-"""Largest number of points of a fit over the angle, as of tests of a fit by depth."""
+"""Largest number of points of a fit over the angle, the same as of tests of a fit to depths."""
 TABLE_2 = [
     {"oblique_angle_deg": angle, "strength_factor": factor}
     for angle, factor in ((0.0, 8.52), (15.0, 8.25), (30.0, 7.91), (45.0, 6.48))
@@ -289,7 +290,7 @@ class ObliquityCalibrationAnswer(Part):
 
 
 def obliquity_answer(fit: ObliquityFit) -> dict[str, Any]:
-    """Return the answer from a fit.
+    """Return the answer for a fitted polynomial.
 
     Raises
     ------

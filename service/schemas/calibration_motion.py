@@ -1,4 +1,4 @@
-"""Models of the request of a calibration by motion, and the base of all calibrations."""
+"""Models of the request of a calibration by motion, and the base class of all calibration requests."""
 
 from typing import Annotated, Any
 
@@ -18,7 +18,7 @@ from solver.checks import ParameterError
 from solver.strike import TERMINATION_TIME
 
 MOST_COMPARED = 20
-"""Largest number of strength factors to compare, a judgement: more curves cannot be told apart in a plot."""
+"""Largest number of strength factors to compare, a rough choice: more curves cannot be told apart in a plot."""
 
 StrengthFactorValue = Annotated[
     Num, Field(ge=0.1, le=1000.0, description="Strength factor. Measured ones lie between some 5 and 25. [1]")
@@ -49,26 +49,26 @@ class CalibrationResistance(SolverPart[solver.Resistance]):
 
 
 class Calibration(Part):
-    """Base of the requests that fit the model."""
+    """Base of the requests that fit a strength factor."""
 
     projectile: Projectile
     target: Target
     resistance: Annotated[CalibrationResistance, Field(default_factory=CalibrationResistance)]
     numerics: Numerics | MISSING = MISSING
-    """Route and resolution of the runs. A run of a motion ends with its history."""
+    """Method and resolution of the runs. In a fit to motions, each run ends with its history."""
     confidence_level: Annotated[Num, Field(ge=0.5, le=0.9999)] = 0.95
     """Probability that the confidence interval contains the strength factor. [1]"""
     compare_strength_factors: (
         Annotated[list[StrengthFactorValue], Field(min_length=1, max_length=MOST_COMPARED)] | MISSING
     ) = MISSING
-    """Further strength factors to predict with. [1]"""
+    """Further strength factors, for each of which the answer has a prediction. [1]"""
 
     def canonical(self) -> dict[str, Any]:
         """Return the request as JSON data, with defaults filled in."""
         return self.model_dump(mode="json")
 
     def model_arguments(self) -> dict[str, Any]:
-        """Return the arguments that all functions of the solver that run the model have in common."""
+        """Return the arguments that are common to all fits and predictions of the solver."""
         return {
             "projectile": self.projectile.to_solver(),
             "target": self.target.to_solver(),
@@ -77,7 +77,7 @@ class Calibration(Part):
         }
 
     def longest_run(self) -> float:
-        """Return the latest end of a run. [s]"""
+        """Return the time at which the longest run ends. [s]"""
         end = MISSING if self.numerics is MISSING else self.numerics.termination_time_s
         return TERMINATION_TIME if end is MISSING else end
 
@@ -103,15 +103,15 @@ class FittedStrength(Part):
         ConfidenceInterval,
         Of("estimate.confidence_interval"),
         Column("confidence_low", "lower end of the confidence interval of the strength factor"),
-        Column("confidence_high", "upper end of it"),
+        Column("confidence_high", "upper end of the confidence interval of the strength factor"),
     ]
 
 
 COMPARED_ROWS = 1000
-"""Number of rows of a motion that is only compared. A curve in a plot needs no more."""
+"""Largest number of rows of a motion that is predicted for comparison, enough for a smooth curve in a plot."""
 MOST_RUNS = 20
-"""Largest number of runs of a calibration by motion. Each costs three fits, so that a request costs up to 1,200
-cases."""
+"""Largest number of runs of a calibration by motion. Each takes three fits of 20 cases, so that a request costs up to
+1,200 cases."""
 
 AT_30: dict[str, Any] = {
     "time_s": [0.0, 0.0005, 0.001, 0.0015, 0.002, 0.0025],
@@ -170,7 +170,7 @@ UntilGreatestDepth = Annotated[
 
 
 class CalibrationRun(Part):
-    """One of several strikes with the motion of the projectile. Omitted fields default to those of the request."""
+    """One of several strikes that are fitted together. Omitted fields default to those of the request."""
 
     model_config = with_examples(
         {"impact": STRIKE_AT_30, "history": AT_30},
@@ -226,7 +226,7 @@ class MotionCalibrationRequest(Calibration):
     until_greatest_depth: UntilGreatestDepth = False
 
     def motion_runs(self) -> list[MotionRun]:
-        """Return the runs with the rows to fit.
+        """Return the runs for the solver, each with the rows to fit.
 
         Raises
         ------
@@ -246,9 +246,9 @@ class MotionCalibrationRequest(Calibration):
         return [self._run(index, run) for index, run in enumerate(self.runs)]
 
     def _run(self, index: int, run: CalibrationRun) -> MotionRun:
-        """Return one of several runs."""
+        """Return a run of `runs` for the solver, with the weights and the end of the fit of the request as defaults."""
         until, greatest = run.until_s, run.until_greatest_depth
-        # The two exclude each other, so that a run that sets one must not inherit the other.
+        # `until_s` and `until_greatest_depth` exclude each other, so a run that sets one must not inherit the other.
         if until is MISSING and greatest is MISSING:
             until, greatest = self.until_s, self.until_greatest_depth
         weights = self.weights if run.weights is MISSING else run.weights
@@ -265,18 +265,18 @@ class MotionCalibrationRequest(Calibration):
 
     @property
     def run_count(self) -> int:
-        """Number of runs; one without `runs`."""
+        """Number of runs. A request without `runs` has one."""
         return 1 if self.runs is MISSING else len(self.runs)
 
     def longest_run(self) -> float:
-        """Return the latest end of a history. [s]"""
+        """Return the time at which the longest history ends. [s]"""
         histories = [self.history] if self.runs is MISSING else [run.history for run in self.runs]
         return max((each.time_s[-1] for each in histories if each is not MISSING), default=0.0)
 
     def located(self, error: ParameterError) -> ParameterError:
         """Return an error of the solver with the field of the request.
 
-        The solver does not number a single run, which the request has at `runs.0`.
+        The solver does not number a single run, which the request may list as `runs.0`.
         """
         if self.several and error.field.startswith(("history.", "weights")):
             return ParameterError(f"runs.0.{error.field}", error.requirement)
@@ -311,8 +311,8 @@ def _used(record: MotionRecord, until_s: Any, until_greatest_depth: bool) -> Mot
 
 
 def _thinned(times: FloatArray) -> FloatArray:
-    """Return at most `COMPARED_ROWS` times, evenly chosen, for a motion that is only compared."""
-    # A short motion has fewer rows than are chosen, and repeats are removed.
+    """Return at most `COMPARED_ROWS` evenly chosen times, for a motion that is predicted for comparison."""
+    # A short motion has fewer rows than that, so that some are chosen repeatedly; `unique` removes the repeats.
     rows = np.unique(np.linspace(0, times.size - 1, COMPARED_ROWS).round().astype(int))
     thinned: FloatArray = times[rows]
     return thinned

@@ -46,7 +46,7 @@ NO_DECAY_ESTIMATE = {"strength_factor": 9.935, "standard_error": 2.341, "confide
 
 
 class FittedMotion(Part):
-    """Columns of equal length for the quantities of the request."""
+    """Motion over time, as columns of equal length for the quantities of the request."""
 
     model_config = with_examples(PREDICTED, {"time_s": [0.0, 0.001], "rotation_deg": [0.0, 7.122]})
 
@@ -61,7 +61,7 @@ class FittedMotion(Part):
 
 
 class MotionMeasures(Part):
-    """One number for each quantity of the request."""
+    """A measure of the fit, as one number for each quantity of the request."""
 
     model_config = with_examples(ROOT_MEAN_SQUARE)
 
@@ -143,7 +143,7 @@ class DecayLawRun(Part):
 
 
 class DecayLawFit(Part):
-    """Strength factor that fits best with one decay law; only the law if the motion does not determine the factor."""
+    """Best fit with one decay law; only the name of the law if the motion does not determine the strength factor."""
 
     model_config = with_examples(
         {"free_surface": "elastic_plastic"} | ESTIMATE | {"normalized_root_mean_square": 0.0019},
@@ -227,7 +227,7 @@ def _run(fit: MotionFit, compared: Sequence[tuple[float, MotionHistory]]) -> dic
 
 
 def _motion(motion: MotionHistory, quantities: Collection[str]) -> dict[str, Any]:
-    """Return a motion as JSON data, with these quantities only."""
+    """Return a motion as JSON data, with the given quantities only."""
     return walk(FittedMotion, MotionHistory(time=motion.time, **{name: motion.columns[name] for name in quantities}))
 
 

@@ -1,4 +1,4 @@
-"""Texts of validation errors, with the unit of a bound, a likely unit of the value, or a similar field."""
+"""Messages of validation errors, completed by the unit of a bound, a likely unit of the value or a similar field."""
 
 import re
 from collections.abc import Mapping
@@ -31,7 +31,7 @@ def explained(pointer: str, error: Mapping[str, Any], *, suggest: bool = True) -
     Parameters
     ----------
     suggest
-        Search for a known field that is similar to an unknown one.
+        True to search for a known field that is similar to an unknown one.
     """
     if error["type"] == UNKNOWN:
         return worded(error) + (suggestion(pointer) if suggest and len(pointer) <= LONGEST_MISSPELT else "")
@@ -49,7 +49,7 @@ def explained(pointer: str, error: Mapping[str, Any], *, suggest: bool = True) -
 
 
 def suggestion(pointer: str) -> str:
-    """Return the end of the error for an unknown field: a similar field, or the fields of the same object."""
+    """Return the end of the message for an unknown field: a similar field, or the fields of the same object."""
     field = ".".join(step for step in pointer.split("/") if step and not step.isdigit())
     known = known_fields()
     if field in known:  # The field exists in another request, so that it is not misspelt.

@@ -17,13 +17,13 @@ from service.schemas.quantities import STANDARD_GRAVITY, Of, Part, degrees, shor
 from solver.arrays import FloatArray
 
 WHOLE_ANSWER = Of(lambda found: found)
-"""Marker of a part of an answer that is made from the same object as the whole answer."""
+"""Marker of a part of an answer that is converted from the same object as the whole answer."""
 GIVEN = Of(None)
 """Marker of a field whose value is passed to `walk`, or added to the answer later."""
 
 
 NOT_TABLED = ()
-"""Marker of a number or a text that is no column of tables."""
+"""Marker of a number or a text that is not a column of the tables of results."""
 
 
 IDENTIFYING = {column.name for column in IDENTITY}
@@ -35,7 +35,7 @@ class AnswerField(NamedTuple):
 
     name: str
     get: Callable[[Any], Any] | None
-    """Function from a result of the solver to the value; None for a given field."""
+    """Function from a result of the solver to the value; None for a field marked `GIVEN`."""
     part: type[Part] | None
     """Model of the value or, for a list, of its items."""
     optional: bool
@@ -146,7 +146,7 @@ def columns_of(model: type[Part], prefix: str = "", suffix: str = "") -> tuple[C
 
 
 def _columns_of(model: type[Part], name: str) -> tuple[Column, ...]:
-    """Return the columns in the annotations of a field, or one column for a number or a text without any."""
+    """Return the columns in the annotations of a field; without any, one column for a number or a text."""
     info = model.model_fields[name]
     given = [mark for mark in info.metadata if isinstance(mark, Column | tuple)]
     if given or name in IDENTIFYING:

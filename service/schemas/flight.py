@@ -1,4 +1,4 @@
-"""Models of the flight after a ricochet: request, answer, and conditions of a trajectory."""
+"""Models of the flight after a ricochet: request, answer, and position of the face in other requests."""
 
 from enum import StrEnum
 from typing import Annotated, Any
@@ -62,7 +62,7 @@ class FlightInput(SolverPart[solver.FlightConditions]):
 
 
 class FlightRequest(Part):
-    """Launch of a body from the target."""
+    """Launch conditions of a body that leaves the target."""
 
     model_config = with_examples(LAUNCH, LAUNCH | {"drag_coefficient": 0.5, "height_m": 12.0})
 

@@ -8,9 +8,10 @@ from pydantic import MISSING, Field
 from service.schemas.answers import VERSIONED, EngineVersion, Key, ModelWarning
 from service.schemas.fields import GIVEN, NOT_TABLED, walk
 from service.schemas.problems import pointer_of_parameter
-from service.schemas.quantities import Num, Of, Part, solver_arguments, with_examples
+from service.schemas.quantities import Num, Of, Part, Units, solver_arguments, with_examples
 from service.schemas.strike import PAPER, STRIKE, Impact, Projectile, Target
 from solver.formulas import PERFORATION_MARGIN, SCABBING_MARGIN, Limit, formulas, nose_class, spread
+from solver.units import UnitSystem
 from solver.warnings import NORMAL_COMPONENT_ONLY, body_warnings, reinforcement_warnings
 
 REQUEST = {name: PAPER[name] for name in ("projectile", "target")} | {"impact": STRIKE}
@@ -39,8 +40,8 @@ class FormulaImpact(Impact):
     model_config = with_examples(STRIKE)
 
     oblique_angle_deg: Annotated[Num, Field(ge=0.0, lt=90.0)] = 0.0
-    """Angle between the velocity and the inward normal of the face. Formulas have no angle, so that the component of
-    the velocity along the normal is used instead, which is common practice and no more. [°]"""
+    """Angle between the velocity and the inward normal of the face. The formulas have no angle; they are evaluated with
+    the component of the velocity along the normal, which is common practice but has no other justification. [°]"""
 
 
 class FormulasRequest(Part):
@@ -51,6 +52,7 @@ class FormulasRequest(Part):
     projectile: Projectile
     target: Target
     impact: FormulaImpact
+    units: Units = UnitSystem.SI
 
     def canonical(self) -> dict[str, Any]:
         """Return all fields as JSON data, with defaults filled in."""
@@ -58,7 +60,7 @@ class FormulasRequest(Part):
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `solver.formulas`."""
-        return solver_arguments(self)
+        return {name: value for name, value in solver_arguments(self).items() if name != "units"}
 
 
 class NotFitted(Part):
@@ -95,8 +97,8 @@ class FormulaRow(Part):
     note: str | MISSING = MISSING
     """Doubts about the formula, or assumptions; absent if there are none."""
     verified: bool
-    """True if the constants were compared with an original, a standard or a published shot. Those of the other formulas
-    come from secondary sources only."""
+    """True if the constants were compared with the original publication, a standard or a published shot. Those of the
+    other formulas come from secondary sources only."""
     source: str
     """Authors and year of the source."""
 
@@ -116,7 +118,7 @@ class FormulaSpread(Part):
 
 
 def spread_of(limit: Limit) -> Of:
-    """Return the source of a field with the spread of a limit."""
+    """Return the source of the field for the spread of a limit over the formulas."""
     return Of(partial(spread, limit=limit))
 
 
@@ -140,7 +142,7 @@ class FormulasAnswer(Part):
     scabbing_thickness_spread: Annotated[FormulaSpread | MISSING, spread_of("scabbing_thickness")] = MISSING
     perforation_thickness_spread: Annotated[FormulaSpread | MISSING, spread_of("perforation_thickness")] = MISSING
     nose_class: Annotated[str, GIVEN, NOT_TABLED]
-    """Nose class of the formulas, from flat to sharp by the length of the nose."""
+    """Nose class that the formulas use, from flat to sharp by the length of the nose."""
     scabbing_margin: Annotated[Num, Of(lambda _: SCABBING_MARGIN), NOT_TABLED]
     """Factor on the scabbing thickness that DOE-STD-3014-2006 requires in a design. [1]"""
     perforation_margin: Annotated[Num, Of(lambda _: PERFORATION_MARGIN), NOT_TABLED]

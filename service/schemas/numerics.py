@@ -1,4 +1,4 @@
-"""Models of the numerical settings of a request: route, resolution and search."""
+"""Models of the numerical settings of a request: method, resolution and search."""
 
 from enum import StrEnum
 from functools import cache
@@ -17,7 +17,7 @@ Obliquity = Annotated[Num, Field(ge=0.0, lt=90.0)]
 
 
 class Method(StrEnum):
-    """Route to a trajectory.
+    """Method of computing a trajectory.
 
     `adaptive` has closed-form arcs and error-controlled steps, `panels` the surface elements and the fixed step of the
     paper.
@@ -39,14 +39,15 @@ class SearchMethod(StrEnum):
 
 
 class Numerics(SolverPart[solver.Numerics]):
-    """Route and resolution of a run."""
+    """Method and resolution of a run."""
 
     model_config = with_examples(
         {"relative_tolerance": 1e-5}, {"method": "panels", "panels": 6000, "time_step_s": 2e-5}
     )
 
     method: Method | MISSING = MISSING
-    """Route to a trajectory. The default is `adaptive`, in the searches `bisection` and `secant` it is `panels`."""
+    """Method of computing a trajectory. The default is `adaptive`, except in the searches `bisection` and `secant`,
+    where it is `panels`."""
     termination_time_s: Annotated[Num, Field(ge=1e-6, le=1.0)] | MISSING = MISSING
     panels: Annotated[Count, Field(ge=100, le=100_000), WHOLE] = NUMERICS.panels
     time_step_s: Annotated[Num, Field(ge=1e-7, le=1e-3)] = NUMERICS.time_step

@@ -17,7 +17,7 @@ from service.schemas.answers import (
 )
 from service.schemas.fields import GIVEN, NOT_TABLED, walk
 from service.schemas.formulas import ROW, FormulaRow
-from service.schemas.quantities import Flag, Num, Of, Part, with_examples
+from service.schemas.quantities import Flag, Num, Of, Part, Units, with_examples
 from service.schemas.requests import Case
 from service.schemas.strike import PAPER, PAPER_AT_45, Approach, Impact
 from service.schemas.wall import VARIANTS, Variants
@@ -27,10 +27,14 @@ from solver.perforation import RUN_TOLERANCE
 from solver.strike import TERMINATION_TIME
 from solver.uncertainty import PerforationSpread, limit_speed_spread, thickness_spread
 from solver.uncertainty.walls import PROBABILITY, limit_speed_sentence, thickness_sentence
+from solver.units import UnitSystem
 
 RANGE = {"lower": 0.1623, "upper": 0.2139, "probability": PROBABILITY}
 RANGE_COLUMNS = {
-    unit: (Column(f"range_low_{unit}", "lower end of the 90 % range"), Column(f"range_high_{unit}", "upper end"))
+    unit: (
+        Column(f"range_low_{unit}", "lower end of the 90 % range"),
+        Column(f"range_high_{unit}", "upper end of the 90 % range"),
+    )
     for unit in ("m", "m_s")
 }
 """Columns of the 90 % range, by the unit of the answer."""
@@ -38,9 +42,9 @@ VARIANT_COLUMNS = {
     unit: tuple(
         Column(f"{name}_{unit}", text)
         for name, text in (
-            ("plain", "without a plug and a crater"),
-            ("rear_plug", "with a plug that shears out of the rear"),
-            ("rear_plug_and_crater", "with a plug and a crater"),
+            ("plain", "limit without a plug and a crater"),
+            ("rear_plug", "limit with a plug that shears out of the rear"),
+            ("rear_plug_and_crater", "limit with a plug and a crater"),
         )
     )
     for unit in ("m", "m_s")
@@ -137,7 +141,8 @@ class PerforationCase(Case):
     @property
     def searches(self) -> int:
         """Number of searches that the answer takes."""
-        # The range takes two more, at the ends of S, and the variants with a plug and a crater three.
+        # The range takes two more searches, at the ends of the range of S, and the variants with a plug and a crater
+        # three.
         return 6 if self.output.range else 1
 
 
@@ -173,7 +178,7 @@ class ThicknessFields(PerforationCase):
         return case.shared_arguments() | {"impact": case.impact.to_solver()}
 
     def formulas(self) -> list[FormulaResult]:
-        """Evaluate the empirical formulas for the same strike; none without a velocity along the normal."""
+        """Return the results of the empirical formulas; empty for a strike without a velocity along the normal."""
         arguments = self.arguments()
         try:
             rows = solver.formulas(**{name: arguments[name] for name in ("projectile", "target", "impact")})
@@ -186,6 +191,8 @@ class ThicknessRequest(ThicknessFields):
     """A strike on a wall whose thickness is searched for. The target must not have a thickness."""
 
     model_config = with_examples(PAPER_AT_45)
+
+    units: Units = UnitSystem.SI
 
 
 class ThicknessBase(ThicknessFields):
@@ -228,7 +235,7 @@ class LimitSpeedFields(PerforationCase):
         return case.shared_arguments() | case.impact.arguments()
 
     def formulas(self) -> list[FormulaResult]:
-        """Return the limit speeds of the empirical formulas; none for a strike along the face."""
+        """Return the limit speeds of the empirical formulas; empty for a strike along the face."""
         arguments = self.arguments()
         strike = {name: arguments[name] for name in ("projectile", "target", "oblique_angle")}
         try:
@@ -242,9 +249,11 @@ class LimitSpeedRequest(LimitSpeedFields):
 
     model_config = with_examples(WALL)
 
+    units: Units = UnitSystem.SI
+
 
 class LimitSpeedBase(LimitSpeedFields):
-    """A wall and a projectile whose limit speed is searched for, in a batch or a sweep, by default without a range."""
+    """A wall and a projectile whose limit speed is searched for, in a batch or a sweep. The 90 % range is optional."""
 
     model_config = with_examples(WALL)
 
@@ -303,15 +312,15 @@ class ThicknessAnswer(Part):
     status: PerforationStatus
     least_thickness_m: Annotated[Num | MISSING, Of("value")] = MISSING
     """Least thickness found that stops the projectile, if there is one between a tenth and a thousand diameters. Unless
-    `resistance` has a `rear_plug` and a `crater`, the wall has neither, and a real wall has to be thicker. [m]"""
+    `resistance` has a `rear_plug` and a `crater`, the model includes neither, and a real wall has to be thicker. [m]"""
     bracket_m: Annotated[
         Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,
-        Column("bracket_low_m", "lower of the thicknesses between which the outcome changes"),
-        Column("bracket_high_m", "upper of these"),
+        Column("bracket_low_m", "lower of the two thicknesses between which the outcome changes"),
+        Column("bracket_high_m", "upper of the two thicknesses between which the outcome changes"),
     ] = MISSING
     """Thicknesses between which the outcome changes. [m]"""
     without_protrusion: Annotated[
-        Num | MISSING, Column("without_protrusion_m", "least thickness of a wall out of which nothing comes")
+        Num | MISSING, Column("without_protrusion_m", "least thickness without a protrusion from the rear")
     ] = MISSING
     """Least thickness found at which no part of the projectile comes out of the rear face. At `least_thickness_m` its
     nose may stand out. [m]"""
@@ -320,11 +329,11 @@ class ThicknessAnswer(Part):
     range: Annotated[LimitRange | MISSING, GIVEN, *RANGE_COLUMNS["m"]] = MISSING
     """90 % range over the scatter of the strength factor, if requested and if there is a thickness at both ends. [m]"""
     variants: Annotated[Variants | MISSING, GIVEN, *VARIANT_COLUMNS["m"]] = MISSING
-    """Least thickness with different rear and front faces, if requested. [m]"""
+    """Least thickness with and without a plug at the rear and a crater at the front, if requested. [m]"""
     sentence: Annotated[str | MISSING, GIVEN, NOT_TABLED] = MISSING
-    """Results of formulas and model in words, with the range. They are no design value, which `/wall` has."""
+    """Results of the formulas and of the model in words, with the range. For design values see `/wall`."""
     formulas: Annotated[list[FormulaRow], GIVEN]
-    """Empirical formulas with a perforation thickness for the same strike."""
+    """Results of the empirical formulas that predict a perforation thickness, for the same strike."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion
@@ -340,15 +349,15 @@ class LimitSpeedAnswer(Part):
     status: PerforationStatus
     limit_speed_m_s: Annotated[Num | MISSING, Of("value")] = MISSING
     """Least speed found that perforates, if there is one between 1 and 2,000 m/s. Unless `resistance` has a `rear_plug`
-    and a `crater`, the wall has neither, and slower projectiles perforate real walls. [m/s]"""
+    and a `crater`, the model includes neither, and slower projectiles perforate real walls. [m/s]"""
     bracket_m_s: Annotated[
         Annotated[list[Num], Field(min_length=2, max_length=2)] | MISSING,
-        Column("bracket_low_m_s", "lower of the speeds between which the outcome changes"),
-        Column("bracket_high_m_s", "upper of these"),
+        Column("bracket_low_m_s", "lower of the two speeds between which the outcome changes"),
+        Column("bracket_high_m_s", "upper of the two speeds between which the outcome changes"),
     ] = MISSING
     """Speeds between which the outcome changes. [m/s]"""
     without_protrusion: Annotated[
-        Num | MISSING, Column("without_protrusion_m_s", "greatest speed at which nothing comes out of the wall")
+        Num | MISSING, Column("without_protrusion_m_s", "greatest speed without a protrusion from the rear")
     ] = MISSING
     """Greatest speed found at which no part of the projectile comes out of the rear face. Just below `limit_speed_m_s`
     its nose may stand out. [m/s]"""
@@ -357,9 +366,9 @@ class LimitSpeedAnswer(Part):
     range: Annotated[LimitRange | MISSING, GIVEN, *RANGE_COLUMNS["m_s"]] = MISSING
     """90 % range over the scatter of the strength factor, if requested and if there is a speed at both ends. [m/s]"""
     variants: Annotated[Variants | MISSING, GIVEN, *VARIANT_COLUMNS["m_s"]] = MISSING
-    """Limit speed with different rear and front faces, if requested. [m/s]"""
+    """Limit speed with and without a plug at the rear and a crater at the front, if requested. [m/s]"""
     sentence: Annotated[str | MISSING, GIVEN, NOT_TABLED] = MISSING
-    """Results of formulas and model in words, with the range."""
+    """Results of the formulas and of the model in words, with the range."""
     formulas: Annotated[list[FormulaRow], GIVEN]
     """Limit speeds of the empirical formulas for the same wall and angle."""
     warnings: list[ModelWarning]
@@ -390,7 +399,10 @@ def thickness_answer(request: ThicknessFields) -> dict[str, Any]:
 
 
 def limit_speed_answer(request: LimitSpeedFields) -> dict[str, Any]:
-    """Find the limit speed, and return the answer without its key and version; raises as `thickness_answer`."""
+    """Find the limit speed, and return the answer without its key and version.
+
+    Raises the same errors as `thickness_answer`.
+    """
     arguments, rows = request.arguments(), request.formulas()
     found = solver.limit_velocity(**arguments)
     given: dict[str, Any] = {}

@@ -13,14 +13,14 @@ TAGGED = frozenset({"distribution", "nose", "strength_factor"})
 """Fields that are unions. In a location inside one of them, pydantic inserts the name of the variant."""
 
 PLACES = {"velocity": "impact.velocity", "sample_interval": "output.sample_interval"}
-"""Dotted paths in a request of arguments that the solver takes at the top level."""
+"""Dotted paths in a request by the names of arguments that the solver takes directly, not within an object."""
 
 UNITLESS = frozenset({"distribution", "weights"})
-"""Parts whose numbers are named after quantities but have no unit in their names."""
+"""Parts of a request whose numbers have the names of quantities without the suffix of a unit."""
 
 
 def json_pointer(steps: Iterable[str | int]) -> str:
-    """Return the JSON pointer with these steps."""
+    """Return the JSON pointer of some steps, which it escapes."""
     return "".join("/" + str(step).replace("~", "~0").replace("/", "~1") for step in steps)
 
 
@@ -45,7 +45,7 @@ def pointer_of_parameter(field: str) -> str:
 
 
 def unit_ends() -> dict[str, str]:
-    """Return the unit suffixes that the contract adds to names of the solver, by these names.
+    """Return the unit suffixes that the contract adds to names of the solver, by the name in the solver.
 
     They are collected at each call, because not every command has imported all models yet.
     """
@@ -59,7 +59,7 @@ def unit_ends() -> dict[str, str]:
 
 @cache
 def ends_in(model: type[Part]) -> dict[str, str]:
-    """Return the unit suffixes of the fields of a model, by the names without them."""
+    """Return the unit suffixes of the fields of a model, by the name without the suffix."""
     return {name.removesuffix(end): end for name in model.model_fields if (end := unit_end(name))}
 
 

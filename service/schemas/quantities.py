@@ -12,6 +12,7 @@ from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Field,
     FiniteFloat,
     GetJsonSchemaHandler,
     Strict,
@@ -22,12 +23,25 @@ from pydantic_core import CoreSchema
 from service.columns import unit_end, unit_of
 from solver.checks import BOUNDS
 from solver.quantities import Quantity, field_docstrings, quantities
+from solver.units import UnitSystem
 
 Num = Annotated[FiniteFloat, Strict()]
-"""Finite JSON number, integer or decimal. Texts and truth values are refused, which pydantic would convert."""
+"""Finite JSON number, integer or decimal. Strings and booleans, which pydantic would convert, are refused."""
 
 Flag = Annotated[bool, Strict()]
-"""JSON true or false. Numbers and texts are refused, which pydantic would convert."""
+"""JSON true or false. Numbers and strings, which pydantic would convert, are refused."""
+
+
+# Left out of dumps where it has no effect, so that the key of a result is the one that it had without this field.
+Units = Annotated[
+    UnitSystem,
+    Field(
+        exclude_if=lambda units: units is UnitSystem.SI,
+        description="Units of the quantities in the texts of the answer, such as warnings: SI, or US customary units. "
+        "Fields are in SI units.",
+    ),
+]
+"""Units of texts, in a request."""
 
 
 def _whole(value: Any) -> Any:
@@ -41,7 +55,7 @@ WHOLE = BeforeValidator(_whole)
 
 @dataclass(frozen=True, slots=True)
 class Of:
-    """Source of a field in the result of the solver, where it is no attribute with the name of the field.
+    """Source of a field in the result of the solver, if it is not the attribute with the name of the field.
 
     Parameters
     ----------
@@ -57,10 +71,10 @@ class Part(BaseModel):
 
     An optional field that is null in a request counts as absent, since some generated clients send null for it.
 
-    The description of a field in the contract is its docstring or, without one, that of the field of the solver, with
-    the unit in the name of the field. It is read when a schema is made: pydantic's `use_attribute_docstrings` reads it
-    when the class is made, which adds 0.2 s to every start. Fields in `answered_last` follow the others in an answer,
-    which otherwise has the order of the model.
+    The description of a field in the contract is its docstring or, without one, the description of the same field in
+    the solver with the unit converted. It is read when a schema is made; pydantic's `use_attribute_docstrings` would
+    read it when the class is made, and add 0.2 s to every start. Fields in `answered_last` follow the others in an
+    answer, which otherwise has the order of the model.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -192,7 +206,7 @@ def within(field: str) -> dict[str, Any]:
 
 
 def degrees(angle: float) -> float:
-    """Convert an angle to degrees so that an angle given with up to 15 digits is answered unchanged."""
+    """Convert an angle to degrees so that an angle given with up to 15 digits is returned unchanged."""
     exact = math.degrees(angle)
     short = float(f"{exact:.15g}")
     return short if math.radians(short) == angle else exact

@@ -1,4 +1,4 @@
-"""Models of requests for trajectories, critical angles, their alternatives with other laws, and reports."""
+"""Models of requests for trajectories, critical angles and reports, and the same requests with alternative laws."""
 
 import math
 from abc import abstractmethod
@@ -13,7 +13,7 @@ import solver
 from service.schemas.fields import walk
 from service.schemas.flight import FlightInput
 from service.schemas.numerics import Method, Numerics, Search, SearchMethod, usual_range
-from service.schemas.quantities import Flag, Num, Part, with_examples
+from service.schemas.quantities import Flag, Num, Part, Units, with_examples
 from service.schemas.resistance import STRENGTH_FACTORS, Resistance
 from service.schemas.strike import (
     HEMISPHERE,
@@ -35,6 +35,7 @@ from solver.strike import SEARCH_TOLERANCE, TRAJECTORY_TOLERANCE, usual_terminat
 from solver.sweeps import fitted_to, obliquity_shape
 from solver.trajectory import SAMPLE_INTERVAL
 from solver.uncertainty.usual import has_own_law
+from solver.units import UnitSystem, written_in
 
 MOST_ROWS = 20_000
 """Largest number of rows of a history: some 4 MB of JSON, and far finer than any plot shows."""
@@ -107,7 +108,7 @@ class Case(Part):
     numerics: Annotated[Numerics, Field(default_factory=Numerics)]
     strength_scatter: StrengthScatter = StrengthScatter.LAW
     """Source of the scatter of S: the published tests, or own tests in the resistance (`law`); or the four shots of the
-    paper, as if they were into this concrete (`paper_table_1`)."""
+    paper, as if fired into this concrete (`paper_table_1`)."""
 
     def shared_arguments(self) -> dict[str, Any]:
         """Return the arguments that all functions of the solver share."""
@@ -123,11 +124,11 @@ class Case(Part):
         """Return the request with all defaults filled in."""
 
     def adaptive(self, **numerics: float) -> Self:
-        """Return the request with these defaults of its numerics, and adaptive steps by default."""
+        """Return the request with defaults for its numerics, and the adaptive method unless another one is given."""
         return self.model_copy(update={"numerics": filled(self.numerics, method=Method.ADAPTIVE, **numerics)})
 
     def canonical(self) -> dict[str, Any]:
-        """Return the resolved request as JSON data, which is the same for one case however it is sent."""
+        """Return the resolved request as JSON data, the same for all requests that describe the same case."""
         return self.resolved().model_dump(mode="json", exclude=NO_PART_OF_THE_CASE)
 
     @property
@@ -160,9 +161,10 @@ class Case(Part):
             return None
         end, interval = self.numerics.termination_time_s, output.sample_interval_s
         if interval is MISSING:
-            # The default is widened for a long run, so that no run is refused for an interval that it did not set.
+            # The default is widened for a long run, which would otherwise be refused for an interval that it did not
+            # set.
             return SAMPLE_INTERVAL if end is MISSING else max(SAMPLE_INTERVAL, end / MOST_ROWS)
-        # An interval that the client gave is refused rather than changed, as the key covers it.
+        # An interval that the client gave is refused rather than changed, because the key of the result depends on it.
         if end is not MISSING and end > MOST_ROWS * interval:
             raise ParameterError(
                 "output.sample_interval",
@@ -195,7 +197,7 @@ class TrajectoryFields(Case):
         case = self.resolved()
         arguments = case.shared_arguments()
         impact = case.impact.to_solver()
-        # Evaluating S refuses a polynomial that is not positive at this angle before a worker computes anything.
+        # S is evaluated to refuse a polynomial that is not positive at this angle before the case reaches a worker.
         solver.strength_factor(
             resistance=arguments["resistance"],
             oblique_angle=impact.oblique_angle,
@@ -215,6 +217,7 @@ class TrajectoryRequest(TrajectoryFields):
     model_config = with_examples(PAPER_AT_45, TRUNCATED_CONE)
 
     alternatives: Alternatives = False
+    units: Units = UnitSystem.SI
 
 
 class CriticalAngleBase(Case):
@@ -228,7 +231,7 @@ class CriticalAngleBase(Case):
 
     @property
     def by_paper(self) -> bool:
-        """True if the search is one of the paper's, which use the final position."""
+        """True if the search is the paper's bisection or secant search, which use the final position."""
         return self.search.method is not SearchMethod.OUTCOME
 
     @property
@@ -270,12 +273,13 @@ class CriticalAngleRequest(CriticalAngleBase):
     model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE)
 
     alternatives: Alternatives = False
+    units: Units = UnitSystem.SI
 
 
 Request = TypeVar("Request", bound=TrajectoryRequest | CriticalAngleRequest)
 
 FOUND = ("status", "outcome", "critical_angle_deg")
-"""Fields of an answer that an alternative repeats."""
+"""Fields of an answer that are copied to an alternative."""
 
 
 def alternatives_in(request: Any) -> list[tuple[dict[str, Any], Any]]:
@@ -284,11 +288,11 @@ def alternatives_in(request: Any) -> list[tuple[dict[str, Any], Any]]:
 
 
 def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request]]:
-    """Return the laws and the request of each alternative: the same case with other laws, but its own inertia."""
+    """Return the laws and the request of each alternative: the same case, with its `inertia`, and other laws."""
     found = []
     for each in alternative_resistances(request.resistance.to_solver()):
         laws = {"free_surface": each.free_surface.name, "strength_factor": each.strength_factor.name}
-        # The inertia of the free surface is a choice of the case, not of the law.
+        # Whether the inertia of the expanding solid counts is a choice of the case, not a part of the law.
         decay = {"model": each.free_surface.name, "inertia": getattr(each.free_surface, "inertia", False)}
         strength = walk(
             STRENGTH_FACTORS[each.strength_factor.name], each.strength_factor, model=laws["strength_factor"]
@@ -297,13 +301,17 @@ def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request
         resistance = request.resistance.model_copy(
             update={"strength_factor": law.strength_factor, "free_surface": law.free_surface}
         )
-        other = cast("Request", request.model_copy(update={"resistance": resistance, "alternatives": False}))
-        found.append((laws | {"obliquity_shape": obliquity_shape(each), "fitted_to": fitted_to(each)}, other))
+        # The texts of an alternative are not shown, so that its result is the same for all units.
+        changes = {"resistance": resistance, "alternatives": False, "units": UnitSystem.SI}
+        other = cast("Request", request.model_copy(update=changes))
+        with written_in(request.units):
+            evidence = fitted_to(each)
+        found.append((laws | {"obliquity_shape": obliquity_shape(each), "fitted_to": evidence}, other))
     return found
 
 
 def answered_alternative(laws: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an alternative with its result."""
+    """Return the entry of an alternative in the answer, with its result or problem."""
     return {**laws, **{name: answer[name] for name in FOUND if name in answer}}
 
 
@@ -319,7 +327,7 @@ class ReportedStrike(Strike):
     model_config = with_examples(STRIKE, STRIKE | {"oblique_angle_deg": 45.0})
 
     oblique_angle_deg: ObliqueAngle | MISSING = MISSING
-    """Oblique angle to judge, whose run and outcome are in the report. [°]"""
+    """Oblique angle of a strike to judge; the report shows its run and outcome. [°]"""
 
 
 class ReportRequest(CriticalAngleRequest):
@@ -340,11 +348,11 @@ class ReportRequest(CriticalAngleRequest):
 
     @property
     def has_own_law(self) -> bool:
-        """True if the request has a law of its own, which is judged in addition to the theories."""
+        """True if the request has its own law of S or decay, which is evaluated in addition to the theories."""
         return has_own_law(self.resistance.to_solver())
 
     def check(self) -> None:
-        """Refuse routes that take seconds per case, since a report has hundreds of cases.
+        """Refuse methods that take seconds per case, since a report has hundreds of cases.
 
         Raises
         ------

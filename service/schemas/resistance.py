@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from enum import StrEnum
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias, get_args
 
 from pydantic import MISSING, Field
 from typing_extensions import TypeAliasType
@@ -38,8 +38,8 @@ OWN_TESTS = {"model": "own_tests", "shots": [SHOT]}
 MOHR_COULOMB = {"model": "mohr_coulomb", "inertia": True}
 
 LARGEST_COEFFICIENT = 1e6
-"""Largest magnitude of a coefficient of the polynomial of S, a judgement. That of the paper has 8.5 at most; the bound
-only keeps products finite."""
+"""Largest magnitude of a coefficient of the polynomial of S, a rough choice. Those of the paper are at most 8.5; the
+bound only keeps products finite."""
 
 Coefficient = Annotated[Num, Field(ge=-LARGEST_COEFFICIENT, le=LARGEST_COEFFICIENT)]
 CovarianceRow = Annotated[list[Coefficient], Field(min_length=1, max_length=10)]
@@ -86,8 +86,8 @@ class ObliquityPolynomial(SolverPart[solver.ObliquityPolynomial]):
 class ObliquityShape(StrEnum):
     """Change of the strength factor with the oblique angle.
 
-    `constant` is no change, `equation_9` is S(θ)/S(0) of the default polynomial, held from 60° on, and
-    `finite_elements` is the fit to finite element motions with the decay law in use, held from 55° on.
+    `constant` means no change, `equation_9` is S(θ)/S(0) of the default polynomial, constant from 60° on, and
+    `finite_elements` is the fit to finite element motions with the decay law in use, constant from 55° on.
     """
 
     CONSTANT = "constant"
@@ -137,7 +137,7 @@ class OwnShot(SolverPart[solver.Shot]):
 
 
 class OwnTests(SolverPart[solver.OwnTests]):
-    """Posterior median of S for a concrete with own shots, with the published tests as the prior."""
+    """Posterior median of S after the user's own shots into the concrete, with the published tests as the prior."""
 
     model_config = with_examples(OWN_TESTS)
 
@@ -147,34 +147,28 @@ class OwnTests(SolverPart[solver.OwnTests]):
 
 
 class StrengthLaw(StrEnum):
-    """Models of the strength factor with their default constants."""
+    """Names of the models of the strength factor that have default constants."""
 
     OBLIQUITY_POLYNOMIAL = "obliquity_polynomial"
     PUBLISHED_TESTS = "published_tests"
     STRENGTH_POWER_LAW = "strength_power_law"
 
 
+AnyStrengthFactor: TypeAlias = (
+    ConstantStrengthFactor | ObliquityPolynomial | StrengthPowerLaw | PublishedTests | OwnTests
+)
 StrengthFactor = TypeAliasType(
     "StrengthFactor",
-    Annotated[
-        ConstantStrengthFactor | ObliquityPolynomial | StrengthPowerLaw | PublishedTests | OwnTests,
-        Field(discriminator="model", description="Model of the strength factor."),
-    ],
+    Annotated[AnyStrengthFactor, Field(discriminator="model", description="Model of the strength factor.")],
 )
-
-
 STRENGTH_FACTORS: Mapping[str, type[Part]] = {
-    "constant": ConstantStrengthFactor,
-    "obliquity_polynomial": ObliquityPolynomial,
-    "strength_power_law": StrengthPowerLaw,
-    "published_tests": PublishedTests,
-    "own_tests": OwnTests,
+    name: model for model in get_args(AnyStrengthFactor) for name in get_args(model.model_fields["model"].annotation)
 }
 """Models of the strength factor by name."""
 
 
 class FreeSurfaceModel(StrEnum):
-    """Law by which a nearby face weakens the resistance; `none` is no decay."""
+    """Law by which a nearby face weakens the resistance; `none` means no decay."""
 
     ELASTIC_PLASTIC = "elastic_plastic"
     MOHR_COULOMB = "mohr_coulomb"

@@ -16,10 +16,10 @@ SOUGHT = {
     "impact.velocity_m_s": "; the speed is what is searched for here: `/thickness` and `/trajectory` take one speed",
     "resistance.strength_factor": "; it is what is fitted here",
 }
-"""Ends of the errors for fields that a search or a fit determines, and that its request therefore does not have."""
+"""Ends of the messages for fields that a search or a fit determines, and that its request therefore does not have."""
 SEPARATORS = re.compile(r"[^a-z0-9]+")
 SIMILAR = 0.8
-"""Least similarity of a suggested name by difflib, a judgement: it admits one wrong letter in five. [1]"""
+"""Smallest ratio of difflib at which a name is suggested, a rough choice: it admits one wrong letter in five. [1]"""
 
 
 def field_names(
@@ -68,5 +68,5 @@ def last_name(field: str) -> str:
 
 @cache
 def usual_names() -> dict[str, tuple[str, ...]]:
-    """Return the common names of quantities by the last part of their path, as other objects have masses too."""
+    """Return the common names of quantities, by the last part of their path: a mass is named alike in every object."""
     return {last_name(field): names for field, names in ALIASES.items()}

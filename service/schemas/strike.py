@@ -35,7 +35,7 @@ ProfilePoint = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
 
 
 class OgiveNose(SolverPart[solver.Ogive]):
-    """Tangent ogive."""
+    """Nose with the shape of a tangent ogive."""
 
     model_config = with_examples(OGIVE)
 
@@ -44,7 +44,7 @@ class OgiveNose(SolverPart[solver.Ogive]):
 
 
 class ConicalNose(SolverPart[solver.Conical]):
-    """Cone."""
+    """Nose with the shape of a cone."""
 
     model_config = with_examples(CONICAL)
 
@@ -53,7 +53,7 @@ class ConicalNose(SolverPart[solver.Conical]):
 
 
 class SphericalNose(SolverPart[solver.Spherical]):
-    """Spherical cap."""
+    """Nose with the shape of a spherical cap, such as a hemisphere."""
 
     model_config = with_examples(SPHERICAL)
 
@@ -82,7 +82,7 @@ class ProfileNose(SolverPart[solver.Profile]):
 
 
 class SphereNose(SolverPart[solver.Sphere]):
-    """Ball, which is the whole body and whose length is its diameter."""
+    """Sphere, which is the whole body, so that its length is its diameter."""
 
     model_config = with_examples(SPHERE)
 

@@ -18,7 +18,7 @@ from service.schemas.requests import Case
 from service.schemas.similar_names import SOUGHT, field_names, meant_as
 
 MOST_AXES = 4
-"""Largest number of axes, a judgement: ten values on each of four axes are 10,000 points already."""
+"""Largest number of axes, a rough choice: ten values on each of four axes are 10,000 points already."""
 EVEN = {"field": "impact.velocity_m_s", "start": 200.0, "stop": 300.0, "count": 3}
 ANGLES = {"field": "impact.oblique_angle_deg", "values": [0.0, 20.0]}
 LISTED = {"field": "target.compressive_strength_pa", "values": [39e6, 97e6]}
@@ -100,7 +100,7 @@ class CaseModels:
         result: Mapping[str, Any],
         items: Sequence[Mapping[str, Any]] = (),
     ) -> Self:
-        """Make the models of an operation.
+        """Make the models of the batches and sweeps of an operation.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class CaseModels:
 
 
 class Outline(Part):
-    """Body of a sweep whose points are not validated yet, as they are validated in parts."""
+    """Body of a sweep before its points are validated, which happens in parts."""
 
     base: dict[str, Any]
     axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES, fail_fast=True)]
@@ -212,7 +212,7 @@ class Grid:
             raise AxisError("/axes", f"make {self.count:,} points; {MOST_LINES:,} at most are computed")
 
     def points(self) -> Iterator[tuple[float, ...]]:
-        """Return an iterator over the values of the axes at all points, the last axis fastest."""
+        """Return an iterator over the values of the axes at all points; the last axis varies fastest."""
         return itertools.product(*self.values)
 
     def request(self, point: Sequence[float]) -> dict[str, Any]:
@@ -244,7 +244,7 @@ def check_field(model: type[BaseModel], base: dict[str, Any], path: Sequence[str
     Raises
     ------
     LookupError
-        If it does not; the message is the end of a sentence that begins with the path.
+        If there is no number at the path; the message is the end of a sentence that begins with the path.
     """
     schema, given = schema_of(model), base
     node: dict[str, Any] = schema
@@ -260,7 +260,7 @@ def check_field(model: type[BaseModel], base: dict[str, Any], path: Sequence[str
 
 
 def _reason(schema: dict[str, Any], field: str) -> str:
-    """Return the end of the error for a field that a request does not have."""
+    """Return the end of the message for a field that a request does not have."""
     names = set(field_names(schema))
     if field in names:
         return " with the shape or model that the base has there"
@@ -272,7 +272,7 @@ def _reason(schema: dict[str, Any], field: str) -> str:
 
 @cache
 def schema_of(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the JSON schema of a request, which is made once."""
+    """Return the JSON schema of a request, which is cached."""
     return model.model_json_schema()
 
 

@@ -1,4 +1,4 @@
-"""Models of uncertain inputs and their distributions, and the requests of samples."""
+"""Models of uncertain inputs and their distributions, and functions that make the requests of samples."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -13,7 +13,7 @@ from service.schemas.requests import Case
 from service.schemas.resistance import STRENGTH_FACTORS, FreeSurface, Resistance
 from service.schemas.sweeps import check_field, put
 from service.schemas.wording import worded
-from solver import OwnTests, ParameterError
+from solver import ParameterError
 from solver.resistance import StrengthFactor
 from solver.uncertainty import (
     RESIDUAL,
@@ -72,7 +72,7 @@ class NormalDistribution(Spread, SolverPart[Normal]):
 
 
 class TruncatedNormalDistribution(Spread, SolverPart[TruncatedNormal]):
-    """Normal distribution truncated at one or two bounds. Mean and deviation are those of the untruncated one."""
+    """Normal distribution truncated at one or two bounds. Mean and deviation are those before the truncation."""
 
     model_config = with_examples(
         {"type": "truncated_normal", "mean": 0.02, "standard_deviation": 0.01, "lower": 0.005, "upper": 0.05}
@@ -148,7 +148,7 @@ DiscreteValues = TypeAliasType(
         list[Finite] | list[Name], Field(min_length=1, max_length=100, description="Numbers, or names of models.")
     ],
 )
-"""Type of the values of a discrete distribution."""
+"""Values of a discrete distribution: numbers, or names of models."""
 
 
 class DiscreteDistribution(SolverPart[Discrete]):
@@ -188,9 +188,9 @@ class UncertainInput(Part):
         Field(
             description="Dotted path to a number of the request, such as `impact.velocity_m_s`; "
             "`resistance.free_surface.model` or `resistance.strength_factor.model` with names; "
-            f"`{THEORY}` with `elastic_plastic` and `mohr_coulomb`, a decay law with the S(θ) that belongs to it: of "
-            "eq. 9 and of finite element motions; "
-            f"`{RESIDUAL}`, a factor on the strength factor whatever its law."
+            f"`{THEORY}` with `elastic_plastic` and `mohr_coulomb`, each a decay law with its own S(θ), from equation "
+            "9 and from finite element motions; "
+            f"`{RESIDUAL}`, a factor on the strength factor of any law."
         ),
     ]
     distribution: DistributionOf
@@ -202,7 +202,7 @@ def inputs_of(uncertain: Sequence[UncertainInput], model: type[BaseModel], base:
     Raises
     ------
     ParameterError
-        If a field is no number of the request, a distribution is not valid, or one of its parameters is outside the
+        If a field is not a number of the request, a distribution is not valid, or one of its parameters is outside the
         accepted range of the field.
     """
     found = []
@@ -233,7 +233,7 @@ def _bases_of(
     Raises
     ------
     ParameterError
-        If the field is no number of one of these requests.
+        If the field is not a number of one of these requests.
     """
     field = uncertain[index].field
     if field == RESIDUAL:
@@ -297,7 +297,7 @@ def with_values(base: Mapping[str, Any], fields: Sequence[str], values: Sequence
     """Return a request with these values of the fields."""
     request, residual = dict(base), None
     # Models are set before their numbers, since setting a model replaces its numbers. The factor on S comes last,
-    # because it applies to the law as it is then.
+    # because it multiplies the law that the other values have set.
     for field, value in sorted(
         zip(fields, values, strict=True), key=lambda each: (each[0] != THEORY, each[0] not in MODELS)
     ):
@@ -349,7 +349,7 @@ def _with_law(request: Mapping[str, Any], law: StrengthFactor) -> dict[str, Any]
 
 
 def without_shots(case: Case, request: dict[str, Any]) -> dict[str, Any]:
-    """Return the request of a sample with own tests replaced by the equivalent power law.
+    """Return the request of a sample with the model `own_tests` replaced by the equivalent power law.
 
     Samples then need not repeat the shots, whose fit would be computed for each of them.
 
@@ -359,13 +359,6 @@ def without_shots(case: Case, request: dict[str, Any]) -> dict[str, Any]:
         If no strength factor gives the depth of a shot.
     """
     arguments = case.shared_arguments()
-    resistance = arguments["resistance"]
-    if not isinstance(resistance.strength_factor, OwnTests):
-        return request
-    law = resistance.strength_factor.power_law(
-        target=arguments["target"],
-        projectile=arguments["projectile"],
-        inertia_factor=resistance.inertia_factor,
-        crater=resistance.crater,
-    )
-    return _with_law(request, law)
+    given = arguments["resistance"]
+    found = given.without_shots(target=arguments["target"], projectile=arguments["projectile"])
+    return request if found is given else _with_law(request, found.strength_factor)

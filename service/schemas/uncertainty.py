@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from service.schemas.fields import in_solver_units
 from service.schemas.flight import FlightInput
 from service.schemas.numerics import Search
-from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, SolverPart, with_examples
+from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, SolverPart, Units, with_examples
 from service.schemas.requests import Case, CriticalAngleBase, TrajectoryFields
 from service.schemas.strike import PAPER, PAPER_AT_45, Impact, Strike
 from service.schemas.uncertain_inputs import SCATTER, UncertainInput, accepts, inputs_of, without_shots
@@ -29,6 +29,7 @@ from solver.uncertainty import (
 from solver.uncertainty.next_shot import next_shots
 from solver.uncertainty.results import FLIGHT_QUANTITIES
 from solver.uncertainty.sampling import FEWEST_SAMPLES
+from solver.units import UnitSystem, written_in
 from solver.warnings import body_warnings
 
 SAMPLING = Sampling()
@@ -71,17 +72,17 @@ class SamplingSettings(SolverPart[Sampling]):
     model_config = with_examples({"half_width": 0.02, "confidence": 0.95, "max_samples": 16384, "seed": 7})
 
     half_width: Annotated[Num, Field(ge=1e-4, le=0.5)] = SAMPLING.half_width
-    """Half width of the intervals of all probabilities, within 0 and 1, at which sampling ends. [1]"""
+    """Half width of the confidence intervals of all probabilities, cut off at 0 and 1, at which sampling ends. [1]"""
     confidence: Annotated[Num, Field(ge=0.5, le=0.9999)] = SAMPLING.confidence
     """Confidence level of every interval. [1]"""
     max_samples: Annotated[Count, Field(ge=FEWEST_SAMPLES, le=MOST_SAMPLES_OF_A_REQUEST), WHOLE] = SAMPLING.max_samples
-    """Largest number of searches or runs. With `sensitivity` it must allow 256 and those in which a single input is
-    changed: two for each continuous input, one for each discrete value."""
+    """Largest number of searches or runs. With `sensitivity` it must be at least 256, plus those in which a single
+    input is changed: two for each continuous input, one for each discrete value."""
     seed: Annotated[Count, Field(ge=0, le=2**53), WHOLE] = SAMPLING.seed
     """Seed of the samples. Sample i of a seed is always the same."""
     method: SamplingMethod = SamplingMethod.AUTO
-    """Method of estimation. `auto` uses a surrogate if it passes its check and gives narrower intervals, `direct` does
-    not."""
+    """Method of estimation. `auto` uses a surrogate if it passes its check and gives narrower intervals; `direct` uses
+    none."""
 
 
 Inputs = Annotated[list[UncertainInput], Field(min_length=1, max_length=24)]
@@ -92,6 +93,7 @@ class UncertainCase(Case):
 
     uncertain: Inputs
     sampling: Annotated[SamplingSettings, Field(default_factory=SamplingSettings)]
+    units: Units = UnitSystem.SI
 
     def resolved(self) -> Self:
         """Return the request unchanged, since the request of each sample fills in its own defaults."""
@@ -108,7 +110,7 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
     oblique_angles_deg: Annotated[AngleRange, Field(default_factory=AngleRange)]
     """Angles at which the probability of ricochet is given."""
     sensitivity: Flag = True
-    """Include Sobol indices and swings."""
+    """Include the sensitivity to each input."""
 
     @property
     def base(self) -> dict[str, Any]:
@@ -127,6 +129,8 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
         lower, upper = self.search.to_solver().bounds
         base, arguments = self.base, self.shared_arguments()
         inputs = inputs_of(self.uncertain, CriticalAngleBase, base)
+        with written_in(self.units):
+            warnings = body_warnings(self.projectile.to_solver())
         return AngleStudy(
             inputs,
             self.oblique_angles_deg.radians(),
@@ -134,7 +138,7 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
             sensitivity=self.sensitivity,
             bounds=(lower, upper),
             accepts=partial(accepts, CriticalAngleBase, base, inputs),
-            warnings=body_warnings(self.projectile.to_solver()),
+            warnings=warnings,
             shots=next_shots(inputs, **{name: arguments[name] for name in ("projectile", "target", "resistance")}),
         )
 
@@ -163,12 +167,13 @@ class TrajectoryUncertaintyRequest(UncertainCase):
             If values contradict each other.
         """
         inputs = inputs_of(self.uncertain, TrajectoryFields, self.base)
-        warnings = body_warnings(self.projectile.to_solver())
+        with written_in(self.units):
+            warnings = body_warnings(self.projectile.to_solver())
         return TrajectoryStudy(inputs, self.sampling.to_solver(), warnings=warnings)
 
 
 def crossings_in(answer: Mapping[str, Any]) -> Crossings:
-    """Return the result that a study needs from the answer to a critical angle."""
+    """Return the critical angles of a sample, as a study needs them, from the answer to its search."""
     others = [math.radians(angle) for angle in answer["other_crossings_deg"]]
     if answer["status"] == "not_converged":
         return Crossings(problem="failed")
@@ -178,7 +183,7 @@ def crossings_in(answer: Mapping[str, Any]) -> Crossings:
 
 
 def ending_in(answer: Mapping[str, Any]) -> Ending:
-    """Return the result that a study needs from the answer to a trajectory."""
+    """Return the outcome, depth and exit of a sample, as a study needs them, from the answer to its run."""
     left = dict(answer.get("exit", {}))
     flight = left.pop("flight", {})
     distances = {name: flight[f"{name}_m"] for name in FLIGHT_QUANTITIES if flight}

@@ -29,7 +29,7 @@ SAMPLED = {
 }
 
 TABLED = ("samples", "samples_failed", "samples_outside", "converged")
-"""Columns that the tables of both answers have after their own."""
+"""Last columns of the tables of both answers."""
 
 
 class EstimateAnswer(Part):
@@ -95,7 +95,7 @@ class CriticalAngleDistribution(Part):
 
 
 InputValue = TypeAliasType("InputValue", Annotated[Num | str, Field(description="A number, or the name of a model.")])
-"""Value of an input."""
+"""Value of an uncertain input: a number, or the name of a model."""
 
 
 class SwingAnswer(Part):
@@ -110,17 +110,17 @@ class SwingAnswer(Part):
 
 
 class AfterShotsAnswer(Part):
-    """Expected range of the critical angle after own shots into the concrete."""
+    """Expected range of the critical angle after the user's own shots into the concrete."""
 
     model_config = with_examples(AFTER_SHOT)
 
     shots: Count
     strength_factor_dispersion: Annotated[Num, Of("dispersion")]
-    """Standard deviation of ln S for the shot after these, at the stated strength. [ln]"""
+    """Standard deviation of ln S for the shot after these, at the stated strength. [1]"""
     lower_deg: Num
     """Lower end of the 90 % range, if the shots do not change the median of S. [°]"""
     upper_deg: Num
-    """Upper end of this range. [°]"""
+    """Upper end of the 90 % range, if the shots do not change the median of S. [°]"""
 
 
 class SensitivityAnswer(Part):
@@ -132,13 +132,13 @@ class SensitivityAnswer(Part):
 
     field: str
     first_order: EstimateAnswer | MISSING = MISSING
-    """First-order Sobol index: share of the variance by the input alone. [1]"""
+    """First-order Sobol index: share of the variance that the input explains by itself. [1]"""
     total: EstimateAnswer | MISSING = MISSING
-    """Total Sobol index: share of the variance including interactions. [1]"""
+    """Total Sobol index: share of the variance that the input explains by itself and by its interactions. [1]"""
     swing: list[SwingAnswer]
     after_shots: Annotated[list[AfterShotsAnswer] | MISSING, Of(lambda found: found.after_shots or None)] = MISSING
-    """Expected range of the angle after one and after three own shots, for a `resistance.strength_residual` whose
-    logarithm scatters."""
+    """Expected range of the angle after one and after three shots of the user, given for a
+    `resistance.strength_residual` with a `lognormal` or `log_student_t` distribution."""
 
 
 class ConvergenceAnswer(Part):
@@ -159,17 +159,19 @@ class UncertaintyAnswer(Part):
     convergence: Annotated[ConvergenceAnswer, WHOLE_ANSWER]
     converged: Annotated[
         bool,
-        Column("converged", "whether every interval is within the half width wanted", "?"),
+        Column("converged", "true if every interval is within the requested half width", "?"),
     ]
     """True if every interval is within the requested half width."""
-    samples: Annotated[Count, Column("samples", "searches or runs", "<i8")]
+    samples: Annotated[Count, Column("samples", "number of searches or runs", "<i8")]
     """Number of searches or runs."""
     samples_failed: Annotated[
-        Count, Of("failed"), Column("samples_failed", "samples that could not be computed", "<i8")
+        Count, Of("failed"), Column("samples_failed", "number of samples that could not be computed", "<i8")
     ]
     """Number of samples that could not be computed."""
     samples_outside: Annotated[
-        Count, Of("outside"), Column("samples_outside", "samples outside the accepted range", "<i8")
+        Count,
+        Of("outside"),
+        Column("samples_outside", "number of samples outside the accepted range of an input", "<i8"),
     ]
     """Number of samples outside the accepted range of an input. They count as unknown, like failed ones."""
     seed: Annotated[Count, NOT_TABLED]
@@ -188,9 +190,9 @@ class StudyProgress(Part):
     samples: Count
     """Number of searches or runs computed so far."""
     max_samples: Count
-    """Largest number of searches or runs. The study ends earlier if it reaches the half width."""
+    """Largest number of searches or runs. The study ends earlier if it reaches the requested half width."""
     half_width: Num | MISSING = MISSING
-    """Largest half-width of the confidence intervals of the probabilities when sampling stopped. [1]"""
+    """Largest half width of the confidence intervals of the probabilities so far. [1]"""
     requested_half_width: Num
     """Half width at which the study ends. [1]"""
 
@@ -230,7 +232,7 @@ class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
         CriticalAngleDistribution,
         WHOLE_ANSWER,
         Column("mean_deg", "mean of the critical angle"),
-        Column("standard_deviation_deg", "of the critical angle"),
+        Column("standard_deviation_deg", "standard deviation of the critical angle"),
     ]
     sensitivity: list[SensitivityAnswer] | MISSING = MISSING
     """Sensitivity to each input, if requested."""
@@ -244,7 +246,7 @@ class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
 
 
 class OutcomeProbability(EstimateAnswer):
-    """Probability of one outcome."""
+    """Probability of one outcome, with its confidence interval."""
 
     model_config = with_examples({"outcome": "ricochet"} | ESTIMATE)
 
@@ -306,7 +308,7 @@ class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
     outcomes: Annotated[
         list[OutcomeProbability],
         Of(lambda found: [{"outcome": name} | walk(EstimateAnswer, share) for name, share in found.outcomes]),
-        tuple(Column(each.value, f"probability of {each.value}") for each in Outcome),
+        tuple(Column(each.value, f"probability of the outcome {each.value}") for each in Outcome),
     ]
     maximum_depth_m: Annotated[list[QuantileAnswer], Of(lambda found: quantile_answers(found.maximum_depth))]
     """Quantiles of the greatest depth of the deepest point, over the runs that do not perforate. [m]"""

@@ -49,6 +49,7 @@ from solver.uncertainty.verdict import (
     probability_text,
 )
 from solver.uncertainty.verdict import verdict_steps as solver_verdict_steps
+from solver.units import written_in
 
 CENTRES = {"normal": "mean", "lognormal": "median", "log_student_t": "median"}
 """Parameter of each distribution that is set to the value of the case."""
@@ -95,7 +96,7 @@ def _without_centre(distribution: Mapping[str, Any]) -> dict[str, Any]:
 
 @cache
 def usual_scatter_of_page() -> dict[str, dict[str, Any]]:
-    """Return the usual distributions of inputs for a concrete without own tests, relative to the value of the case.
+    """Return the usual distributions of inputs for an untested concrete, relative to the values of the case.
 
     The page uses them as defaults.
     """
@@ -182,7 +183,7 @@ class VerdictAnswer(Part):
     sentence: str
     """Verdict in words."""
     range_text: str
-    """90 % range as in the sentence; empty if there is none."""
+    """Text of the 90 % range, as in the sentence; empty if there is none."""
     status: SearchStatus
     critical_angle_deg: Num | MISSING = MISSING
     """Critical angle with the inputs as given; absent if there is none. [°]"""
@@ -190,13 +191,14 @@ class VerdictAnswer(Part):
     """90 % range of the critical angle with the usual scatter, over the samples that have an angle. It includes
     `critical_angle_deg`. If the request has a law of its own, the range is by that law."""
     held_angle_deg: Num | MISSING = MISSING
-    """Critical angle with the strength factor held from 55° on, if it is held from 60° on and the angle is beyond 55°.
-    `range` includes both angles. [°]"""
+    """Critical angle with a strength factor that is constant from 55° on. Present if that of the request is constant
+    from 60° on and the critical angle is beyond 55°. `range` includes both angles. [°]"""
     share_without_angle: Annotated[Num, Field(ge=0.0, le=1.0)]
     """Share of samples without a critical angle in the range searched. [1]"""
     theories: list[TheoryAngle]
     own_law: Flag | MISSING = MISSING
-    """Present and true if outcome, probability and range are by a law of the request that is none of the theories."""
+    """Present and true if outcome, probability and range follow a law of the request that is not one of the
+    theories."""
     theory_range: LikelyAngles | MISSING = MISSING
     """90 % range over the theories, in addition to the range by a law of the request."""
     oblique_angle_deg: Num | MISSING = MISSING
@@ -211,15 +213,16 @@ class VerdictAnswer(Part):
     """Probability of ricochet at the angle to judge, with the usual scatter. [1]"""
     ricochet_probability_interval: ProbabilityInterval | MISSING = MISSING
     probability_text: str | MISSING = MISSING
-    """Probability as in the sentence."""
+    """Text of the probability, as in the sentence."""
     wall: WallDesign | MISSING = MISSING
     """Design of the wall, if the target has a thickness. Without an angle to judge it is for normal impact."""
     strength_factor: Num | MISSING = MISSING
     """Strength factor at the critical angle, if there is such an angle. [1]"""
     strength_factor_dispersion: Num
-    """Standard deviation of ln S at the stated strength, from own tests or from the law of the published tests. [ln]"""
+    """Standard deviation of ln S at the stated strength, from own tests or from the law of the published tests. [1]"""
     own_tests: OwnTestsAnswer | MISSING = MISSING
-    """Effect of own tests on S, if there are any and there is a critical angle."""
+    """Effect of the user's own tests on S, if there are any and there is a critical angle. With `paper_table_1` as
+    `strength_scatter`, the four shots in Table 1 of the paper count as own tests."""
     usual_scatter: list[UncertainInput]
     """Usual scatter of the inputs, in the form of `/cra/uncertainty`."""
     warnings: list[ModelWarning]
@@ -230,7 +233,10 @@ class VerdictAnswer(Part):
 
 
 def verdict_steps(request: ReportRequest) -> Steps:
-    """Return the steps of the verdict on a strike, without a range if a run by panels takes seconds."""
+    """Return the steps of the verdict on a strike.
+
+    With the method `panels`, whose runs take seconds, they omit the 90 % range.
+    """
     case = request.resolved()
     return solver_verdict_steps(
         **case.shared_arguments(),
@@ -246,7 +252,8 @@ def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
     Parameters
     ----------
     answers
-        Answers by the name of the question; an object with a `problem` for a failed one. Only `cra` is required.
+        Answers by the names of the questions that `verdict_steps` yields; an object with a `problem` for a failed one.
+        Only `cra` is required.
     """
     return conclude(
         verdict_steps(request),
@@ -321,7 +328,7 @@ def _warning(found: Mapping[str, Any]) -> solver.ModelWarning:
 
 
 def next_shot_advice_in(study: Mapping[str, Any]) -> str:
-    """Return the advice on the value of own shots from an answer of `/cra/uncertainty`; empty if it has none."""
+    """Return the advice on the value of further shots from an answer of `/cra/uncertainty`; empty if it has none."""
     for each in study.get("sensitivity", ()):
         if found := each.get("after_shots"):
             levels = {each["level"]: math.radians(each["value"]) for each in study["critical_angle"]["quantiles"]}
@@ -347,7 +354,9 @@ def verdict_answer(request: ReportRequest, answers: Mapping[str, Any]) -> dict[s
         **{name: arguments[name] for name in ("projectile", "target", "resistance")},
         strength_scatter=request.strength_scatter.value,
     )
-    answer: dict[str, Any] = {"sentence": found.sentence, "range_text": found.range_text, "status": found.status.value}
+    with written_in(request.units):
+        sentence = found.sentence
+    answer: dict[str, Any] = {"sentence": sentence, "range_text": found.range_text, "status": found.status.value}
     if found.angle is not None:
         answer["critical_angle_deg"] = answers["cra"]["critical_angle_deg"]
     if found.spread is not None:

@@ -8,11 +8,12 @@ from pydantic import MISSING
 import solver
 from service.schemas.answers import VERSIONED, WARNING, EngineVersion, Key, ModelWarning, Protrusion
 from service.schemas.fields import NOT_TABLED, walk
-from service.schemas.quantities import Flag, Num, Part, with_examples
+from service.schemas.quantities import Flag, Num, Part, Units, with_examples
 from service.schemas.requests import Case
 from service.schemas.strike import PAPER, PAPER_AT_45, Impact
 from solver import Outcome
 from solver.uncertainty import DesignValue, RearFaceVariants, WallVerdict
+from solver.units import UnitSystem
 
 PERFORATION = {"enough": True, "limit_m": 0.3663, "design_m": 0.4396, "formula": "hughes"}
 SCABBING = {"enough": False, "limit_m": 0.4641, "design_m": 0.5105, "formula": "hughes"}
@@ -28,6 +29,7 @@ class WallRequest(Case):
     model_config = with_examples(PAPER_AT_45, PAPER_AT_45 | {"target": PAPER["target"] | {"thickness_m": 0.45}})
 
     impact: Impact
+    units: Units = UnitSystem.SI
 
     def resolved(self) -> Self:
         """Return the request with defaults filled in, except for the tolerances of its searches and of its run."""
@@ -46,7 +48,7 @@ class WallRequest(Case):
 
 
 class WallQuestion(Part):
-    """Answer to one question about a wall; empty if no formula is within its range."""
+    """Design of a wall against perforation or scabbing; empty if no formula is within its range."""
 
     model_config = with_examples(PERFORATION)
 
@@ -62,7 +64,7 @@ class WallQuestion(Part):
 
 
 class NormalImpactDesign(Part):
-    """Design values for normal impact at the same speed, which are those of design practice."""
+    """Design values for normal impact at the same speed, as used in design practice."""
 
     model_config = with_examples(NORMAL)
 
@@ -121,7 +123,7 @@ class WallAnswer(WallDesign):
     sentence: Annotated[str, NOT_TABLED]
     """Verdict in words, as page, report and command line show it."""
     variants: Variants
-    """Least thickness that is not perforated in the model, which is no design value. [m]"""
+    """Least thickness that is not perforated in the model, which is not a design value. [m]"""
     outcome: Outcome | MISSING = MISSING
     """Outcome of the strike in the model, if the wall has a thickness."""
     protrusion: Protrusion | MISSING = MISSING

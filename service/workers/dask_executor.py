@@ -19,10 +19,10 @@ from distributed import Future, KilledWorker
 from service.errors import WorkerCrashedError
 from service.workers import Call, CallResult
 from service.workers.dask_cluster import Cluster, in_time, run_chunk, versions
-from service.workers.executor import Executor
-from service.workers.process_pool import DEATHS, ProcessPool
+from service.workers.executor import Executor, dumps, loads
+from service.workers.process_pool import ProcessPool
 from service.workers.work_queue import Kind, Work
-from service.workers.worker import dumps, loads
+from service.workers.worker_process import DEATHS
 
 LOSSES = 5
 """Number of times that a chunk may be lost, by the network or with its worker, before the pool runs it. Chosen by

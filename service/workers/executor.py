@@ -1,7 +1,8 @@
-"""Interface of executors, and their common part: calls become items of one queue, from which servers take them."""
+"""Interface of executors, and their common part: the queue of calls, and the pickling of calls and replies."""
 
 import asyncio
 import os
+import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -206,3 +207,24 @@ class Executor(ABC):
             return await work.future
         finally:
             self._unfinished.discard(work)
+
+
+def dumps(call: Call) -> bytes:
+    """Pickle a call. One that cannot be pickled is replaced by a call that raises the error."""
+    try:
+        return pickle.dumps(call, pickle.HIGHEST_PROTOCOL)
+    except Exception as error:  # noqa: BLE001 (arguments may hold anything)
+        return pickle.dumps((refuse, (str(error),)))
+
+
+def refuse(why: str) -> None:
+    """Raise PicklingError. A worker runs this in place of a call that could not be pickled."""
+    raise pickle.PicklingError(why)
+
+
+def loads(reply: bytes | memoryview) -> CallResult:
+    """Unpickle the reply to a call."""
+    try:
+        return CallResult(*pickle.loads(reply))  # noqa: S301 (from our own worker)
+    except Exception as error:  # noqa: BLE001 (some exceptions can be pickled, but not back)
+        return CallResult(None, error, 0.0)

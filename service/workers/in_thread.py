@@ -6,9 +6,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 from service.errors import TaskTimeoutError
 from service.workers import CallResult
-from service.workers.executor import Executor
+from service.workers.executor import Executor, dumps, loads
 from service.workers.work_queue import Kind, Work
-from service.workers.worker import answer, dumps, loads
+from service.workers.worker import answer
 from solver import warm_up
 
 

@@ -19,7 +19,7 @@ from service.workers import Call, CallResult
 
 
 class Kind(IntEnum):
-    """Kinds of work. Probes and single calls may interrupt a running chunk between two of its calls; chunks may not."""
+    """Kinds of work. Probes and single calls may interrupt a running chunk between two of its calls; chunks cannot."""
 
     PROBE = 0
     SINGLE = 1
@@ -101,6 +101,11 @@ Accepts = Callable[[Work], bool]
 """Function that returns True if a server takes this work."""
 
 
+def any_work(_: Work) -> bool:
+    """Return True for all work, as a server does that takes any."""
+    return True
+
+
 class Server(NamedTuple):
     """A server that is waiting for work.
 
@@ -156,7 +161,7 @@ class WorkQueue:
             self._add(work)
             self.hand_out()
 
-    async def get(self, accepts: Accepts = lambda _: True, worker: str = "", places: int = 1) -> Work:
+    async def get(self, accepts: Accepts = any_work, worker: str = "", places: int = 1) -> Work:
         """Wait for the next work that `accepts` admits, and take it.
 
         Among several workers, the one with the largest fraction of idle servers is served first.
@@ -213,7 +218,7 @@ class WorkQueue:
         self._remove(newest)
         return True
 
-    def fail_all(self, error: Exception, accepts: Accepts = lambda _: True) -> None:
+    def fail_all(self, error: Exception, accepts: Accepts = any_work) -> None:
         """Fail all waiting work, or the part that `accepts` admits."""
         for work in filter(accepts, self.waiting):
             work.fail(error)

@@ -14,12 +14,11 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple, NoReturn
 
-from service.cache.hdf5 import Segment, encode_segments
 from service.cache.record import FloatColumns, Record
+from service.cache.segments import Segment, encode_segments
 from service.errors import field_errors
 from service.operations import SCHEMA_VERSION
 from service.schemas.quantities import Part
-from service.workers import Call, CallResult
 from service.workers.template import LIMIT_HINT
 from solver import ENGINE_VERSION, ParameterError, warm_up
 
@@ -269,24 +268,3 @@ def answer(call: bytes) -> bytes:
         except Exception:  # noqa: BLE001 (an exception may hold objects that cannot be pickled)
             described = RuntimeError("\n".join(error.__notes__))
             return pickle.dumps((None, described, seconds), pickle.HIGHEST_PROTOCOL)
-
-
-def dumps(call: Call) -> bytes:
-    """Pickle a call. One that cannot be pickled is replaced by a call that raises the error."""
-    try:
-        return pickle.dumps(call, pickle.HIGHEST_PROTOCOL)
-    except Exception as error:  # noqa: BLE001 (arguments may hold anything)
-        return pickle.dumps((refuse, (str(error),)))
-
-
-def refuse(why: str) -> None:
-    """Raise PicklingError. A worker runs this in place of a call that could not be pickled."""
-    raise pickle.PicklingError(why)
-
-
-def loads(reply: bytes | memoryview) -> CallResult:
-    """Unpickle the reply to a call."""
-    try:
-        return CallResult(*pickle.loads(reply))  # noqa: S301 (from our own worker)
-    except Exception as error:  # noqa: BLE001 (some exceptions can be pickled, but not back)
-        return CallResult(None, error, 0.0)

@@ -13,7 +13,7 @@ from solver.strike import Numerics
 from solver.target import Target
 from solver.warnings import ModelWarning
 
-# Fits whose misfits differ by less than a fifth follow a motion about equally well; the value is a judgement.
+# Fits whose misfits differ by less than a fifth follow a motion about equally well; the value is a rough choice.
 BETTER = 0.8
 """Normalised rms of the best law over that of the requested one, below which a warning is given. [1]"""
 

@@ -17,7 +17,7 @@ from solver.target import Target
 QUANTITIES: Final = ("depth_displacement", "lateral_displacement", "rotation")
 """Names of the quantities of a history."""
 # Measured histories may be off by some per cent and start slightly before or after contact; a wrong unit is off by far
-# more. Both values are judgements.
+# more. Both values are rough choices.
 REACH, SLACK = 1.1, 0.1
 """Tolerances of `check_reach`: a factor on distance and rotation, and an addition in body lengths or radians. [1]"""
 

@@ -47,10 +47,10 @@ SMALLEST_SPAN = 1e-3
 # However strong the autocorrelation of the residuals, the variance needs more than one sample.
 FEWEST_SAMPLES = 2.0
 """Least number of independent samples of a quantity."""
-# Two minima whose sums of squares differ by less than half are both possible; the value is a judgement.
+# Two minima whose sums of squares differ by less than half are both possible; the value is a rough choice.
 RIVAL = 1.5
-"""Sum of squares of another minimum, over the least one, up to which it is reported. [1]"""
-# A good fit of a smooth motion explains more than 99 % of the variance. The value is a judgement.
+"""Largest ratio of the sum of squares at another minimum to the least one with which that minimum is reported. [1]"""
+# A good fit of a smooth motion explains more than 99 % of the variance. The value is a rough choice.
 POOR = 0.9
 """Fraction of the variance explained, below which a fit is called poor. [1]"""
 

@@ -35,7 +35,7 @@ ROUGHLY = 1e-3
 # The square of a smaller slope underflows, and the normal equation would divide by zero.
 SMALLEST_SLOPE = 1e-30
 """Least slope of the residuals over ln S that determines a fit."""
-# On the coarse grid a deeper valley may look shallower than another. Three is a judgement.
+# On the coarse grid a deeper valley may look shallower than another. Three is a rough choice.
 REFINED = 3
 """Largest number of valleys that are compared before the fit."""
 
@@ -173,7 +173,7 @@ HIGHEST_ORDER = 9
 """Highest order of a polynomial in the angle."""
 RIGHT_ANGLE = 90.0
 """Scale of the angle in a fit. [°]"""
-# One in a hundred is a judgement.
+# One in a hundred is a rough choice.
 UNLIKELY = 0.01
 """Probability of a larger scatter, below which the standard errors of the points are called too small. [1]"""
 

@@ -45,7 +45,7 @@ from solver.search.trials import (
 from solver.surface import Body
 
 # A usual search takes about twenty trials. The limit bounds the table, and ends searches whose outcome alternates from
-# one angle to the next; its value is a judgement.
+# one angle to the next; its value is a rough choice.
 MOST_TRIALS = 2000
 """Number of trials after which no bracket is narrowed any further."""
 # If the root is closer to an end of the bracket than this, a trial at this distance leaves a bracket within the
@@ -54,7 +54,7 @@ MOST_TRIALS = 2000
 KEEP_OFF = 0.45
 """Least distance of a trial from the ends of the bracket, as a fraction of the tolerance. [1]"""
 # Where the margin is not smooth, regula falsi may shrink a bracket slowly. Bisection then bounds the number of trials.
-# Three is a judgement.
+# Three is a rough choice.
 PATIENCE = 3
 """Number of trials after which a bracket that was not halved is bisected."""
 # The slope of the margin may be much too small, and a stride computed from it would pass over the change.
@@ -83,14 +83,14 @@ DOUBT = math.radians(0.008)
 
 @once
 def _bracket(left: int, right: int, tried: int, level: Level, search: SearchState) -> tuple[int, int]:
-    """Bracket a change that was found on a rougher level, in strides computed from the slope of the margin.
+    """Bracket a change that was found on a coarser level, in strides computed from the slope of the margin.
 
     Parameters
     ----------
     left, right
-        Trials of the rougher level on the two sides of the change.
+        Trials of the coarser level on the two sides of the change.
     tried
-        Trial of this level at the root of the rougher one; -1 if it has not been computed.
+        Trial of this level at the root of the coarser one; -1 if it has not been computed.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def _bracket(left: int, right: int, tried: int, level: Level, search: SearchStat
         Trials on the two sides of the change; twice the same one if no change was found in the range.
     """
     trials, count = search.table.rows, search.table.filled[0]
-    # The margin is nearly linear near a change. The first trial is at the root of the rougher level, the second a
+    # The margin is nearly linear near a change. The first trial is at the root of the coarser level, the second a
     # stride beyond: most often these two are the bracket.
     rising, longest = turned_away(trials[right]), level.stride
     lowest, highest = math.inf, -math.inf
@@ -190,7 +190,7 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
             for i in range(begun, count):
                 trials[i, FINE] = 0.0  # the last level replaces these trials
         begun = count
-        # The bracket of a rougher level need not contain the change of a finer one, which is bracketed anew.
+        # The bracket of a coarser level need not contain the change of a finer one, which is bracketed anew.
         if k > first:
             left, right = _bracket(left, right, tried, levels[k], search)
         if left == right:
@@ -206,7 +206,7 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
 
 @lean
 def is_same_change(bracket: IntArray, right: int, trials: FloatArray, level: Level) -> bool:
-    """Return whether a change equals the previous one, as it may where rough outcomes alternate near a change."""
+    """Return whether a change equals the previous one, as it may where outcomes on a coarse level alternate."""
     shift = trials[right, ANGLE] - trials[bracket[1], ANGLE]
     return bool(abs(shift) <= 2.0 * level.tolerance and turned_away(trials[right]) == turned_away(trials[bracket[1]]))
 
@@ -215,12 +215,12 @@ def is_same_change(bracket: IntArray, right: int, trials: FloatArray, level: Lev
 # 11 trials for the paper's strike instead of 17, and finds the same changes.
 CLEAR = 0.15
 """Absolute margin of two adjacent trials with the same outcome above which a scan skips the angles between. [1]"""
-# Rough trials within this margin may have the wrong outcome, which would place the change between the wrong angles.
+# Coarse trials within this margin may have the wrong outcome, which would place the change between the wrong angles.
 UNSURE = 0.95
-"""Absolute margin over the retention energy below which a rough trial is repeated on the requested level. [1]"""
+"""Absolute margin over the retention energy below which a coarse trial is repeated on the requested level. [1]"""
 HALF_DEGREE = math.radians(0.5)
 # The increase should be small enough for a linear effect, and that effect larger than the error of a trial. Two per
-# cent are a judgement.
+# cent are a rough choice.
 MORE_INERTIA = 1.02
 """Factor on the moment of inertia in the trial that measures its effect. [1]"""
 # A law of S that bends strongly between two trials may hide a band of another outcome between them.
@@ -292,7 +292,7 @@ def _scan(angles: FloatArray, level: Level, search: SearchState) -> int:
                 if _is_smooth(left, right, search.inputs.strength):
                     continue
             numbers[i] = attempt(angles[i], level, search)
-            # A rough trial that ends near the retention energy may have the wrong outcome, and hide a change.
+            # A coarse trial that ends near the retention energy may have the wrong outcome, and hide a change.
             if not level.fine and abs(trials[numbers[i], MARGIN]) < UNSURE * search.inputs.retention:
                 numbers[i] = attempt(angles[i], search.levels[REQUESTED], search)
             if has_failed(search):
@@ -434,7 +434,7 @@ def _find_changes(angles: FloatArray, search: SearchState, brackets: IntArray) -
             return 0
     panels = search.model.panels.area.size > 0  # panels have one resolution, so all levels are alike
     first, changes, earlier = REQUESTED if panels else ROUGH, 0, 0
-    # If the changes do not connect the two ends of the range, a rough trial with a wrong outcome has hidden one. The
+    # If the changes do not connect the two ends of the range, a coarse trial with a wrong outcome has hidden one. The
     # scan is then repeated on the requested level, as it is if there is no change at all. This costs 3 % of the time
     # and corrected one of 2,400 random angles, from 47.6° to 18.1°.
     for scan in range(2):

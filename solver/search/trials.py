@@ -64,7 +64,7 @@ Levels = tuple[Level, Level, Level, Level]
 MOST_STEPS = 1000
 """Largest number of steps of a trial on the first two levels."""
 # Two stations, two points and a tolerance of 0.03 locate a change to a few tenths of a degree at a quarter of the cost
-# of the requested level. The ramp is as wide as the tolerance allows, so that rough steps do not chatter once the body
+# of the requested level. The ramp is as wide as the tolerance allows, so that long steps do not chatter once the body
 # is stuck: 499 evaluations instead of 1,831.
 ROUGH_LEVEL = Level(
     quadrature=build_quadrature(stations=2, points=2),
@@ -132,7 +132,7 @@ STEP_LIMIT, NOT_FINITE = Termination.STEP_LIMIT.value, Termination.NOT_FINITE.va
 PERFORATED, TUMBLED = Termination.PERFORATED.value, Termination.TUMBLED.value
 NO_STRENGTH, CANCELLED = Termination.NO_STRENGTH.value, Termination.CANCELLED.value
 # A trial continues below the retention energy, since the energy left varies smoothly with the angle there too and
-# secants need values on both sides of the change. A tenth is a judgement.
+# secants need values on both sides of the change. A tenth is a rough choice.
 ENERGY_FLOOR = 0.1
 """Kinetic energy at which a trial ends, as a fraction of the retention energy. [1]"""
 # A margin of zero has no sign, and two of them would make the denominator of a secant zero.
@@ -167,7 +167,7 @@ class TrialInputs(NamedTuple):
     end_time: float
     """Termination time. [s]"""
     time_step: float
-    """Time step of the panel route. [s]"""
+    """Time step of the panel method. [s]"""
     retention: float
     """Fraction of the initial kinetic energy with which a projectile must leave to count as turned away. [1]"""
     sought: int
@@ -246,7 +246,7 @@ def _margin(end: int, state: FloatArray, model: Model, energy: float, retention:
 def attempt(oblique_angle: float, level: Level, search: SearchState) -> int:
     """Run one trial, append it to the table and return its row number.
 
-    A trial of a rough level that gains energy, diverges or takes too many steps is repeated on the requested level.
+    A trial on a coarse level that gains energy, diverges or takes too many steps is repeated on the requested level.
     """
     inputs, model, table = search.inputs, search.model, search.table
     number = int(table.filled[0])

@@ -49,14 +49,14 @@ SURROGATE_ERROR = math.radians(0.1)
 # An evaluation of the surrogate takes microseconds, and this number of points makes its sampling error negligible.
 SURROGATE_POINTS = 4096
 """Number of points of each scrambling at which the surrogate is evaluated."""
-# With fewer samples the intervals of the indices are too wide to be of use; the value is a judgement.
+# With fewer samples the intervals of the indices are too wide to be of use; the value is a rough choice.
 FEWEST_BASE_SAMPLES = 64
 """Least number of base samples for Sobol indices by the direct method."""
 # A base sample takes one search for every input and one more. With 512 of them, 95 % intervals contain the true
 # first-order indices of Ishigami's function in 89 or 90 of 100 seeds (`tests/uncertainty/test_coverage.py`).
 SENSITIVITY_SAMPLES = 4096
 """Largest number of base samples for Sobol indices by the direct method."""
-# 2,001 angles are one every 0.04° over the default range; the limit is a judgement.
+# 2,001 angles are one every 0.04° over the default range; the limit is a rough choice.
 MOST_ANGLES = 2001
 """Largest number of angles of the probability curve."""
 

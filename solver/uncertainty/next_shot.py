@@ -18,7 +18,7 @@ from solver.uncertainty.sampling import Uncertain
 RESIDUAL = "resistance.strength_residual"
 """Field of a factor on S of any law, for the part of its scatter that the inputs of the law do not explain."""
 STRENGTH = "target.compressive_strength"
-"""Field of the strength, without the suffix for its unit that the contract adds."""
+"""Field of the strength, without the suffix for its unit that the HTTP interface adds."""
 COUNTS = (1, 3)
 """Numbers of shots for which the range is computed."""
 # The strength gets at most half of the variance of S f'c, as in `StrengthScatter`.

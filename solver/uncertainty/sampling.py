@@ -26,7 +26,7 @@ SCRAMBLINGS = 16
 # Sixteen points in 16 scramblings are the smallest budget, 256 samples. Every round doubles the points.
 FIRST_POINTS, FEWEST_POINTS = 16, 4
 """Numbers of points of each scrambling in the first round, by default and where wide intervals suffice."""
-# The lower bound is the first round. The upper one is a judgement, well below the 2**30 points of the sequence.
+# The lower bound is the first round. The upper one is a rough choice, well below the 2**30 points of the sequence.
 FEWEST_SAMPLES, MOST_SAMPLES = 256, 1_048_576
 """Bounds of the budget of samples."""
 # Sobol points have 30 bits and may be 0, where most distributions have no value. Half a cell is added to each.

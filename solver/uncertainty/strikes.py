@@ -110,16 +110,8 @@ class SampledStrike:
 
     def __init__(self, parts: Mapping[str, Any], uncertain: Sequence[Uncertain]) -> None:
         check_inputs(uncertain)
-        self._parts = dict(parts)
-        resistance = parts["resistance"]
-        if isinstance(resistance.strength_factor, OwnTests):  # so that S is read from the shots once only
-            law = resistance.strength_factor.power_law(
-                target=parts["target"],
-                projectile=parts["projectile"],
-                inertia_factor=resistance.inertia_factor,
-                crater=resistance.crater,
-            )
-            self._parts["resistance"] = replace(resistance, strength_factor=law)
+        resistance = parts["resistance"].without_shots(target=parts["target"], projectile=parts["projectile"])
+        self._parts = {**parts, "resistance": resistance}
         self._paths = [each.field.split(".") for each in uncertain]
         for index, each in enumerate(uncertain):
             self._check(index, each)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import assert_never
 
 from solver.free_surface import ElasticPlastic, MohrCoulomb
 from solver.projectile import Projectile
@@ -11,6 +12,8 @@ from solver.resistance import (
     PLAUSIBLE_FACTORS,
     ConstantStrengthFactor,
     ObliquityPolynomial,
+    OwnTests,
+    PublishedTests,
     Resistance,
     StrengthPowerLaw,
     held_from,
@@ -23,7 +26,7 @@ from solver.uncertainty.next_shot import RESIDUAL
 from solver.uncertainty.sampling import Uncertain
 from solver.uncertainty.strikes import THEORY
 
-# The coefficients of variation are judgements.
+# The coefficients of variation are rough choices.
 VELOCITY, DENSITY, MASS = 0.02, 0.02, 0.005
 """Coefficients of variation of velocity, density and mass. [1]"""
 # More digits of a dispersion are not known, and would show in requests.
@@ -32,12 +35,12 @@ DIGITS = 4
 # Where S itself is beyond the usual range, its scatter must not be cut off next to its median.
 WITHIN = 0.5, 2.0
 """Range of the factor on S that is never truncated. [1]"""
-# The standard deviation is a judgement.
+# The standard deviation is a rough choice.
 ATTACK = math.radians(1.0)
 """Standard deviation of the angle of attack. [rad]"""
 THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, MohrCoulomb)
 """Decay laws that count as theories."""
-# The weights are a judgement. The first law with eq. 9 gives the paper's angle; the second follows finite element
+# The weights are rough choices. The first law with eq. 9 gives the paper's angle; the second follows finite element
 # motions more closely and has the S(θ) fitted to these. No decay at all is no theory.
 THEORIES = (0.8, 0.2)
 """Weights of `THEORY_LAWS`. [1]"""
@@ -53,14 +56,20 @@ def has_own_law(resistance: Resistance | None) -> bool:
     """
     if resistance is None:
         return False
-    model = resistance.strength_factor
-    if not isinstance(resistance.free_surface, ElasticPlastic) or isinstance(model, ConstantStrengthFactor):
+    if not isinstance(resistance.free_surface, ElasticPlastic):
         return True
-    if isinstance(model, ObliquityPolynomial):
-        return tuple(model.coefficients) != EQUATION_9_COEFFICIENTS or held_from(model) != HELD_FROM
-    return isinstance(model, StrengthPowerLaw) and (
-        replace(model, obliquity_shape=StrengthPowerLaw().obliquity_shape) != StrengthPowerLaw()
-    )
+    model = resistance.strength_factor
+    match model:
+        case ConstantStrengthFactor():
+            return True
+        case ObliquityPolynomial():
+            return tuple(model.coefficients) != EQUATION_9_COEFFICIENTS or held_from(model) != HELD_FROM
+        case StrengthPowerLaw():
+            return replace(model, obliquity_shape=StrengthPowerLaw().obliquity_shape) != StrengthPowerLaw()
+        case PublishedTests() | OwnTests():
+            return False
+        case _:
+            assert_never(model)
 
 
 def usual_scatter(

@@ -53,7 +53,7 @@ ENDINGS: Mapping[str, str] = {
 """Outcomes in words."""
 COUNTED: Mapping[int, str] = {1: "one", 3: "three"}
 """Numbers of shots in words."""
-# A range that shrinks by less than a tenth does not repay a test; the value is a judgement.
+# A range that shrinks by less than a tenth does not repay a test; the value is a rough choice.
 HARDLY = 0.9
 """Width of the expected range over that of the present one, above which more shots are called useless. [1]"""
 # The sentence should agree with the probability beside it: "is turned away" is wrong in one of ten cases at most.
@@ -63,9 +63,9 @@ LIKELY, UNLIKELY = 0.9, 0.1
 ROUNDED_AWAY = 0.005
 """Distance of a probability from 0 or 1 below which a bound is written instead. [1]"""
 RANGE_FAILED = "the 90 % range could not be computed"
-"""Clause of a verdict whose study failed or took too long."""
+"""Part of the sentence of a verdict whose study failed or took too long."""
 NO_RANGE_BY_PANELS = "no 90 % range by panels"
-"""Clause of a verdict by panels, whose study would take minutes."""
+"""Part of the sentence of a verdict with the method `panels`, for which the study would take minutes and is omitted."""
 
 
 class Question(NamedTuple):
@@ -130,7 +130,7 @@ class Ended(NamedTuple):
     protrusion: Protrusion | None = None
     warnings: tuple[ModelWarning, ...] = ()
     flight: Flight | None = None
-    """Flight of the body after it has left, if it is turned away."""
+    """Flight of the body after it has left, if it ricochets."""
 
 
 Found: TypeAlias = CriticalAngle | Spread | Ended | WallVerdict | None
@@ -153,7 +153,7 @@ class Verdict:
     """90 % range of the critical angle with the usual scatter, and with the inputs as given; None if no sample has an
     angle, or none was computed. [rad]"""
     reason_without_range: str = ""
-    """Clause of the sentence that says why the samples of the usual scatter were not computed; empty if they were."""
+    """Part of the sentence that says why the samples of the usual scatter were not computed; empty if they were."""
     share_without: float
     """Share of the samples without a critical angle. [1]"""
     theories: tuple[float | None, ...]
@@ -179,7 +179,7 @@ class Verdict:
     """Protrusion of the body out of the rear face of a wall at the angle to judge; None if there is none, or it
     perforates."""
     flight: Flight | None = None
-    """Flight of the body after a strike at the angle to judge, if it is turned away."""
+    """Flight of the body after a strike at the angle to judge, if it ricochets."""
     probability: Estimate | None = None
     """Probability of ricochet at the angle to judge, with the usual scatter and its sampling interval; None without
     one. [1]"""

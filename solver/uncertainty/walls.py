@@ -26,6 +26,7 @@ from solver.strike import Impact, Numerics
 from solver.target import Crater, ShearPlug, Target
 from solver.trajectory import simulate
 from solver.uncertainty.strikes import scaled
+from solver.units import fixed, quantity, rounded, with_symbol
 from solver.warnings import ModelWarning
 
 Question: TypeAlias = Literal["perforation", "scabbing"]
@@ -119,7 +120,7 @@ def wall_sentence(wall: WallVerdict) -> str:
 
 
 def _questions(wall: WallVerdict) -> list[tuple[Question, DesignValue]]:
-    """Return the questions that have a design value; the one that requires more comes first."""
+    """Return the questions that have a design value, the one with the thicker wall first."""
     both: list[tuple[Question, DesignValue]] = [("scabbing", wall.scabbing), ("perforation", wall.perforation)]
     known = [each for each in both if each[1].design is not None]
     return sorted(known, key=lambda each: -(each[1].design or 0.0))
@@ -142,7 +143,7 @@ def _required(wall: WallVerdict) -> str:
     asked = [f"against {name} {_thickness(value.design or 0.0)} ({_reason(name, value)})" for name, value in questions]
     text = f"Design value {', '.join(asked)}"
     if wall.characteristic_strength is not None:
-        text += f", with the characteristic strength of {wall.characteristic_strength / 1e6:.4g} MPa"
+        text += f", with the characteristic strength of {quantity(wall.characteristic_strength, 'MPa')}"
     if len(questions) == 1:
         other = "perforation" if questions[0][0] == "scabbing" else "scabbing"
         text += f"; none against {other}: no formula is within the range of its tests"
@@ -239,7 +240,7 @@ def judge_wall(
     """
     own, infinite = usual_unless_given(resistance), replace(target, thickness=None)
     if numerics is not None and numerics.method == "panels":
-        numerics = None  # a run by panels takes seconds, and the searches below take a hundred runs
+        numerics = None  # a run with panels takes seconds, and the searches below take a hundred runs
     characteristic = target.characteristic_strength
     if characteristic is not None:
         require(
@@ -506,18 +507,18 @@ def _reason(name: Question, value: DesignValue) -> str:
 
 
 def _thickness(value: float) -> str:
-    """Format a thickness [m] in whole millimetres, rounded up, which is the safe side."""
-    # An excess of less than a nanometre is rounding error and adds no millimetre.
-    return f"{math.ceil(1e3 * value - 1e-6):d} mm"
+    """Format a thickness [m] rounded up, which is the safe side, to millimetres or tenths of an inch."""
+    return with_symbol(rounded(value, "mm", math.ceil), "mm")
 
 
 def _length(value: float) -> str:
-    """Format a length [m] to a tenth of a millimetre."""
-    return f"{round(1e3 * value, 1):g} mm" if value < 10.0 else f"{value:.6g} m"
+    """Format a length [m] to a tenth of a millimetre or a hundredth of an inch."""
+    if value >= 10.0:
+        return quantity(value, "m", 6)
+    return with_symbol(fixed(value, "mm", 1).rstrip("0").rstrip("."), "mm")
 
 
 def _speed(value: float) -> str:
     """Format a speed [m/s] rounded down, which is the safe side."""
-    # A deficit of a nanometre per second is rounding error. Slow speeds get two digits, as whole numbers are too
-    # coarse.
-    return f"{math.floor(value + 1e-9):d} m/s" if value >= 10.0 else f"{value:.2g} m/s"
+    # Slow speeds get two digits, as whole numbers are too coarse.
+    return with_symbol(rounded(value, "m/s", math.floor), "m/s") if value >= 10.0 else quantity(value, "m/s", 2)

@@ -20,7 +20,7 @@ HELD = "strength_held"
 # includes both.
 HELD_EARLIER = math.radians(55.0)
 """Smaller angle from which S by eq. 9 may be held constant. [rad]"""
-# An effect that is small beside the scatter should not distract from other warnings. A quarter is a judgement.
+# An effect that is small beside the scatter should not distract from other warnings. A quarter is a rough choice.
 LITTLE = 0.25
 """Largest shift of the angle, as a fraction of its 90 % range, up to which a warning is a standing note. [1]"""
 MOVES = {

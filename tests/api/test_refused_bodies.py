@@ -76,7 +76,7 @@ def server(request: pytest.FixtureRequest, servers: dict[str, Server]) -> Server
 
 @pytest.fixture(scope="module")
 def bodies(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A folder with files of zeros, named by their size in megabytes."""
+    """A folder with files of zeros, whose names are their sizes in megabytes."""
     folder = tmp_path_factory.mktemp("bodies")
     for size in (5, 50):
         (folder / str(size)).write_bytes(bytes(size * MEGABYTE))

@@ -1,4 +1,4 @@
-"""A script of a page receives a refusal that is sent before the whole body has been read."""
+"""A script in a web page receives a refusal that is sent before the whole body has been read."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager

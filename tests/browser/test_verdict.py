@@ -94,11 +94,13 @@ def test_sentence_is_that_of_the_service(page: Page, client: httpx.Client, kind:
 
 @pytest.mark.slow
 @pytest.mark.timeout(14400)
-def test_sentence_on_odd_strikes_is_that_of_the_service(page: Page, client: httpx.Client) -> None:
+def test_sentence_on_odd_strikes_is_that_of_the_service(page: Page, client: httpx.Client, faults: list[str]) -> None:
     page.set_default_timeout(600_000)
     for number, body in enumerate(odd_strikes(60, seed=6)):
         if KINDS[number % len(KINDS)] in OF_THE_PAGE:
             check_sentence(page, client, body)
+    # The page learns from a refusal how many instants a very slow strike may have, and requests it again.
+    faults[:] = [each for each in faults if not ("422" in each and each.endswith("/trajectory)"))]
 
 
 @pytest.mark.parametrize("width", [1440, 390])

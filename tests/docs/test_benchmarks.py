@@ -21,7 +21,7 @@ QUICK = {
     "startup": ["--quick"],
     "work_precision": ["--quick"],
 }
-"""Arguments with which a script takes seconds only, by script."""
+"""Arguments of each benchmark with which it takes only seconds, by the name of its script."""
 LONGEST = {"cluster", "growth", "scaling", "slider"}
 
 

@@ -1,4 +1,4 @@
-"""Front crater and rear plug, compared with closed-form motions and panels, and properties of any strike."""
+"""Front crater and rear plug: comparison with closed-form motions and the method `panels`, properties of any strike."""
 
 import math
 from dataclasses import replace

@@ -1,5 +1,6 @@
 """The report on a strike: it agrees with the service's answers to the same case, and has two A4 pages."""
 
+import base64
 import html
 import json
 import math
@@ -26,6 +27,7 @@ from service.schemas.verdict import next_shot_advice_in
 from solver import Impact, critical_angle, formulas, mass_properties, simulate
 from solver.formulas import PERFORATION_MARGIN, SCABBING_MARGIN
 from solver.uncertainty.verdict import probability_angles
+from tests.quantities_in_texts import HEAD_IN_SI, SI, US, US_SIZES, check_converted
 
 COARSE = {"lower_deg": 42.0, "upper_deg": 58.0, "tolerance_deg": 0.5}
 STRIKE: dict[str, Any] = PAPER | {"search": COARSE}
@@ -39,6 +41,9 @@ WALL: dict[str, Any] = PAPER | {
     "search": COARSE | {"lower_deg": 25.0},
 }
 """A strike whose report has every part."""
+IN_US = {"units": "us"}
+ALL = [JUDGED, WALL, NEVER]
+NAMES = ["half-space", "wall", "no critical angle"]
 DATA = re.compile(r'<data value="([^"]+)" data-from="([^"]+)" data-factor="([^"]+)">([^<]+)</data>')
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 Ask = Callable[[dict[str, Any]], Any]
@@ -91,7 +96,17 @@ def text_of(page: str) -> str:
     return re.sub(r"\s+", " ", html.unescape(words))
 
 
-@pytest.mark.parametrize("body", [JUDGED, WALL, NEVER], ids=["half-space", "wall", "no critical angle"])
+def words_in_pictures(page: str) -> str:
+    """Return the texts of the figures, which matplotlib notes beside their outlines."""
+    pictures = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', page)
+    return "\n".join(
+        text for each in pictures for text in re.findall("<!-- (.*?) -->", base64.b64decode(each).decode())
+    )
+
+
+@pytest.mark.parametrize(
+    "body", [*ALL, *(each | IN_US for each in ALL)], ids=[*NAMES, *(f"{each} us" for each in NAMES)]
+)
 def test_every_number_is_one_that_the_service_answers_to_this_case(
     report_of: Ask, answers_of: Ask, body: dict[str, Any]
 ) -> None:
@@ -104,6 +119,8 @@ def test_every_number_is_one_that_the_service_answers_to_this_case(
         number = float(html.unescape(text).replace("\N{MINUS SIGN}", "-"))
         places = len(text.partition(".")[2].partition("e")[0])
         exact = float(value) * float(factor)
+        if "stress" in pointer and body.get("units"):
+            places = -2  # hundreds of psi in place of whole MPa
         is_limit = "thickness" in pointer and "/case/" not in pointer
         step = 10.0**-places if is_limit else 0.51 * 10.0**-places  # A limit is rounded up.
         assert math.isclose(number, exact, rel_tol=6e-3, abs_tol=step), (pointer, text)
@@ -111,6 +128,33 @@ def test_every_number_is_one_that_the_service_answers_to_this_case(
     for name in ("cra", "uncertainty", "formulas"):
         assert answers[name]["key"] in page
     assert all(each["key"] in page for name, each in answers.items() if name in {"judged", "below", "above"})
+
+
+@pytest.mark.parametrize("body", ALL, ids=NAMES)
+def test_report_in_us_units_has_no_value_in_si_and_the_same_values(report_of: Ask, body: dict[str, Any]) -> None:
+    in_si, in_us = report_of(body), report_of(body | IN_US)
+    assert [each[:2] for each in DATA.findall(in_us)] == [each[:2] for each in DATA.findall(in_si)]
+    for shown in (text_of(in_us), words_in_pictures(in_us)):
+        assert SI.findall(shown) == HEAD_IN_SI.findall(shown) == []
+    assert {"speed [ft/s]", "along the face [ft]", "depth [ft]"} <= set(words_in_pictures(in_us).splitlines())
+    assert {"speed [m/s]", "along the face [m]", "depth [m]"} <= set(words_in_pictures(in_si).splitlines())
+    assert US.findall(text_of(in_si)) == []
+    assert "Quantities are in US customary units." in in_us
+    sizes = {
+        "/case/projectile/diameter_m": "in",
+        "/case/projectile/mass_kg": "lb",
+        "/case/target/density_kg_m3": "lb/ft³",
+    }
+    for value, pointer, factor, text in DATA.findall(in_us):
+        if unit := sizes.get(pointer):
+            assert float(factor) == pytest.approx(1.0 / US_SIZES[unit])
+            assert float(text) * US_SIZES[unit] == pytest.approx(float(value), rel=3e-4)
+
+
+def test_sentences_of_a_report_are_those_of_the_verdict_in_its_units(client: httpx.Client, report_of: Ask) -> None:
+    si, us = (client.post("/verdict", json=body).json() for body in (WALL, WALL | IN_US))
+    check_converted(si["sentence"], us["sentence"])
+    assert us["sentence"].replace(" ", "") in text_of(report_of(WALL | IN_US)).replace(" ", "")
 
 
 def test_answer_is_that_of_the_solver(report_of: Ask) -> None:
@@ -282,6 +326,7 @@ def test_page_loads_nothing_and_runs_nothing(client: httpx.Client) -> None:
         ({"impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 90.0}}, "/impact/oblique_angle_deg"),
         ({"impact": {"velocity_m_s": -1.0}}, "/impact/velocity_m_s"),
         ({"target": PAPER["target"] | {"colour": "grey"}}, "/target/colour"),
+        ({"units": "imperial"}, "/units"),
     ],
 )
 def test_wrong_field_is_named(client: httpx.Client, change: dict[str, Any], pointer: str) -> None:
@@ -298,15 +343,32 @@ def test_without_the_extra_reports_are_not_implemented(monkeypatch: pytest.Monke
     assert ReportsMissingError.status == 501
 
 
-def test_command_writes_the_page_of_the_service(report_of: Ask, live_url: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("units", ["si", "us"])
+def test_command_writes_the_page_of_the_service(report_of: Ask, live_url: str, tmp_path: Path, units: str) -> None:
     (tmp_path / "strike.json").write_text(json.dumps(JUDGED))
     target = tmp_path / "report.html"
-    assert cli.main(["report", str(tmp_path / "strike.json"), "-o", str(target), "--url", live_url]) == 0
+    command = ["report", str(tmp_path / "strike.json"), "--units", units, "-o", str(target), "--url", live_url]
+    assert cli.main(command) == 0
     made = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d UTC")
-    assert made.sub("", target.read_text()) == made.sub("", report_of(JUDGED))
+    expected = report_of(JUDGED if units == "si" else JUDGED | IN_US)
+    assert made.sub("", target.read_text()) == made.sub("", expected)
 
 
-@pytest.mark.parametrize("body", [JUDGED, WALL, NEVER], ids=["half-space", "wall", "no critical angle"])
+def test_an_unknown_system_of_units_is_refused_with_the_choices(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case = tmp_path / "strike.json"
+    case.write_text(json.dumps(JUDGED))
+    assert cli.main(["report", str(case), "--units", "imperial"]) == 2
+    told = capsys.readouterr().err
+    assert "--units" in told
+    assert "unknown value 'imperial'; expected si, us" in told
+    case.write_text(json.dumps(JUDGED | {"units": "imperial"}))
+    assert cli.main(["report", str(case)]) == 2
+    assert "/units: must be 'si' or 'us', got 'imperial'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("body", [*ALL, WALL | IN_US], ids=[*NAMES, "wall us"])
 @pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no browser here")
 def test_printed_it_takes_two_sheets_of_a4(live_url: str, tmp_path: Path, body: dict[str, Any]) -> None:
     (tmp_path / "strike.json").write_text(json.dumps(body))

@@ -55,7 +55,7 @@ SQUARE = Operation("square", compute=square, request=Part)
 
 
 def runs(folder: Path) -> dict[float, int]:
-    """Count the runs for each number, by the files in a folder."""
+    """Count how often each number was squared, from the files that the runs left in a folder."""
     counts: dict[float, int] = {}
     for path in folder.iterdir():
         number = float(path.name.split("-")[0])
@@ -64,5 +64,5 @@ def runs(folder: Path) -> dict[float, int]:
 
 
 def workers(folder: Path) -> list[int]:
-    """Return the process id of each run, by the files in a folder."""
+    """Return the process id of each run, from the names of the files in a folder."""
     return [int(path.name.split("-")[-1]) for path in folder.iterdir()]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import orjson
 
-from service.cache.hdf5 import DecodedSegment
 from service.cache.record import FloatColumns, Record
+from service.cache.segments import DecodedSegment
 from service.schemas.answers import MotionState
 
 COLUMNS = list(MotionState.model_fields)

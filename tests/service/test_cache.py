@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 
 from service.cache.cache import NOT_CACHED, ResultCache
-from service.cache.hdf5 import DecodedSegment, digest_of, to_segment
 from service.cache.record import Record
+from service.cache.segments import DecodedSegment, digest_of, to_segment
 from service.errors import FolderInUseError
 from tests.service.records import critical_angle, critical_angle_with_motion, full_disk, key_of, made, same, trajectory
 

@@ -22,9 +22,9 @@ import pytest
 
 from service.errors import PoolUnavailableError, TaskTimeoutError, WorkerCrashedError
 from service.workers import Call
+from service.workers.executor import loads
 from service.workers.process_pool import ProcessPool
 from service.workers.work_queue import Kind, Work, WorkQueue
-from service.workers.worker import loads
 from service.workers.worker_process import WorkerProcess
 from tests.service.squares import until
 

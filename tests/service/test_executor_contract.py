@@ -22,10 +22,10 @@ from service.schemas import CriticalAngleRequest, TrajectoryRequest
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.workers import Call, worker_process
 from service.workers.dask_executor import DaskExecutor
-from service.workers.executor import Executor
+from service.workers.executor import Executor, dumps, loads
 from service.workers.in_thread import InThreadExecutor
 from service.workers.process_pool import ProcessPool
-from service.workers.worker import answer, compute_case, compute_single, dumps, loads
+from service.workers.worker import answer, compute_case, compute_single
 from tests.service.squares import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]

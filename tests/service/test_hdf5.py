@@ -11,8 +11,9 @@ import numpy as np
 import orjson
 import pytest
 
-from service.cache.hdf5 import BatchFile, DecodedSegment, to_hdf5, to_segment
+from service.cache.hdf5 import BatchFile, to_hdf5
 from service.cache.record import CaseResult, Record
+from service.cache.segments import DecodedSegment, to_segment
 from service.cache.tables import trial_table_columns
 from service.errors import DamagedFileError
 from service.operations import OPERATIONS

@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 from service.cache.cache import JOURNAL_BYTES, JOURNAL_RECORDS, NOT_CACHED, ResultCache
-from service.cache.hdf5 import Segment, encode_segments
 from service.cache.index import Journal
 from service.cache.maintenance import stat
 from service.cache.record import Record
+from service.cache.segments import Segment, encode_segments
 from tests.service.records import critical_angle, full_disk, key_of, obliquity_fit, trajectory
 
 ROOT = Path(__file__).parents[2]

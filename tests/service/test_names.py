@@ -8,19 +8,18 @@ from typing import Any
 
 import pytest
 
-from service.names import CHOICES, FORMULAS, JOB_STATUSES, OPERATIONS, OUTCOMES, QUANTITIES, STATUSES
+from service.names import CHOICES, FORMULAS, JOB_STATUSES, OPERATIONS, OUTCOMES, QUANTITIES, STATUSES, UNITS
 from service.reports.assessment_numbers import WORDS
 from service.schemas.strike import PAPER_AT_45
 from solver.formulas import formulas
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
 from solver.uncertainty.strikes import PAIRED
-from solver.uncertainty.usual import THEORIES, THEORY_LAWS
-from solver.uncertainty.verdict import ENDINGS, THEORY_NAMES
+from solver.uncertainty.verdict import ENDINGS
 from tests.cli.commands import run
 
 SCHEMAS = json.loads((Path(__file__).parents[2] / "openapi/openapi.json").read_text())["components"]["schemas"]
 REQUESTS = ("TrajectoryRequest", "CriticalAngleRequest")
-SETTINGS = re.compile(r"output\.|alternatives$|numerics\.(panels|time_step_s)$")
+SETTINGS = re.compile(r"output\.|alternatives$|units$|numerics\.(panels|time_step_s)$")
 """Fields without a display name: those that are not part of a case, and settings of the panels."""
 RAW = re.compile(r"\b[a-z]+_[a-z_0-9]+\b")
 
@@ -68,6 +67,7 @@ def test_every_formula_has_a_name() -> None:
         (STATUSES, ["SearchStatus", "PerforationStatus"]),
         (JOB_STATUSES, ["JobStatus"]),
         (OPERATIONS, ["JobOperation"]),
+        (UNITS, ["UnitSystem"]),
     ],
 )
 def test_every_end_and_operation_has_a_name(names: dict[str, str], schemas: list[str]) -> None:
@@ -81,8 +81,6 @@ def test_outcomes_are_named_as_in_a_verdict() -> None:
 def test_a_value_has_one_name_in_all_fields() -> None:
     for names in CHOICES.values():
         assert {value: WORDS[value] for value in names} == names
-    assert len(THEORY_NAMES) == len(THEORIES) == len(THEORY_LAWS)
-    assert set(THEORY_NAMES) < set(CHOICES["resistance.free_surface.model"].values())
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from service.cache.cache import ResultCache
-from service.cache.hdf5 import digest_of, to_segment
 from service.cache.maintenance import evict, rebuild, stat, verify
+from service.cache.segments import digest_of, to_segment
 from service.errors import UnusableFolderError
 from tests.service.records import critical_angle, key_of
 

@@ -15,6 +15,7 @@ from service.operations import compute_critical_angle, compute_trajectory
 from service.schemas import CriticalAngleRequest, TrajectoryRequest, trajectory_answer
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.workers import Call
+from service.workers.executor import loads
 from service.workers.process_pool import ProcessPool
 from service.workers.worker import (
     answer,
@@ -22,7 +23,6 @@ from service.workers.worker import (
     close_chunk,
     compute_case,
     compute_single,
-    loads,
     receive,
     send,
 )

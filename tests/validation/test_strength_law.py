@@ -65,7 +65,7 @@ def test_rule_leaves_only_what_a_rigid_body_of_steel_can_show() -> None:
     shots = counted_shots()
     assert len(depth_shots()) == 751
     assert (len(shots), len({shot.article for shot in shots})) == (251, 34)
-    assert f"{len(shots)} tests" in STRENGTH_LAWS[PublishedTests]
+    assert f"{len(shots)} tests" in STRENGTH_LAWS[PublishedTests]()
     assert max(shot.velocity for shot in shots) <= 900.0
     assert all(shot.depth >= 2.0 * shot.diameter for shot in shots)
     assert all(shot.thickness is None or shot.thickness >= 1.5 * shot.depth for shot in shots)

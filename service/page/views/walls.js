@@ -10,7 +10,7 @@ import { presetLinks } from "../presets.js";
 import { lostNote } from "../lost.js";
 import { request } from "../service.js";
 import { markFresh, markStale } from "../stale.js";
-import { inShownUnits, unitOf } from "../units.js";
+import { inUnits, unitOf } from "../units.js";
 import { sentencesOf, showCard, verdictSection } from "../verdict.js";
 import { endingShown, unbroken, warningList } from "../words.js";
 
@@ -27,19 +27,19 @@ export async function show(root, query) {
   const updateResults = latest(async (values, signal) => {
     const post = async (path, body) => (await request(path, { body, signal })).data;
     const { projectile, target, impact, resistance, numerics } = values;
-    const body = { projectile, target, impact, resistance, numerics };
+    const body = inUnits({ projectile, target, impact, resistance, numerics });
     const isWall = target.thickness_m !== undefined;
     const [judged, thickness, table, speed] = await Promise.all([
       post("wall", body),
       post("thickness", withValue(body, THICKNESS)),
-      post("formulas", withValue({ projectile, target, impact }, THICKNESS)),
+      post("formulas", withValue(inUnits({ projectile, target, impact }), THICKNESS)),
       isWall ? post("limit-speed", withValue(body, SPEED)) : undefined,
     ]);
     if (signal.aborted) return;
-    const [first, ...others] = sentencesOf(inShownUnits(judged.sentence));
+    const [first, ...others] = sentencesOf(judged.sentence);
     const ends = isWall ? `The strike ends by this model: ${endingShown(judged)}.` : "Fill in the thickness of the target.";
     showCard(parts.card, { first, second: [...others, ends].join(" ") });
-    parts.model.replaceChildren(...[thickness, speed].filter(Boolean).map(({ sentence }) => element("p", {}, unbroken(inShownUnits(sentence)))));
+    parts.model.replaceChildren(...[thickness, speed].filter(Boolean).map(({ sentence }) => element("p", {}, unbroken(sentence))));
     parts.warnings.replaceChildren(...warningList(judged.warnings, thickness.warnings));
     parts.table.replaceChildren(tableOf(thickness, table));
     markFresh(...shown);
@@ -87,7 +87,7 @@ function tableOf({ variants }, { formulas, scabbing_margin: scabbing, perforatio
 function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: outside, note }) {
   const reasons = outside.map(({ detail }) => detail).join("; ");
   const range = isWithin ? "within" : isKnown ? `outside: ${reasons}` : `not known${reasons && `; ${reasons}`}`;
-  return inShownUnits(note ? `${range}; ${note}` : range);
+  return note ? `${range}; ${note}` : range;
 }
 
 /** Return a length without its unit, in whole millimetres or tenths of an inch; a limit is rounded up, as in the sentences. */

@@ -1,0 +1,177 @@
+"""Units of the quantities in texts: SI, or US customary units.
+
+The solver computes in SI. A text names the unit in which SI shows a quantity, such as ``mm`` for a thickness, and the
+functions of this module write the value in the units in use, which `written_in` chooses.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from enum import StrEnum
+from typing import NamedTuple
+
+
+class UnitSystem(StrEnum):
+    """System of units in texts."""
+
+    SI = "si"
+    US = "us"
+
+
+class Unit(NamedTuple):
+    """Unit of a system in which texts show a quantity."""
+
+    symbol: str
+    """Symbol after the number."""
+    factor: float
+    """Number of units in one unit of SI without a prefix. [1]"""
+    decimals: int = 0
+    """Decimals of a rounded number, where the corresponding unit of SI has none: about as fine as that one. [1]"""
+
+
+INCH, FOOT, POUND, POUND_FORCE = 0.0254, 0.3048, 0.45359237, 4.4482216152605
+"""US units in units of SI. [m, m, kg, N]"""
+PSI = POUND_FORCE / INCH**2
+"""Pound-force per square inch. [Pa]"""
+SI_UNITS: Mapping[str, Unit] = {
+    "m": Unit("m", 1.0),
+    "mm": Unit("mm", 1e3),
+    "m/s": Unit("m/s", 1.0),
+    "kg": Unit("kg", 1.0),
+    "Pa": Unit("Pa", 1.0),
+    "MPa": Unit("MPa", 1e-6),
+    "GPa": Unit("GPa", 1e-9),
+    "kg/m³": Unit("kg/m³", 1.0),
+    "kg m²": Unit("kg m²", 1.0),
+    "ms": Unit("ms", 1e3),
+    "%": Unit("%", 100.0),
+}
+"""Units in which SI shows quantities; a unit that is not here is shown without a prefix."""
+US_UNITS: Mapping[str, Unit] = {
+    "m": Unit("ft", 1.0 / FOOT),
+    "mm": Unit("in", 1.0 / INCH, 1),
+    "m/s": Unit("ft/s", 1.0 / FOOT),
+    "kg": Unit("lb", 1.0 / POUND),
+    "Pa": Unit("psi", 1.0 / PSI),
+    "MPa": Unit("psi", 1.0 / PSI, -2),
+    "GPa": Unit("ksi", 1e-3 / PSI, -2),
+    "kg/m³": Unit("lb/ft³", FOOT**3 / POUND),
+    "kg m²": Unit("lb ft²", 1.0 / (POUND * FOOT**2)),
+}
+"""US customary units in place of those of SI; others, such as degrees and milliseconds, are common to both systems."""
+# A converted value has no round digits of its own, and four are finer than anything that a text says of a strike.
+CONVERTED_DIGITS = 4
+"""Largest number of significant digits of a converted number in a text. [1]"""
+
+_system: ContextVar[UnitSystem] = ContextVar("unit_system", default=UnitSystem.SI)
+
+
+@contextmanager
+def written_in(system: UnitSystem | str) -> Iterator[None]:
+    """Write the quantities of all texts made in this context in a system of units.
+
+    Examples
+    --------
+    >>> with written_in("us"):
+    ...     print(quantity(0.3, "mm"))
+    11.81 in
+    """
+    token = _system.set(UnitSystem(system))
+    try:
+        yield
+    finally:
+        _system.reset(token)
+
+
+def system_in_use() -> UnitSystem:
+    """Return the system of units in which texts are written."""
+    return _system.get()
+
+
+def shown_unit(unit: str) -> Unit:
+    """Return the unit in use for quantities that SI shows in `unit`."""
+    found = US_UNITS.get(unit) if _system.get() is UnitSystem.US else None
+    return found or SI_UNITS.get(unit) or Unit(unit, 1.0)
+
+
+def symbol(unit: str) -> str:
+    """Return the symbol of the unit in use for quantities that SI shows in `unit`."""
+    return shown_unit(unit).symbol
+
+
+def number(
+    value: float, unit: str, digits: int = 4, *, converted_digits: int = CONVERTED_DIGITS, grouped: bool = False
+) -> str:
+    """Format a quantity without its unit, with significant digits and without an exponent up to ten million.
+
+    Parameters
+    ----------
+    value
+        Quantity. [SI without prefix]
+    unit
+        Unit in which SI shows it.
+    digits
+        Significant digits in SI.
+    converted_digits
+        Largest number of significant digits in other units.
+    grouped
+        Put commas between thousands.
+    """
+    if unit in US_UNITS and _system.get() is UnitSystem.US:
+        digits = min(digits, converted_digits)
+    text = _without_exponent(f"{value * shown_unit(unit).factor:.{digits}g}")
+    whole, point, decimals = text.partition(".")
+    return f"{int(whole):,}{point}{decimals}" if grouped else text
+
+
+def fixed(value: float, unit: str, decimals: int = 0) -> str:
+    """Format a quantity without its unit, with so many decimals in SI; other units get decimals of about that step."""
+    unit_in_use = shown_unit(unit)
+    return _with_decimals(value * unit_in_use.factor, decimals + unit_in_use.decimals)
+
+
+def rounded(value: float, unit: str, direction: Callable[[float], int], times: float = 1.0) -> str:
+    """Format a quantity without its unit, rounded up or down to a whole unit of SI or about as much.
+
+    Parameters
+    ----------
+    direction
+        `math.ceil` or `math.floor`. A millionth of a step does not count, as it is rounding error.
+    times
+        Factor on the quantity, such as a safety margin. [1]
+    """
+    factor, decimals = shown_unit(unit).factor, shown_unit(unit).decimals
+    steps = value * factor * times * 10.0**decimals
+    slack = -1e-6 if direction is math.ceil else 1e-6
+    return _with_decimals(direction(steps + slack) / 10.0**decimals, decimals)
+
+
+def quantity(value: float, unit: str, digits: int = 4) -> str:
+    """Format a quantity with its unit; the arguments are those of `number`."""
+    return with_symbol(number(value, unit, digits), unit)
+
+
+def interval(lower: float, upper: float, unit: str, *, grouped: bool = False) -> str:
+    """Format two quantities with their common unit, as in ``473 to 629 mm``."""
+    return with_symbol(" to ".join(number(each, unit, grouped=grouped) for each in (lower, upper)), unit)
+
+
+def with_symbol(text: str, unit: str) -> str:
+    """Return numbers followed by the symbol of the unit in use for quantities that SI shows in `unit`."""
+    found = symbol(unit)
+    return f"{text}{found}" if found in ("", "°") else f"{text} {found}"
+
+
+def _with_decimals(shown: float, decimals: int) -> str:
+    return f"{round(shown, decimals) + 0.0:.{max(decimals, 0)}f}"
+
+
+def _without_exponent(text: str) -> str:
+    """Rewrite the exponent of a number: small ones in full, others without padding; zero loses its sign."""
+    mantissa, exponent, power = text.partition("e")
+    if exponent and 0 <= int(power) <= 6:
+        text = f"{float(text):.0f}"
+    elif exponent:
+        text = f"{mantissa}e{int(power)}"
+    return text.removeprefix("-") if not text.strip("-0.") else text

@@ -1,0 +1,150 @@
+"""Texts are written in SI or in US customary units from the same values."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from solver import (
+    Impact,
+    ObliquityPolynomial,
+    OwnTests,
+    PublishedTests,
+    Resistance,
+    ShearPlug,
+    Shot,
+    formulas,
+    simulate,
+)
+from solver.flight import landing_sentence
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET
+from solver.uncertainty import judge_wall
+from solver.units import UnitSystem, fixed, interval, number, quantity, rounded, system_in_use, written_in
+from tests.quantities_in_texts import check_converted
+
+OTHER = replace(PAPER_TARGET, compressive_strength=120e6, density=2400.0)
+THIN = replace(PAPER_TARGET, thickness=0.1)
+SLENDER = replace(PAPER_PROJECTILE, length=1.2, mass=25.0)
+SHOTS = OwnTests(shots=(Shot(velocity=238.0, depth=0.30), Shot(velocity=275.0, depth=0.38)))
+STRIKES: dict[str, tuple[dict[str, Any], Impact]] = {
+    "velocity_beyond_rigid": ({}, Impact(velocity=950.5, oblique_angle=0.3)),
+    "strength_beyond_tests": ({"target": OTHER}, Impact(velocity=238.0, oblique_angle=0.8)),
+    "strength_factor_of_other_concrete": ({"target": OTHER}, Impact(velocity=238.0, oblique_angle=0.8)),
+    "published_tests_extrapolated": (
+        {"target": OTHER, "resistance": Resistance(strength_factor=PublishedTests())},
+        Impact(velocity=1100.0, oblique_angle=0.0),
+    ),
+    "mean_density_unusual": (
+        {"projectile": replace(PAPER_PROJECTILE, mass=1.0)},
+        Impact(velocity=238.0, oblique_angle=0.8),
+    ),
+    "rear_face_unconservative": ({"target": THIN}, Impact(velocity=238.0, oblique_angle=0.0)),
+    "plug_through_wall": (
+        {"target": replace(THIN, thickness=0.02), "resistance": Resistance(rear_plug=ShearPlug())},
+        Impact(velocity=238.0, oblique_angle=0.0),
+    ),
+    "own_tests_deeper_than_wall": (
+        {"target": THIN, "resistance": Resistance(strength_factor=SHOTS)},
+        Impact(velocity=238.0, oblique_angle=0.0),
+    ),
+    "bends": ({"projectile": SLENDER}, Impact(velocity=600.0, oblique_angle=0.9)),
+    "scatter_of_table_1": (
+        {"resistance": Resistance(strength_factor=ObliquityPolynomial()), "strength_scatter": "paper_table_1"},
+        Impact(velocity=238.0, oblique_angle=0.8),
+    ),
+}
+"""Strikes with a warning that has quantities, by its code."""
+
+
+@pytest.mark.parametrize("code", STRIKES)
+def test_warnings_differ_in_their_units_only(code: str) -> None:
+    changes, impact = STRIKES[code]
+    case: dict[str, Any] = {
+        "projectile": PAPER_PROJECTILE,
+        "target": PAPER_TARGET,
+        "impact": impact,
+        "sample_interval": None,
+    } | changes
+    in_si = simulate(**case).warnings
+    with written_in("us"):
+        in_us = simulate(**case).warnings
+    assert [each.code for each in in_us] == [each.code for each in in_si]
+    assert code in {each.code for each in in_us}
+    for si, us in zip(in_si, in_us, strict=True):
+        check_converted(si.detail, us.detail)
+    assert any(si.detail != us.detail for si, us in zip(in_si, in_us, strict=True))
+
+
+def test_ranges_and_notes_of_formulas_differ_in_their_units_only() -> None:
+    impact = Impact(velocity=1200.0, oblique_angle=0.0)
+    strike: dict[str, Any] = {"projectile": replace(PAPER_PROJECTILE, mass=0.1), "target": OTHER, "impact": impact}
+    in_si = formulas(**strike)
+    with written_in("us"):
+        in_us = formulas(**strike)
+    for si, us in zip(in_si, in_us, strict=True):
+        check_converted(si.note, us.note)
+        assert [each.field for each in si.out_of_range] == [each.field for each in us.out_of_range]
+        for one, other in zip(si.out_of_range, us.out_of_range, strict=True):
+            check_converted(one.detail, other.detail)
+    details = [each.detail for row in in_us for each in row.out_of_range]
+    assert "fitted from 52.49 ft/s to 1024 ft/s along the normal, here 3937 ft/s" in details
+    assert any("lb/ft³" in each for each in details)
+
+
+@pytest.mark.parametrize(("thickness", "oblique_angle"), [(0.3, 0.0), (0.5, 0.7), (None, 0.5)])
+def test_verdict_on_a_wall_differs_in_its_units_only(thickness: float | None, oblique_angle: float) -> None:
+    strike: dict[str, Any] = {
+        "projectile": PAPER_PROJECTILE,
+        "target": replace(PAPER_TARGET, thickness=thickness, characteristic_strength=31e6),
+        "impact": Impact(velocity=238.0, oblique_angle=oblique_angle),
+    }
+    in_si = judge_wall(**strike)
+    with written_in(UnitSystem.US):
+        in_us = judge_wall(**strike)
+    check_converted(in_si.sentence, in_us.sentence)
+    assert in_us.perforation == in_si.perforation
+    assert "psi" in in_us.sentence
+    assert " in " in in_us.sentence
+
+
+def test_distances_of_a_flight_are_rounded_up_in_either_system() -> None:
+    assert landing_sentence(30.2, 95.0, 1204.0).startswith("Lands about 31 m away")
+    with written_in("us"):
+        sentence = landing_sentence(30.2, 95.0, 1204.0)
+    assert sentence == (
+        "Lands about 100 ft away if it tumbles as computed, up to 320 ft at any elevation, at most 3,960 ft without "
+        "drag."
+    )
+
+
+def test_limits_are_rounded_to_the_safe_side() -> None:
+    assert rounded(0.3001, "mm", math.ceil) == "301"
+    assert rounded(0.3, "mm", math.ceil) == "300", "what rounding errors add is not another millimetre"
+    assert rounded(238.9, "m/s", math.floor) == "238"
+    with written_in("us"):
+        assert rounded(0.3, "mm", math.ceil) == "11.9"
+        assert rounded(11.0 * 0.0254, "mm", math.ceil) == "11.0"
+        assert rounded(100.0 * 0.3048, "m/s", math.floor) == "100"
+
+
+def test_numbers_have_no_exponent_where_they_can_do_without() -> None:
+    assert number(1.17, "mm", 3) == "1170"
+    assert quantity(12346.0, "m/s") == "12350 m/s"
+    assert interval(0.473, 0.629, "mm") == "473 to 629 mm"
+    assert fixed(-1e-9, "mm") == "0"
+    with written_in("us"):
+        assert interval(0.473, 0.629, "mm") == "18.62 to 24.76 in"
+        assert quantity(97e6, "MPa") == "14070 psi"
+        assert quantity(45.0, "°") == "45°", "common to both systems"
+
+
+def test_units_are_those_of_the_context_alone() -> None:
+    assert system_in_use() is UnitSystem.SI
+    with written_in("us"):
+        with written_in("si"):
+            assert quantity(1.0, "m") == "1 m"
+        assert quantity(1.0, "m") == "3.281 ft"
+    assert system_in_use() is UnitSystem.SI
+    with pytest.raises(ValueError, match="imperial"), written_in("imperial"):
+        pass
