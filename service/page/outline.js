@@ -26,7 +26,8 @@ export function closedOutline(projectile) {
 
 /** Return how far behind the tip the centre of gravity is: as given, else that of the homogeneous solid. [m] */
 export function centreOfGravity(projectile) {
-  return projectile.center_of_gravity_m ?? centroid(upperOutline(projectile));
+  const { volume, moment } = integrals(upperOutline(projectile));
+  return projectile.center_of_gravity_m ?? moment / volume;
 }
 
 /**
@@ -78,12 +79,6 @@ function fractions(at) {
 /** Return the volume of the body as a solid. [m³] */
 export function solidVolume(projectile) {
   return (Math.PI / 3) * integrals(upperOutline(projectile)).volume;
-}
-
-/** Centroid of the solid of revolution. */
-function centroid(upper) {
-  const { volume, moment } = integrals(upper);
-  return moment / volume;
 }
 
 /** Volume of a solid of revolution, a chain of frustums, and its moment about the tip, both over π / 3. */

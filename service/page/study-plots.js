@@ -95,7 +95,7 @@ export function sensitivityTable(study) {
   const spans = new Map(swings(study).map(({ field, span }) => [field, span]));
   const rows = study.sensitivity.map(({ field, first_order: first, total }) => {
     const span = spans.get(field);
-    const indices = [first, total].map((each) => (each ? estimateShown(each) : "not known"));
+    const indices = [first, total].map((each) => (each ? `${each.value.toFixed(2)} (${each.lower.toFixed(2)}\u00a0to\u00a0${each.upper.toFixed(2)})` : "not known"));
     return [inputField(field).label, ...indices, span === undefined ? "no angle" : degreesShown(span)];
   });
   const heads = ["Input", "First order", "Total", "Swing"];
@@ -143,10 +143,6 @@ function swings({ sensitivity }) {
     })
     .filter(({ low }) => low)
     .sort((a, b) => b.span - a.span);
-}
-
-function estimateShown({ value, lower, upper }) {
-  return `${value.toFixed(2)} (${lower.toFixed(2)}\u00a0to\u00a0${upper.toFixed(2)})`;
 }
 
 function rangeOf(x, y, mine) {

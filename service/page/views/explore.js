@@ -192,15 +192,10 @@ class Explore {
   }
 
   leave() {
-    this.updatePicture.stop();
-    this.updateHistories.stop();
-    this.verdict.stop();
-    this.laws.stop();
-    this.scrubber.stop();
-    this.follower.disconnect();
-    purge(this.parts.side);
-    purge(this.parts.histories);
-    purge(this.parts.flight);
+    const { updatePicture, updateHistories, verdict, laws, scrubber, follower, parts } = this;
+    for (const each of [updatePicture, updateHistories, verdict, laws, scrubber]) each.stop();
+    follower.disconnect();
+    for (const plot of [parts.side, parts.histories, parts.flight]) purge(plot);
   }
 }
 

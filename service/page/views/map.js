@@ -123,8 +123,9 @@ class MapView {
         return;
       }
       const { path, body } = sweepRequest(map);
-      const quick = await quickMap(map, signal).catch(giveUp); // the job says what is wrong
-      if (quick && !signal.aborted) await this.picture.showCells(quick.isWhole ? quick.cells : [], quick.cells);
+      const quick = await quickMap(map, signal).catch(() => undefined); // the job says what is wrong
+      signal.throwIfAborted();
+      if (quick) await this.picture.showCells(quick.isWhole ? quick.cells : [], quick.cells);
       const job = await submit(path, body, signal);
       await this.#follow({ ...map, job: job.id }, quick);
     } catch (error) {
@@ -203,8 +204,4 @@ class MapView {
     this.problem.textContent = isGone ? "The job of this map is gone: it has expired. Run it again." : error.message;
     if (error.errors) this.axes.showProblem(error);
   }
-}
-
-function giveUp(error) {
-  if (isAbort(error)) throw error;
 }
