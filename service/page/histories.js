@@ -7,8 +7,7 @@ import { unitOf } from "./units.js";
 const NARROW = 640; // px
 const [NOISE, DIGITS] = [1e-6, 9]; // in units shown, and of values that are drawn
 const DASHES = ["solid", "dash"];
-/** Room for labels of seven digits and a title. [px] Margins that Plotly fits to the labels take it twice as long: it draws them all again. */
-const FIXED = { automargin: false };
+/** Room for labels of seven digits and a title. [px] Where Plotly fits margins to the labels, it draws all of them twice. */
 const MARGIN = { l: 58, r: 8, t: 8, b: 42 };
 const PANELS = [
   { title: "Depth", si: "mm", columns: { center_of_gravity_depth_m: "centre of gravity", nose_tip_depth_m: "tip" } },
@@ -83,15 +82,15 @@ function layoutOf(run, row, isNarrow, isCompared) {
   const columns = isNarrow ? 1 : 2;
   const rows = Math.ceil(PANELS.length / columns);
   const layout = { margin: MARGIN, shapes: linesAt(run, row), annotations: [], showlegend: isCompared, hovermode: "x", dragmode: false };
-  if (isCompared) layout.legend = { orientation: "h", y: isNarrow ? -0.08 : -0.16, yanchor: "top" };
+  if (isCompared) layout.legend = { orientation: "h", y: isNarrow ? -0.045 : -0.09, yanchor: "top" };
   PANELS.forEach(({ title, si, columns: lines }, panel) => {
     const [across, down] = [panel % columns, Math.floor(panel / columns)];
     const isAlone = panel === PANELS.length - 1 && !across; // in its row, which it fills
     const x = [across / columns + (across ? 0.05 : 0), isAlone ? 1 : (across + 1) / columns - (across + 1 < columns ? 0.03 : 0)];
     const y = [1 - (down + 1) / rows + 0.12 / rows, 1 - down / rows - 0.14 / rows];
     const isLast = down === rows - 1;
-    layout[axis("xaxis", panel)] = { ...FIXED, domain: x, anchor: axis("y", panel), title: { text: isLast ? "Time [ms]" : "" } };
-    layout[axis("yaxis", panel)] = { ...FIXED, domain: y, anchor: axis("x", panel) };
+    layout[axis("xaxis", panel)] = { automargin: false, domain: x, anchor: axis("y", panel), title: { text: isLast ? "Time [ms]" : "", standoff: 4 } };
+    layout[axis("yaxis", panel)] = { automargin: false, domain: y, anchor: axis("x", panel) };
     layout.annotations.push(heading(titleOf(`${title} [${unitOf(si).unit}]`, Object.values(lines)), x[0], y[1]));
   });
   return layout;

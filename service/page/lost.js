@@ -70,10 +70,8 @@ export function pause(milliseconds, signal) {
 
 /** Wait until a part is in the window, for a time at most; rejects when given up. */
 export async function untilSeen(part, milliseconds, signal) {
-  let observer;
-  const seen = new Promise((resolve) => {
-    observer = new IntersectionObserver((entries) => entries.at(-1).isIntersecting && resolve());
-  });
+  const { promise: seen, resolve } = Promise.withResolvers();
+  const observer = new IntersectionObserver((entries) => entries.at(-1).isIntersecting && resolve());
   observer.observe(part);
   await Promise.race([seen, pause(milliseconds, signal)]).finally(() => observer.disconnect());
 }

@@ -1,5 +1,5 @@
 // What the side view names: the angles at first contact, the critical one, the hole, the exit, the forces, the faces. A mark has
-// `points` of a line, or a `text` at a place; places are along the face and depth. [m]
+// `points` of a line, or a `text` at a place, in the lower left corner without one, where no body goes; places are along the face and depth. [m]
 
 import { closedOutline, centreOfGravity, placed } from "./outline.js";
 import { colour } from "./plots.js";
@@ -90,7 +90,7 @@ export function protrusionMark({ outcome, protrusion, path, projectile: { diamet
 }
 
 /** The cross-section with the largest bending stress, where it is then. */
-export function bendingMark({ bending, history, path, projectile: { diameter_m: diameter } }, isNarrow) {
+export function bendingMark({ bending, history, path, projectile: { diameter_m: diameter } }) {
   if (!bending) return [];
   const row = rowAt({ history }, bending.time_s);
   const angle = path.angle[row];
@@ -98,10 +98,9 @@ export function bendingMark({ bending, history, path, projectile: { diameter_m: 
   const place = [path.lateral[row] - behind * Math.sin(angle), path.depth[row] - behind * Math.cos(angle)];
   const across = [Math.cos(angle), -Math.sin(angle)].map((each) => 0.6 * diameter * each);
   const ends = [-1, 1].map((sign) => place.map((value, i) => value + sign * across[i]));
-  const stress = quantityShown(bending.peak_stress_pa, "GPa");
   return [
     line(ends, { class: "bending", stroke: colour("bad"), "stroke-width": 2, "stroke-dasharray": "3 2" }),
-    { at: ends[1], text: isNarrow ? stress : `bends most: ${stress}`, color: colour("bad") },
+    { text: `bends most: ${quantityShown(bending.peak_stress_pa, "GPa")}`, color: colour("bad") },
   ];
 }
 
@@ -118,11 +117,7 @@ export function forceMarks({ history, path, projectile }, row) {
   const place = [path.lateral[row] - behind * Math.sin(angle), path.depth[row] - behind * Math.cos(angle)];
   const reach = (RADII.force * projectile.length_m) / most;
   const direction = force.map((each) => each * reach);
-  const beside = [Math.cos(angle), -Math.sin(angle)].map((each) => 0.75 * projectile.diameter_m * each); // words above the body
-  return [
-    arrow(place, direction, colour("bad"), "force"),
-    { at: place.map((value, i) => value + direction[i] + beside[i]), text: quantityShown(size, "kN"), color: colour("bad") },
-  ];
+  return [arrow(place, direction, colour("bad"), "force"), { text: `force ${quantityShown(size, "kN")}`, color: colour("bad") }];
 }
 
 function line(points, attributes = {}) {

@@ -79,7 +79,7 @@ function render(root, scene) {
   const isNarrow = size.width < NARROW;
   const range = [0, Math.max(...own.path.speed)];
   const count = OUTLINES[Math.min(others.length, 1)];
-  const marksOf = (run) => [...arcMarks(run, isNarrow), ...criticalMark(run, options.critical, isNarrow), ...exitMark(run, isNarrow), ...protrusionMark(run), ...bendingMark(run, isNarrow)];
+  const marksOf = (run) => [...arcMarks(run, isNarrow), ...criticalMark(run, options.critical, isNarrow), ...exitMark(run, isNarrow), ...protrusionMark(run), ...bendingMark(run)];
   const marks = marksOf(own);
   const outlines = evenRows(own, count).map((each) => outlineAt(own, each));
   const compared = others.flatMap(({ run }) => evenRows(run, count).map((each) => outlineAt(run, each)));
@@ -239,18 +239,18 @@ function legend(runs, range, { width }, caption) {
   ];
 }
 
-/** Words at their places; one that would be written over another is moved below it. */
+/** Words at their places; one that would be written over another is moved below it, in the corner above it. */
 function labels(marks, { at, box }) {
   const taken = [];
   return marks.map(({ at: point, text, side = "right", color = colour("quiet") }) => {
     const rows = text.split("\n");
     const length = Math.max(...rows.map((row) => row.length)) * LETTER_PX;
-    let [x, y] = point === undefined ? [box.x + box.width, 0] : at(point);
+    let [x, y] = point === undefined ? [box.x, box.y + box.height - 18] : at(point); // above a rear face there
     x += { right: 5, left: -5, above: 0 }[side] - { right: 0, left: length, above: length / 2 }[side];
     x = Math.min(Math.max(x, box.x), box.x + box.width - length);
     y = Math.min(Math.max(y + (side === "above" ? -6 : 4), box.y + LINE_PX), box.y + box.height - 4 - (rows.length - 1) * LINE_PX);
     const hits = (other) => x < other.x + other.length && other.x < x + length && y - LINE_PX < other.y + other.height - LINE_PX && other.y - LINE_PX < y + (rows.length - 1) * LINE_PX;
-    for (let tries = 0; tries < 8 && taken.some(hits); tries += 1) y += LINE_PX;
+    for (let tries = 0; tries < 8 && taken.some(hits); tries += 1) y += point === undefined ? -LINE_PX : LINE_PX;
     taken.push({ x, y, length, height: rows.length * LINE_PX });
     const lines = rows.map((row, i) => svg("tspan", { x, dy: i ? LINE_PX : 0 }, row));
     const halo = { stroke: colour("panel"), "stroke-width": 3, "paint-order": "stroke", "stroke-linejoin": "round" };

@@ -142,3 +142,28 @@ def test_picture_stays_visible_while_a_slider_moves_on_a_phone(new_page: NewPage
     box_after = slider.bounding_box()
     assert box_after is not None
     assert abs(box_after["y"] - box["y"]) < 1, "the slider stays below the finger"
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
+@pytest.mark.parametrize(
+    "query", ["", "?impact.oblique_angle_deg=10", "?impact.oblique_angle_deg=60&target.thickness_m=0.5"]
+)
+def test_words_on_force_and_bending_are_not_written_over_the_body(
+    new_page: NewPage, size: tuple[int, int], query: str
+) -> None:
+    page = new_page(width=size[0], height=size[1])
+    open_explore(page, query)
+    covered = page.locator(".side-view .drawing").evaluate(
+        """(drawing) => {
+            const body = drawing.querySelector('.moving');
+            const toBody = body.getScreenCTM().inverse();
+            const isCovered = ({ left, top, width, height }) => Array.from({ length: 33 }, (_, i) =>
+                [left + (width * (i % 11)) / 10, top + (height * Math.floor(i / 11)) / 2])
+                .some(([x, y]) => body.isPointInFill(new DOMPoint(x, y).matrixTransform(toBody)));
+            const words = [...drawing.querySelectorAll('text.mark')];
+            const loads = words.filter((each) => /^(force|bends)/.test(each.textContent));
+            return loads.map((each) => [each.textContent, isCovered(each.getBoundingClientRect())]);
+        }"""
+    )
+    assert covered
+    assert not any(is_covered for _, is_covered in covered), covered
