@@ -14,9 +14,12 @@ from tests.service.questions import PROBLEM, Question
 
 CASES = 450
 KILLS = 8
+JOBS_BEFORE = 2
+"""Number of jobs that a process has accepted before it is killed, however slow the machine is."""
 
 
-def write_for_ever(folder: Path) -> None:
+def write_for_ever(folder: Path, accepted: int) -> None:
+    """Write jobs, and a byte to the pipe `accepted` for each."""
     store = JobStore(folder, job_days=7.0, operations={"square"})
     while True:
         job = store.create("square", "local")
@@ -26,6 +29,7 @@ def write_for_ever(folder: Path) -> None:
             ]
             store.append(job, number, CaseBlock.of(cases))
         store.accept(job, CASES, None)
+        os.write(accepted, b".")
         for first in range(0, CASES, 50):
             failed = {first: CaseState.FAILED}
             store.mark(job, dict.fromkeys(range(first, first + 50), CaseState.DONE) | failed, {first: PROBLEM})
@@ -34,9 +38,14 @@ def write_for_ever(folder: Path) -> None:
 if __name__ == "__main__":
     instants = random.Random(0)  # noqa: S311
     for _ in range(KILLS):
+        reading, writing = os.pipe()
         child = os.fork()
         if not child:
-            write_for_ever(Path(sys.argv[1]))
-        time.sleep(instants.uniform(0.05, 0.2))
+            write_for_ever(Path(sys.argv[1]), writing)
+        os.close(writing)
+        for _ in range(JOBS_BEFORE):
+            os.read(reading, 1)
+        time.sleep(instants.uniform(0.0, 0.15))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
+        os.close(reading)
