@@ -370,6 +370,7 @@ def is_full(piece: FloatArray, begin: float, end: float, middle: Ring, motion: B
         return False
     # Along a stretch α and the point where the normals meet the axis are monotonic, so that a condition which holds at
     # both ends holds in between.
-    nearest, farthest = (begin, end) if motion[1] >= 0.0 else (end, begin)  # the end of an arc that faces in least
+    # `nearest` is the end whose normals point least into the target.
+    nearest, farthest = (begin, end) if motion[1] >= 0.0 else (end, begin)
     first = ring_at(piece, nearest)
     return _faces_in(first, motion) or (_dips_in(first, motion) and _dips_in(ring_at(piece, farthest), motion))

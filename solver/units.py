@@ -1,7 +1,7 @@
 """Units of the quantities in texts: SI, or US customary units.
 
-The solver computes in SI. A text names the unit in which SI shows a quantity, such as ``mm`` for a thickness, and the
-functions of this module write the value in the units in use, which `written_in` chooses.
+The solver computes in SI. A text names the SI unit of a quantity, such as ``mm`` for a thickness, and the functions of
+this module write the value in the units in use, which `written_in` chooses.
 """
 
 import math
@@ -47,7 +47,7 @@ SI_UNITS: Mapping[str, Unit] = {
     "ms": Unit("ms", 1e3),
     "%": Unit("%", 100.0),
 }
-"""Units in which SI shows quantities; a unit that is not here is shown without a prefix."""
+"""Units that SI texts use; any other unit is written without a prefix."""
 US_UNITS: Mapping[str, Unit] = {
     "m": Unit("ft", 1.0 / FOOT),
     "mm": Unit("in", 1.0 / INCH, 1),
@@ -90,13 +90,13 @@ def system_in_use() -> UnitSystem:
 
 
 def shown_unit(unit: str) -> Unit:
-    """Return the unit in use for quantities that SI shows in `unit`."""
+    """Return the unit in use for quantities whose SI unit is `unit`."""
     found = US_UNITS.get(unit) if _system.get() is UnitSystem.US else None
     return found or SI_UNITS.get(unit) or Unit(unit, 1.0)
 
 
 def symbol(unit: str) -> str:
-    """Return the symbol of the unit in use for quantities that SI shows in `unit`."""
+    """Return the symbol of the unit in use for quantities whose SI unit is `unit`."""
     return shown_unit(unit).symbol
 
 
@@ -110,7 +110,7 @@ def number(
     value
         Quantity. [SI without prefix]
     unit
-        Unit in which SI shows it.
+        SI unit in which it is shown, such as ``mm``.
     digits
         Significant digits in SI.
     converted_digits
@@ -158,7 +158,7 @@ def interval(lower: float, upper: float, unit: str, *, grouped: bool = False) ->
 
 
 def with_symbol(text: str, unit: str) -> str:
-    """Return numbers followed by the symbol of the unit in use for quantities that SI shows in `unit`."""
+    """Return numbers followed by the symbol of the unit in use for quantities whose SI unit is `unit`."""
     found = symbol(unit)
     return f"{text}{found}" if found in ("", "°") else f"{text} {found}"
 

@@ -337,7 +337,7 @@ def _with_model(given: Mapping[str, Any], name: str) -> dict[str, Any]:
 
 
 def _with_residual(request: Mapping[str, Any], factor: float) -> dict[str, Any]:
-    """Return a request with its strength factor multiplied by a factor, expressed as a law of the contract."""
+    """Return a request with S multiplied by a factor, as one of the strength factor models of the contract."""
     resistance = Resistance.model_validate(request.get("resistance", {}))
     return _with_law(request, scaled(resistance.to_solver().strength_factor, factor))
 

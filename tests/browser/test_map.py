@@ -94,6 +94,7 @@ def test_map_of_outcomes_distinguishes_them_in_words(page: Page, tmp_path: Path)
     page.goto("/#/map?operation=trajectory&x=impact.oblique_angle_deg,40,60,5&y=impact.velocity_m_s,237,239,2")
     page.get_by_role("button", name="Run").click()
     expect(page.locator("#map-counts")).to_have_text(re.compile(r"^4 embedded, 6 ricochet.* greatest depth \[mm\]"))
+    all_computed(page, 10)
     saved(page, page.get_by_role("button", name="Download the data"), tmp_path / "map.csv")
     rows = data_rows(tmp_path / "map.csv")
     assert [row["outcome"] for row in rows] == (["embedded"] * 2 + ["ricochet"] * 3) * 2

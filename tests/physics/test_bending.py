@@ -37,7 +37,7 @@ ROUTES = {"adaptive": Numerics(), "panels": Numerics(method="panels", panels=400
 INDEPENDENT = [(238.0, 48.6, 1.83e9), (238.0, 45.0, 1.84e9), (150.0, 45.0, 0.81e9), (100.0, 45.0, 0.64e9)]
 """Speed, angle and peak stress of the paper's body as a solid, by two independent programs. [m/s, °, Pa]"""
 SAME = 0.05
-"""Relative tolerance for those stresses: the programs end their runs at other instants and use other panels. [1]"""
+"""Relative tolerance of these peak stresses: the programs end their runs at different instants and use other panels."""
 CONVERGED = 0.01
 """Largest relative change of the peak with ten times as many cross-sections and every instant evaluated. [1]"""
 

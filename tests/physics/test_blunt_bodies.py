@@ -164,7 +164,7 @@ def test_least_thickness_exceeds_the_depth_by_little() -> None:
 
 
 def test_walls_take_energy_and_thicker_ones_take_more() -> None:
-    """Walls of half a diameter or more take 0.1 % of the energy, and no exit speed rises with the thickness."""
+    """Walls of half a diameter or more take at least 0.1 % of the energy. Thicker ones never let a body exit faster."""
     perforated = 0
     for projectile, target, impact in steel_strikes(120, 12):
         before, initial = math.inf, 0.5 * projectile.mass * impact.velocity**2

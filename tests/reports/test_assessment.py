@@ -97,7 +97,7 @@ def text_of(page: str) -> str:
 
 
 def words_in_pictures(page: str) -> str:
-    """Return the texts of the figures, which matplotlib notes beside their outlines."""
+    """Return the texts of the figures; matplotlib draws them as outlines and writes each into a comment beside them."""
     pictures = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', page)
     return "\n".join(
         text for each in pictures for text in re.findall("<!-- (.*?) -->", base64.b64decode(each).decode())
