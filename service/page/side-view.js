@@ -194,7 +194,7 @@ function solid({ target: { thickness_m: wall } }, { box, origin, scale }) {
 
 function axes({ box, origin, scale }) {
   const { unit, factor } = unitOf("m");
-  const step = nice(MOST_TICK_PX / scale / factor) * factor;
+  const step = nice(Math.min(MOST_TICK_PX, box.width / 2.5) / scale / factor) * factor; // two lines at least
   const ticks = (from, to) => {
     const first = Math.ceil(from / step);
     return Array.from({ length: Math.max(Math.floor(to / step) - first + 1, 0) }, (_, i) => (first + i) * step);

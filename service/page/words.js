@@ -129,7 +129,7 @@ export function warningList(...lists) {
   };
   const count = element("strong", {}, special.length === 1 ? "1 warning" : `${special.length} warnings`);
   const worst = element("span.worst", {}, ` ${special.slice(0, 1).map(words).join("")}`);
-  const briefly = standing.map(({ code }) => warningShown(code)).join(", ");
+  const briefly = [...new Set(standing.map(({ code }) => warningShown(code)))].join(", ");
   return [...folded("warnings", "warning", special, count, worst), ...folded("standing.quiet", "note", standing, `Standing notes: ${briefly}`)];
 }
 

@@ -133,7 +133,16 @@ def _judged(wall: WallVerdict) -> str:
     missed = [name for name, value in _questions(wall) if value.enough is False]
     if missed:
         return f"{text}: not enough against {' and '.join(missed)}."
-    return f"{text}: enough." if wall.enough else f"{text}: not known to be enough."
+    if not wall.enough:
+        return f"{text}: not known to be enough."
+    # Design practice takes normal impact: "enough" alone would be read as the answer for the wall.
+    return f"{text}: enough at this angle only." if _is_thinner_than_normal(wall) else f"{text}: enough."
+
+
+def _is_thinner_than_normal(wall: WallVerdict) -> bool:
+    """Return whether a wall at an oblique angle is thinner than a design value for normal impact."""
+    values = [each for each in wall.normal_impact if each is not None]
+    return wall.thickness is not None and wall.oblique_angle != 0.0 and wall.thickness < max(values, default=0.0)
 
 
 def _required(wall: WallVerdict) -> str:
@@ -159,7 +168,7 @@ def _normal(wall: WallVerdict) -> str:
     known.sort(key=lambda each: -each[1])
     values = ", ".join(f"{_thickness(value)} against {name}" for name, value in known)
     text = f"For normal impact, which design practice takes: {values}"
-    if wall.thickness is not None and wall.enough and wall.thickness < known[0][1]:
+    if wall.enough and _is_thinner_than_normal(wall):
         text += "; this wall is thinner"
     return f"{text}."
 

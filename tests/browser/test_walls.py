@@ -51,7 +51,7 @@ def test_thickness_is_judged_with_the_sentence_of_the_service(
     judged = client.post("/wall", json=body).json()
     outcome = page.locator(".outcome")
     expect(outcome).to_contain_text(judged["sentence"])
-    expect(outcome.locator("strong")).to_contain_text(": enough." if judged["enough"] else ": not enough against")
+    expect(outcome.locator("strong")).to_contain_text(": enough" if judged["enough"] else ": not enough against")
     for name in ("perforation", "scabbing"):
         value = upwards(judged[name]["design_m"])
         expect(outcome).to_contain_text(f"{name} {value} mm")
