@@ -219,7 +219,7 @@ function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
   const given = "With the inputs as given it";
   if (outcome === "perforated") return `${given} goes on at ${quantityShown(exit?.speed_m_s ?? final.depth_velocity_m_s, "m/s")}.`;
   if (exit) return `${given} leaves at ${quantityShown(exit.speed_m_s, "m/s")}, ${quantityShown(exit.elevation_deg, "°")} from the face.`;
-  const after = `after ${digits(final.time_s * 1e3)} ms; its deepest point was ${lengthShown(depth)} deep.`;
+  const after = `after ${digits(final.time_s * 1e3)} ms, at most ${lengthShown(depth)} deep.`;
   return `${given} ${outcome === "embedded" ? "stops" : "is in motion"} ${after}`;
 }
 
