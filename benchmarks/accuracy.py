@@ -63,7 +63,7 @@ class Comparison:
     doubts: list[str]
     """Warnings of the search that are in `DOUBTS`."""
     wrong_deg: list[float] | None = None
-    """For a wall, angles of the scan at which the outcome differs from that of the answer's interval. [°]"""
+    """Angles of the scan at which a wall has another outcome than the interval of the answer says. [°]"""
     confirmed: bool | None = None
     """True if a fine trajectory 0.02° above the angle is a ricochet, and one 0.04° below it is not."""
     cpu_s: float

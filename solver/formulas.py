@@ -649,7 +649,7 @@ def _outside(
     Parameters
     ----------
     unit
-        Unit in which SI shows the value.
+        SI unit in which the value is written, such as ``mm``.
     of
         Words after the range.
     """

@@ -239,7 +239,7 @@ def _scatter(numbers: Numbers, strike: Assessed, study: Mapping[str, Any] | None
 
 
 def _spread(distribution: Mapping[str, Any], unit: str) -> str:
-    """Return a distribution in words; `unit` is that in which SI shows its values."""
+    """Return a distribution in words; `unit` is the SI unit in which a report writes its values."""
     if distribution["type"] == "discrete":
         return " or ".join(f"{weight:g}" for weight in distribution["weights"])
     if "standard_deviation" in distribution:

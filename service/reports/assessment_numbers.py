@@ -31,7 +31,7 @@ def lookup(content: Any, pointer: str) -> Any:
 class Numbers:
     """Formatter of numbers from answers; the page keeps the pointer and all digits of each, in the unit of the answer.
 
-    Units are given as SI shows them, such as ``mm``, and numbers are in the units of `solver.units`.
+    Units are given as SI units, such as ``mm``, and numbers are in the units of `solver.units`.
 
     Parameters
     ----------
@@ -108,25 +108,25 @@ GROUPS: Final[Mapping[str, str]] = {
 }
 """Title of the group of inputs for each part of the request, in the order of the report."""
 BY_END: Final[Mapping[str, str]] = {"_m": "mm", "_pa": "MPa"}
-"""Unit in which SI shows quantities, by the end of their names; all others are shown in the unit of the contract."""
+"""SI unit in which a report writes quantities, by the end of their names; others have the unit of the contract."""
 OTHER_UNITS: Final[Mapping[str, str]] = {
     "projectile.nose.points": "mm",
     "target.youngs_modulus_pa": "GPa",
     "numerics.termination_time_s": "ms",
     "numerics.retention_energy_fraction": "%",
 }
-"""Units of the quantities that are shown neither by the end of their names nor in the unit of the contract."""
+"""SI units of the quantities for which neither the end of the name nor the contract gives the unit of a report."""
 
 
 def shown_in(name: str) -> str:
-    """Return the unit in which SI shows a quantity of the contract; empty if it has none."""
+    """Return the SI unit in which a report writes a quantity of the contract; empty if it has none."""
     return OTHER_UNITS.get(name) or BY_END.get(unit_end(name)) or unit_of(name)
 
 
 FIELDS: Final[Mapping[str, str]] = {
     f"/{name.replace('.', '/')}": shown_in(name) for name in QUANTITIES if name.partition(".")[0] in GROUPS
 }
-"""Unit in which SI shows each input, by its JSON pointer."""
+"""SI unit in which a report writes each input, by its JSON pointer."""
 UNUSED: Final = frozenset({"/numerics/panels", "/numerics/time_step_s", "/search/relative_tolerance"})
 """Settings that only the numerics and searches of the paper use, which a report therefore omits."""
 ABSENT: Final[Mapping[str, tuple[str, str]]] = {

@@ -163,7 +163,7 @@ class Cluster:
         self.changed = asyncio.Event()
         """Event that is set, and replaced by a new event, when a worker becomes usable or unusable."""
         self.lost = time.monotonic()
-        """Time since which there has been no usable worker, if there is none now, on the monotonic clock. [s]"""
+        """Time of the start, or when the last usable worker was lost; on the monotonic clock. [s]"""
         self._task_seconds = task_seconds
         self._seen: dict[str, asyncio.Task[None]] = {}
         self._heartbeats: dict[str, tuple[float, float]] = {}

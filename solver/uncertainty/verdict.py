@@ -176,8 +176,8 @@ class Verdict:
     outcome: Outcome | None = None
     """Outcome of the strike at the angle to judge, with the inputs as given; None without an angle or an outcome."""
     protrusion: Protrusion | None = None
-    """Protrusion of the body out of the rear face of a wall at the angle to judge; None if there is none, or it
-    perforates."""
+    """Protrusion of the body from the rear face of a wall, at the angle to judge; None if nothing protrudes, or if the
+    body perforates."""
     flight: Flight | None = None
     """Flight of the body after a strike at the angle to judge, if it ricochets."""
     probability: Estimate | None = None

@@ -43,8 +43,8 @@ rows of tables, whose numbers are compared in the JSON answers."""
 ZERO = 1e-9
 """Magnitude below which a number is compared as 0."""
 SHOWN = 3
-"""Number of items stored of a list of numbers, of the trials of a search and of the rows of a table. The length is
-stored too, except that of trials, which may differ between processors."""
+"""Numbers of items recorded from a list of numbers, from the trials of a search and from the rows of a table. The
+length is recorded too, except that of trials, which may differ between processors."""
 NAMES = re.compile(r"/jobs/[\w-]+|\b[0-9a-f]{64}\b")
 """Paths of jobs and keys of results, which are replaced: both differ between runs or engines."""
 

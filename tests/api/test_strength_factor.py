@@ -38,7 +38,7 @@ def test_published_tests_are_a_power_law_that_can_be_written_out(client: httpx.C
 
 @pytest.mark.parametrize(("decay", "ratio"), [("elastic_plastic", 0.6398), ("mohr_coulomb", 0.4734), ("none", 0.8899)])
 def test_finite_element_shape_depends_on_the_decay_law(client: httpx.Client, decay: str, ratio: float) -> None:
-    """For each decay law, the ratio of S at 45° to S at 0° is the one fitted with that law."""
+    """The ratio of S at 45° to S at 0° is the one that was fitted with the decay law."""
     law = PUBLISHED | {"obliquity_shape": "finite_elements"}
     body = PAPER_AT_45 | {"resistance": {"strength_factor": law, "free_surface": {"model": decay}}}
     head_on = body | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": 0.0}}

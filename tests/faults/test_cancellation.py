@@ -50,7 +50,7 @@ def test_cancelled_jobs_end_at_once_whatever_they_compute(rounds: int, tmp_path:
 
 
 def submit(server: RestartableServer, cases: str, number: int) -> dict[str, Any]:
-    """Submit the job of a round: cheap searches, or a few fast trajectories and then slow ones."""
+    """Submit the job of one round: cheap searches, or a few fast trajectories followed by slow ones."""
     if cases == "slow":
         first = SLOW_CASES * number
         body = trajectories(4, first, slow=False) + trajectories(SLOW_CASES, first, slow=True)

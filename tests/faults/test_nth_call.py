@@ -1,4 +1,4 @@
-"""For every n, the n-th system call that changes the data folder fails, or the service is killed in it.
+"""Faults of each system call that changes the data folder: it fails, or the service is killed during the call.
 
 A preloaded library counts the calls of the C library that open, write, flush, truncate, rename, link or remove a file
 or make a folder. Requests and answers before and after a restart are recorded. Every acknowledged case must be

@@ -105,7 +105,7 @@ def test_range_up_to_89_degrees_is_not_cut_off_if_s_is_held() -> None:
 
 
 def test_flat_body_at_a_grazing_angle_is_resisted() -> None:
-    """With the extrapolated S of 0.34 at 85° the body would go 435 mm deep."""
+    """The body would go 435 mm deep with the extrapolated S of 0.34 at 85°."""
     flat = Projectile(nose=Flat(), diameter=0.08, length=0.53, mass=13.0)
     strike = CASE | {"projectile": flat, "impact": paper_impact(oblique_angle_degrees=85.0), "sample_interval": None}
     held = known(simulate(**strike).maximum_depth)

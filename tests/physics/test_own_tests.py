@@ -137,7 +137,7 @@ def test_many_identical_shots_leave_next_to_no_scatter_and_their_own_strength_fa
 
 @pytest.mark.parametrize("nose", [PAPER_PROJECTILE.nose, Profile(points=((0.0, 0.0), (0.1, 0.03), (0.16, 0.04)))])
 def test_shots_of_another_diameter_are_scaled_by_the_exponent_of_the_law(nose: Any) -> None:
-    """With the same S, a body of half the size goes half as deep at the same speed."""
+    """A body of half the size goes half as deep at the same speed if S is the same."""
     projectile = replace(PAPER_PROJECTILE, nose=nose)
     full = Shot(velocity=300.0, depth=0.4)
     half = Shot(velocity=300.0, depth=0.2, mass=PAPER_PROJECTILE.mass / 8.0, diameter=0.04)

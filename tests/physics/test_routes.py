@@ -210,7 +210,7 @@ accelerations: Any = njit(call_accelerate)
 
 @pytest.mark.parametrize("stations", [3, 12, 256])
 def test_states_evaluated_together_equal_each_alone(stations: int) -> None:
-    """With few rings, and with more than are evaluated at a time."""
+    """Both few rings and more than are evaluated at a time are covered."""
     numerics, resistance = Numerics(stations=stations).resolved(), Resistance()
     prepared = prepare(projectile=steel(NOSES["ogive"]), target=PAPER_TARGET, resistance=resistance, numerics=numerics)
     model = prepared.model._replace(law=prepared.model.law._replace(static_stress=3e8))
