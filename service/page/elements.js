@@ -92,17 +92,20 @@ export function save(content, name, type) {
   setTimeout(() => URL.revokeObjectURL(url), 10_000);
 }
 
-let [said, away] = ["", ""];
+let [said, away, isState] = ["", "", true];
 
-/** Show text in the status line, which is read aloud. */
-export function announce(text) {
-  said = text;
+/** Show text in the status line, which is read aloud: the state of the view, or an answer to what the user did. */
+export function announce(text, ofState = !text) {
+  [said, isState] = [text, ofState];
   const status = document.getElementById("status");
   if (status.textContent !== (away || said)) status.textContent = away || said;
 }
 
+/** Show a state that nobody waits for, which leaves an answer to what the user did. */
+export const announceQuietly = (text) => isState && announce(text, true);
+
 /** Show in place of any other text that the service is away, until it is called with an empty one. */
 export function announceAway(text) {
   away = text;
-  announce(said);
+  announce(said, isState);
 }

@@ -54,10 +54,8 @@ export function presetLinks(view) {
   };
   const show = () => {
     const lines = Object.entries(read()).map(([each, query]) =>
-      element(
-        "span",
-        {},
-        element("a", { href: address(view, query) }, each),
+      element("span", {},
+        element("a", { href: address(view, new URLSearchParams(query)) }, each),
         element("button", { type: "button", "aria-label": `Forget ${each}`, onclick: () => forget(each) }, "×"),
       ),
     );

@@ -1,19 +1,19 @@
 // A mark on what is shown but does not belong to the inputs: greyed, and busy for those who hear the page.
 
-import { announce, element } from "./elements.js";
+import { announce, announceQuietly, element } from "./elements.js";
 
 const stale = new Set();
 
 /** Mark parts of a view as those of inputs before; said in the status line. */
 export function markStale(...parts) {
   mark(parts);
-  announce("Out of date. Computing ...");
+  announce("Out of date. Computing ...", true);
 }
 
 /** Mark parts of a view that are computed only when they are run; said in the status line. */
 export function markUntilRun(...parts) {
   mark(parts);
-  announce("Out of date. Run again.");
+  announce("Out of date. Run again.", true);
 }
 
 function mark(parts) {
@@ -37,7 +37,7 @@ export function markPending(part) {
 /** Note that a study or a job has ended, or was given up. */
 export function markSettled(part, words = "Up to date.") {
   stale.delete(part);
-  if (!stale.size) announce(words);
+  if (!stale.size) announceQuietly(words);
 }
 
 /** Take the marks away: the parts are of the inputs that are shown. */
@@ -49,7 +49,7 @@ export function markFresh(...parts) {
     stale.delete(part);
   }
   for (const part of stale) if (!part.isConnected) stale.delete(part); // of a view that was left
-  if (!stale.size) announce("Up to date.");
+  if (!stale.size) announceQuietly("Up to date.");
 }
 
 /** Take away the words of parts, as the inputs have no result; the pictures before stay, greyed and named as such. */
@@ -64,5 +64,5 @@ export function clearParts(...parts) {
     stale.delete(part);
     part.replaceChildren(element("p.quiet", {}, "No result: a field is not accepted."));
   }
-  announce("A field is not accepted. Nothing is computed.");
+  announce("A field is not accepted. Nothing is computed.", true);
 }

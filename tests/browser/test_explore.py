@@ -9,13 +9,13 @@ from typing import Any
 
 import httpx
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Locator, Page, Route, expect
 
 from service.schemas.strike import PAPER_AT_45
 
 from .conftest import unfold
 from .downloads import data_rows
-from .side_view import READY, points, transform
+from .side_view import IDLE, READY, points, transform
 
 STEPS = 12
 PATIENCE_MS = 2_000.0
@@ -439,6 +439,30 @@ def test_copied_command_and_program_request_what_is_shown(page: Page) -> None:
     expect(copied).to_be_visible()
     page.get_by_label("Oblique angle", exact=True).fill("53")
     expect(copied).to_be_hidden()
+
+
+def test_answer_to_a_click_stays_when_the_rest_is_up_to_date(page: Page) -> None:
+    held: list[Route] = []
+
+    def hold(route: Route) -> None:
+        if "flight" in (route.request.post_data or ""):
+            held.append(route)
+        else:
+            route.continue_()
+
+    page.route("**/trajectory", hold)
+    open_explore(page, "?impact.oblique_angle_deg=52")
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    while not held:  # The flight is requested last.
+        page.wait_for_timeout(50)
+    status = page.locator("#status")
+    expect(status).to_have_text("Out of date. Computing ...")
+    page.get_by_role("button", name="Copy as curl").click()
+    expect(status).to_have_text("Copied as curl.")
+    for route in held:
+        route.continue_()
+    page.wait_for_function(IDLE)
+    expect(status).to_have_text("Copied as curl.")
 
 
 def test_chosen_theme_is_kept(page: Page) -> None:

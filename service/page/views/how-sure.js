@@ -112,7 +112,7 @@ class HowSure {
     parts.problem.textContent = "";
     const isRight = Boolean(this.scatter.inputs?.length) && !this.#refused.size;
     parts.run.disabled = !isRight;
-    if (!isRight) announce("A field is not accepted. Nothing is computed.");
+    if (!isRight) announce("A field is not accepted. Nothing is computed.", true);
     if (!isRight) parts.results.hidden = parts.toResults.hidden = true; // nothing belongs to a field that is not accepted
     if (!parts.results.hidden) {
       parts.progress.textContent = "Results are for the previous inputs.";
