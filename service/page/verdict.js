@@ -303,7 +303,7 @@ function fitOf({ shots, median, spread, prior_median: before, prior_spread: wide
   const ends = rows.flatMap(([, , range]) => range);
   const [least, most, left, right] = [Math.min(...ends), Math.max(...ends), 130, Math.max(width, 280) - 14];
   const at = (value) => left + ((value - least) / (most - least)) * (right - left);
-  const words = rows.map(([name, middle, [low, high]]) => `${name}: S ${digits(middle)} (${digits(low)} to ${digits(high)})`).join(". ");
+  const words = rows.map(([name, middle, [low, high]]) => `${name}: S at 0° ${digits(middle)} (${digits(low)} to ${digits(high)})`).join(". ");
   const bars = rows.flatMap(([name, middle, [low, high], kind], i) => [
     svg("text", { x: 0, y: 17 + 24 * i }, name),
     svg("rect", { class: kind, x: at(low), y: 6 + 24 * i, width: at(high) - at(low), height: 14 }),

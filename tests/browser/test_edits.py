@@ -261,7 +261,7 @@ def test_own_shots_narrow_the_range(page: Page, shots: str) -> None:
     page.get_by_label("Strength factor", exact=True).select_option("own_tests")
     page.get_by_label("Shots: speed, depth").fill(shots)  # This is the second and last action.
     fit = page.get_by_label("Own depth tests", exact=True)
-    expect(fit).to_contain_text(f"With {3 if 'cm' in shots else 4} depth tests: S ")
+    expect(fit).to_contain_text(f"With {3 if 'cm' in shots else 4} depth tests: S at 0° ")
     expect(fit).to_be_visible()
     after = ninety_per_cent(page)
     assert after[1] - after[0] < 0.85 * (before[1] - before[0])
@@ -283,8 +283,8 @@ def test_shots_begin_empty_and_an_invalid_line_is_named(page: Page) -> None:
     expect(picture).to_be_visible()
     assert not any("own_tests" in body for body in sent), "an example would count as evidence"
     field.fill("250, 310")
-    expect(page.get_by_label("Own depth tests", exact=True)).to_contain_text("With 1 depth test: S ")
+    expect(page.get_by_label("Own depth tests", exact=True)).to_contain_text("With 1 depth test: S at 0° ")
     page.get_by_role("button", name="Undo").click()
     page.get_by_role("button", name="Undo").click()
     expect(page.get_by_label("Strength factor", exact=True)).not_to_have_value("own_tests")
-    expect(page.locator("#status")).to_have_text("Up to date.")
+    expect(page.locator("#status")).to_have_text("Strength factor is as before.")

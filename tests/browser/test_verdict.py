@@ -1,6 +1,7 @@
 """The verdict: in sight beside the form, each fact once, the strip labelled, a line on the map."""
 
 import json
+import re
 from collections.abc import Iterator
 from itertools import combinations
 from typing import Any
@@ -59,6 +60,16 @@ def test_each_fact_stands_in_the_verdict_once(page: Page) -> None:
     expect(strip).not_to_contain_text(angle)
     strong, rest = card.locator("strong").first, card.locator(".rest")
     assert boxes(rest)[0]["top"] >= boxes(strong)[0]["bottom"] - 1
+
+
+def test_each_strength_factor_says_what_it_is_of(page: Page) -> None:
+    shots = '[{"velocity_m_s":250,"depth_m":0.31},{"velocity_m_s":300,"depth_m":0.42}]'
+    page.goto(f"/#/explore?resistance.strength_factor.model=own_tests&resistance.strength_factor.shots={shots}")
+    judged(page)
+    words = page.locator("main").inner_text()
+    for place in ("this oblique angle", "the critical angle", "0°"):
+        assert f"S at {place}" in words
+    assert re.findall(r"(?:Strength factor|\bS)[: ]+\d[\d.]*", words) == []
 
 
 def fields_of(part: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
