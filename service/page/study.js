@@ -7,6 +7,7 @@ import { untilAnswered } from "./lost.js";
 import { uncertainInput } from "./scatter.js";
 import { Problem, request } from "./service.js";
 import { inUnits } from "./units.js";
+import { degreesShown, withInterval } from "./words.js";
 
 /**
  * Compute a study as a job, with few samples and, if those do not suffice, with all.
@@ -69,6 +70,5 @@ export function probabilityAt({ probability }, angle) {
 export function headline(study) {
   const [low, middle, high] = [0.05, 0.5, 0.95].map((level) => quantileOf(study, level));
   if (middle === undefined) return "";
-  const shown = (angle) => `${angle.toFixed(high - low < 3 ? 1 : 0)}°`;
-  return `${shown(middle)} (${shown(low)} to ${shown(high)})`;
+  return withInterval(middle, low, high, (angle) => degreesShown(angle, [3, 0.3].filter((width) => high - low < width).length));
 }

@@ -45,6 +45,12 @@ export function endingShown({ outcome, protrusion }) {
   return out ? `${outcomeShown(outcome)}, its nose ${lengthShown(out)} out of the rear face` : outcomeShown(outcome);
 }
 
+/** Return a value with its interval, as in "0.76 (0.7 to 0.8)"; by itself where both ends read as it does. */
+export function withInterval(value, lower, upper, shown) {
+  const [middle, ...ends] = [value, lower, upper].map(shown);
+  return ends.every((end) => end === middle) ? middle : `${middle} (${ends.join(" to ")})`;
+}
+
 /** Return a critical angle as text. */
 export function degreesShown(value, decimals = 2) {
   return `${value.toFixed(decimals)}°`;
