@@ -115,6 +115,7 @@ export function describeStudy(study) {
   const angle = headline(study);
   const parts = [
     mean ? `Mean ${degreesShown(mean.value)}, standard deviation ${degreesShown(deviation?.value ?? 0)}.` : "",
+    mean ? "The verdict has the critical angle with the inputs as given, without their scatter; mean and median differ as the samples reach further to one side." : "",
     without.value > 0 ? `${digits(100 * without.value, 2)} % of the samples have no critical angle.` : "",
     `${study.samples.toLocaleString("en")} samples: sampling error ± ${digits(width, 2)}` +
       `${study.converged ? "" : ", more than requested"},`,
@@ -124,7 +125,7 @@ export function describeStudy(study) {
   ];
   return [
     angle
-      ? element("p", {}, "Critical angle ", element("strong.range", {}, angle), ": median and 90 % range.")
+      ? element("p", {}, "Critical angle ", element("strong.range", {}, angle), ": median and 90 % range of the samples, rounded.")
       : element("p", {}, "No sample has a critical angle."),
     element("p", {}, parts.filter(Boolean).join(" ")),
   ];
