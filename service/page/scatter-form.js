@@ -1,6 +1,6 @@
 // The form of the inputs that scatter: a group each, with the errors of the service at its fields.
 
-import { element } from "./elements.js";
+import { element, showText } from "./elements.js";
 import { buildRow, showProblem } from "./field-row.js";
 import { fieldOf, shownNumber, withUnit } from "./fields.js";
 import { DISTRIBUTIONS, centreOf, inputField, parametersOf, scatterFields, usualInput, usualInputs, usualNote } from "./scatter.js";
@@ -135,7 +135,7 @@ export class ScatterForm {
       const row = group.rows.find(({ field }) => names.includes(field.name));
       if (row) showProblem(row, detail.replaceAll(NUMBER, (number) => withUnit(shownNumber(row.field, Number(number)), row.field.unit)));
       else {
-        group.problem.textContent = detail;
+        showText(group.problem, detail);
         group.problem.hidden = false;
       }
       return false;

@@ -4,7 +4,7 @@
 import { address, caseQuery } from "./address.js";
 import { angleRequest } from "./case.js";
 import { names } from "./contract.js";
-import { element, svg } from "./elements.js";
+import { element, showText, svg } from "./elements.js";
 import { latest } from "./latest.js";
 import { reportRequest } from "./report.js";
 import { clipped, requestEnd } from "./run.js";
@@ -190,12 +190,12 @@ export class Verdict {
     if (!run || !this.isOf(values)) return;
     const verdict = verdictOf({ values, run, found: this.found, judged: this.#judged });
     showCard(this.card, verdict, run.outcome);
-    this.design.textContent = verdict.design;
+    showText(this.design, verdict.design);
     this.fit.replaceChildren(...(this.#judged?.own_tests ? fitOf(this.#judged.own_tests, this.strip.clientWidth) : []));
     const hasShots = Boolean(values.resistance?.strength_factor?.shots);
     if (hasShots && !this.#hadShots) this.about.open = true; // it says what they did to S
     this.#hadShots = hasShots;
-    this.spread.replaceChildren([describeAngle(this.found, decimalsOf(this.#judged)), this.#judged ? describeRange(this.#judged) : ""].join(" "));
+    showText(this.spread, [describeAngle(this.found, decimalsOf(this.#judged)), this.#judged ? describeRange(this.#judged) : ""].join(" "));
     this.warnings.replaceChildren(...warningList(run.warnings, this.#warningsBeside(run)));
     // One card shows one critical angle: beside that of a law of one's own, the theories stand in words alone.
     const theories = (this.#judged?.own_law ? [] : this.#judged?.theories ?? []).filter((each) => each.critical_angle_deg !== undefined);

@@ -128,7 +128,7 @@ export function warningList(...lists) {
   const rank = ({ code }) => (WORST.includes(code) ? WORST.indexOf(code) : WORST.length + (code === "strength_fit_extrapolated"));
   const special = found.filter(({ standing }) => !standing).sort((one, other) => rank(one) - rank(other));
   const standing = found.filter((each) => each.standing);
-  const words = ({ detail }) => unbroken(sentence(detail));
+  const words = ({ detail }) => sentence(detail);
   const folded = (name, kind, some, ...summary) => {
     const items = some.map((each) => element(`li.${kind}`, { "data-code": each.code }, words(each)));
     return some.length ? [element(`details.${name}`, {}, element("summary", {}, ...summary), element("ul", {}, ...items))] : [];
@@ -137,11 +137,6 @@ export function warningList(...lists) {
   const worst = element("span.worst", {}, ` ${special.slice(0, 1).map(words).join("")}`);
   const briefly = [...new Set(standing.map(({ code }) => warningShown(code)))].join(", ");
   return [...folded("warnings", "warning", special, count, worst), ...folded("standing.quiet", "note", standing, `Standing notes: ${briefly}`)];
-}
-
-/** Return text whose numbers keep to a line with their units. */
-export function unbroken(text) {
-  return text.replace(/(\d) (?=%|°|[kmM]?m\b|m\/s|kg|[MG]?Pa\b|k?N\b|(?:in|ft|lb|[pk]si)\b)/g, "$1\u00a0");
 }
 
 /** Return text with a capital first letter. */

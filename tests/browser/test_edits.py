@@ -179,7 +179,7 @@ def test_us_units_are_shown_throughout_and_exported(page: Page, tmp_path: Any) -
     page.wait_for_function(IDLE)
     for label, shown in {SPEED: "780.84", "Diameter": "3.14961", STRENGTH: "5656.47", THICKNESS: "20"}.items():
         expect(field(page, label)).to_have_value(shown)
-    words = page.locator("main").inner_text().replace("155 mm body", "")
+    words = page.locator("main").inner_text().replace("155\N{NO-BREAK SPACE}mm body", "")
     assert not re.search(r"\d\s(m/s|mm|MPa|kg|kN|kJ)\b|\[(m/s|mm|m|MPa|kN|kJ)\]", words), words
     saved(
         page,
@@ -244,7 +244,7 @@ def test_view_opened_while_the_service_is_down_recovers_with_it(page: Page, faul
 def ninety_per_cent(page: Page) -> tuple[float, float]:
     figures = page.locator(".figures")
     expect(figures).to_contain_text("90 % range")
-    found = re.search(r"90 % range ([\d.]+)° to ([\d.]+)°", figures.inner_text())
+    found = re.search(r"90\s% range ([\d.]+)° to ([\d.]+)°", figures.inner_text())
     assert found is not None
     return float(found[1]), float(found[2])
 

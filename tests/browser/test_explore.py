@@ -368,7 +368,7 @@ def test_flight_after_a_ricochet_is_drawn_and_ends_where_the_service_says(page: 
     assert landing["x"] == pytest.approx([flight["range_m"]])
     expect(panel).not_to_contain_text("No result")
     labels = panel.locator(".annotation-text").all_text_contents()
-    sentence = page.get_by_role("region", name="Verdict").inner_text()
+    sentence = page.get_by_role("region", name="Verdict").inner_text().replace("\N{NO-BREAK SPACE}", " ")
     for distance in re.findall(r"[\d,]+ m(?= away| at any| without)", sentence):
         assert any(label.endswith(distance) for label in labels), (distance, labels)
     page.get_by_label("Oblique angle", exact=True).fill("40")

@@ -12,7 +12,7 @@ import { request } from "../service.js";
 import { markFresh, markStale } from "../stale.js";
 import { inUnits, unitOf } from "../units.js";
 import { sentencesOf, showCard, verdictSection } from "../verdict.js";
-import { endingShown, unbroken, warningList } from "../words.js";
+import { endingShown, warningList } from "../words.js";
 
 const THICKNESS = "target.thickness_m";
 const SPEED = "impact.velocity_m_s";
@@ -39,7 +39,7 @@ export async function show(root, query) {
     const [first, ...others] = sentencesOf(judged.sentence);
     const ends = isWall ? `The strike ends by this model: ${endingShown(judged)}.` : "Fill in the thickness of the target.";
     showCard(parts.card, { first, second: [...others, ends].join(" ") });
-    parts.model.replaceChildren(...[thickness, speed].filter(Boolean).map(({ sentence }) => element("p", {}, unbroken(sentence))));
+    parts.model.replaceChildren(...[thickness, speed].filter(Boolean).map(({ sentence }) => element("p", {}, sentence)));
     parts.warnings.replaceChildren(...warningList(judged.warnings, thickness.warnings));
     parts.table.replaceChildren(tableOf(thickness, table));
     markFresh(...shown);
