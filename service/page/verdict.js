@@ -2,9 +2,9 @@
 // its range, and the range over the theories on one strip with the angle of the case.
 
 import { address, caseQuery } from "./address.js";
-import { angleRequest } from "./case.js";
+import { angleRequest, valueAt, withValue } from "./case.js";
 import { names } from "./contract.js";
-import { element, showText, svg } from "./elements.js";
+import { element, showText, svg, table } from "./elements.js";
 import { latest } from "./latest.js";
 import { reportRequest } from "./report.js";
 import { clipped, requestEnd } from "./run.js";
@@ -12,9 +12,10 @@ import { inputField, takeUsual } from "./scatter.js";
 import { request } from "./service.js";
 import { clearParts, markFresh, markStale } from "./stale.js";
 import { inUnits } from "./units.js";
-import { degreesShown, describeAngle, digits, endingShown, lengthShown, quantityShown, warningList } from "./words.js";
+import { degreesShown, describeAngle, digits, endingShown, lengthShown, quantityShown, statusShown, warningList, withInterval } from "./words.js";
 
 const REST_MS = 300; // without a change before the spread and the theories are computed: they are hundreds of searches
+const STRENGTH = "resistance.strength_factor";
 const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2, letter: 6 }; // px and °; rows of labels, at least
 
 /**
@@ -66,7 +67,6 @@ export class Verdict {
   #key; // of the case whose angle is shown
   #values;
   #run; // of the case at its oblique angle
-  #hadShots; // whether the case before has own depth tests
   #judged; // the answer to `/verdict`, perhaps for another oblique angle
 
   /**
@@ -81,11 +81,11 @@ export class Verdict {
     this.strip = element("div.strip");
     this.design = element("p");
     this.spread = element("div", { role: "group", "aria-label": "Spread" });
-    this.fit = element("div.strip", { role: "group", "aria-label": "Own depth tests" });
+    this.fit = element("div", { role: "group", "aria-label": "Own depth tests" });
     this.link = element("a", {}, "How sure, input by input");
-    this.about = element("details", {}, element("summary", {}, "What the range stands for"), this.spread, this.fit);
+    this.about = element("details", {}, element("summary", {}, "What the range stands for"), this.spread);
     this.warnings = element("div", {});
-    const notes = [this.design, element("div.spread", {}, this.about, this.link), this.warnings];
+    const notes = [this.design, element("div.spread", {}, this.about, this.link), this.fit, this.warnings];
     this.parts = isLine
       ? [element("details.panel.head", { ontoggle: () => this.#show() }, element("summary", {}, this.card), this.strip, ...notes)]
       : [element("div.panel.across.head", {}, this.card, this.strip), element("div.panel.across.notes", {}, ...notes)];
@@ -165,12 +165,19 @@ export class Verdict {
   }
 
   async #judge(values, signal) {
-    const { data } = await request("verdict", { body: inUnits(reportRequest(clipped(values))), signal });
+    const judge = async (given) => (await request("verdict", { body: inUnits(reportRequest(clipped(given))), signal })).data;
+    const data = await judge(values);
     if (signal.aborted) return;
     this.#judged = { ...data, oblique_angle_deg: values.impact.oblique_angle_deg };
     takeUsual(data.usual_scatter);
     this.onJudged(data);
     markFresh(this.spread);
+    this.#show();
+    const law = valueAt(values, STRENGTH);
+    if (!law?.shots) return;
+    const before = await judge(withValue(values, STRENGTH, { ...law, model: "published_tests", shots: undefined }));
+    if (signal.aborted) return;
+    this.#judged.before = before;
     this.#show();
   }
 
@@ -191,10 +198,7 @@ export class Verdict {
     const verdict = verdictOf({ values, run, found: this.found, judged: this.#judged });
     showCard(this.card, verdict, run.outcome);
     showText(this.design, verdict.design);
-    this.fit.replaceChildren(...(this.#judged?.own_tests ? fitOf(this.#judged.own_tests, this.strip.clientWidth) : []));
-    const hasShots = Boolean(values.resistance?.strength_factor?.shots);
-    if (hasShots && !this.#hadShots) this.about.open = true; // it says what they did to S
-    this.#hadShots = hasShots;
+    this.fit.replaceChildren(...(this.#judged?.own_tests ? changesOf(this.#judged) : []));
     showText(this.spread, [describeAngle(this.found, decimalsOf(this.#judged)), this.#judged ? describeRange(this.#judged) : ""].join(" "));
     this.warnings.replaceChildren(...warningList(run.warnings, this.#warningsBeside(run)));
     // One card shows one critical angle: beside that of a law of one's own, the theories stand in words alone.
@@ -294,22 +298,16 @@ function inRows(labels, size) {
   return placed;
 }
 
-/** Two bars of the strength factor: by the published tests, and with the shots into this concrete; each its 90 % range. */
-function fitOf({ shots, median, spread, prior_median: before, prior_spread: wide }, width) {
-  const rows = [
-    ["Published tests", before, wide, "band"],
-    [`With ${shots} depth test${shots === 1 ? "" : "s"}`, median, spread, "theories"],
-  ];
-  const ends = rows.flatMap(([, , range]) => range);
-  const [least, most, left, right] = [Math.min(...ends), Math.max(...ends), 130, Math.max(width, 280) - 14];
-  const at = (value) => left + ((value - least) / (most - least)) * (right - left);
-  const words = rows.map(([name, middle, [low, high]]) => `${name}: S at 0° ${digits(middle)} (${digits(low)} to ${digits(high)})`).join(". ");
-  const bars = rows.flatMap(([name, middle, [low, high], kind], i) => [
-    svg("text", { x: 0, y: 17 + 24 * i }, name),
-    svg("rect", { class: kind, x: at(low), y: 6 + 24 * i, width: at(high) - at(low), height: 14 }),
-    svg("line", { class: "critical", x1: at(middle), x2: at(middle), y1: 3 + 24 * i, y2: 23 + 24 * i }),
-  ]);
-  return [svg("svg", { viewBox: `0 0 ${right + 14} 54`, role: "img", "aria-label": `${words}.` }, ...bars), element("p.quiet", {}, `${words}.`)];
+/** Return what own tests change: S in normal impact and, once `before` is known, the verdict by the published tests alone. */
+function changesOf({ before, ...judged }) {
+  const { own_tests: tests, oblique_angle_deg: mine } = judged;
+  const angleOf = ({ critical_angle_deg: angle, status }) => (angle === undefined ? statusShown(status) : degreesShown(angle, decimalsOf(judged)));
+  const row = (head, textOf) => [head, ...[before, judged].map((each) => textOf(each) ?? "not known")];
+  const factors = [withInterval(tests.prior_median, ...tests.prior_spread, digits), withInterval(tests.median, ...tests.spread, digits)];
+  const rows = [["S at 0°", ...factors]];
+  if (before) rows.push(row("Critical angle", angleOf), row("90 % range", (each) => each.range_text), row(`Ricochet at ${mine}°`, (each) => each.probability_text));
+  const heads = ["", "Published tests", `With ${tests.shots} depth test${tests.shots === 1 ? "" : "s"}`];
+  return table("table", { heads, rows, isNamed: true, label: "What own tests change" });
 }
 
 function percent(share) {

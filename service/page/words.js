@@ -47,7 +47,7 @@ export function endingShown({ outcome, protrusion }) {
 
 /** Return a value with its interval, as in "0.76 (0.7 to 0.8)"; by itself where both ends read as it does. */
 export function withInterval(value, lower, upper, shown) {
-  const [middle, ...ends] = [value, lower, upper].map(shown);
+  const [middle, ...ends] = [value, lower, upper].map((each) => shown(each));
   return ends.every((end) => end === middle) ? middle : `${middle} (${ends.join(" to ")})`;
 }
 

@@ -261,9 +261,19 @@ def test_own_shots_narrow_the_range(page: Page, shots: str) -> None:
     page.get_by_label("Strength factor", exact=True).select_option("own_tests")
     page.get_by_label("Shots: speed, depth").fill(shots)  # This is the second and last action.
     fit = page.get_by_label("Own depth tests", exact=True)
-    expect(fit).to_contain_text(f"With {3 if 'cm' in shots else 4} depth tests: S at 0° ")
+    expect(fit).to_contain_text(f"With {3 if 'cm' in shots else 4} depth tests")
     expect(fit).to_be_visible()
     after = ninety_per_cent(page)
+    rows = fit.locator("tbody tr")
+    expect(rows).to_have_count(4)
+    changes = {row.locator("th").inner_text(): row.locator("td").all_inner_texts() for row in rows.all()}
+    assert list(changes) == ["S at 0°", "Critical angle", "90\N{NO-BREAK SPACE}% range", "Ricochet at 45°"]
+    ranges = [tuple(map(float, re.findall(r"[\d.]+", text))) for text in changes["90\N{NO-BREAK SPACE}% range"]]
+    assert ranges == [before, after]
+    assert changes["Critical angle"][1] == page.locator(".angle").inner_text()
+    probability = changes["Ricochet at 45°"][1]
+    assert probability in page.locator(".outcome").inner_text()
+    assert all(first != second for first, second in changes.values())
     assert after[1] - after[0] < 0.85 * (before[1] - before[0])
     expect(page).to_have_url(re.compile("shots"))
 
@@ -283,7 +293,7 @@ def test_shots_begin_empty_and_an_invalid_line_is_named(page: Page) -> None:
     expect(picture).to_be_visible()
     assert not any("own_tests" in body for body in sent), "an example would count as evidence"
     field.fill("250, 310")
-    expect(page.get_by_label("Own depth tests", exact=True)).to_contain_text("With 1 depth test: S at 0° ")
+    expect(page.get_by_label("Own depth tests", exact=True)).to_contain_text("With 1 depth test")
     page.get_by_role("button", name="Undo").click()
     page.get_by_role("button", name="Undo").click()
     expect(page.get_by_label("Strength factor", exact=True)).not_to_have_value("own_tests")
