@@ -81,21 +81,20 @@ function render(root, scene) {
   const count = OUTLINES[Math.min(others.length, 1)];
   const marksOf = (run) => [...arcMarks(run, isNarrow), ...criticalMark(run, options.critical, isNarrow), ...exitMark(run, isNarrow), ...protrusionMark(run), ...bendingMark(run)];
   const marks = marksOf(own);
-  const outlines = evenRows(own, count).map((each) => outlineAt(own, each));
-  const compared = others.flatMap(({ run }) => evenRows(run, count).map((each) => outlineAt(run, each)));
+  const outlinesOf = (run) => evenRows(run, count).map((each) => outlineAt(run, each));
+  const outlines = outlinesOf(own);
+  const compared = others.map(({ run }) => outlinesOf(run));
   const moving = outlineAt(own, row);
   const time = own.history.time_s[row];
   const besides = others.map(({ run }) => outlineAt(run, rowAt(run, time))); // strikes move together
-  const beside = (options.beside ?? []).flatMap((run) => [pathOf(run), ...evenRows(run, count).map((each) => outlineAt(run, each)), ...marksOf(run).map(({ points }) => points ?? [])]);
-  const lines = [...outlines, ...compared, ...runs.map(({ run }) => pathOf(run)), ...marks.map(({ points }) => points ?? []), ...beside];
+  const beside = (options.beside ?? []).flatMap((run) => [pathOf(run), ...outlinesOf(run), ...marksOf(run).map(({ points }) => points ?? [])]);
+  const lines = [...outlines, ...compared.flat(), ...runs.map(({ run }) => pathOf(run)), ...marks.map(({ points }) => points ?? []), ...beside];
   scene.frame ??= frameOf(size, lines.flat(), own, options.turns ? own.projectile.length_m : 0);
   const { frame } = scene;
   const parts = [
     ...solid(own, frame),
     shape(hole(own), { class: "hole", fill: colour("panel") }),
-    ...others.flatMap(({ run }, i) =>
-      evenRows(run, count).map((each) => shape(outlineAt(run, each), { stroke: colour(`run-${i + 1}`), "stroke-width": 1.2, "stroke-dasharray": "2 2" })),
-    ),
+    ...compared.flatMap((all, i) => all.map((points) => shape(points, { stroke: colour(`run-${i + 1}`), "stroke-width": 1.2, "stroke-dasharray": "2 2" }))),
     ...outlines.map((points, i) =>
       shape(points, { fill: viridis(own.path.speed[evenRows(own, count)[i]], range, 0.35), stroke: colour("edge") }),
     ),
