@@ -285,17 +285,26 @@ function stripOf(mine, critical, theories, range, width, decimals) {
   );
 }
 
-/** Return the places of labels, centred at `x`: each in the lowest row in which it is written over none before. */
+/**
+ * Return the places of labels whose leaders run down at `x`: some on the left end there, the others begin there, each in a row above
+ * all that it would touch, so that no leader runs through a label. As many are on the left as fit with the fewest rows.
+ */
 function inRows(labels, size) {
-  const placed = [];
-  for (const { x, length } of labels) {
-    const left = Math.min(Math.max(x - length / 2, 0), size - length);
-    const isTaken = (row) => placed.some((other) => other.row === row && left < other.left + other.length + 8 && other.left < left + length + 8);
-    let row = 0;
-    while (isTaken(row)) row += 1;
-    placed.push({ left, length, row });
-  }
-  return placed;
+  const order = [...labels.keys()].sort((one, other) => labels[one].x - labels[other].x);
+  const placings = [...order, undefined].map((_, cut) => {
+    const placed = [];
+    let beyond = 0; // the picture, until they are moved into it
+    for (const i of [...order.slice(0, cut), ...order.slice(cut).reverse()]) {
+      const { x, length } = labels[i];
+      const wanted = order.indexOf(i) < cut ? x - length - 2 : x + 2;
+      const left = Math.min(Math.max(wanted, 0), size - length);
+      beyond += Math.abs(left - wanted);
+      const met = placed.filter((other) => left < other.left + other.length + 8 && other.left < left + length + 8);
+      placed[i] = { left, length, row: 1 + Math.max(-1, ...met.map(({ row }) => row)) };
+    }
+    return { placed, cost: Math.max(...placed.map(({ row }) => row)) + beyond };
+  });
+  return placings.reduce((best, each) => (each.cost < best.cost ? each : best)).placed;
 }
 
 /** Return what own tests change: S in normal impact and, once `before` is known, the verdict by the published tests alone. */

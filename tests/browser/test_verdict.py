@@ -127,6 +127,10 @@ def test_labels_of_the_strip_are_apart_and_inside(new_page: NewPage, width: int,
         above = one["bottom"] <= other["top"] + 3 or other["bottom"] <= one["top"] + 3
         assert beside or above, (one, other)
     assert all(each["left"] >= frame["left"] - 1 and each["right"] <= frame["right"] + 1 for each in labels)
+    for leader in boxes(strip.locator("line.leader")):
+        for each in labels:
+            beside = not each["left"] + 1 < leader["left"] < each["right"] - 1
+            assert beside or leader["bottom"] <= each["top"] + 3 or each["bottom"] <= leader["top"] + 3, (leader, each)
 
 
 def test_verdict_is_a_line_on_the_map_that_unfolds(page: Page) -> None:
