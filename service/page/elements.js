@@ -30,9 +30,7 @@ export function showText(root, text) {
 }
 
 /** Return text whose numbers keep to a line with their units. */
-function unbroken(text) {
-  return text.replace(BEFORE_UNIT, "\u00a0");
-}
+const unbroken = (text) => text.replace(BEFORE_UNIT, "\u00a0");
 
 /** Return a new SVG element; attributes that are undefined are left out. */
 export function svg(name, attributes = {}, ...children) {

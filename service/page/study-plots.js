@@ -7,6 +7,7 @@ import { headline, probabilityAt } from "./study.js";
 import { degreesShown, digits, withInterval } from "./words.js";
 
 const MARGIN_DEG = 4; // shown besides where the probability changes
+const ABOUT_MEAN = "Mean and median are of the samples, which reach further to one side; the verdict has the angle with the inputs as given.";
 const [ROW_PX, AXIS_PX] = [38, 70];
 
 /** Draw the probability of ricochet over the oblique angle with its band. */
@@ -114,8 +115,7 @@ export function describeStudy(study) {
   const width = study.convergence.half_width.at(-1);
   const angle = headline(study);
   const parts = [
-    mean ? `Mean ${degreesShown(mean.value)}, standard deviation ${degreesShown(deviation?.value ?? 0)}.` : "",
-    mean ? "The verdict has the critical angle with the inputs as given, without their scatter; mean and median differ as the samples reach further to one side." : "",
+    mean ? `Mean ${degreesShown(mean.value)}, standard deviation ${degreesShown(deviation?.value ?? 0)}. ${ABOUT_MEAN}` : "",
     without.value > 0 ? `${digits(100 * without.value, 2)} % of the samples have no critical angle.` : "",
     `${study.samples.toLocaleString("en")} samples: sampling error ± ${digits(width, 2)}` +
       `${study.converged ? "" : ", more than requested"},`,

@@ -29,8 +29,7 @@ export async function* computeStudy({ values, inputs, sampling, key }, signal) {
   for (const samples of few < most && !key ? [few, most] : [most]) {
     const body = inUnits({ ...angleRequest(values), uncertain, sampling: { ...sampling, max_samples: samples } });
     const { id } = await submit("cra/uncertainty", body, signal);
-    const remove = () => request(`jobs/${id}`, { method: "DELETE" });
-    const cancel = () => request(`jobs/${id}/cancel`, { method: "POST" }).then(remove).catch(() => {});
+    const cancel = () => request(`jobs/${id}/cancel`, { method: "POST" }).then(() => request(`jobs/${id}`, { method: "DELETE" })).catch(() => {});
     signal.addEventListener("abort", cancel, { once: true });
     for await (const { progress, partial } of statesOf(id, signal)) {
       if (progress) yield { samples: progress.samples, ...partial };

@@ -100,7 +100,7 @@ def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
         probability["ricochet_probability"],
     )
     assert max(np.subtract(upper, lower)) > 0.001
-    expect(page.get_by_role("region", name="Answer")).to_contain_text("with the inputs as given, without their scatter")
+    expect(page.get_by_role("region", name="Answer")).to_contain_text("verdict has the angle with the inputs as given")
     headline = page.locator(".range").inner_text()
     quantiles = {each["level"]: each["value"] for each in answer["critical_angle"]["quantiles"]}
     assert re.findall(r"[\d.]+", headline) == [f"{quantiles[level]:.0f}" for level in (0.5, 0.05, 0.95)]
