@@ -198,7 +198,7 @@ export class Verdict {
     const verdict = verdictOf({ values, run, found: this.found, judged: this.#judged });
     showCard(this.card, verdict, run.outcome);
     showText(this.design, verdict.design);
-    this.fit.replaceChildren(...(this.#judged?.own_tests ? changesOf(this.#judged) : []));
+    this.fit.replaceChildren(...(this.#judged?.own_tests ? [changesOf(this.#judged)] : []));
     showText(this.spread, [describeAngle(this.found, decimalsOf(this.#judged)), this.#judged ? describeRange(this.#judged) : ""].join(" "));
     this.warnings.replaceChildren(...warningList(run.warnings, this.#warningsBeside(run)));
     // One card shows one critical angle: beside that of a law of one's own, the theories stand in words alone.
