@@ -16,7 +16,7 @@ import { degreesShown, describeAngle, digits, endingShown, lengthShown, quantity
 
 const REST_MS = 300; // without a change before the spread and the theories are computed: they are hundreds of searches
 const STRENGTH = "resistance.strength_factor";
-const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2, letter: 6 }; // px and °; rows of labels, at least
+const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2, letter: 6.6 }; // px and °; rows of labels, at least; of the widest letters
 
 /**
  * Return the verdict on a strike: in a line what decides, in another what it means, and the design values of a wall.
@@ -287,22 +287,23 @@ function stripOf(mine, critical, theories, range, width, decimals) {
 
 /**
  * Return the places of labels whose leaders run down at `x`: some on the left end there, the others begin there, each in a row above
- * all that it would touch, so that no leader runs through a label. As many are on the left as fit with the fewest rows.
+ * all that it would touch, so that no leader runs through a label. Those moved into the picture cover leaders beside theirs and are
+ * placed last, above these. As many are on the left as need the least room.
  */
 function inRows(labels, size) {
   const order = [...labels.keys()].sort((one, other) => labels[one].x - labels[other].x);
   const placings = [...order, undefined].map((_, cut) => {
+    const wanted = labels.map(({ x, length }, i) => (order.indexOf(i) < cut ? x - length - 2 : x + 2));
+    const lefts = labels.map(({ length }, i) => Math.min(Math.max(wanted[i], 0), size - length));
+    const moved = (i) => Math.abs(lefts[i] - wanted[i]);
     const placed = [];
-    let beyond = 0; // the picture, until they are moved into it
-    for (const i of [...order.slice(0, cut), ...order.slice(cut).reverse()]) {
-      const { x, length } = labels[i];
-      const wanted = order.indexOf(i) < cut ? x - length - 2 : x + 2;
-      const left = Math.min(Math.max(wanted, 0), size - length);
-      beyond += Math.abs(left - wanted);
+    for (const i of [...order.slice(0, cut), ...order.slice(cut).reverse()].sort((one, other) => moved(one) - moved(other))) {
+      const [left, { length }] = [lefts[i], labels[i]];
       const met = placed.filter((other) => left < other.left + other.length + 8 && other.left < left + length + 8);
       placed[i] = { left, length, row: 1 + Math.max(-1, ...met.map(({ row }) => row)) };
     }
-    return { placed, cost: Math.max(...placed.map(({ row }) => row)) + beyond };
+    const isCrossed = (i) => placed.some(({ left, length, row }) => row < placed[i].row && left < labels[i].x && labels[i].x < left + length);
+    return { placed, cost: Math.max(...order.map((i) => placed[i].row + moved(i) + (isCrossed(i) ? size : 0))) };
   });
   return placings.reduce((best, each) => (each.cost < best.cost ? each : best)).placed;
 }
@@ -312,8 +313,7 @@ function changesOf({ before, ...judged }) {
   const { own_tests: tests, oblique_angle_deg: mine } = judged;
   const angleOf = ({ critical_angle_deg: angle, status }) => (angle === undefined ? statusShown(status) : degreesShown(angle, decimalsOf(judged)));
   const row = (head, textOf) => [head, ...[before, judged].map((each) => textOf(each) ?? "not known")];
-  const factors = [withInterval(tests.prior_median, ...tests.prior_spread, digits), withInterval(tests.median, ...tests.spread, digits)];
-  const rows = [["S at 0°", ...factors]];
+  const rows = [["S at 0°", withInterval(tests.prior_median, ...tests.prior_spread, digits), withInterval(tests.median, ...tests.spread, digits)]];
   if (before) rows.push(row("Critical angle", angleOf), row("90 % range", (each) => each.range_text), row(`Ricochet at ${mine}°`, (each) => each.probability_text));
   const heads = ["", "Published tests", `With ${tests.shots} depth test${tests.shots === 1 ? "" : "s"}`];
   return table("table", { heads, rows, isNamed: true, label: "What own tests change" });

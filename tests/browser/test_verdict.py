@@ -66,6 +66,7 @@ def test_each_strength_factor_says_what_it_is_of(page: Page) -> None:
     shots = '[{"velocity_m_s":250,"depth_m":0.31},{"velocity_m_s":300,"depth_m":0.42}]'
     page.goto(f"/#/explore?resistance.strength_factor.model=own_tests&resistance.strength_factor.shots={shots}")
     judged(page)
+    page.get_by_text("What the range stands for").click()
     words = page.locator("main").inner_text()
     for place in ("this oblique angle", "the critical angle", "0°"):
         assert f"S at {place}" in words
@@ -126,7 +127,8 @@ def test_labels_of_the_strip_are_apart_and_inside(new_page: NewPage, width: int,
         beside = one["right"] <= other["left"] or other["right"] <= one["left"]
         above = one["bottom"] <= other["top"] + 3 or other["bottom"] <= one["top"] + 3
         assert beside or above, (one, other)
-    assert all(each["left"] >= frame["left"] - 1 and each["right"] <= frame["right"] + 1 for each in labels)
+    beyond = [each for each in labels if each["left"] < frame["left"] - 1 or each["right"] > frame["right"] + 1]
+    assert beyond == [], frame
     for leader in boxes(strip.locator("line.leader")):
         for each in labels:
             beside = not each["left"] + 1 < leader["left"] < each["right"] - 1
