@@ -35,7 +35,6 @@ export function drawCurve(root, study, values) {
     ...{ x: [mine], y: [here.value], name: "your angle", mode: "markers", hoverinfo: "skip", cliponaxis: false },
     marker: { size: 11, color: colour("path") },
   });
-  const range = rangeOf(x, y, mine);
   // Above the axes, where no curve can run through it.
   const note = { text: `<b>${words}</b>`, font: { color: colour("path") }, x: 0.5, y: 1, xref: "paper", yref: "paper", yanchor: "bottom", showarrow: false };
   const layout = {
@@ -45,7 +44,7 @@ export function drawCurve(root, study, values) {
     margin: { l: 8, r: 16, t: 52, b: 8 },
     title: { text: angle && `Critical angle ${angle}`, font: { size: 14 }, x: 0.5, y: 1, yanchor: "top", pad: { t: 8 } },
     annotations: [note],
-    xaxis: { title: { text: "Oblique angle [°]" }, range },
+    xaxis: { title: { text: "Oblique angle [°]" }, range: rangeOf(x, y, mine) },
     yaxis: { title: { text: "Probability of ricochet" }, range: [-0.02, 1.02] },
   };
   return draw(root, traces, layout, {
@@ -112,12 +111,11 @@ export function sensitivityTable(study) {
 /** Return a sentence or two on a study. */
 export function describeStudy(study) {
   const { mean_deg: mean, standard_deviation_deg: deviation, share_without_angle: without } = study.critical_angle;
-  const width = study.convergence.half_width.at(-1);
   const angle = headline(study);
   const parts = [
     mean ? `Mean ${degreesShown(mean.value)}, standard deviation ${degreesShown(deviation?.value ?? 0)}. ${ABOUT_MEAN}` : "",
     without.value > 0 ? `${digits(100 * without.value, 2)} % of the samples have no critical angle.` : "",
-    `${study.samples.toLocaleString("en")} samples: sampling error ± ${digits(width, 2)}` +
+    `${study.samples.toLocaleString("en")} samples: sampling error ± ${digits(study.convergence.half_width.at(-1), 2)}` +
       `${study.converged ? "" : ", more than requested"},`,
     `${study.method === "surrogate" ? "by polynomials fitted to them" : "counted directly"}.`,
     study.samples_failed ? `${study.samples_failed} samples could not be computed.` : "",

@@ -16,7 +16,7 @@ import { degreesShown, describeAngle, digits, endingShown, lengthShown, quantity
 
 const REST_MS = 300; // without a change before the spread and the theories are computed: they are hundreds of searches
 const STRENGTH = "resistance.strength_factor";
-const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2, letter: 6.6 }; // px and °; rows of labels, at least; of the widest letters
+const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2 }; // px and °; rows of labels, at least
 
 /**
  * Return the verdict on a strike: in a line what decides, in another what it means, and the design values of a wall.
@@ -268,7 +268,9 @@ function stripOf(mine, critical, theories, range, width, decimals) {
     ...theories.filter((each) => !isCritical(each)).map((each) => ({ angle: each.critical_angle_deg, name: "theory", text: `${decays[each.free_surface]} ${shown(each.critical_angle_deg)}` })),
     { angle: range[1], name: "band", text: "90 % range" },
   ].filter(({ angle }) => angle !== undefined);
-  const rows = inRows(marks.map(({ angle, text }) => ({ x: at(angle), length: text.length * STRIP.letter })), size);
+  const pen = document.createElement("canvas").getContext("2d");
+  pen.font = `600 11px ${getComputedStyle(document.body).fontFamily}`; // of the widest labels
+  const rows = inRows(marks.map(({ angle, text }) => ({ x: at(angle), length: pen.measureText(text).width })), size);
   const top = STRIP.row * Math.max(STRIP.rows, ...rows.map(({ row }) => row + 1)); // the lower end of the labels
   const stroke = ({ angle, name }, begin, end) => svg("line", { class: name, x1: at(angle), x2: at(angle), y1: begin, y2: end });
   const band = range.length ? [svg("rect", { class: "band", x: at(range[0]), y: top + 10, width: Math.max(at(range[1]) - at(range[0]), 1), height: 14 })] : [];
@@ -287,24 +289,24 @@ function stripOf(mine, critical, theories, range, width, decimals) {
 
 /**
  * Return the places of labels whose leaders run down at `x`: some on the left end there, the others begin there, each in a row above
- * all that it would touch, so that no leader runs through a label. Those moved into the picture cover leaders beside theirs and are
- * placed last, above these. As many are on the left as need the least room.
+ * all that it would touch, so that no leader runs through a label. Those moved into the picture may cover leaders beside theirs, and
+ * may be placed last, above these. Of all ways the one that crosses none, moves least and takes the fewest rows is taken.
  */
 function inRows(labels, size) {
   const order = [...labels.keys()].sort((one, other) => labels[one].x - labels[other].x);
-  const placings = [...order, undefined].map((_, cut) => {
+  const placings = [...order, undefined].flatMap((_, cut) => [0, 1].map((isLast) => {
     const wanted = labels.map(({ x, length }, i) => (order.indexOf(i) < cut ? x - length - 2 : x + 2));
     const lefts = labels.map(({ length }, i) => Math.min(Math.max(wanted[i], 0), size - length));
     const moved = (i) => Math.abs(lefts[i] - wanted[i]);
     const placed = [];
-    for (const i of [...order.slice(0, cut), ...order.slice(cut).reverse()].sort((one, other) => moved(one) - moved(other))) {
+    for (const i of [...order.slice(0, cut), ...order.slice(cut).reverse()].sort((one, other) => isLast * (moved(one) - moved(other)))) {
       const [left, { length }] = [lefts[i], labels[i]];
       const met = placed.filter((other) => left < other.left + other.length + 8 && other.left < left + length + 8);
       placed[i] = { left, length, row: 1 + Math.max(-1, ...met.map(({ row }) => row)) };
     }
     const isCrossed = (i) => placed.some(({ left, length, row }) => row < placed[i].row && left < labels[i].x && labels[i].x < left + length);
     return { placed, cost: Math.max(...order.map((i) => placed[i].row + moved(i) + (isCrossed(i) ? size : 0))) };
-  });
+  }));
   return placings.reduce((best, each) => (each.cost < best.cost ? each : best)).placed;
 }
 
