@@ -23,7 +23,7 @@ export async function requestFlight(run, signal) {
 export function flightWords(flight) {
   return (
     `From a face level with the ground it rises ${quantityShown(flight.apex_m, "m", 2)} and lands after ${digits(flight.flight_time_s, 2)} s at ` +
-    `${quantityShown(flight.impact_speed_m_s, "m/s")}, if it tumbles as computed; the direction of a tumbling body is the least certain of all.`
+    `${quantityShown(flight.impact_speed_m_s, "m/s")}, if it tumbles as computed. All distances, even that without drag, are for the exit as computed; the direction of a tumbling body is the least certain of all.`
   );
 }
 

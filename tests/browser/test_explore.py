@@ -367,6 +367,7 @@ def test_flight_after_a_ricochet_is_drawn_and_ends_where_the_service_says(page: 
     assert radii == pytest.approx([flight[name] for name in ("range_m", "farthest_range_m", "range_without_drag_m")])
     assert landing["x"] == pytest.approx([flight["range_m"]])
     expect(panel).not_to_contain_text("No result")
+    expect(panel).to_contain_text("even that without drag, are for the exit as computed")
     labels = panel.locator(".annotation-text").all_text_contents()
     sentence = page.get_by_role("region", name="Verdict").inner_text().replace("\N{NO-BREAK SPACE}", " ")
     for distance in re.findall(r"[\d,]+ m(?= away| at any| without)", sentence):
