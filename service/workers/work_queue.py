@@ -186,7 +186,7 @@ class WorkQueue:
             pass
 
     def _hand_out_one(self) -> bool:
-        """Give one item to a server, preferably of a worker with many idle ones, and return True if there was one."""
+        """Give one item to a server, first of the worker with most idle servers; return False if none takes one."""
         free = Counter(server.worker for server in self._servers.values())
         by_room = sorted(self._servers.items(), key=lambda item: -free[item[1].worker] / item[1].places)
         for turn, server in by_room:
