@@ -128,8 +128,8 @@ class Application(FastAPI):
     def build_middleware_stack(self) -> ASGIApp:
         """Return the application wrapped in middleware.
 
-        `add_middleware` would place it inside Starlette's error handler, where responses to unexpected failures would
-        have neither security headers nor a log entry.
+        `add_middleware` would place the middleware inside Starlette's error handler, so that responses to unexpected
+        failures would have neither security headers nor a log entry.
         """
         services: Services = self.state.services
         settings = services.settings
@@ -171,7 +171,7 @@ def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastA
         openapi_tags=TAGS,
         license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
         lifespan=lifespan,
-        # `service/api/page.py` serves `/openapi.json` and its documentation, which would load scripts of other sites.
+        # `service/api/page.py` serves `/openapi.json` and Swagger UI, as FastAPI's pages load scripts of other sites.
         openapi_url=None,
         docs_url=None,
         redoc_url=None,
