@@ -28,7 +28,7 @@ from service.schemas.problems import json_pointer
 from service.settings import Settings
 
 MAX_FIELDS = 30
-"""Largest number of fields of one object, twice as many as the largest object in the contract has."""
+"""Largest number of fields of one object, more than twice as many as the largest object of a request has."""
 MAX_LISTED_FIELDS = 10_000
 """Largest number of fields in the body of one request. A resistance with a thousand test shots of four fields has
 4,000. Validating this many takes some 10 ms."""

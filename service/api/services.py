@@ -140,7 +140,7 @@ class Metrics:
 class Services:
     """Shared state of a running application, in `app.state.services`.
 
-    The fields without a value are set by the lifespan, because they need the event loop or the data folder.
+    The fields after `clock` are set by the lifespan, because they need the event loop or the data folder.
     """
 
     settings: Settings

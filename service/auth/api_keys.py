@@ -114,7 +114,7 @@ class ApiKey:
 def make_key(
     owner: str, scopes: frozenset[Scope], *, cases_per_hour: int | None = None, days: float | None = None
 ) -> tuple[ApiKey, str]:
-    """Return a new key and its token, of which only the hash is ever stored."""
+    """Return a new key and its token. Only the hash of the token is ever stored."""
     key_id, now = secrets.token_hex(ID_BYTES), time.time()
     token = f"{PREFIX}{key_id}_{secrets.token_urlsafe(SECRET_BYTES)}"
     key = ApiKey(

@@ -33,7 +33,7 @@ EXPIRY_SECONDS = 3600.0
 REOPEN_SECONDS = 5.0
 """Interval between attempts to load jobs that could not be read at the start, chosen by judgement. [s]"""
 CHECKPOINT_SECONDS = 5.0
-"""Interval between checkpoints, each of which takes some milliseconds [s]. A damaged log loses the progress of at most
+"""Interval between checkpoints, each of which takes some milliseconds [s]. A damaged log loses the progress of about
 this time."""
 CHANGE_SECONDS = 0.2
 """Shortest interval between events of a job [s]. Five updates a second look continuous to a person."""

@@ -198,7 +198,7 @@ class Scheduler:
                 self.unwritten.pop(state.id, None)
 
     def _begin_jobs(self, owner: str) -> None:
-        """Begin the owner's job with the fewest cases left, unless one with no more cases left still hands out cases.
+        """Begin the owner's job with the fewest cases left, unless a job with as few or fewer still hands out cases.
 
         All jobs could begin at once, because the queue of the executor sorts them in the same way. Beginning them one
         by one limits the number of blocks of cases in memory.

@@ -126,7 +126,7 @@ class DaskExecutor(Executor):
         return pool and cluster
 
     async def stop(self, grace: float) -> None:
-        """Refuse new work, let accepted work finish, and stop pool and connection after `grace` seconds."""
+        """Stop as in `Executor.stop`; the local pool refuses new work from now on as well."""
         self._pool.stopping = True
         await super().stop(grace)
 

@@ -182,7 +182,7 @@ class Executor(ABC):
         return False
 
     async def stop(self, grace: float) -> None:
-        """Refuse new work, let accepted work finish, and cancel what is unfinished after `grace` seconds."""
+        """Refuse new work, let accepted work finish, and stop unfinished work, all within `grace` seconds."""
         self.stopping = True
         # `asyncio.wait` raises an error for an empty set.
         if self._unfinished:

@@ -136,7 +136,7 @@ class WorkQueue:
         """Present virtual time: the largest that an owner had when work of that owner was taken. [ordinary cases]"""
         self._servers: dict[asyncio.Future[Work], Server] = {}
         self._chunks: dict[Work, Callable[[], None]] = {}
-        """Running chunks, each with the function that requests a pause of the chunk for other work."""
+        """Running chunks that have not been interrupted, each with the function that interrupts it for other work."""
         self.unavailable = ""
         """Reason why the pool has no worker; empty if it has one, or one is being started."""
         self.singles = 0
