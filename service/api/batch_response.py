@@ -227,7 +227,7 @@ class BatchResponse(JobResponse):
     async def _answer_now(self, cases: Sequence[JobCase], sweep: StoredSweep | None) -> Response:
         results = self._jobs.run_now(self.operation, cases, owner=self._context.queue_owner)
         if self.form == JSONL:
-            beginning = begin(results)  # Errors until the first result still get a status, as nothing is sent yet.
+            beginning = begin(results)  # An error before the first result still gets an error status.
             begun = await unless_left(self._request, beginning)
             lines = (to_lines([result], self.path, sweep) async for result in begun)
             return StreamingResponse(closing(lines, results), media_type=JSONL, headers=VARY)

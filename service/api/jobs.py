@@ -262,7 +262,7 @@ async def follow_job(
     async with aclosing(until(services_of(request).stopping, jobs.changes(job.id))) as changes:
         async for state in changes:
             if context.principal.key and not keys.holds(context.principal.key):
-                return  # The key has been revoked.
+                return  # The key has expired or has been revoked.
             # The final state is sent even to a client that has it. Otherwise the client would reconnect for ever.
             if state.final or str(state.revision) != last_event_id:
                 content = job_json(root_of(request), state, partial=await jobs.partial(state))

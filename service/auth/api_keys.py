@@ -250,7 +250,7 @@ def revoke_key(folder: Path, key_id: str) -> ApiKey | None:
     if key_id not in read_keys(folder):
         return None
     with _readable(), connected(folder) as connection:
-        # The first revocation counts: a repeated one must not change the date in the audit.
+        # The first revocation counts: a repeated revocation must not change its date.
         connection.execute("UPDATE api_keys SET revoked = coalesce(revoked, ?) WHERE id = ?", (time.time(), key_id))
     return read_keys(folder).get(key_id)
 

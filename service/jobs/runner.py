@@ -356,7 +356,7 @@ class CaseRunner:
             # No client waits for a job, so it can wait until there is a worker again.
             await asyncio.sleep(NO_WORKER_SECONDS)
         if again:
-            # The cases return to the front of the queue, in their order, so that results remain in order.
+            # The cases return to the front of the queue, in their order, so that results remain roughly in order.
             run.waiting.extendleft(reversed(again))
             self._begin_chunk(run)
 

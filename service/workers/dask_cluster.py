@@ -259,7 +259,7 @@ class Cluster:
         )
         try:
             self.client = await connecting
-        except (OSError, ValueError) as error:  # No program or one that is no scheduler listens at the address.
+        except (OSError, ValueError) as error:  # Nothing, or a program other than a scheduler, listens there.
             log.debug("no Dask scheduler at %s: %s", self.address, error)
             await in_time(connecting.close, CONNECT_SECONDS)
         else:
