@@ -327,7 +327,7 @@ def test_problems_of_the_input_end_with_status_2_and_others_with_1(kind: str, st
 
 
 class Moody(BaseHTTPRequestHandler):
-    """A service that answers each request by the next of its moods: 503, no answer, or 200 if the key is right."""
+    """A service whose `moods` give the answers in turn: 503, none, or 200 (401 with a wrong key)."""
 
     moods: ClassVar[list[str]] = []
 

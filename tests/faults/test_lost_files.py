@@ -28,7 +28,7 @@ def lose_jobs(server: RestartableServer, choice: random.Random) -> int:
 
 
 def rebuild_index(server: RestartableServer, choice: random.Random) -> int:
-    """Remove the index, and rebuild it with the command."""
+    """Remove the index, and rebuild it with `ricochet cache rebuild`."""
     _remove(server.data / INDEX, choice)
     server.command("cache", "rebuild")
     return 0
