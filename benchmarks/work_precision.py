@@ -1,9 +1,9 @@
-"""CPU time against error of the critical angle, for both routes and many settings.
+"""CPU time against error of the critical angle, for both numerical methods and many settings.
 
     python benchmarks/work_precision.py [--quick]
 
 With every setting, the critical angle of the paper's strike is searched by outcome over the default range, to a bracket
-far narrower than the errors, so that times and errors are those of the route. The reference is finer than all settings.
+far narrower than the errors, so that times and errors are those of the method. The reference is finer than any setting.
 Takes about five minutes; `--quick` uses a few fast settings.
 """
 
