@@ -138,7 +138,7 @@ async def test_pool_recovers_from_the_death_of_its_template(pool: ProcessPool) -
 async def test_workers_are_replaced_after_the_folder_for_temporary_files_was_emptied(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """`systemd-tmpfiles --clean` empties it, for example."""
+    """`systemd-tmpfiles --clean` empties that folder, for example."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     program = f"""
 import asyncio, os, shutil, signal
