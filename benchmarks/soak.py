@@ -142,7 +142,7 @@ class Record:
 
 
 class Owner:
-    """A client with an API key that repeats unanswered requests while the server is down.
+    """A client with an API key that repeats requests that are not answered, or answered with 429 or 503.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class Owner:
         self._number, self._sweeps = number, 0
 
     def send(self, method: str, path: str, expected: frozenset[int] = frozenset({200}), **more: Any) -> httpx.Response:
-        """Send a request until it is answered; the status must be one of `expected`."""
+        """Send a request until its status is neither 429 nor 503; the status must be one of `expected`."""
         deadline = time.monotonic() + PATIENCE_SECONDS
         while time.monotonic() < deadline:
             with suppress(httpx.TransportError):
@@ -262,7 +262,7 @@ class Owner:
             self.cancel()
 
     def cancel(self) -> None:
-        """Submit a job of new cases and cancel it after a random time."""
+        """Submit a batch and cancel it after a random time of up to a second."""
         job = self.batch()
         self.submit(job)
         time.sleep(self._choice.uniform(0.0, 1.0))

@@ -235,7 +235,7 @@ class Effect:
 
 
 def effect_of(attack: Attack, target: Target, token: str, attacker_token: str) -> Effect:
-    """Run an attack while another owner sends queries; return its effect on them."""
+    """Run an attack while another owner sends queries; return its effect on these queries."""
     attacker, stop = Attacker(target, attacker_token), threading.Event()
     if attack is event_streams:  # Only these need a job, which would occupy workers during other attacks.
         attacker.job = submit_job(attacker)
@@ -260,7 +260,7 @@ def effect_of(attack: Attack, target: Target, token: str, attacker_token: str) -
 
 
 def query(target: Target, token: str, more: Callable[[], bool]) -> int:
-    """Request cached and new critical angles in turn while `more()` is true, at least `QUERIES`; return how many."""
+    """Request at least `QUERIES` critical angles, cached and new in turn, while `more()` is true; return the number."""
     connection = HTTPConnection("127.0.0.1", target.port, timeout=60.0)
     headers = {"Content-Type": "application/json", "Authorization": f"Bearer {token}"}
     answered = 0

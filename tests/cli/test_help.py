@@ -72,7 +72,7 @@ def examples_of(text: str) -> list[list[str]]:
 
 
 def test_help_does_not_wait_for_the_libraries_of_the_solver() -> None:
-    """The help of all commands is printed in one process, with the heavy libraries loaded after each command."""
+    """One process prints the help of every command and, after each, the heavy libraries that are loaded by then."""
     program = f"""
 import sys
 from service.cli import main

@@ -67,7 +67,7 @@ def test_angle_is_one_line_and_warnings_another(here: Path, capsys: pytest.Captu
     assert shown.out in verbose.out
     assert len(verbose.out.splitlines()) > len(found["iterations"])
     assert all(warning["detail"] in verbose.err for warning in found["warnings"])
-    # Extrapolating S matters relative to the scatter of the paper's four tests, not to that of the law.
+    # The shift by the extrapolation of S is large beside the scatter of the paper's four tests, not beside the law's.
     moved = ["--velocity", "500", "--set", "strength_scatter=paper_table_1"]
     assert cli.main(["cra", "strike.toml", *moved]) == 0
     assert capsys.readouterr().err == "1 warning (-v explains): strength_fit_extrapolated\n"

@@ -1,4 +1,4 @@
-"""Bending stress of the projectile, compared with independent values, closed forms, scaled strikes and other routes."""
+"""Bending stress of the projectile, compared with independent values, closed forms, scaled strikes and both methods."""
 
 import math
 from dataclasses import replace
@@ -92,7 +92,7 @@ NEEDLE = Projectile(nose=Conical(length_to_diameter=0.5), diameter=0.02, length=
 
 @pytest.mark.parametrize("route", ROUTES)
 def test_moment_in_a_beam_struck_at_its_end_equals_the_closed_form(route: str) -> None:
-    """F and a couple C at the end of a free beam cause a moment of F x (1 - x/L)² + C (1 - 3 (x/L)² + 2 (x/L)³)."""
+    """A force F and a couple C at the end cause the moment F x (1 - x/L)² + C (1 - 3 (x/L)² + 2 (x/L)³)."""
     impact = Impact(velocity=100.0, oblique_angle=math.radians(20.0))
     nose_only = replace(ROUTES[route], termination_time=1e-4)
     run = simulate(

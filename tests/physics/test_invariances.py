@@ -112,7 +112,7 @@ def test_motion_does_not_depend_on_units(strike: dict[str, Any], length: int, sp
 @few
 @given(strikes())
 def test_kinetic_energy_never_increases(strike: dict[str, Any]) -> None:
-    """From one output time to the next it may grow by 10⁻⁶ of the initial energy, the accuracy of a run."""
+    """From one output time to the next the energy may grow by 10⁻⁶ of its initial value, the accuracy of a run."""
     energy = history(run(strike, samples_a_transit=200)).kinetic_energy
     assert np.diff(energy).max(initial=0.0) < 1e-6 * energy[0]
 
@@ -120,7 +120,7 @@ def test_kinetic_energy_never_increases(strike: dict[str, Any]) -> None:
 @few
 @given(strikes())
 def test_work_of_the_resistance_equals_the_energy_lost(strike: dict[str, Any]) -> None:
-    """They agree to 10⁻⁶ of the initial energy.
+    """The work and the lost energy agree to 10⁻⁶ of the initial energy.
 
     The power is integrated by Gauss points within each step, because it jumps between steps.
     """
