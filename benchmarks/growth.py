@@ -270,7 +270,7 @@ def copy_job(path: Path, size: int) -> None:
 
 
 def draw(curves: Sequence[Curve], path: Path) -> None:
-    """Draw every curve with its line, on a logarithmic scale if the sizes span a decade or more."""
+    """Draw every curve with its line; axes are logarithmic if their values span more than a decade."""
     with styled():
         rows = -(-len(curves) // 3)
         figure, axes = panels(len(curves), rows=rows, height=2.2 * rows)

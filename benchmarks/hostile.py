@@ -42,7 +42,7 @@ TICK_SECONDS = 0.001
 PATIENCE_SECONDS = 30.0
 """Time after which a service that does not report its blocked time is killed and started again. [s]"""
 SHORT, LONG = 100 * 1024, 1_900_000
-"""Lengths just below the limits on the body of a single request and on that of a batch. [bytes]"""
+"""Lengths within the limits on the body of a single request and on that of a batch. [bytes]"""
 HEADERS = {
     *("accept", "accept-encoding", "access-control-request-headers", "access-control-request-method", "authorization"),
     *("connection", "content-encoding", "content-length", "content-type", "cookie", "expect", "forwarded", "host"),

@@ -19,7 +19,7 @@ from solver import Numerics, RicochetError, Search, warm_up
 BRACKET_DEG = 1e-5
 REPETITIONS = 3
 REPEATED_BELOW = 0.5
-"""Time above which a search is measured once only. [s]"""
+"""Searches that take less CPU time than this are measured `REPETITIONS` times, others once. [s]"""
 FINEST = Numerics(method="adaptive", relative_tolerance=1e-8, stations=32, points=16)
 
 QUADRATURES = ((4, 3), (6, 4), (8, 4), (16, 8))

@@ -35,7 +35,7 @@ def rebuild_index(server: RestartableServer, choice: random.Random) -> int:
 
 
 def damage_index(server: RestartableServer, choice: random.Random) -> int:
-    """Overwrite a page of the index."""
+    """Overwrite 4096 bytes of the index."""
     return _overwrite(server.data / INDEX, choice, 4096)
 
 
