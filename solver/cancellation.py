@@ -59,7 +59,7 @@ class Cancellation:
 
         answer = cancellation.run(critical_angle, projectile=projectile, target=target, velocity=238.0)
 
-    In another thread, after which the first one raises `CancelledError` within a step::
+    In another thread; the first thread then raises `CancelledError` within a step::
 
         cancellation.cancel()
     """

@@ -89,7 +89,7 @@ def column_attributes(name: str, values: Any, *kinds: type) -> dict[str, str]:
 
 
 def dataframe(columns: Mapping[str, npt.NDArray[np.generic]], *kinds: type, index: str | None = None) -> DataFrame:
-    """Return the columns as a ``pandas.DataFrame``, with the units of those that have one in its `attrs`.
+    """Return the columns as a ``pandas.DataFrame``, with the units of columns that have one in its `attrs`.
 
     Parameters
     ----------

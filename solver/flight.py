@@ -18,7 +18,7 @@ GRAVITY = 9.80665
 TUMBLING_DRAG = 1.0
 """Default drag coefficient, of a tumbling body on its mean projected area. [1]"""
 # With this tolerance distances are accurate to a millimetre in a kilometre, and vary smoothly enough with the elevation
-# for the search for the farthest one.
+# for the search for the largest distance.
 TOLERANCE = 1e-10
 """Relative tolerance of the integration. [1]"""
 # The derivative of the distance is zero at its maximum, so the relative error of the distance is of the order of the

@@ -1,10 +1,10 @@
 """Empirical formulas for a hard projectile on a concrete wall, each with its source and its range.
 
 The formulas give the depth in thick concrete, and the thicknesses below which the rear of a wall scabs and below which
-it is perforated. They were fitted to different tests and differ by 50 % and more, so that their spread is worth more
-than any one of them. None includes an angle. As is common practice, an oblique strike is represented by the normal
+it is perforated. They were fitted to different tests and differ by 50 % and more, so that their spread tells more than
+any single result. No formula includes an angle. As is common practice, an oblique strike is represented by the normal
 component of its velocity. Some formulas were fitted to flat noses and have no factor for others. Their sources do not
-state the error for pointed noses, so these are out of range.
+state the error for pointed noses, which therefore count as out of range.
 """
 
 import math

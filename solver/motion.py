@@ -26,7 +26,7 @@ from solver.loads import (
 from solver.surface import CENTRED, Body, Panels, deepest_offset, deepest_point
 from solver.surface_integration import Law
 
-# A narrower ramp makes the equations stiffer; with a wider one the body creeps faster where it should rest. This one
+# A narrower ramp makes the equations stiffer; with a wider one the body creeps faster where it should rest. This width
 # changes the depth in normal impact by less than 1e-5 of it, as a test checks.
 RAMP_FRACTION = 1e-4
 """Normal velocity over which the static stress builds up, as a fraction of the impact velocity. [1]"""

@@ -36,8 +36,8 @@ MOST_DIAMETERS = 1000.0
 # No projectile stays rigid at the upper end.
 VELOCITIES = (1.0, 2000.0)
 """Range of velocities searched. [m/s]"""
-# The outcome need not be monotonic, and the first change is sought: larger steps could pass over it, smaller ones take
-# more trials. The factor is a rough choice.
+# The outcome need not be monotonic, and the first change is sought: larger ratios could pass over it, and smaller
+# ratios take more trials. The factor is a rough choice.
 GROWTH = 1.5
 """Ratio of the values of consecutive trials until the outcome changes. [1]"""
 # A bracket of this width is far below the effect of the scatter of S, and takes about twelve bisections.
@@ -198,7 +198,7 @@ def least_thickness(
 
     Notes
     -----
-    Each wall tried is half as thick again as the one before until one holds; bisection follows. A second search finds
+    Each wall tried is 1.5 times as thick as the one before until a wall holds; bisection follows. A second search finds
     the least thickness with which no part of the projectile comes out of the rear face. A wall that is not perforated
     by the termination time, or before the projectile has turned by more than 360°, counts as one that holds, with a
     warning if it is next to the change. Without a plug and a crater, see `Resistance`, real walls have to be thicker
@@ -270,7 +270,7 @@ def limit_velocity(
 
     Notes
     -----
-    Each velocity tried is half as high again as the one before, from 1 m/s, until one perforates; bisection follows. A
+    Each velocity tried is 1.5 times the one before, from 1 m/s, until a velocity perforates; bisection follows. A
     second search finds the greatest velocity at which no part of the projectile comes out of the rear face. A wall that
     is not perforated by the termination time counts as one that holds, with a warning if it is next to the change.
 

@@ -219,7 +219,7 @@ def check_case(projectile: Projectile, target: Target) -> None:
     Raises
     ------
     ParameterError
-        If one of them is of another type, such as a list.
+        If the projectile or the target is of another type, such as a list.
     """
     require_one("projectile", projectile, Projectile)
     require_one("target", target, Target)

@@ -299,7 +299,7 @@ class PublishedTests:
         return law.polynomial(target=target, projectile=projectile, decay=decay)
 
 
-# No laboratory fires as many shots into one concrete.
+# No laboratory fires that many shots into one concrete.
 MOST_SHOTS = 1000
 """Largest number of own tests."""
 NORMAL_QUANTILE = 1.6448536
@@ -310,7 +310,8 @@ PLAUSIBLE_FACTORS = (2.0, 60.0)
 """Smallest and largest S accepted from a shot. [1]"""
 # For a single shot this is as far as 3 standard deviations of the normal distribution with the same 90 % interval.
 FAR_OFF = 2.5
-"""Deviation of a shot from the prediction by the other shots, over its dispersion, that leads to a warning. [1]"""
+"""Deviation of ln S of a shot from the prediction by the other shots, over the dispersion of that prediction, above
+which a warning is given. [1]"""
 SLIPS: tuple[tuple[str, float, str], ...] = (
     ("depth", 1e-3, "millimetres given as metres"),
     ("depth", 1e-2, "centimetres given as metres"),
@@ -358,7 +359,7 @@ def student_dispersion(scale: float, degrees_of_freedom: float) -> float:
 
 
 def tail_ratio(degrees_of_freedom: float) -> float:
-    """Return the 90 % interval of Student's distribution over that of a normal one of the same scale. [1]"""
+    """Return the 90 % interval of Student's distribution over that of the normal one of the same scale. [1]"""
     from scipy.special import stdtrit  # noqa: PLC0415 (takes long to import)
 
     return float(stdtrit(degrees_of_freedom, 0.95)) / NORMAL_QUANTILE

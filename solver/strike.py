@@ -91,7 +91,7 @@ class Numerics:
     panels
         Number of surface elements of the panel method. The reference runs used 96,000. [1]
     time_step
-        Step of the panel method, from a hundredth to a hundred times that of the paper, 0.01 ms. [s]
+        Step of the panel method; that of the paper, 0.01 ms, unless given. [s]
     relative_tolerance
         Error of one step of the adaptive method, over the scale of the motion. Unless given, 3e-7 for a trajectory,
         which balances energy to 1e-6, and 3e-4 for a search, which uses a finer level where the angle is in doubt. [1]

@@ -325,7 +325,7 @@ def whole(count: int) -> np.uint64:
 
 @lean
 def integrate_rings(rows: FloatArray, count: int, full: int, points: FloatArray, law: Law, bounded: bool) -> None:
-    """Integrate the stress around the first `count` rings and around the first `full` fully resisted ones."""
+    """Integrate the stress around the first `count` rings and the first `full` fully resisted rings."""
     if count > 0:
         end = whole(count)
         if bounded:

@@ -40,7 +40,7 @@ from solver.warnings import EQUATION_9_DIAMETER, EQUATION_9_STRENGTH
 if TYPE_CHECKING:
     import xarray
 
-# A sweep over 100,000 points takes minutes to hours. A larger one is more likely a mistake in the axes.
+# A sweep over 100,000 points takes minutes to hours. A larger sweep is probably a mistake in the axes.
 MOST_POINTS = 100_000
 """Largest number of points of a grid."""
 ANY_VELOCITY = 1.0

@@ -156,7 +156,7 @@ STAGE_WEIGHTS = np.array(
 # The first four rows are those of GRK4T. The fifth is this package's own: no stage evaluates the load beyond 0.88 of a
 # step, so a load that begins after that is seen only at the end. Solving the fifth row for the change of the rates from
 # start to end of the step cancels the other stages up to order 3. Without it 26 of 400 runs lost energy unnoticed, with
-# it one.
+# it one run did.
 COUPLINGS = np.array(
     [
         [0.0, 0.0, 0.0, 0.0],

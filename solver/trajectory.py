@@ -331,8 +331,8 @@ def _history(run: Run, steps: FloatArray, model: Model, sample_interval: float) 
     times = np.concatenate((times[times < run.time * (1.0 - 1e-12)], [run.time]))
     states = sample(steps, times) if len(steps) else np.repeat(run.state[None, :], times.size, axis=0)
     states[-1] = run.state
-    # The final load is evaluated, as it is in `Trajectory.final`; earlier ones are the slope of the interpolated
-    # motion, see `sample_accelerations`.
+    # The final load is evaluated, as in `Trajectory.final`; earlier loads follow from the slope of the interpolated
+    # velocities, see `sample_accelerations`.
     loads = sample_loads(states[-1:], model)
     if len(steps):
         inertia = np.array([model.body.mass, model.body.mass, model.body.moment_of_inertia])

@@ -47,7 +47,7 @@ SI_UNITS: Mapping[str, Unit] = {
     "ms": Unit("ms", 1e3),
     "%": Unit("%", 100.0),
 }
-"""Units of SI texts by their symbols; any other symbol stands for a coherent SI unit."""
+"""Units of SI texts by their symbols; any other symbol is shown as it is, with a factor of 1."""
 US_UNITS: Mapping[str, Unit] = {
     "m": Unit("ft", 1.0 / FOOT),
     "mm": Unit("in", 1.0 / INCH, 1),
