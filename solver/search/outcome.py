@@ -130,8 +130,8 @@ def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[i
     is kept is halved. Each trial keeps a distance from both ends, and a bracket that `PATIENCE` trials have not halved
     is bisected.
     """
-    # Newton's method and the secant method keep no bracket, which is the result here. Brent's method keeps one too, but
-    # does not place the last trial so that the bracket is within the tolerance.
+    # The result is the bracket, and Newton's method and the secant method keep none. Brent's method keeps one, but does
+    # not place the last trial so that the bracket is within the tolerance.
     trials, tolerance = search.table.rows, level.tolerance
     rising = turned_away(trials[right])
     margin_left, margin_right = trials[left, MARGIN], trials[right, MARGIN]
@@ -190,7 +190,7 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
             for i in range(begun, count):
                 trials[i, FINE] = 0.0  # the last level replaces these trials
         begun = count
-        # The bracket of a coarser level need not contain the change of a finer one, which is bracketed anew.
+        # The bracket of a coarser level need not contain the change on a finer level, where it is bracketed anew.
         if k > first:
             left, right = _bracket(left, right, tried, levels[k], search)
         if left == right:

@@ -144,7 +144,7 @@ class CriticalAngle:
     iterations: tuple[Trial, ...]
     """All trials, in the order of computation."""
     other_crossings: tuple[float, ...]
-    """Other angles in the range at which the outcome changes, either way. [rad]"""
+    """Other angles in the range at which ricochet begins or ends. [rad]"""
     warnings: tuple[ModelWarning, ...]
     standard_error: float | None = None
     """Standard error of the critical angle, from the covariance of the strength factor, if that was given. [rad]"""
@@ -242,7 +242,7 @@ class Change:
     bracket: tuple[float, float] | None = None
     """Angles on the two sides of the change to ricochet at `angle`. [rad]"""
     other_crossings: tuple[float, ...] = ()
-    """Angles of all other changes to and from ricochet. [rad]"""
+    """Other angles at which ricochet begins or ends. [rad]"""
     starts_turned_away: bool = False
     """True if the projectile is turned away at the lower end of the range."""
     deciding: tuple[Trial, ...] = ()

@@ -255,7 +255,7 @@ class Lognormal:
 
     def value(self, z: FloatArray) -> FloatArray:
         """Return the input at values of the standard variable."""
-        # In factors, 1 - z² keeps its relative accuracy near z = ±1, which stands for very large and small numbers.
+        # As (1 - z)(1 + z), 1 - z² keeps its relative accuracy near z = ±1, where the number is very large or small.
         middle, _ = self._logarithm
         return np.asarray(np.exp(middle + z / np.sqrt((1.0 - z) * (1.0 + z))), float)
 

@@ -42,7 +42,7 @@ class Crossings(NamedTuple):
     """Result of a search for the critical angle, as a study stores it."""
 
     angles: tuple[float, ...] = ()
-    """Angles at which the outcome changes, in increasing order. [rad]"""
+    """Angles at which ricochet begins or ends, in increasing order. [rad]"""
     starts_turned_away: bool = False
     """True if the projectile is turned away at the lower end of the range."""
     problem: Problem = ""
@@ -66,7 +66,7 @@ class Crossings(NamedTuple):
 
     @property
     def simple(self) -> bool:
-        """True if there is exactly one change of outcome, from retained to turned away."""
+        """True if ricochet begins at one angle in the range and does not end."""
         return not self.problem and len(self.angles) == 1 and not self.starts_turned_away
 
 

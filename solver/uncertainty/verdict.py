@@ -169,7 +169,7 @@ class Verdict:
     standard_error: float | None = None
     """Standard error of the critical angle, from the covariance of the strength factor; None without one. [rad]"""
     other_crossings: tuple[float, ...] = ()
-    """Other angles at which the outcome changes. [rad]"""
+    """Other angles at which ricochet begins or ends. [rad]"""
     oblique_angle: float | None = None
     """Angle to judge, if any. [rad]"""
     outcome: Outcome | None = None

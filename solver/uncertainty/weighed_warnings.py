@@ -20,9 +20,9 @@ HELD = "strength_held"
 # includes the results of both.
 HELD_EARLIER = math.radians(55.0)
 """Smaller angle from which S by eq. 9 may be held constant. [rad]"""
-# An effect that is small beside the scatter should not distract from other warnings. A quarter is a rough choice.
+# An effect that is small relative to the scatter should not distract from other warnings. A quarter is a rough choice.
 LITTLE = 0.25
-"""Largest shift of the angle, as a fraction of its 90 % range, up to which a warning is a standing note. [1]"""
+"""Largest shift of the angle, over the width of its 90 % range, with which a warning is a standing note. [1]"""
 MOVES = {
     RETENTION_DECIDES: "with those thresholds it moves by",
     EXTRAPOLATED: f"with S from {math.degrees(ObliquityPolynomial.fitted_to):g}° on as it is there, the angle moves by",
