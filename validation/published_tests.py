@@ -36,7 +36,7 @@ from validation.strength_law import strength_law_section
 from validation.walls import walls_section
 
 ALIKE = 0.05
-"""Relative difference up to which two speeds count as equal. [1]"""
+"""Relative difference below which two speeds count as equal. [1]"""
 
 
 def tests_section(assessment: Assessment) -> Section:

@@ -202,7 +202,7 @@ def _write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[objec
 
 
 def _cell(value: object) -> object:
-    """Return a value as text for CSV, numbers with nine digits; "" for None."""
+    """Return a value for CSV: floating-point numbers as text with nine digits, "" for None and NaN."""
     if value is None:
         return ""
     if isinstance(value, float):

@@ -33,8 +33,8 @@ from solver.warnings import ModelWarning
 # S are smooth.
 FIT_TOLERANCE = 1e-6
 """Default relative tolerance of the runs of a fit. [1]"""
-# With these settings motions are accurate to a tenth of a millimetre, which is enough to find the valleys, in a
-# fraction of the time.
+# With these settings motions are accurate to a tenth of a millimetre, which is enough to find the local minima and
+# takes a fraction of the time.
 ROUGH = Numerics(relative_tolerance=1e-3, stations=5, points=3)
 """Numerical settings of the runs before the fit."""
 # The outcome may change with S, and each outcome has its own minimum of the sum of squares. With 41 values,
@@ -49,7 +49,7 @@ FEWEST_SAMPLES = 2.0
 """Least number of independent samples of a quantity."""
 # Two minima whose sums of squares differ by less than half are both possible; the value is a rough choice.
 RIVAL = 1.5
-"""Largest ratio of the sum of squares at another minimum to the least one with which that minimum is reported. [1]"""
+"""Ratio of the sum of squares at another minimum to the least one, below which that minimum is reported. [1]"""
 # A good fit of a smooth motion explains more than 99 % of the variance. The value is a rough choice.
 POOR = 0.9
 """Fraction of the variance explained, below which a fit is called poor. [1]"""

@@ -182,7 +182,7 @@ def _standard_error(
 
     If the strength factor has a covariance, two more searches are run, with S one standard error lower and higher.
     """
-    # A central difference over one standard error to either side also holds where the angle is not linear in S. Only
+    # A central difference over one standard error to either side stays accurate if the angle is not linear in S. Only
     # the constant of the polynomial is shifted, by the standard error of S at the critical angle, since only trials
     # near that angle affect the result.
     model = prepared.resistance.strength_factor
@@ -395,7 +395,7 @@ def _turned_away(trial: Trial) -> bool:
 
 
 def _first_onset(brackets: list[tuple[Trial, Trial]], trials: tuple[Trial, ...]) -> Change:
-    """Return the first change to ricochet among `brackets`, which are in increasing order of the angle."""
+    """Return the first change to ricochet among `brackets`, in increasing order of the angle, or why there is none."""
     starts = _turned_away(brackets[0][0] if brackets else trials[-1])
     deciding = tuple(trial for bracket in brackets for trial in bracket)
     onsets = [index for index, (_, right) in enumerate(brackets) if _turned_away(right)]

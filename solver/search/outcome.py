@@ -130,7 +130,7 @@ def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[i
     is kept is halved. Each trial keeps a distance from both ends, and a bracket that `PATIENCE` trials have not halved
     is bisected.
     """
-    # The result is the bracket, and Newton's method and the secant method keep none. Brent's method keeps one, but does
+    # The result is a bracket, which Newton's method and the secant method do not keep. Brent's method does, but it does
     # not place the last trial so that the bracket is within the tolerance.
     trials, tolerance = search.table.rows, level.tolerance
     rising = turned_away(trials[right])
@@ -217,7 +217,7 @@ CLEAR = 0.15
 """Absolute margin of two adjacent trials with the same outcome above which a scan skips the angles between. [1]"""
 # Coarse trials within this margin may have the wrong outcome, which would place the change between the wrong angles.
 UNSURE = 0.95
-"""Absolute margin over the retention energy below which a coarse trial is repeated on the requested level. [1]"""
+"""Ratio of the absolute margin to the retention energy, below which a coarse trial is repeated. [1]"""
 HALF_DEGREE = math.radians(0.5)
 # The increase should be small enough for a linear effect, and that effect larger than the error of a trial. Two per
 # cent are a rough choice.

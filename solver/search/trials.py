@@ -228,7 +228,7 @@ def has_strength(oblique_angle: float, strength: Strength) -> bool:
 
 @lean
 def _margin(end: int, state: FloatArray, model: Model, energy: float, retention: float, sought: int) -> float:
-    """Return the margin of a trial: above zero if it ended as sought, below zero if not. [1]
+    """Return the margin of a trial: above zero if it ended as sought with the retention energy or more, else below. [1]
 
     The margin is the energy left minus the retention energy, over the initial energy. It varies smoothly with the angle
     on both sides of zero, so that secants converge. If the projectile did not leave through the face sought, the margin

@@ -42,8 +42,8 @@ from solver.uncertainty.sampling import (
 from solver.uncertainty.surrogate import Expansion, Moments, direct_indices, expansion_moments, fit_expansion
 from solver.warnings import ModelWarning
 
-# An error of 0.1° is far below the usual scatter of the angle, some degrees, and the samples correct what remains of
-# it.
+# An error of 0.1° is far below the usual scatter of the angle, some degrees, and the samples correct its effect on the
+# probabilities.
 SURROGATE_ERROR = math.radians(0.1)
 """Largest root mean square error at held-out points with which the surrogate is used. [rad]"""
 # An evaluation of the surrogate takes microseconds, and this number of points makes its sampling error negligible.

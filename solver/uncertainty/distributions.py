@@ -34,7 +34,7 @@ FREEDOM = (1.0, 1e6)
 # The least probability is half a cell of the sample points, which have 30 bits.
 TINY = 2.0**-31
 """Least probability of a sample. [1]"""
-# The tolerance admits weights that are written with nine or more digits.
+# The tolerance accepts weights that are rounded to ten or more decimals.
 WEIGHTS_SUM = 1e-9
 """Largest difference of the sum of weights from 1. [1]"""
 

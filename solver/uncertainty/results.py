@@ -313,7 +313,7 @@ class TrajectoryUncertainty:
     """Quantiles of the distance of flight after a ricochet, by the names ``range`` and ``farthest_range`` of
     `solver.Flight`; empty unless a flight was requested. [1, m]"""
     perforation_flight: FlightQuantiles
-    """Quantiles of the distance of flight behind a wall, by the same names. [1, m]"""
+    """Quantiles of the distance of flight behind a wall, by the names in `ricochet_flight`. [1, m]"""
     convergence: tuple[Round, ...]
     """Number of samples and half width after each round."""
     converged: bool

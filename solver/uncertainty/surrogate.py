@@ -56,7 +56,7 @@ class Shape(NamedTuple):
 
 # Order 5 has 792 terms for seven inputs, which is about as many as the usual samples can determine.
 SHAPES = tuple(Shape(order) for order in range(1, 6))
-"""Shapes tried for all inputs."""
+"""Shapes tried in every fit."""
 # The effect of an input that spans a large factor levels off, which takes high orders, while the effect of other inputs
 # is nearly linear. With these shapes 128 points instead of 256 give the angle over a factor of five in S to 0.06°.
 WIDE_SHAPES = (
@@ -75,7 +75,7 @@ RESAMPLES, BATCH = 499, 50
 """Number of bootstrap resamples, and of those held in memory at a time."""
 # An interval of a deterministic result must not be narrower than its rounding error.
 ROUNDING = 1e-12
-"""Least half width of an interval, over the value. [1]"""
+"""Least half width of an interval, over the larger of the value and 1. [1]"""
 
 
 class Basis:
