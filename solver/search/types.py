@@ -17,7 +17,7 @@ SearchMethod: TypeAlias = Literal["outcome", "bisection", "secant"]
 
 
 class SearchStatus(StrEnum):
-    """Result of a search: an angle, or the reason why there is none."""
+    """Status of a search: it found an angle, or the reason why there is none."""
 
     CONVERGED = "converged"
     NO_RICOCHET = "no_ricochet"
@@ -107,7 +107,7 @@ class Trial:
     final_position: float
     """Depth of the nose tip at the end of the trial, or at the termination time in the searches of the paper. [m]"""
     outcome: Outcome
-    """Outcome of the trial."""
+    """Outcome of the run."""
     fine: bool = True
     """True at the final resolution. Other trials only narrow the range to search: they are less accurate, and may have
     the wrong outcome within a degree of the critical angle."""
@@ -139,11 +139,12 @@ class CriticalAngle:
     """Smallest oblique angle, from the normal, at which the projectile is turned away, if there is one. In a search by
     outcome it is the upper end of the final bracket, at which a trial ended in ricochet. [rad]"""
     bracket: tuple[float, float] | None
-    """Angles on the two sides of the change of outcome, at the end of the search. [rad]"""
+    """Angles on the two sides of the change of outcome at the end of the search; with ``secant``, the
+    last two angles. [rad]"""
     iterations: tuple[Trial, ...]
     """All trials, in the order of computation."""
     other_crossings: tuple[float, ...]
-    """Other angles in the range at which the outcome changes, either way. [rad]"""
+    """Other angles in the range at which ricochet begins or ends. [rad]"""
     warnings: tuple[ModelWarning, ...]
     standard_error: float | None = None
     """Standard error of the critical angle, from the covariance of the strength factor, if that was given. [rad]"""
@@ -241,7 +242,7 @@ class Change:
     bracket: tuple[float, float] | None = None
     """Angles on the two sides of the change to ricochet at `angle`. [rad]"""
     other_crossings: tuple[float, ...] = ()
-    """Angles of the other changes of outcome. [rad]"""
+    """Other angles at which ricochet begins or ends. [rad]"""
     starts_turned_away: bool = False
     """True if the projectile is turned away at the lower end of the range."""
     deciding: tuple[Trial, ...] = ()
