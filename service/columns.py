@@ -139,8 +139,8 @@ def trial_columns(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
 def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     """Return the row of an answer in a table, by column; absent fields are left out.
 
-    Numbers and texts at the top of the answer are copied under their names. Any other `Column` needs a line here, or
-    stays empty.
+    Numbers and texts at the top level of the answer are copied under their names. A column for a nested field needs a
+    line here; without one it stays empty.
     """
     row: dict[str, Any] = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
     for part in ("final", "exit", "protrusion"):

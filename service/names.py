@@ -1,6 +1,6 @@
 """Display names of choices, inputs, outcomes and formulas of the contract, shared by page, reports and command line.
 
-The module imports nothing, because `ricochet --help` and completion load it.
+The module imports the standard library only, because `ricochet --help` and completion load it.
 """
 
 from collections.abc import Mapping

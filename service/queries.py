@@ -32,7 +32,7 @@ MEMORY_SECONDS = 30.0
 SHORTEST_SECONDS = 0.05
 """Shortest window [s]. The first chunk of a job may take less, and its rate would be nearly infinite."""
 STEP_SECONDS = 0.5
-"""Time within which completed cases share one entry of the window, so that it has at most 60 entries. [s]"""
+"""Time within which completed cases share one entry of the window, so that it has about 60 entries at most. [s]"""
 LONGEST_WAIT_SECONDS = 3600
 """Longest wait that is announced [s]. A rate measured over half a minute says nothing about a later time."""
 CASE_SECONDS = 0.02
@@ -418,10 +418,10 @@ class QueryService:
                 json, outcome = result.value
                 outcomes.append(self._record(operation, case, json, outcome))
         records = {outcome.key: outcome for outcome in outcomes if isinstance(outcome, Record)}
-        known = self.cache.known(list(records))  # Another chunk may have stored some since they were looked up.
+        known = self.cache.known(list(records))  # Another chunk may have stored some of these results meanwhile.
         segments: Sequence[Segment] = results[-1].value or () if results and results[-1].error is None else ()
         missing = [record for key, record in records.items() if key not in known]
-        # A file of the worker is stored as it is only if every result in it is missing here.
+        # A file that a worker has written is stored as it is only if the cache has none of its results.
         segments = [segment for segment in segments if all(key in records and key not in known for key in segment[0])]
         records |= {record.key: record for record in self.cache.put_many(missing, segments)}
         return [records[outcome.key] if isinstance(outcome, Record) else outcome for outcome in outcomes]

@@ -241,7 +241,7 @@ def span_within(
 async def finish_traces(provider: trace.TracerProvider, seconds: float) -> None:
     """Send the remaining spans, and wait at most `seconds` for it. [s]"""
     # The thread is a daemon so that a collector that does not answer cannot keep the process alive.
-    sending = threading.Thread(target=getattr(provider, "shutdown"), daemon=True)  # noqa: B009 (of the SDK alone)
+    sending = threading.Thread(target=getattr(provider, "shutdown"), daemon=True)  # noqa: B009 (a method of the SDK)
     sending.start()
     await run_sync(sending.join, seconds)
 

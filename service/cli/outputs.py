@@ -105,8 +105,8 @@ class OutputFile:
     def open(self, *, keep: bool = False) -> Iterator[TextIO]:
         """Open a temporary file in the same folder, which replaces this file at the end of the block.
 
-        A reader never sees a partial file, and a failure leaves the earlier one. Links are followed, and the mode is
-        kept. Anything but a regular file, such as a pipe, is written in place.
+        A reader never sees a partial file, and a failure leaves the existing file unchanged. Links are followed, and
+        the mode is kept. Anything but a regular file, such as a pipe, is written in place.
 
         Parameters
         ----------
@@ -185,7 +185,7 @@ def _open_beside(path: Path) -> TextIO:
 
 
 def _replace(path: Path, partial_name: str, before: os.stat_result | None) -> None:
-    """Replace a file by a new one, with the owner and mode of the former."""
+    """Replace a file by a new one, and keep its owner and mode."""
     if before is not None:
         with suppress(OSError):  # Only root may change the owner of a file.
             os.chown(partial_name, before.st_uid, before.st_gid)
@@ -242,11 +242,11 @@ def add_output(parser: argparse.ArgumentParser) -> None:
     formats.add_argument(
         "--parquet", action="store_true", help="write the summaries as Parquet; needs the extra parquet at the service"
     )
-    parser.set_defaults(xlsx=False)  # Only a file extension sets it: workbooks are not read from pipes.
+    parser.set_defaults(xlsx=False)  # Only a file extension sets it: a workbook is not printed.
 
 
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add the flag `--plot` for a file; `what` says in its help text what is plotted."""
+    """Add the flag `--plot` for a file; `what` is the part of its help text that describes the plot."""
     add_output_file(parser, "--plot", endings=PLOT, help=f"plot {what}, as .svg, .png or .pdf")
 
 

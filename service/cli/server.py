@@ -32,8 +32,8 @@ SOCKET_FOLDER_BYTES = 70
 TICK_SECONDS = 0.1
 """Interval between checks for a signal during a slow start, short enough for SIGTERM to seem immediate. [s]"""
 MAX_CONNECTIONS = 800
-"""Largest number of open connections. Each takes 10 kB and one of the usual 1,024 file descriptors, of which files and
-workers need some. Further connections are answered with 503."""
+"""Largest number of open connections. Each takes 10 kB and a file descriptor; the usual limit of 1,024 descriptors
+leaves the rest for files and workers. Further connections are answered with 503."""
 IDLE_SECONDS = 10
 """Timeout of an idle connection between two requests [s]. That of deploy/nginx.conf is shorter, so that nginx never
 sends a request on a connection that is being closed here."""

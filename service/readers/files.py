@@ -160,7 +160,7 @@ class Readings:
     path
         The file.
     values
-        Columns of equal length, by quantity. [SI]
+        Columns of equal length, by quantity. [SI; units of the model in the result of `dyna.along`]
     lines
         Line of each row; None for binary files, whose errors give the number of the state instead.
     """
@@ -175,7 +175,7 @@ class Readings:
         return len(next(iter(self.values.values())))
 
     def each_row(self) -> Iterator[dict[str, float]]:
-        """Yield each row as a mapping from quantity to value. [SI]"""
+        """Yield each row as a mapping from quantity to value."""
         for row in range(self.rows):
             yield {name: float(values[row]) for name, values in self.values.items()}
 

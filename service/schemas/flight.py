@@ -1,4 +1,4 @@
-"""Models of the flight after a ricochet: request, answer, and position of the face in other requests."""
+"""Models of the flight after an exit through either face: request, answer, and flight conditions in other requests."""
 
 from enum import StrEnum
 from typing import Annotated, Any

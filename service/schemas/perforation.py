@@ -211,7 +211,9 @@ class LimitSpeedFields(PerforationCase):
     impact: Approach
 
     def resolved(self) -> Self:
-        """Return the request with defaults filled in, except for the end of a run, which depends on its speed.
+        """Return the request with defaults filled in.
+
+        With the adaptive method the termination time stays absent, since it depends on the speed of each run.
 
         Raises
         ------

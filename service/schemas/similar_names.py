@@ -42,7 +42,7 @@ def meant_as(field: str, known: Sequence[str]) -> str:
     """Return the known field that an unknown one is probably meant to be; empty if none is similar.
 
     A common name of the same quantity takes precedence over a similar spelling, and a field of the same object over
-    others. Only fields of a case are suggested from elsewhere, not those of a study or a calibration.
+    fields of other objects. Of the latter only fields of a case are suggested, not those of a study or a calibration.
     """
     holder, _, last = field.rpartition(".")
     name = SEPARATORS.sub("_", last.lower())

@@ -55,7 +55,7 @@ class Axis(Part):
         """Return the values of the axis."""
         if self.values is not MISSING:
             return self.values
-        assert self.start is not MISSING  # noqa: S101 (one of both forms)
+        assert self.start is not MISSING  # noqa: S101 (`_check_form` requires it)
         assert self.stop is not MISSING  # noqa: S101
         assert self.count is not MISSING  # noqa: S101
         if self.count == 1:

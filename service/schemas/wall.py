@@ -58,9 +58,11 @@ class WallQuestion(Part):
     """Largest limit thickness of the formulas within their range, without a margin. [m]"""
     design_m: Num | MISSING = MISSING
     """Design thickness: the limit times 1.2 for perforation and times 1.1 for scabbing (DOE-STD-3014-2006). For
-    perforation it is at least what the model needs with a plug and a crater and without a protrusion. [m]"""
+    perforation it is at least the thickness at which the projectile, in the model with a plug and a crater, does not
+    protrude from the rear face. [m]"""
     formula: str | MISSING = MISSING
-    """Formula that decides the design thickness; `this_model` if the model needs more than the formulas."""
+    """Formula that decides the design thickness; `this_model` if the model requires a thicker wall than the formulas
+    with their margins."""
 
 
 class NormalImpactDesign(Part):
