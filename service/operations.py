@@ -241,7 +241,7 @@ class Operation:
         return once * request.searches
 
     def charge(self, request: Any) -> int:
-        """Return the cost of a request against a quota, where each alternative is a case too. [ordinary cases]"""
+        """Return the cost of a request against a quota; each alternative costs as much as the case. [ordinary cases]"""
         if self.cases is not None:
             return self.cases(request)
         if not isinstance(request, Case):
@@ -250,7 +250,7 @@ class Operation:
 
 
 def compute_trajectory(request: bytes) -> Answer:
-    """Compute the motion of one strike, and its flight after a ricochet if requested."""
+    """Compute the motion of one strike and, if requested, the flight of a body that leaves the target."""
     strike = TrajectoryRequest.model_validate_json(request)
     arguments = strike.arguments()
     with written_in(strike.units):

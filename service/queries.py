@@ -34,7 +34,7 @@ SHORTEST_SECONDS = 0.05
 STEP_SECONDS = 0.5
 """Time within which completed cases share one entry of the window, so that it has about 60 entries at most. [s]"""
 LONGEST_WAIT_SECONDS = 3600
-"""Longest wait that is announced [s]. A rate measured over half a minute says nothing about a later time."""
+"""Longest wait that is announced [s]. A rate measured over half a minute does not predict longer waits."""
 CASE_SECONDS = 0.02
 """Assumed time of an ordinary case on one core until a rate has been measured [s]; such cases take 10 to 20 ms."""
 ABANDONED_SECONDS = 0.5
@@ -43,7 +43,7 @@ one."""
 
 
 def check_work(case: Any, most: float) -> None:
-    """Refuse a case with the method `panels` whose runs would exceed the time limit of a computation.
+    """Refuse a request with the method `panels` that has too many panels and time steps.
 
     Raises
     ------
@@ -409,7 +409,7 @@ class QueryService:
     def _put(
         self, operation: str, cases: Sequence[KeyedRequest], results: Sequence[CallResult]
     ) -> list[Record | Exception]:
-        """Store the results of a chunk in one file, and return the record or the error of each case."""
+        """Store the results of a chunk, and return the record or the error of each case."""
         outcomes: list[Record | Exception] = []
         for case, result in zip(cases, results[: len(cases)], strict=True):
             if result.error is not None:

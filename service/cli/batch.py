@@ -254,7 +254,7 @@ def _left_out(
 
 
 def bad_rows(errors: Iterable[str], *, some_good: bool) -> CommandError:
-    """Return an error with up to `MAX_LISTED` messages, and a hint at `--skip-bad` if some rows are valid."""
+    """Return an error with up to `MAX_LISTED` messages, and a line about `--skip-bad` if some rows are valid."""
     found = list(dict.fromkeys(errors))  # An error in the file of `--case` occurs in every row.
     lines = found[:MAX_LISTED]
     if len(found) > MAX_LISTED:

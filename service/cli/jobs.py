@@ -300,7 +300,7 @@ def pages(client: "Client", job_id: str, report: ProgressReport) -> Iterator[Seq
 
 
 def how_to_continue(job: dict[str, Any], args: argparse.Namespace) -> str:
-    """Return a hint at the commands that continue or stop the job after Ctrl-C."""
+    """Return a hint that names the commands to continue or stop the job after Ctrl-C."""
     if args.url:
         from service.cli.client import without_secrets
 

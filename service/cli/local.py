@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from service.assessment import Query
 
 SMALL_CASES = 100
-"""Largest cost that is computed in this process [ordinary cases]; it takes about as long as the start of a service, a
-second or two."""
+"""Largest cost that is computed in this process [ordinary cases]. The computation then takes about as long as the start
+of a service, a second or two."""
 
 
 def is_small(operation: str, count: int) -> bool:

@@ -16,7 +16,7 @@ from service.cli.arguments import MODEL_NAMES, CommandError, Flag, InputFile, Re
 STDIN = "-"
 MAX_BYTES, MAX_OBJECT = 2**30, 10_000_000
 """Largest file of JSON lines and largest file of one case [bytes]; without a limit, a device such as /dev/zero would be
-read forever. By default a service accepts a fifth of 1 GiB in JSON lines, and 1.3 % of 10 MB in one case."""
+read forever. A service accepts 200 MiB of JSON lines and 128 KiB in one case by default."""
 QUOTED = re.compile(r""""(?:[^"\\\n]|\\.)*+"?|'[^'\n]*+'?""")
 DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
 """Pattern of a key of more than 100 parts outside of quotes. The time of tomllib grows with the square of their number,

@@ -40,7 +40,7 @@ sends a request on a connection that is being closed here."""
 TERMINATED = 143
 """Exit status after SIGTERM, as reported by shells: 128 plus the number of the signal."""
 PROGRESS_SECONDS = 5.0
-"""Interval between lines of the log while the solver is compiled, a rough choice: it takes half a minute. [s]"""
+"""Interval between log entries while the solver is compiled, a rough choice: compilation takes half a minute. [s]"""
 
 log = logging.getLogger(__name__)
 
@@ -92,7 +92,7 @@ class Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start the application and listen, unless a signal to exit arrives before.
 
-        All objects made so far are excluded from garbage collection, which would take 80 ms for them each time.
+        All objects made so far are excluded from later garbage collections, each of which they would slow by 80 ms.
         """
         starting = asyncio.ensure_future(
             self._lifespan.enter_async_context(self._app.router.lifespan_context(self._app))

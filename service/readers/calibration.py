@@ -358,7 +358,7 @@ def _since(readings: Readings, contact: float) -> Readings:
 
 
 def _check_speed(readings: Readings, expected: Expected) -> None:
-    """Raise an error if a motion is far from the speed of the impact, most likely because of a wrong unit."""
+    """Raise an error if a motion is implausible after an impact at this speed, most likely because of a wrong unit."""
     time, impact = readings.values["time"], expected.impact
     free = impact.velocity * time
     share = {

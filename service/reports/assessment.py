@@ -82,7 +82,7 @@ class Assessed:
     scatter: Sequence[Mapping[str, Any]]
     """Uncertain inputs with their distributions, as the study used them."""
     dispersion: float
-    """Standard deviation of the logarithm of S at the stated strength. [1]"""
+    """Standard deviation of the logarithm of S at the given compressive strength. [1]"""
     verdict: Verdict
     advice: str
     """Sentence about how far the user's own shots would narrow the range; empty if that is not known."""

@@ -41,7 +41,7 @@ class Batch(Part, Generic[BatchCase]):
 
 
 class Cases(Part):
-    """Body of a batch before its cases are validated, which happens in parts."""
+    """Body of a batch before its cases are validated, some at a time."""
 
     cases: Annotated[list[Any], Field(min_length=1, max_length=MOST_CASES)]
 

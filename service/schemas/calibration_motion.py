@@ -61,7 +61,7 @@ class Calibration(Part):
     compare_strength_factors: (
         Annotated[list[StrengthFactorValue], Field(min_length=1, max_length=MOST_COMPARED)] | MISSING
     ) = MISSING
-    """Further strength factors, for each of which the answer has a prediction. [1]"""
+    """Further strength factors with which the answer contains predictions. [1]"""
 
     def canonical(self) -> dict[str, Any]:
         """Return the request as JSON data, with defaults filled in."""
@@ -151,7 +151,7 @@ class MotionRecord(SolverPart[MotionHistory]):
 
 
 class MotionWeights(SolverPart[Weights]):
-    """Relative weights of the squared residuals of the quantities, each scaled by its span."""
+    """Relative weights of the squared residuals of each quantity, which are relative to its span."""
 
     model_config = with_examples({"depth": 1.0, "lateral": 1.0, "rotation": 0.5})
 
@@ -274,7 +274,7 @@ class MotionCalibrationRequest(Calibration):
         return max((each.time_s[-1] for each in histories if each is not MISSING), default=0.0)
 
     def located(self, error: ParameterError) -> ParameterError:
-        """Return an error of the solver with the field of the request.
+        """Return an error of the solver with the name of the field in the request.
 
         The solver does not number a single run, which the request may list as `runs.0`.
         """

@@ -49,7 +49,7 @@ class IncidencePlane(StrEnum):
 
 
 class FlightInput(SolverPart[solver.FlightConditions]):
-    """Position of the struck face, for the flight of a body that leaves it."""
+    """Struck face and drag, for the flight of a body that leaves the target."""
 
     model_config = with_examples(FACE)
 

@@ -72,7 +72,7 @@ class NotFitted(Part):
     pointer: Annotated[str, Of(lambda outside: pointer_of_parameter(outside.field))]
     """JSON pointer to the input in the request, or to the result in the row."""
     detail: str
-    """Range of the formula, and the present value."""
+    """Range of the formula, and the value of this strike."""
 
 
 class FormulaRow(Part):

@@ -255,7 +255,7 @@ class LimitSpeedRequest(LimitSpeedFields):
 
 
 class LimitSpeedBase(LimitSpeedFields):
-    """A wall and a projectile whose limit speed is searched for, in a batch or a sweep. The 90 % range is optional."""
+    """A wall and a projectile whose limit speed is searched for, in a batch or a sweep, by default without a range."""
 
     model_config = with_examples(WALL)
 

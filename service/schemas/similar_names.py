@@ -39,7 +39,7 @@ def field_names(
 
 
 def meant_as(field: str, known: Sequence[str]) -> str:
-    """Return the known field that an unknown one is probably meant to be; empty if none is similar.
+    """Return the known field that was probably meant by an unknown one; empty if none is similar.
 
     A common name of the same quantity takes precedence over a similar spelling, and a field of the same object over
     fields of other objects. Of the latter only fields of a case are suggested, not those of a study or a calibration.
@@ -68,5 +68,5 @@ def last_name(field: str) -> str:
 
 @cache
 def usual_names() -> dict[str, tuple[str, ...]]:
-    """Return the common names of quantities, by the last part of their path: a mass is named alike in every object."""
+    """Return the common names of quantities, by the last part of their path, which is the same in every object."""
     return {last_name(field): names for field, names in ALIASES.items()}

@@ -53,7 +53,8 @@ class WallQuestion(Part):
     model_config = with_examples(PERFORATION)
 
     enough: Flag | MISSING = MISSING
-    """True if the wall has at least the design thickness."""
+    """True if the wall has at least the design thickness and, for perforation, nothing comes out of the rear face in
+    the model."""
     limit_m: Num | MISSING = MISSING
     """Largest limit thickness of the formulas within their range, without a margin. [m]"""
     design_m: Num | MISSING = MISSING
