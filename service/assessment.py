@@ -62,9 +62,10 @@ def verdict_queries(request: ReportRequest) -> dict[str, Query]:
 
 
 def weighing_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
-    """Return searches that show how far the effects behind warnings shift the angle, by warning code and number.
+    """Return the further searches of the verdict, by name.
 
-    Any of them may fail.
+    They show how far the critical angle is shifted by the effects behind warnings, and by a strength factor that is
+    held constant from 55° instead of 60° on. Any of them may fail.
 
     Parameters
     ----------
@@ -106,8 +107,8 @@ def first_queries(request: ReportRequest) -> dict[str, Query]:
 def strike_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
     """Return the requests that depend on the answer to the search, by name.
 
-    They are the searches for the effects behind its warnings, and the runs on either side of the critical angle, which
-    are drawn beside the run at the oblique angle of the request.
+    They are those of `weighing_queries`, and the runs on either side of the critical angle, which are drawn beside the
+    run at the oblique angle of the request.
 
     Parameters
     ----------
@@ -223,7 +224,7 @@ def _query_of(request: ReportRequest, question: Question) -> Query:
 
 
 def _with_probe(case: Mapping[str, Any], code: str, value: float) -> dict[str, Any]:
-    """Return the body of a search in which a probe changes one value; `code` is that of the warning to weigh."""
+    """Return the body of a search with one value changed, as `with_probe` of the solver does for its arguments."""
     if code == RETENTION_DECIDES:
         return {**case, "numerics": case.get("numerics", {}) | {"retention_energy_fraction": value}}
     held = {"model": ConstantStrengthFactor.name, "value": value}

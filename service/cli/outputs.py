@@ -78,7 +78,8 @@ class OutputFile:
         Raises
         ------
         CommandError
-            If its folder does not exist, or the same file is also read or written, even under another name.
+            If it is a folder, its folder does not exist, or the same file is also read or written, even under another
+            name.
         """
         with self._errors():
             if self.path.is_dir():
