@@ -544,7 +544,7 @@ BENDING_UNKNOWN = ModelWarning(
 CRATER_AT_OBLIQUITY = ModelWarning(
     "crater_at_obliquity",
     "the crater is that of normal impact: at an angle it weakens all that keeps near the face, and moves the critical "
-    "angle of the paper's strike from 48.6° to 67.6° at two diameters",
+    "angle of the paper's strike from 48.6° to 64.4° at two diameters",
 )
 
 REAR_PLUG_QUASI_STATIC = (
