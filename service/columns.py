@@ -25,7 +25,7 @@ UNITS = {
     "_j": "J",
     "_g": "g_0",
 }
-"""Units by suffix of a field name. A suffix that ends in another one comes before it, as the first match counts."""
+"""Units by suffix of a field name. A suffix that ends in another suffix precedes it, since the first match is used."""
 WRITTEN = {"kg m^2": "kg m²", "m^2": "m²", "kg/m^3": "kg/m³", "deg": "°", "g_0": "g"}
 SYMBOLS = {end: WRITTEN.get(unit, unit) for end, unit in UNITS.items()}
 """Units by suffix of a field name, in the notation for people."""

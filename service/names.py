@@ -210,7 +210,7 @@ WARNINGS: Final[Mapping[str, str]] = {
     "undecided": "still moving at the termination time",
     "velocity_beyond_rigid": "so fast that noses erode",
 }
-"""Short texts for warnings whose code alone is not understood."""
+"""Short texts for warnings whose codes are not self-explanatory."""
 OPERATIONS: Final[Mapping[str, str]] = {
     "cra": "critical angles",
     "trajectory": "trajectories",

@@ -128,7 +128,7 @@ def result_key(operation: str, request: dict[str, Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Replace numbers by floats, so that equal numbers are written alike."""
+    """Replace numbers by floats, so that equal numbers have the same JSON text."""
     kind = type(value)
     if kind is float or kind is int:
         return float(value) + 0.0  # Adding 0.0 turns -0.0 into 0.0.

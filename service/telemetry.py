@@ -167,7 +167,7 @@ def path_of(scope: Scope) -> str:
 UNTRACED = frozenset({"/livez", "/readyz", "/metrics"})
 """Paths without traces: monitors poll them every few seconds."""
 REQUEST_ID = "ricochet.request_id"
-"""Attribute of a span with the request id, which log and response carry too."""
+"""Attribute of a span with the request id, the same as in the log and in `X-Request-ID` of the response."""
 NO_TRACER: trace.Tracer = NoOpTracer()
 """Tracer in use while traces are disabled."""
 TRACEPARENT = "traceparent"

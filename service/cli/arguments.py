@@ -54,7 +54,7 @@ class UsageError(CommandError):
     text
         Message, beginning with the flag.
     command
-        Command with its action, such as `ricochet jobs list`. If empty, it is the running one.
+        Command with its action, such as `ricochet jobs list`. If empty, it is the command that is running.
     """
 
     def __init__(self, text: str, command: str = "") -> None:

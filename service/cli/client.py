@@ -66,7 +66,7 @@ def connect(address: str, *, socket: str | None = None, **options: Any) -> Itera
     try:
         url = httpx.URL(address)
     except httpx.InvalidURL:
-        # An empty address is refused by the check below, with the message for all wrong ones.
+        # An empty address is refused by the check below, with the same message as other invalid addresses.
         url = httpx.URL()
     if url.scheme not in {"http", "https"} or not url.host:
         raise CommandError(f"{without_secrets(address)}: not the address of a service: must be http://HOST:PORT")

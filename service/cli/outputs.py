@@ -28,8 +28,8 @@ scale; a double has no more than 17 digits."""
 STANDARD = "-"
 """Name of standard input or standard output."""
 DESCRIPTORS = ("/dev/fd/", "/dev/std", "/proc/")
-"""Prefixes of paths that name an open file. Such a file is written in place, since a new file that is renamed over it
-would not reach the program that holds it open."""
+"""Prefixes of paths that name an open file. Such a file is written in place, since a program that has opened it would
+not see a new file with the same name."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ class OutputFile:
 
 
 def _target(path: Path) -> Path:
-    """Return the file that links lead to, which need not exist. A pipe of /proc has no path but that of its link."""
+    """Return the file that links lead to, which need not exist; for a pipe in /proc, which has no path, the link."""
     resolved = Path(os.path.realpath(path)) if path.is_symlink() else path
     return path if path.exists() and not resolved.exists() else resolved
 

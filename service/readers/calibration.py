@@ -239,7 +239,7 @@ ROTATION_SCATTER = math.radians(5.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expected:
-    """The impact to which a history should belong, for checks of plausibility."""
+    """Impact against which a history is checked for plausibility."""
 
     impact: Impact
     projectile: Projectile
@@ -342,7 +342,7 @@ def _check_rows(readings: Readings, contact: float | None) -> None:
 
 
 def _since(readings: Readings, contact: float) -> Readings:
-    """Return the columns with time and displacements from first contact, which may lie between two rows."""
+    """Return the columns with time and displacements from first contact. The contact may lie between two rows."""
     time = readings.values["time"]
     if not time[0] <= contact < time[-1]:
         raise FileError(

@@ -250,7 +250,7 @@ def read_nodout(path: str | Path, lines: Sequence[str], node: int | None) -> Sta
 
 
 def _nodes(lines: Sequence[str]) -> list[int]:
-    """Return the nodes of the first state."""
+    """Return the ids of the nodes in the first state."""
     nodes: list[int] = []
     begun = False
     for text in lines:

@@ -129,8 +129,8 @@ def lines_of(path: str | Path, content: bytes, *, strict: bool = True) -> list[s
     Parameters
     ----------
     strict
-        True to raise an error if the text is not UTF-8. Otherwise such characters, which occur in titles of older
-        LS-DYNA files, are replaced.
+        True to raise an error if the text is not UTF-8. Otherwise invalid bytes, which occur in titles of older LS-DYNA
+        files, are replaced.
 
     Raises
     ------

@@ -99,7 +99,7 @@ class Assessed:
 
 
 class Limit(NamedTuple):
-    """A limit of validity and the value of the case."""
+    """A limit of validity, and the value of the case that is compared with it."""
 
     label: str
     value: Any

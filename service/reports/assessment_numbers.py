@@ -29,7 +29,7 @@ def lookup(content: Any, pointer: str) -> Any:
 
 
 class Numbers:
-    """Formatter of numbers from answers; the page keeps the pointer and all digits of each, in the unit of the answer.
+    """Formatter of numbers from answers. Attributes in the HTML hold the pointer and all digits of each number.
 
     Units are given as SI units, such as ``mm``, and numbers are in the units of `solver.units`.
 

@@ -52,7 +52,7 @@ def meant_as(field: str, known: Sequence[str]) -> str:
         for each in places:
             if name in ALIASES.get(each, ()) or (places is beside and name in usual_names().get(last_name(each), ())):
                 return each
-        # The first of several fields with one name counts, hence the reversed order. The unit may be omitted.
+        # Of several fields with the same name the first is kept, hence the reversed order. The unit may be omitted.
         whole = {each.rpartition(".")[2]: each for each in reversed(places)}
         names = {each.removesuffix(unit_end(each)): where for each, where in whole.items()} | whole
         for word in (name, last):

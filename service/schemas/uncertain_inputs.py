@@ -281,7 +281,7 @@ def accepts(
 def _check_models(
     model: type[BaseModel], base: dict[str, Any], place: str, field: str, distribution: Distribution, *, names: bool
 ) -> None:
-    """Check that the values of an uncertain model are names of models."""
+    """Check that the values of an uncertain model are names of models that the contract accepts there."""
     if not isinstance(distribution, Discrete) or not names:
         raise ParameterError(f"{place}.distribution", f"of {field!r} must be discrete, with names of models")
     for number, name in enumerate(distribution.values):

@@ -96,7 +96,7 @@ class WallDesign(Part):
 
 
 class Variants(Part):
-    """Limit by the model without and with a plug that shears out of the rear and a front crater."""
+    """Limits by the model: without plug and crater, with a plug that shears out of the rear, and with both."""
 
     model_config = with_examples(VARIANTS)
 
