@@ -232,7 +232,7 @@ def _beyond_fit_over_angle(shape: ObliquityShape, angle: float, held: float) -> 
     Parameters
     ----------
     angle, held
-        Absolute oblique angle, and the angle from which on S is constant. [rad]
+        Absolute oblique angle, and the angle from which S is constant. [rad]
     """
     fitted_to = FINITE_ELEMENTS_TO if shape == "finite_elements" else ObliquityPolynomial.fitted_to
     # An angle converted from degrees may exceed the limit by rounding.
