@@ -39,7 +39,7 @@ MOST_TESTS = 1000
 CURVE_POINTS = 21
 """Number of points of a curve of depth over velocity, enough for a smooth plot."""
 BELOW, ABOVE = 0.8, 1.2
-"""Lowest velocity of a curve relative to the lowest of the tests, and highest relative to the highest. [1]"""
+"""Lowest velocity of a curve relative to the lowest in the tests, and its highest relative to their highest. [1]"""
 
 TEST = {"velocity_m_s": 238.1, "depth_m": 0.30, "mass_kg": 12.923}
 TABLE_1 = [
@@ -223,7 +223,7 @@ def depth_answer(fit: DepthFit, curves: Sequence[tuple[float, FloatArray, FloatA
 
 
 MOST_POINTS = 1000
-"""Largest number of points of a fit over the angle, the same as of tests of a fit to depths."""
+"""Largest number of points of a fit over the angle, equal to `MOST_TESTS`."""
 TABLE_2 = [
     {"oblique_angle_deg": angle, "strength_factor": factor}
     for angle, factor in ((0.0, 8.52), (15.0, 8.25), (30.0, 7.91), (45.0, 6.48))

@@ -213,7 +213,7 @@ class Crater(SolverPart[solver.Crater]):
 
 
 class ShearPlug(SolverPart[solver.ShearPlug]):
-    """Cone that shears out of the rear of a wall, within whose height nothing resists (Li and Tong 2003)."""
+    """Conical plug that shears out of the rear of a wall and then offers no resistance (Li and Tong 2003)."""
 
     model_config = with_examples({"cone_angle_deg": 66.1})
 

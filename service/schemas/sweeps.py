@@ -55,7 +55,7 @@ class Axis(Part):
         """Return the values of the axis."""
         if self.values is not MISSING:
             return self.values
-        assert self.start is not MISSING  # noqa: S101 (one of both forms)
+        assert self.start is not MISSING  # noqa: S101 (`_check_form` requires it)
         assert self.stop is not MISSING  # noqa: S101
         assert self.count is not MISSING  # noqa: S101
         if self.count == 1:
@@ -155,7 +155,7 @@ class CaseModels:
 
 
 class Outline(Part):
-    """Body of a sweep before its points are validated, which happens in parts."""
+    """Body of a sweep before its points are validated, some at a time."""
 
     base: dict[str, Any]
     axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES, fail_fast=True)]
@@ -272,7 +272,7 @@ def _reason(schema: dict[str, Any], field: str) -> str:
 
 @cache
 def schema_of(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the JSON schema of a request, which is cached."""
+    """Return the JSON schema of a model of requests, from a cache after the first call."""
     return model.model_json_schema()
 
 
