@@ -115,6 +115,7 @@ class ObliquityPolynomial:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients", tuple(plain(self.coefficients)))
+        # A fit may have the order nine, `HIGHEST_ORDER` of the calibration.
         require(1 <= len(self.coefficients) <= 10, f"{FIELD}.coefficients", "must hold 1 to 10 numbers")
         for index, coefficient in enumerate(self.coefficients):
             require_finite(f"{FIELD}.coefficients.{index}", coefficient)

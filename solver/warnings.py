@@ -45,6 +45,7 @@ USUAL_YIELD_STRENGTH = 1.2e9
 # At larger angles of attack bodies bend and break; the value is a rough choice.
 SMALL_ATTACK = math.radians(5.0)
 """Largest angle of attack without a warning. [rad]"""
+# A longer list would not be read; the value is a rough choice.
 MOST_NAMED = 5
 """Largest number of shots that a warning names."""
 # The theory of deep cavities does not apply within the crater, where spalling governs (Forrestal et al. 1994).

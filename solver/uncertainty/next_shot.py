@@ -19,6 +19,8 @@ RESIDUAL = "resistance.strength_residual"
 """Field of a factor on S of any law, for the part of its scatter that the inputs of the law do not explain."""
 STRENGTH = "target.compressive_strength"
 """Field of the strength, without the suffix for its unit that the HTTP interface adds."""
+# The first shot tells the most: the standard deviation of ln S for the paper's strike is 0.48 before it, 0.13 after it,
+# 0.10 after three shots and still 0.08 after ten.
 COUNTS = (1, 3)
 """Numbers of shots for which the range is computed."""
 # The strength gets at most half of the variance of S f'c, as in `StrengthScatter`.

@@ -34,6 +34,7 @@ MARGINS: dict[Question, float] = {"perforation": PERFORATION_MARGIN, "scabbing":
 """Safety factors on the limits against perforation and scabbing (DOE-STD-3014-2006). [1]"""
 THIS_MODEL = "this_model"
 """Name in place of a formula where the model, with a plug and a crater, needs more than the formulas require."""
+# The range of a critical angle has the same probability, so that both are read alike.
 PROBABILITY = 0.9
 """Probability of the range of a least thickness or a limit speed over the scatter of S. [1]"""
 
@@ -522,7 +523,7 @@ def _thickness(value: float) -> str:
 
 def _length(value: float) -> str:
     """Format a length [m] to a tenth of a millimetre or a hundredth of an inch."""
-    if value >= 10.0:
+    if value >= 10.0:  # from here on millimetres would have five digits or more
         return quantity(value, "m", 6)
     return with_symbol(fixed(value, "mm", 1).rstrip("0").rstrip("."), "mm")
 
