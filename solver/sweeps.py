@@ -67,8 +67,9 @@ def _data_of_equation_9() -> str:
 
 def _data_of_published_tests() -> str:
     # Rounded to whole millimetres and megapascals, as the bounds of the tests are not round.
-    diameters = interval(*(round(each, 3) for each in PublishedTests.diameters), "mm")
-    strengths = interval(*(round(each, -6) for each in PublishedTests.compressive_strengths), "MPa")
+    (thin, thick), (weak, strong) = PublishedTests.diameters, PublishedTests.compressive_strengths
+    diameters = interval(round(thin, 3), round(thick, 3), "mm")
+    strengths = interval(round(weak, -6), round(strong, -6), "MPa")
     return f"S: 251 tests at 0°, {diameters}, {strengths}, over the angle as eq. 9"
 
 
