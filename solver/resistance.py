@@ -124,6 +124,7 @@ class ObliquityPolynomial:
             _check_covariance(self.covariance, len(self.coefficients))
         if self.held_from is not None:
             require_finite(f"{FIELD}.held_from", self.held_from)
+            # The margin allows for the conversion between degrees and radians.
             degrees = math.degrees(self.held_from)
             require(0.0 <= degrees <= 90.0 + 1e-9, f"{FIELD}.held_from", f"must be 0° to 90°, got {degrees:g}°")
 

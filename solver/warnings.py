@@ -316,6 +316,7 @@ def _like_equation_9(projectile: Projectile, target: Target) -> bool:
     """Return whether strength and diameter are close to those to which eq. 9 was fitted."""
     strength = abs(target.compressive_strength / EQUATION_9_STRENGTH - 1.0)
     diameter = abs(projectile.diameter / EQUATION_9_DIAMETER - 1.0)
+    # The margin keeps rounding from refusing a difference of exactly that size.
     return strength <= SAME_STRENGTH * (1.0 + 1e-12) and diameter <= SAME_DIAMETER * (1.0 + 1e-12)
 
 
@@ -375,6 +376,7 @@ def _beyond_published_tests(projectile: Projectile, target: Target, velocity: fl
         ("diameter", projectile.diameter, PublishedTests.diameters, "mm"),
         ("speed", velocity, PublishedTests.velocities, "m/s"),
     )
+    # A value at the end of a range may lie outside by the rounding of a conversion of units.
     outside = [
         f"{name} {quantity(value, unit)} outside {interval(lowest, highest, unit)}"
         for name, value, (lowest, highest), unit in limits

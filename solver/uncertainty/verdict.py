@@ -274,7 +274,8 @@ class Verdict:
 
 def probability_text(probability: Estimate) -> str:
     """Format a probability in percent."""
-    # Near 0 and 1 the bound of the sampling interval is written instead, as no outcome is certain.
+    # Near 0 and 1 the bound of the sampling interval is written instead, as no outcome is certain. The margins keep
+    # rounding from moving a bound of a whole number of per cent to the next one.
     if probability.value > 1.0 - ROUNDED_AWAY:
         return f"above {min(math.floor(100.0 * probability.lower + 1e-9), 99)} %"
     if probability.value < ROUNDED_AWAY:
