@@ -47,7 +47,7 @@ STRENGTH_STEP = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StrengthScatter:
-    """Scatter of S about its law, separated into that of the strength and a remainder.
+    """Scatter of S about its law, separated into the part that the strength causes and a remainder.
 
     Notes
     -----
@@ -55,8 +55,8 @@ class StrengthScatter:
     tests is that of the product at the stated strength, and includes the scatter of the strength about the stated one.
     Where the strength is sampled too, S gets a further factor for the remaining scatter: `residual` is its scale, and
     it has the tails of the product. By the law of published tests, the strength makes up 6 % of the squared 90 % range
-    of the product, (0.82 × 0.12 × 1.645)² in ln S, and strength and factor together have that range to 1 %. Where tests
-    leave less scatter than the strength alone would cause, each gets half of the squared range.
+    of the product, (0.82 × 0.12 × 1.645)² in ln S, and strength and factor together have that range to 1 %. Where the
+    strength would make up more than half of the squared range of the product, each gets half.
     """
 
     dispersion: float

@@ -21,8 +21,8 @@ LONGEST_TERMINATION_TIME = 1.0
 # Of the projectiles that are turned away, 999 of 1,000 leave sooner. A fixed time left large, slow ones undecided.
 TRANSITS = 20.0
 """Default termination time, over the time to travel the length of the projectile. [1]"""
-# With 3e-7 work and energy of a trajectory balance to 1e-6. A search needs only the angle, and uses a finer level where
-# that is in doubt.
+# With 3e-7 work and energy of a trajectory balance to 1e-6. A search needs only the angle, and uses a smaller
+# tolerance where the angle is in doubt.
 TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 3e-4
 """Default relative tolerances of trajectories and of searches. [1]"""
 # The integrands are smooth on each stretch, so that few stations suffice.
@@ -91,7 +91,7 @@ class Numerics:
     panels
         Number of surface elements of the panel method. The reference runs used 96,000. [1]
     time_step
-        Step of the panel method, from a hundredth to a hundred times that of the paper, 0.01 ms. [s]
+        Step of the panel method; that of the paper, 0.01 ms, unless given. [s]
     relative_tolerance
         Error of one step of the adaptive method, over the scale of the motion. Unless given, 3e-7 for a trajectory,
         which balances energy to 1e-6, and 3e-4 for a search, which uses a finer level where the angle is in doubt. [1]
@@ -101,8 +101,8 @@ class Numerics:
     points
         Number of Gauss-Legendre points of the adaptive route around an arc. [1]
     retention_energy_fraction
-        Share of the initial kinetic energy with which a projectile must leave to count as turned away; below it, it is
-        embedded, wherever its nose is. The searches ``bisection`` and ``secant`` do not use it: they decide by the
+        Share of the initial kinetic energy with which a projectile must leave to count as turned away; with less it
+        is embedded, wherever its nose is. The searches ``bisection`` and ``secant`` do not use it: they decide by the
         depth of the nose tip. [1]
 
     Raises

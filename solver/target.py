@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 from solver.checks import require, require_bounds
 
-# A plug as high as the wall would leave nothing to resist, and the slowest body would perforate. With a tenth of the
+# A plug as high as the wall would leave no resistance, so that the slowest body would perforate. With a tenth of the
 # wall left, the paper's body perforates a wall of 50 mm from 33 m/s on. CEA-EDF gives 18 m/s, and the model without a
 # plug 86 m/s.
 MOST_PLUG = 0.9

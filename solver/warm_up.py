@@ -23,8 +23,8 @@ def warm_up(report: Report | None = None) -> None:
     """Compile all functions of the solver, or load them from the cache.
 
     The first call on a machine takes about a minute, later ones a fraction of a second. Functions that are not in the
-    cache are compiled in another process, so that the memory of the compiler is freed with it. If that process fails, a
-    `RuntimeWarning` gives the reason, and this process compiles the rest.
+    cache are compiled in another process, so that the compiler's memory is freed when that process ends. If it fails,
+    a `RuntimeWarning` gives the reason, and this process compiles the rest.
 
     Parameters
     ----------

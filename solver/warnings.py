@@ -233,7 +233,7 @@ def _beyond_fit_over_angle(shape: ObliquityShape, angle: float, held: float) -> 
     Parameters
     ----------
     angle, held
-        Absolute oblique angle, and the angle from which on S is constant. [rad]
+        Absolute oblique angle, and the angle from which S is constant. [rad]
     """
     fitted_to = FINITE_ELEMENTS_TO if shape == "finite_elements" else ObliquityPolynomial.fitted_to
     # An angle converted from degrees may exceed the limit by rounding.
@@ -547,7 +547,7 @@ BENDING_UNKNOWN = ModelWarning(
 CRATER_AT_OBLIQUITY = ModelWarning(
     "crater_at_obliquity",
     "the crater is that of normal impact: at an angle it weakens all that keeps near the face, and moves the critical "
-    "angle of the paper's strike from 48.6° to 67.6° at two diameters",
+    "angle of the paper's strike from 48.6° to 64.4° at two diameters",
 )
 
 REAR_PLUG_QUASI_STATIC = (

@@ -1,4 +1,4 @@
-"""The verdict: in sight beside the form, each fact once, the strip labelled, a line on the map."""
+"""The verdict is visible beside the form, states each fact once, labels its strip, and takes one line on the map."""
 
 import json
 from collections.abc import Iterator
@@ -19,11 +19,11 @@ SIZES = ((1440, 900), (1024, 768), (768, 1024), (390, 844))
 WALL = "target.thickness_m=0.5&impact.velocity_m_s=300&impact.oblique_angle_deg=50"
 HEAD = ".verdict > .head"
 LINE_PX = 60
-"""A line of words with its frame."""
+"""Upper limit of the height of one framed line of text. [px]"""
 
 
 def judged(page: Page) -> Locator:
-    """The verdict, once it is that of the service."""
+    """Return the head of the verdict once it shows the answer of the service."""
     head = page.locator(HEAD)
     expect(head).to_contain_text("90 % range")
     expect(page.locator(".verdict [aria-busy=true]")).to_have_count(0)
@@ -31,7 +31,7 @@ def judged(page: Page) -> Locator:
 
 
 def boxes(parts: Locator) -> list[dict[str, float]]:
-    """Return the positions of parts in the window. [px]"""
+    """Return the bounding boxes of parts, relative to the window. [px]"""
     found: list[dict[str, float]] = parts.evaluate_all("all => all.map(each => each.getBoundingClientRect().toJSON())")
     return found
 
@@ -62,7 +62,7 @@ def test_each_fact_stands_in_the_verdict_once(page: Page) -> None:
 
 
 def fields_of(part: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the fields of a case as the address of a view has them."""
+    """Yield the name and value of each field of a case, as in the address of a view."""
     for name, value in part.items():
         if isinstance(value, dict):
             yield from fields_of(value, f"{before}{name}.")
@@ -83,7 +83,7 @@ def check_sentence(page: Page, client: httpx.Client, body: dict[str, Any]) -> No
 
 
 OF_THE_PAGE = [kind for kind in KINDS if kind != "no_angle"]
-"""Kinds of strikes that the page can show: it judges every strike at an angle."""
+"""Kinds of strikes that the page can show; it always has an oblique angle."""
 
 
 @pytest.mark.timeout(900)

@@ -123,7 +123,7 @@ class RestartableServer:
         return workers_of(self.data, self.pid)
 
     def orphans(self, seconds: float) -> list[int]:
-        """Wait for the processes of a killed server to end; return those that are left after this time. [s]"""
+        """Wait up to `seconds` for the processes of a killed server to end; return the ids of those still running."""
         deadline = time.monotonic() + seconds
         while (left := processes_of(self.data)) and time.monotonic() < deadline:
             time.sleep(0.01)

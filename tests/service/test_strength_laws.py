@@ -1,4 +1,4 @@
-"""Every law of the strength factor is known wherever laws are listed by name. mypy checks what matches their types."""
+"""Every list of strength laws by name contains all of them. mypy checks code that distinguishes them by type."""
 
 from collections.abc import Collection
 from pathlib import Path
