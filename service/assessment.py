@@ -26,8 +26,11 @@ EXTRA = ("jinja2", "markupsafe", "matplotlib")
 """Packages that reports import. The extra `reports` installs all of them."""
 SPEEDS = tuple(round(0.5 + 0.1 * step, 1) for step in range(11))
 """Speeds at which the report shows the critical angle, relative to the speed of the case. [1]"""
+# Half a degree to either side is far enough for the outcomes to differ, also where the retention energy decides, and
+# close enough for the paths to show what the change consists in.
 ASIDE_DEG = 0.5
 """Angle between the critical angle and the runs drawn just below and just above it. [°]"""
+# At 90° a projectile moves along the face and never strikes.
 STEEPEST_DEG = 89.9
 """Largest oblique angle of the run just above the critical angle. [°]"""
 

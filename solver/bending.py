@@ -31,6 +31,8 @@ INSTANTS = 20
 """Largest number of instants in the first pass over a run."""
 INSTANTS_NEAR_PEAK = 10
 """Number of instants in the second pass, on both sides of the largest stress of the first; rounding may add one."""
+# In six strikes of the paper's body, from 0° to 75°, the peak is within 0.1 % of that with 16 points, less than the
+# slices and instants leave.
 STATIONS = 4
 """Number of Gauss points along each stretch of the outline within a slice."""
 # This number of points is exact for lines and accurate to 1e-10 for arcs.

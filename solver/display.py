@@ -30,8 +30,10 @@ Columns: TypeAlias = dict[str, npt.NDArray[Any]]
 Row: TypeAlias = Mapping[str, str | float | None]
 """Texts and numbers of one answer by column name; None for a missing value."""
 
+# More outlines of the body hide each other along a usual path; the value is a rough choice.
 INSTANTS = 5
 """Number of instants at which a side view shows the projectile."""
+# The chords of a quarter circle are then within 2e-4 of its radius, less than a pixel.
 ARC_POINTS = 40
 """Number of points of a drawn arc."""
 COLORS: Mapping[str, str] = {

@@ -43,11 +43,13 @@ NAMES: Mapping[str, str] = {
     "whiffen": "Whiffen",
 }
 """Names of the formulas for display."""
+# A limit beyond the speeds that a strike may have would be of no use.
 LIMIT_SPEEDS = (BOUNDS["impact.velocity"].lower, BOUNDS["impact.velocity"].upper)
 """Range of the normal speed in the search for a limit speed. [m/s]"""
 # Half or twice this aggregate size changes the depth by Whiffen's formula by 7 %.
 AGGREGATE_SIZE = 0.02
 """Largest aggregate assumed for a concrete. [m]"""
+# The constants of the formulas have two to four digits, so that seven are enough for the pressure.
 POUND, INCH, FOOT, PSI = 0.45359237, 0.0254, 0.3048, 6894.757
 """US units in SI units. [kg, m, m, Pa]"""
 

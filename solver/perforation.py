@@ -362,6 +362,7 @@ def _search(
     perforated_at_first
         Outcome at the lower bound if there is a limit: True for a thickness, False for a velocity.
     """
+    # A finer tolerance is far below the error of a run, and a wider bracket says little; both are rough choices.
     require_between("tolerance", tolerance, 1e-8, 0.1)
     always, never = PerforationStatus.ALWAYS_PERFORATED, PerforationStatus.NEVER_PERFORATED
     trials: dict[float, PerforationTrial] = {}

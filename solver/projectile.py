@@ -322,6 +322,7 @@ def _points(field: str, given: object) -> tuple[Point, ...]:
     rows = _members(plain(given))
     require(rows is not None, field, f"must be (x, r) pairs, got {type(given).__name__}")
     rows = rows or ()
+    # A thousand points resolve a nose to a thousandth of its length, and each adds a piece of the outline to integrate.
     require(2 <= len(rows) <= 1000, field, f"must hold 2 to 1000 points, got {len(rows)}")
     points = []
     for index, row in enumerate(rows):

@@ -114,6 +114,7 @@ class ObliquityPolynomial:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients", tuple(plain(self.coefficients)))
+        # A fit may have the order nine, `HIGHEST_ORDER` of the calibration.
         require(1 <= len(self.coefficients) <= 10, f"{FIELD}.coefficients", "must hold 1 to 10 numbers")
         for index, coefficient in enumerate(self.coefficients):
             require_finite(f"{FIELD}.coefficients.{index}", coefficient)
@@ -122,6 +123,7 @@ class ObliquityPolynomial:
             _check_covariance(self.covariance, len(self.coefficients))
         if self.held_from is not None:
             require_finite(f"{FIELD}.held_from", self.held_from)
+            # The margin allows for the conversion between degrees and radians.
             degrees = math.degrees(self.held_from)
             require(0.0 <= degrees <= 90.0 + 1e-9, f"{FIELD}.held_from", f"must be 0° to 90°, got {degrees:g}°")
 

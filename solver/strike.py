@@ -113,6 +113,7 @@ class Numerics:
 
     method: Method | None = None
     termination_time: float | None = None
+    # The number of panels and the time step are those of the paper.
     panels: int = 12_000
     time_step: float = 1e-5
     relative_tolerance: float | None = None
@@ -124,6 +125,8 @@ class Numerics:
         require(self.method in (None, "adaptive", "panels"), "numerics.method", "must be 'adaptive' or 'panels'")
         if self.termination_time is not None:
             require_positive("numerics.termination_time", self.termination_time)
+        # The rough level of a search has two stations and two points, and the rings of 256 stations fit into a batch,
+        # see `ROOM` of `solver.surface_integration`. The other bounds are rough choices far from the defaults.
         require_between("numerics.panels", self.panels, 100, 1_000_000)
         require_positive("numerics.time_step", self.time_step)
         if self.relative_tolerance is not None:

@@ -20,6 +20,7 @@ from solver.many import ANSWERS, INPUTS, attempt, columns, critical_angle_many, 
 from solver.projectile import Projectile
 from solver.resistance import (
     EQUATION_9,
+    FINITE_ELEMENTS_TO,
     ObliquityPolynomial,
     ObliquityShape,
     PublishedTests,
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
 # A sweep over 100,000 points takes minutes to hours. A larger sweep is probably a mistake in the axes.
 MOST_POINTS = 100_000
 """Largest number of points of a grid."""
+# The value is never used; it only has to be accepted as a velocity.
 ANY_VELOCITY = 1.0
 """Placeholder for the velocity where it is an axis. [m/s]"""
 SWEPT = ("projectile", "target", "impact", "resistance")
@@ -59,11 +61,15 @@ DECAY_LAWS = {
 
 def _data_of_equation_9() -> str:
     diameter, strength = quantity(EQUATION_9_DIAMETER, "mm"), quantity(EQUATION_9_STRENGTH, "MPa")
-    return f"S: finite elements, {diameter} into {strength}, 0° to 45°"
+    fitted_to = math.degrees(ObliquityPolynomial.fitted_to)
+    return f"S: finite elements, {diameter} into {strength}, 0° to {fitted_to:g}°"
 
 
 def _data_of_published_tests() -> str:
-    diameters, strengths = interval(0.010, 0.203, "mm"), interval(13e6, 108e6, "MPa")
+    # Rounded to whole millimetres and megapascals, as the bounds of the tests are not round.
+    (thin, thick), (weak, strong) = PublishedTests.diameters, PublishedTests.compressive_strengths
+    diameters = interval(round(thin, 3), round(thick, 3), "mm")
+    strengths = interval(round(weak, -6), round(strong, -6), "MPa")
     return f"S: 251 tests at 0°, {diameters}, {strengths}, over the angle as eq. 9"
 
 
@@ -77,7 +83,9 @@ STRENGTH_LAWS = {
     StrengthPowerLaw: _data_of_power_law,
 }
 """Laws of the strength factor, each with a function that names the data to which its default constants were fitted."""
-FINITE_ELEMENT_MOTIONS = "S: eq. 9 at 0°, over the angle finite element motions with this decay, to 55°"
+FINITE_ELEMENT_MOTIONS = (
+    f"S: eq. 9 at 0°, over the angle finite element motions with this decay, to {math.degrees(FINITE_ELEMENTS_TO):g}°"
+)
 """Text that names the data to which `FINITE_ELEMENT_LAW` was fitted."""
 FINITE_ELEMENT_LAW = shaped_as_finite_elements(ObliquityPolynomial())
 """Law with S of eq. 9 in normal impact, and S(θ)/S(0) of finite element motions with the decay law in use."""

@@ -11,6 +11,7 @@ from solver.search.critical_angle import critical_angle
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, Numerics, paper_impact
 from solver.trajectory import simulate
 
+# The compilation takes about a minute. A line each second shows that it goes on.
 POLL_SECONDS = 1.0
 """Interval between two reports of progress. [s]"""
 

@@ -123,7 +123,7 @@ def _comparison(method: str, answer: CriticalAngle, printed: float) -> Compariso
         reference=printed,
         unit="°",
         tolerance=paper_value("relative_tolerance") * printed,
-        reference_source="Figure 13 and search_section 4",
+        reference_source="Figure 13 and section 4",
         note=f"{len(answer.iterations)} trials; {route}",
     )
 
@@ -331,7 +331,7 @@ def cost_section(progress: Progress) -> Section:
             f"""
             CPU time to the critical angle, the shortest of several runs on this machine, over that of the
             secant search with the paper's 12,000 elements and steps of 0.01 ms. Measured times, here and in
-            the cost_section on finite elements, are all that differs between two reports.
+            the section on finite elements, are all that differs between two reports.
 
             The paper prints no bar of its Figure 16, only that one LS-DYNA run takes about 5 h on 4 cores
             and that at least {PAPER_RUNS} were made: {paper:,.0f} s if all four cores were busy. Our own

@@ -142,7 +142,7 @@ def motion_section(progress: Progress) -> Section:
             alike, so that a history of a hundred rows counts as a few. The error of the finite element
             model itself is in none of this: 2 to 3 % at 15° and 30°, and ±4° and ±30 mm after 2 ms at 45°.
             The model turns less than the finite elements do: with elastic-plastic decay no S brings depth and
-            rotation together; the motion_section on finite elements has Mohr-Coulomb decay beside it. The curves
+            rotation together; the section on finite elements has Mohr-Coulomb decay beside it. The curves
             for other S are our choice of values.
             """
         ),

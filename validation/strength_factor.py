@@ -138,7 +138,7 @@ def _strength_comparisons(
             reference=printed,
             unit="1",
             tolerance=allowed,
-            reference_source="Table 2 at 0°, depth_section 3.1",
+            reference_source="Table 2 at 0°, section 3.1",
             note=f"standard error {found.estimate.standard_error:.2f}; {note}",
         )
         for what, found, allowed, note in rows

@@ -54,7 +54,7 @@ def walls_section() -> Section:
         {plug_slow} m/s with a plug, {both_slow} m/s with a crater as well.
     """
     return Section(
-        title="Walls: both models of the rear face, and the formulas",
+        title="Walls: the models of the rear face, and the formulas",
         text=paragraphs(text),
         tables=(thicknesses, speeds),
     )

@@ -70,7 +70,8 @@ TAGS = [
 POOL_SECONDS = 1
 """Time allowed for workers to stop after the last request [s]: half for calls to finish, half for processes to end."""
 TRACES_SECONDS = 0.5
-"""Time allowed for sending the last traces, after jobs, workers and cache have stopped [s]."""
+"""Time allowed for sending the last traces, after jobs, workers and cache have stopped [s]. A collector nearby takes
+milliseconds, and one that does not answer must not delay the end; chosen by judgement."""
 STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace period reserved for stopping jobs and workers after the last response [s]: `POOL_SECONDS` for the
 workers, and one second, by judgement, for saving the progress of jobs and closing the caches."""

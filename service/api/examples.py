@@ -16,7 +16,7 @@ FILE = Path(__file__).with_name("examples.json")
 LONG = frozenset({"formulas", "history", "iterations"})
 """Fields whose lists are shortened in the examples, as they would fill pages of the contract."""
 SHOWN = 2
-"""Number of items shown of a shortened list or column."""
+"""Number of items shown of a shortened list or column: the fewest that show that it is one."""
 DIGITS = 6
 """Number of significant digits of the numbers in the examples. Later digits differ between processors."""
 

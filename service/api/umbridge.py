@@ -43,7 +43,7 @@ router = APIRouter(prefix="/umbridge", dependencies=[RUN], include_in_schema=Fal
 class ModelInput(Part):
     """One element of the input vector: the number in `field` of the request, divided by `scale`."""
 
-    field: Annotated[str, Field(max_length=100)]
+    field: Annotated[str, Field(max_length=100)]  # no path is as long
     scale: Annotated[Num, Field(gt=0.0)] = 1.0
 
 

@@ -64,9 +64,9 @@ NEEDED = frozenset(
 """Fields whose columns must not have empty cells: a gap is more likely a mistake than a request for the value in the
 file of `--case`."""
 MAX_SHOWN = 40
-"""Largest number of characters of a header that an error quotes or a suggestion is searched for."""
+"""Largest number of characters of a header that an error quotes or a suggestion is searched for: about half a line."""
 MAX_COLUMNS = 10
-"""Largest number of columns named in one error."""
+"""Largest number of columns named in one error, a rough choice: a longer list would not be read."""
 
 
 class Column(NamedTuple):

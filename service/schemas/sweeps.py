@@ -32,6 +32,7 @@ class Axis(Part):
 
     model_config = with_examples(EVEN, LISTED)
 
+    # No path is half as long; the bound keeps a crafted one out of messages.
     field: Annotated[str, StringConstraints(strict=True, min_length=1, max_length=200)]
     """Dotted path to a number of the base, such as `impact.velocity_m_s`."""
     values: Annotated[list[AxisNumber], Field(min_length=1, max_length=MOST_LINES, fail_fast=True)] | MISSING = MISSING

@@ -184,7 +184,7 @@ class UncertainInput(Part):
 
     field: Annotated[
         str,
-        StringConstraints(strict=True, min_length=1, max_length=200),
+        StringConstraints(strict=True, min_length=1, max_length=200),  # as of an axis of a sweep
         Field(
             description="Dotted path to a number of the request, such as `impact.velocity_m_s`; "
             "`resistance.free_surface.model` or `resistance.strength_factor.model` with names; "

@@ -46,6 +46,7 @@ class AngleRange(Part):
     """First angle. [°]"""
     stop: Annotated[Num, Field(ge=0.0, lt=90.0)] = 85.0
     """Last angle. [°]"""
+    # The bound is that of the solver, `MOST_ANGLES`. The default is every half degree.
     count: Annotated[Count, Field(ge=2, le=2001), WHOLE] = 161
 
     @model_validator(mode="after")

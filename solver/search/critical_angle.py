@@ -41,6 +41,8 @@ from solver.strike import (
 from solver.target import Target
 from solver.warnings import ModelWarning
 
+# The value is that of the paper. Only within some 1.5° of the critical angle does its projectile take longer to come
+# to rest or to leave.
 PAPER_TERMINATION_TIME = 5e-3
 """Default time after first contact at which the searches of the paper take the depth of the nose tip. [s]"""
 # The paper has no retention energy: its runs end at rest or at the termination time.

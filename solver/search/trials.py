@@ -83,7 +83,7 @@ MIDDLE_LEVEL = Level(
     accuracy=Accuracy(relative_tolerance=2e-3, largest_step=LARGEST_STEP, most_steps=MOST_STEPS),
     ramp_fraction=RAMP_FRACTION,
     smooth_ramp=True,
-    stride=math.radians(0.5),
+    stride=math.radians(0.5),  # the rough level locates a change to a few tenths of a degree
     tolerance=math.radians(0.3),
     fine=False,
 )
@@ -98,7 +98,7 @@ def search_levels(*, relative_tolerance: float, stations: int, points: int, tole
         accuracy=Accuracy(float(relative_tolerance), LARGEST_STEP),
         ramp_fraction=RAMP_FRACTION,
         smooth_ramp=True,
-        stride=math.radians(0.1),
+        stride=math.radians(0.1),  # the level before locates a change to a few hundredths of a degree
         tolerance=float(tolerance),
         fine=True,
     )

@@ -65,6 +65,8 @@ class Search:
     method: SearchMethod = "outcome"
     lower: float | None = None
     upper: float | None = None
+    # 0.01° is a tenth of the last digit of a verdict. One per cent is the tolerance of the paper. The default range has
+    # 64 intervals of 1.25°, a multiple of the 16 that the scan begins with.
     tolerance: float = math.radians(0.01)
     relative_tolerance: float = 0.01
     scan_interval: float = math.radians(1.25)
@@ -80,6 +82,8 @@ class Search:
             "search.lower",
             f"must be at least 0° and below the upper end, got {math.degrees(lower):g}° and {math.degrees(upper):g}°",
         )
+        # Finer tolerances are below the error of a trial, and a scan at 0.1° already takes 800 trials. The upper bounds
+        # are rough choices: beyond them a search would say little.
         require_between("search.tolerance", self.tolerance, math.radians(1e-6), math.radians(10.0))
         require_between("search.relative_tolerance", self.relative_tolerance, 1e-8, 0.5)
         require_between("search.scan_interval", self.scan_interval, math.radians(0.1), math.pi / 2.0)
@@ -87,6 +91,8 @@ class Search:
     @property
     def bounds(self) -> tuple[float, float]:
         """Lower and upper end of the range. [rad]"""
+        # The paper searches from 40° to 60°. Below 5° a projectile moves nearly along the normal and above 85° nearly
+        # along the face; both ends are rough choices.
         lower, upper = (5.0, 85.0) if self.method == "outcome" else (40.0, 60.0)
         return (
             math.radians(lower) if self.lower is None else self.lower,

@@ -19,6 +19,8 @@ RESIDUAL = "resistance.strength_residual"
 """Field of a factor on S, for the part of the scatter of S that the inputs of its law do not explain."""
 STRENGTH = "target.compressive_strength"
 """Field of the compressive strength, without the suffix `_pa` of the HTTP interface."""
+# The first shot narrows the scatter most: the standard deviation of ln S for the paper's strike is 0.48 before it, 0.13
+# after it, 0.10 after three shots and still 0.08 after ten.
 COUNTS = (1, 3)
 """Numbers of shots for which the expected range of the critical angle is computed."""
 # At most half of the variance of S f'c is attributed to the strength, as in `StrengthScatter`.

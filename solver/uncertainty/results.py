@@ -17,6 +17,7 @@ from solver.strike import Impact
 from solver.uncertainty.sampling import SCRAMBLINGS, Design, Estimate, Point
 from solver.warnings import ModelWarning
 
+# These are the ends of the 95 % and the 90 % range, the quartiles and the median.
 LEVELS = (0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975)
 """Probabilities of the quantiles in the result of a study."""
 

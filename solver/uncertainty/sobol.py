@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from solver.arrays import FloatArray
 
+# SciPy has as many, and a test compares the points with those of SciPy to the last bit.
 BITS = 30
 """Binary digits of each coordinate."""
 JOE_KUO = """

@@ -41,6 +41,7 @@ from solver.warnings import body_warnings
 Result = TypeVar("Result")
 Answer = TypeVar("Answer", AngleUncertainty, TrajectoryUncertainty)
 
+# With this interval a straight line between two angles is off by 0.015 at most for the paper's strike.
 USUAL_ANGLES = np.radians(np.linspace(5.0, 85.0, 161))
 """Default angles of the probability of ricochet: every 0.5° over the default range of a search. [rad]"""
 

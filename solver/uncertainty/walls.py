@@ -35,6 +35,7 @@ MARGINS: dict[Question, float] = {"perforation": PERFORATION_MARGIN, "scabbing":
 """Safety factors on the limits against perforation and scabbing (DOE-STD-3014-2006). [1]"""
 THIS_MODEL = "this_model"
 """Name in place of a formula if the model requires a thicker wall than the formulas with their margin."""
+# The range of a critical angle has the same probability, so that both ranges mean the same.
 PROBABILITY = 0.9
 """Probability of the range of a least thickness or a limit speed over the scatter of S. [1]"""
 
@@ -524,7 +525,7 @@ def _thickness(value: float) -> str:
 
 def _length(value: float) -> str:
     """Format a length [m] to a tenth of a millimetre or a hundredth of an inch; from 10 m on, to six digits."""
-    if value >= 10.0:
+    if value >= 10.0:  # In millimetres it would have five digits or more.
         return quantity(value, "m", 6)
     return with_symbol(fixed(value, "mm", 1).rstrip("0").rstrip("."), "mm")
 
