@@ -87,7 +87,7 @@ function tableOf({ variants }, { formulas, scabbing_margin: scabbing, perforatio
 function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: outside, note }) {
   const reasons = outside.map(({ detail }) => detail).join("; ");
   const range = isWithin ? "within" : isKnown ? `outside: ${reasons}` : `not known${reasons && `; ${reasons}`}`;
-  return note ? `${range}; ${note}` : range;
+  return unbroken(note ? `${range}; ${note}` : range);
 }
 
 /** Return a length without its unit, in whole millimetres or tenths of an inch; a limit is rounded up, as in the sentences. */
