@@ -212,10 +212,8 @@ def curves(
         left.plot([speed], [angle], "o", color="black", markersize=5, zorder=5, label="this case")
     if judged is not None:
         left.plot([speed], [judged], "x", color=TIP_PATH, markersize=6, zorder=5, label="angle to judge")
-    left.set(
-        title="Critical angle over the speed", xlabel=f"speed [{symbol('m/s')}]", ylabel="angle from the normal [°]"
-    )
-    left.set_ylim(0.0, 90.0)
+    left.set(title="Critical angle over the speed", xlabel=f"speed [{symbol('m/s')}]", ylabel="angle θ [°]")
+    left.set(ylim=(0.0, 90.0), yticks=(0, 30, 60, 90))
     if left.get_legend_handles_labels()[1]:
         halves[0].legend(loc="outside lower center", **ONE_LINE)  # No place within the axes is free for every case.
     if uncertainty is None:

@@ -1,6 +1,7 @@
 """The verdict is visible beside the form, states each fact once, labels its strip, and takes one line on the map."""
 
 import json
+import re
 from collections.abc import Iterator
 from itertools import combinations
 from typing import Any
@@ -115,6 +116,23 @@ def test_labels_of_the_strip_are_apart_and_inside(new_page: NewPage, width: int,
         above = one["bottom"] <= other["top"] + 3 or other["bottom"] <= one["top"] + 3
         assert beside or above, (one, other)
     assert all(each["left"] >= frame["left"] - 1 and each["right"] <= frame["right"] + 1 for each in labels)
+
+
+def test_line_on_the_map_begins_with_the_answer(page: Page) -> None:
+    page.goto("/#/map")
+    line = page.locator(f"{HEAD} .line")
+    expect(line).to_have_text(re.compile(r"^Embedded at 45° \(ricochet \d+ %\), critical angle 48\.\d+°$"))
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        answer_ends, line_ends = line.evaluate(
+            """line => {
+                const answer = document.createRange();
+                answer.setStart(line.firstChild, 0);
+                answer.setEnd(line.firstChild, line.textContent.indexOf(','));
+                return [answer, line.parentElement].map((each) => each.getBoundingClientRect().right);
+            }"""
+        )
+        assert answer_ends <= line_ends, "the answer is not cut"
 
 
 def test_verdict_is_a_line_on_the_map_that_unfolds(page: Page) -> None:
