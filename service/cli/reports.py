@@ -115,7 +115,7 @@ def make_report(case: dict[str, Any]) -> str:
 
     Notes
     -----
-    It computes some 300 cases. A progress bar is shown on standard error if that is a terminal.
+    It computes some 550 cases. A progress bar is shown on standard error if that is a terminal.
 
     Examples
     --------

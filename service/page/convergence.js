@@ -48,7 +48,7 @@ export function drawTrials(root, answers, values, what) {
     key: methods.map((method) => answers[method].key).join(", "),
     part: what.part,
     again: () => drawTrials(root, answers, values, what),
-    csv: () => csvOf(trialsOf(answers, methods)),
+    csv: () => csvOf(methods.flatMap((method) => trialsOf(answers[method], method))),
     label: `${what.title} by trial: ${methods.map((each) => searches()[each]).join(", ")}; the tables have the numbers.`,
   });
 }
@@ -106,8 +106,4 @@ function levelLine({ critical_angle_deg: angle }, column, panel) {
   return { type: "line", ...place, line, visible: level !== undefined };
 }
 
-function trialsOf(answers, methods) {
-  return methods.flatMap((method) =>
-    answers[method].iterations.map(({ exit, ...trial }, i) => ({ search: method, trial: i + 1, ...trial })),
-  );
-}
+const trialsOf = ({ iterations }, search) => iterations.map(({ exit, ...trial }, i) => ({ search, trial: i + 1, ...trial }));

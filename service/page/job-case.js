@@ -39,6 +39,4 @@ function caseWords({ base, axes }) {
   return fields.filter(({ path }) => valueAt(base, path) !== undefined).map((field) => [field.label, withUnit(fieldShown(field, base), field.unit)]);
 }
 
-function line([name, text]) {
-  return [element("dt", {}, name), element("dd", {}, text.trim())];
-}
+const line = ([name, text]) => [element("dt", {}, name), element("dd", {}, text.trim())];

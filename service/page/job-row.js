@@ -8,7 +8,7 @@ import { isFinal, progressWords } from "./job-progress.js";
 import { isMap } from "./sweep.js";
 
 /** The columns; the table may show a row as a card, where each cell has its name. */
-export const COLUMNS = ["Job", "Cases", "Status", "Progress", "Created", "Finished", "Expires", "Results", "Actions"];
+export const COLUMNS = ["Job", "Computation", "Status", "Cases", "Created", "Finished", "Kept until", "Results", "Actions"];
 const TIME = new Intl.DateTimeFormat(undefined, { dateStyle: "short", timeStyle: "medium" });
 
 /** A job in the table. */

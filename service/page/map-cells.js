@@ -31,12 +31,15 @@ export const QUANTITIES = {
 /** How a run ends on a map that is embedded with its nose out of the rear face of a wall. */
 const OUT = "embedded_out";
 
+/** The legend shows it for an ending whose cells have their colour alone, where the numbers of lines can be read. */
+export const PLAIN = "square";
+
 /** Ways to end that differ on a map, with the mark each has there. */
 export const ENDINGS = {
-  cra: { no_ricochet: "x-thin", always_ricochet: "circle-open", not_converged: "diamond-open", failed: "cross-thin" },
-  thickness: { always_perforated: "x-thin", never_perforated: "circle-open", failed: "cross-thin" },
-  probability: { failed: "cross-thin" },
-  trajectory: { embedded: "x-thin", [OUT]: "asterisk", perforated: "triangle-down-open", in_motion: "diamond-open", ricochet: "circle-open", failed: "cross-thin" },
+  cra: { no_ricochet: "x", always_ricochet: "circle", not_converged: "diamond", failed: "cross" },
+  thickness: { always_perforated: "x", never_perforated: "circle", failed: "cross" },
+  probability: { failed: "cross" },
+  trajectory: { embedded: PLAIN, [OUT]: "triangle-up", perforated: "triangle-down", in_motion: "diamond", ricochet: PLAIN, failed: "cross" },
 };
 
 /** Return how a case of a map ended in a word or two. */

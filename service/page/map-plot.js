@@ -2,7 +2,7 @@
 
 import { withUnit } from "./fields.js";
 import { unitOf } from "./units.js";
-import { cellWords, ENDINGS, endingShown, QUANTITIES, rareWarnings } from "./map-cells.js";
+import { cellWords, ENDINGS, endingShown, PLAIN, QUANTITIES, rareWarnings } from "./map-cells.js";
 import { warningShown } from "./words.js";
 
 // Viridis from a quarter on, so that dark lines and words can be read upon all of it.
@@ -54,7 +54,7 @@ export function mapLayout([x, y]) {
   return {
     xaxis: axis(x),
     yaxis: axis(y),
-    legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", bgcolor: PAPER, font: { color: INK } },
+    legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", itemsizing: "constant", bgcolor: PAPER, font: { color: INK } },
     hovermode: "closest",
   };
 }
@@ -72,7 +72,7 @@ function amounts(place, rows, finished, hover, { label, of, factor, range: [zmin
   const z = rows((cell) => (has(cell) ? factor * of(cell) : null));
   const bar = { title: { text: label, side: "right" }, thickness: 12 };
   return [
-    { ...place, type: "heatmap", z: rows((cell) => (cell && !has(cell) ? 0 : null)), ...flat(NO_ANGLE) },
+    { ...place, type: "heatmap", z: rows((cell) => (cell && !has(cell) ? 0 : null)), colorscale: scale([NO_ANGLE, NO_ANGLE]), showscale: false, hoverinfo: "skip" },
     { ...place, type: "heatmap", z, zmin, zmax, colorscale: scale(COLOURS), colorbar: bar, ...hover },
     contours(place, finished((cell) => (has(cell) ? factor * of(cell) : null))),
   ];
@@ -118,11 +118,13 @@ function bends(place, shares) {
   ];
 }
 
-/** A mark in each cell whose ending its colour alone does not show; the legend counts them. */
+/** A mark in each cell whose ending its colour alone does not show; the legend counts them, and has the colours of all. */
 function marks(operation, axes, cells, room) {
-  return Object.entries(ENDINGS[operation]).flatMap(([ending, symbol]) =>
-    markers(axes, cells, { label: endingShown(ending), symbol, size: Math.min(6, room / 2), isMarked: (cell) => cell.ending === ending }),
-  );
+  const size = Math.min(6, room / 2);
+  return Object.entries(ENDINGS[operation]).flatMap(([ending, symbol]) => {
+    const color = operation === "trajectory" ? OUTCOMES[ending] : NO_ANGLE;
+    return markers(axes, cells, { label: endingShown(ending), symbol, size, color, isMarked: (cell) => cell.ending === ending });
+  });
 }
 
 /** A mark at the case that the map varies. */
@@ -139,24 +141,21 @@ function warned(axes, cells, room, rare) {
   });
 }
 
-function markers([x, y], cells, { label, symbol, size, isMarked }) {
+function markers([x, y], cells, { label, symbol, size, color = INK, isMarked }) {
   const found = [...cells.keys()].filter((index) => cells[index] && isMarked(cells[index]));
   if (!found.length) return [];
+  const at = (axis, place) => (symbol === PLAIN ? [null] : found.map((index) => axis.shown[place(index)])); // null: in the legend alone
   const trace = {
     type: "scatter",
     mode: "markers",
     name: `${label} (${found.length})`.replace(/(?=.{41})(.{20,38}) /, "$1<br>"), // no wider than a phone
-    x: found.map((index) => x.shown[index % x.shown.length]),
-    y: found.map((index) => y.shown[Math.floor(index / x.shown.length)]),
-    marker: { symbol, size, color: INK, line: { width: 1, color: INK } },
+    x: at(x, (index) => index % x.shown.length),
+    y: at(y, (index) => Math.floor(index / x.shown.length)),
+    marker: { symbol, size, color, line: { width: 1, color: INK } },
     hoverinfo: "skip",
     showlegend: true,
   };
   return [trace];
-}
-
-function flat(colour) {
-  return { colorscale: scale([colour, colour]), showscale: false, hoverinfo: "skip" };
 }
 
 function scale(colours) {

@@ -12,7 +12,7 @@ import { inputField, takeUsual } from "./scatter.js";
 import { request } from "./service.js";
 import { clearParts, markFresh, markStale } from "./stale.js";
 import { inUnits } from "./units.js";
-import { degreesShown, describeAngle, digits, endingShown, lengthShown, quantityShown, statusShown, warningList, withInterval } from "./words.js";
+import { capital, degreesShown, describeAngle, digits, endingShown, lengthShown, quantityShown, statusShown, warningList, withInterval } from "./words.js";
 
 const REST_MS = 300; // without a change before the spread and the theories are computed: they are hundreds of searches
 const STRENGTH = "resistance.strength_factor";
@@ -25,21 +25,24 @@ const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2 }; // px and °; rows 
  *
  * @param {{values: object, run: object, found: object, judged?: object}} known the answers to `/trajectory`, `/cra` and
  *   `/verdict` for a case; the range of `judged` may be that of another oblique angle
- * @returns {{first: string, second: string, end: string, design: string, angle?: string}} `angle` is the critical one, as `second`
- *   has it, and `end` where the strike ends with the inputs as given
+ * @returns {{first: string, second: string, end: string, design: string, angle?: string, line: string}} `angle` is the critical one,
+ *   as `second` has it, `end` where the strike ends with the inputs as given, and `line` is for a line: the end comes first
  */
 function verdictOf({ values, run, found, judged }) {
   const mine = `${clipped(values).impact.oblique_angle_deg}°`; // of the strike that is computed; a warning names it
   const angle = found.critical_angle_deg && degreesShown(found.critical_angle_deg, decimalsOf(judged));
   const range = judged?.range_text ? `, 90 % range ${judged.range_text}` : "";
-  if (judged?.oblique_angle_deg !== values.impact.oblique_angle_deg) {
+  const isJudged = judged?.oblique_angle_deg === values.impact.oblique_angle_deg;
+  const probability = isJudged && judged.probability_text ? ` (${run.outcome === "ricochet" ? "" : "ricochet "}${judged.probability_text})` : "";
+  const line = `${capital(endingShown(run))} at ${mine}${probability}, ${angle ? `critical angle ${angle}` : "no critical angle"}`;
+  if (!isJudged) {
     const second = `${angle ? `Critical angle ${angle}` : "No critical angle"}${range}.`;
-    return { first: `At ${mine} from the normal, with the inputs as given: ${endingShown(run)}.`, second, end: endOf(run), design: "", angle };
+    return { first: `At ${mine} from the normal, with the inputs as given: ${endingShown(run)}.`, second, end: endOf(run), design: "", angle, line };
   }
   const [first, ...others] = sentencesOf(judged.sentence);
   const last = others.findIndex((each) => each.startsWith("Wall ")) + 1 || others.length; // the values of a wall follow
   const end = range && judged.probability_text === undefined ? `${mine} is not in the range searched. ${endOf(run)}` : endOf(run);
-  return { first, second: others.slice(0, last).join(" "), end, design: others.slice(last).join(" "), angle };
+  return { first, second: others.slice(0, last).join(" "), end, design: others.slice(last).join(" "), angle, line };
 }
 
 /** Return the sentences of a text: each ends with a full stop before a capital. */
@@ -48,10 +51,10 @@ export function sentencesOf(text) {
 }
 
 /** Put a verdict into an element: what decides, and in a second line what it means. */
-export function showCard(root, { first, second, end = "", angle }, outcome) {
+export function showCard(root, { first, second, end = "", angle, line = "" }, outcome) {
   const [before, ...after] = second.split(angle);
   const rest = after.length ? [before, element("strong.angle", {}, angle), after.join(angle)] : [before];
-  const parts = [element("strong", {}, first), " ", element("span.rest", {}, ...rest), " ", element("span.end", {}, end)];
+  const parts = [element("span.line", {}, line), element("strong", {}, first), " ", element("span.rest", {}, ...rest), " ", element("span.end", {}, end)];
   root.replaceChildren(element("p.outcome.figures", { "data-outcome": outcome }, ...parts));
 }
 

@@ -134,7 +134,7 @@ class _ScaledTicks(AutoLocator):
     Parameters
     ----------
     factor
-        Number of units shown in one of the data.
+        Factor from the unit of the data to the unit shown.
     """
 
     def __init__(self, factor: float) -> None:
@@ -146,7 +146,7 @@ class _ScaledTicks(AutoLocator):
 
 
 def _tick_in(axes: Axes, factor: float) -> None:
-    """Show the axes of a view, whose data are in metres, in a unit of which `factor` make a metre."""
+    """Label axes whose data are in metres in another unit; `factor` converts metres to that unit."""
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(_ScaledTicks(factor))
         axis.set_major_formatter(lambda value, _: f"{value * factor:.6g}".replace("-", "\N{MINUS SIGN}"))
@@ -212,10 +212,8 @@ def curves(
         left.plot([speed], [angle], "o", color="black", markersize=5, zorder=5, label="this case")
     if judged is not None:
         left.plot([speed], [judged], "x", color=TIP_PATH, markersize=6, zorder=5, label="angle to judge")
-    left.set(
-        title="Critical angle over the speed", xlabel=f"speed [{symbol('m/s')}]", ylabel="angle from the normal [°]"
-    )
-    left.set_ylim(0.0, 90.0)
+    left.set(title="Critical angle over the speed", xlabel=f"speed [{symbol('m/s')}]", ylabel="angle θ [°]")
+    left.set(ylim=(0.0, 90.0), yticks=(0, 30, 60, 90))
     if left.get_legend_handles_labels()[1]:
         halves[0].legend(loc="outside lower center", **ONE_LINE)  # No place within the axes is free for every case.
     if uncertainty is None:

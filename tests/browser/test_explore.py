@@ -279,7 +279,7 @@ def test_no_field_has_the_unit_1(page: Page) -> None:
 
 
 def test_histories_out_of_sight_wait_until_the_inputs_rest(page: Page) -> None:
-    """They take longer to draw than the rest of a step of a slider. In sight they follow at once."""
+    """Histories take longer to draw than all other parts of the view. Visible ones are drawn at once."""
     later = """() => {
         const [side, histories] = ['side view', 'histories'].map(
             (part) => performance.getEntriesByName(`ricochet: ${part}`),

@@ -35,7 +35,7 @@ def wait(page: Page) -> None:
 
 
 def answer_of(client: httpx.Client, **rest: Any) -> dict[str, Any]:
-    """Return the service's answer to the same case with the same two scattering inputs."""
+    """Return the service's answer to the paper's case with the inputs of `TWO_INPUTS`."""
     answer = client.post("/cra/uncertainty", json=PAPER | {"uncertain": TWO_INPUTS} | rest)
     answer.raise_for_status()
     found: dict[str, Any] = answer.json()

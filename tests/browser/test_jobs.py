@@ -125,6 +125,23 @@ def test_sweep_is_titled_by_what_varies_shows_its_base_and_is_renamed(page: Page
     assert client.get(f"/jobs/{job['id']}").json()["title"] == "North wall"
 
 
+def test_columns_hold_what_their_heads_say(page: Page, client: httpx.Client) -> None:
+    job = client.post("/cra/batch", content=lines(searches(3)), headers=LINES | ASYNC).json()
+    finished(client, job)
+    page.goto("/#/jobs")
+    row = row_of(page, job)
+    expect(row).to_contain_text("done")
+    heads = page.get_by_role("columnheader").all_inner_texts()
+    cells = dict(zip(heads, row.get_by_role("cell").all_inner_texts(), strict=True))
+    assert job["id"][:8] in cells["Job"]
+    assert (cells["Computation"], cells["Status"], cells["Cases"].split(",")[0]) == (
+        "critical angles",
+        "done",
+        "3 of 3 cases",
+    )
+    assert cells["Kept until"] > ""
+
+
 @pytest.mark.parametrize("form", ["CSV", "JSONL", "HDF5"])
 def test_results_are_downloaded(page: Page, client: httpx.Client, tmp_path: Path, form: str) -> None:
     job = client.post("/cra/batch", content=lines(searches(4)), headers=LINES | ASYNC).json()

@@ -1,5 +1,6 @@
 """The view "Map": sweeps that run as jobs and are drawn while they run."""
 
+import io
 import json
 import re
 from pathlib import Path
@@ -7,6 +8,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import httpx
 import pytest
+from PIL import Image
 from playwright.sync_api import Page, expect
 
 from service.schemas.strike import PAPER, PAPER_AT_45
@@ -99,6 +101,23 @@ def test_map_of_outcomes_distinguishes_them_in_words(page: Page, tmp_path: Path)
     rows = data_rows(tmp_path / "map.csv")
     assert [row["outcome"] for row in rows] == (["embedded"] * 2 + ["ricochet"] * 3) * 2
     assert [float(row["impact.oblique_angle_deg"]) for row in rows[:5]] == [40, 45, 50, 55, 60]
+
+
+def test_legend_has_the_colours_of_the_outcomes_and_no_mark_hides_the_numbers_of_lines(page: Page) -> None:
+    page.goto("/#/map?operation=trajectory&x=impact.oblique_angle_deg,45,65,5&y=impact.velocity_m_s,349,351,2")
+    page.get_by_role("button", name="Run").click()
+    all_computed(page, 10)
+    legend: dict[str, str] = page.locator(".map .legend .traces").evaluate_all(
+        """all => Object.fromEntries(all.map((each) => {
+            const mark = each.querySelector('.legendpoints path');
+            return [each.textContent.split(' ')[0], mark && getComputedStyle(mark).fill];
+        }))"""
+    )
+    expect(page.locator(".map .scatterlayer path.point")).to_have_count(1)  # This is the star.
+    picture = Image.open(io.BytesIO(page.locator(".map .nsewdrag").screenshot())).convert("RGB")
+    for ending, across in (("embedded", 0.02), ("ricochet", 0.98)):
+        colour = picture.getpixel((round(across * picture.width), round(0.9 * picture.height)))
+        assert legend[ending] == f"rgb{colour}", legend
 
 
 def test_axes_follow_the_case_and_the_star_is_on_the_map(page: Page) -> None:

@@ -33,7 +33,7 @@ FILLED = {
     "map": ("map", ".map .main-svg"),
     "jobs": ("jobs", "table"),
 }
-"""Address of each view with all its parts, and a selector of the part that appears last."""
+"""Address at which each view has all its parts, and a selector of the part that appears last."""
 COLOUR = "() => [document.documentElement, document.body].map((each) => getComputedStyle(each).color)"
 
 
@@ -76,7 +76,8 @@ def test_sheets_are_dark_on_white_within_their_margins(
     render = ["pdftoppm", "-r", str(DPI), "-gray", "-png", "view.pdf", "sheet"]
     subprocess.run(render, cwd=tmp_path, check=True)
     words = subprocess.check_output(["pdftotext", "view.pdf", "-"], cwd=tmp_path, text=True)  # noqa: S607
-    assert not {"Start from", "Copy this case", "Pin to compare", "Theme"} & set(words.replace(":", "").splitlines())
+    controls = {"Start from", "Copy this case", "Pin to compare", "Theme", "Cases, pasted or dropped as CSV"}
+    assert not controls & set(words.replace(":", "").splitlines())
     sheets = sorted(tmp_path.glob("sheet*.png"))
     assert 1 <= len(sheets) <= 6
     for number, sheet in enumerate(sheets, start=1):
@@ -88,6 +89,18 @@ def test_sheets_are_dark_on_white_within_their_margins(
         assert np.median(grey) == 255, "the sheet is white"
         ink = np.mean(inside < 128)  # dark pixels: text, lines and the colours of a map
         assert (0.002 if number < len(sheets) else 0.0) < ink < 0.35
+
+
+@pytest.mark.parametrize(("address", "most"), [("walls?impact.oblique_angle_deg=90", 1), ("map", 3)])
+def test_no_sheet_has_the_foot_of_the_page_alone_or_a_part_of_a_picture(
+    new_page: NewPage, faults: list[str], address: str, most: int
+) -> None:
+    page = new_page(width=390, height=844)
+    page.goto(f"/#/{address}")
+    expect(page.locator(".map .main-svg, .field .problem:visible").first).to_be_visible()
+    expect(page.locator("[aria-busy=true]:visible")).to_have_count(0)
+    assert len(re.findall(rb"/MediaBox", page.pdf(prefer_css_page_size=True))) <= most
+    faults.clear()  # The service refuses an angle of 90°.
 
 
 def test_report_opens_in_a_new_tab_with_its_style(page: Page) -> None:

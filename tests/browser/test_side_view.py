@@ -32,7 +32,7 @@ def contact(page: Page) -> tuple[float, float]:
 
 
 def drag(page: Page, degrees: float, distance: float = 150.0) -> None:
-    """Move the pointer to the direction of an angle, at this distance from the point of contact. [°, px]"""
+    """Move the pointer to a point at this angle from the normal and this distance from the point of contact. [°, px]"""
     x, y = contact(page)
     angle = math.radians(degrees)
     page.mouse.move(x - distance * math.sin(angle), y - distance * math.cos(angle), steps=3)

@@ -1,4 +1,4 @@
-"""The verdict: in sight beside the form, each fact once, the strip labelled, a line on the map."""
+"""The verdict is visible beside the form, states each fact once, labels its strip, and takes one line on the map."""
 
 import json
 import re
@@ -20,11 +20,11 @@ SIZES = ((1440, 900), (1024, 768), (768, 1024), (390, 844))
 WALL = "target.thickness_m=0.5&impact.velocity_m_s=300&impact.oblique_angle_deg=50"
 HEAD = ".verdict > .head"
 LINE_PX = 60
-"""A line of words with its frame."""
+"""Upper limit of the height of one framed line of text. [px]"""
 
 
 def judged(page: Page) -> Locator:
-    """The verdict, once it is that of the service."""
+    """Return the head of the verdict once it shows the answer of the service."""
     head = page.locator(HEAD)
     expect(head).to_contain_text("90 % range")
     expect(page.locator(".verdict [aria-busy=true]")).to_have_count(0)
@@ -32,7 +32,7 @@ def judged(page: Page) -> Locator:
 
 
 def boxes(parts: Locator) -> list[dict[str, float]]:
-    """Return the positions of parts in the window. [px]"""
+    """Return the bounding boxes of parts, relative to the window. [px]"""
     found: list[dict[str, float]] = parts.evaluate_all("all => all.map(each => each.getBoundingClientRect().toJSON())")
     return found
 
@@ -74,7 +74,7 @@ def test_each_strength_factor_says_what_it_is_of(page: Page) -> None:
 
 
 def fields_of(part: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the fields of a case as the address of a view has them."""
+    """Yield the name and value of each field of a case, as in the address of a view."""
     for name, value in part.items():
         if isinstance(value, dict):
             yield from fields_of(value, f"{before}{name}.")
@@ -96,7 +96,7 @@ def check_sentence(page: Page, client: httpx.Client, body: dict[str, Any]) -> No
 
 
 OF_THE_PAGE = [kind for kind in KINDS if kind != "no_angle"]
-"""Kinds of strikes that the page can show: it judges every strike at an angle."""
+"""Kinds of strikes that the page can show; it always has an oblique angle."""
 
 
 @pytest.mark.timeout(900)
@@ -133,6 +133,23 @@ def test_labels_of_the_strip_are_apart_and_inside(new_page: NewPage, width: int,
         for each in labels:
             beside = not each["left"] + 1 < leader["left"] < each["right"] - 1
             assert beside or leader["bottom"] <= each["top"] + 3 or each["bottom"] <= leader["top"] + 3, (leader, each)
+
+
+def test_line_on_the_map_begins_with_the_answer(page: Page) -> None:
+    page.goto("/#/map")
+    line = page.locator(f"{HEAD} .line")
+    expect(line).to_have_text(re.compile(r"^Embedded at 45° \(ricochet \d+ %\), critical angle 48\.\d+°$"))
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        answer_ends, line_ends = line.evaluate(
+            """line => {
+                const answer = document.createRange();
+                answer.setStart(line.firstChild, 0);
+                answer.setEnd(line.firstChild, line.textContent.indexOf(','));
+                return [answer, line.parentElement].map((each) => each.getBoundingClientRect().right);
+            }"""
+        )
+        assert answer_ends <= line_ends, "the answer is not cut"
 
 
 def test_verdict_is_a_line_on_the_map_that_unfolds(page: Page) -> None:

@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect
 
 from service.schemas.strike import PAPER, PAPER_AT_45
 
-from .conftest import unfold
+from .conftest import NewPage, unfold
 
 
 def rows(page: Page) -> dict[str, list[str]]:
@@ -81,6 +81,23 @@ def test_every_number_of_a_range_is_in_the_units_shown(page: Page) -> None:
     assert "from 65.62 ft/s to 656.2 ft/s along the normal, here 780.8 ft/s" in rows(page)["CEA-EDF *"][-1]
 
 
+@pytest.mark.parametrize("width", [1440, 1024, 960, 768])
+def test_names_of_formulas_keep_to_a_line_and_the_table_to_its_panel(new_page: NewPage, width: int) -> None:
+    page = new_page(width=width)
+    page.goto("/#/walls?impact.velocity_m_s=900")  # At this speed several formulas are outside their range.
+    rows(page)
+    names = page.locator(".thicknesses tbody td:first-child").filter(has_not_text="With a plug")
+    lines = names.evaluate_all(
+        """all => all.map((each) => {
+            const text = document.createRange();
+            text.selectNodeContents(each);
+            return [each.textContent, new Set([...text.getClientRects()].map(({ top }) => top)).size];
+        })"""
+    )
+    assert [name for name, count in lines if count > 1] == []
+    assert page.locator(".wide").evaluate("each => each.scrollWidth <= each.clientWidth")
+
+
 def test_case_with_a_plug_says_so_and_is_shared_by_its_address(page: Page) -> None:
     page.goto("/#/walls")
     before = rows(page)
@@ -111,6 +128,9 @@ def test_field_out_of_its_bounds_says_so(page: Page) -> None:
     unfold(page)
     page.get_by_label("Crater depth over diameter").fill("30")
     expect(page.get_by_text("Crater depth over diameter must be at most 20.")).to_be_visible()
+    for region in ("Verdict", "Thicknesses"):
+        expect(page.get_by_role("region", name=region)).to_contain_text("No result: a field is not accepted.")
+    expect(page.get_by_role("region", name="Thicknesses").get_by_text("No result")).to_have_count(1)
 
 
 def test_tutorial_of_the_page_quotes_what_the_page_says(page: Page) -> None:

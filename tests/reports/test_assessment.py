@@ -2,6 +2,7 @@
 
 import base64
 import html
+import io
 import json
 import math
 import re
@@ -20,6 +21,7 @@ from service.assessment import first_queries, require_extra, strike_queries
 from service.cli.arguments import RefusedError
 from service.cli.reports import make_report
 from service.errors import ReportsMissingError
+from service.reports.assessment_figures import curves
 from service.reports.assessment_numbers import FIELDS, leaves, lookup
 from service.schemas import ReportRequest
 from service.schemas.strike import HEMISPHERE, PAPER, TRUNCATED_CONE
@@ -310,6 +312,16 @@ def test_angle_to_judge_is_one_of_those_with_a_probability() -> None:
 def test_no_probability_is_given_beyond_the_range_searched() -> None:
     angles = first_queries(ReportRequest.model_validate(NEVER))["uncertainty"].body["oblique_angles_deg"]
     assert (angles["start"], angles["stop"]) == (20.0, 25.0)
+
+
+def test_label_of_the_angle_is_no_longer_than_its_axis() -> None:
+    speeds = [(speed, {"critical_angle_deg": 48.0}) for speed in (150.0, 250.0, 350.0)]
+    figure = curves(speeds, None, speed=238.0, angle=48.6, judged=45.0)
+    figure.savefig(io.BytesIO())  # This lays it out.
+    (axes,) = figure.subfigs[0].axes
+    label, title = (each.get_window_extent() for each in (axes.yaxis.label, axes.title))
+    assert label.y0 >= figure.bbox.y0
+    assert label.y1 <= title.y1
 
 
 def test_page_loads_nothing_and_runs_nothing(client: httpx.Client) -> None:

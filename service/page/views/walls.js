@@ -23,7 +23,7 @@ const COLUMNS = ["By", "Perforation limit", "Scabbing limit", "Penetration", "Ra
 /** Show the view. */
 export async function show(root, query) {
   const parts = build(root);
-  const shown = [parts.card, parts.model, parts.warnings, parts.table];
+  const shown = [parts.card, parts.warnings, parts.thicknesses];
   const updateResults = latest(async (values, signal) => {
     const post = async (path, body) => (await request(path, { body, signal })).data;
     const { projectile, target, impact, resistance, numerics } = values;
@@ -39,9 +39,9 @@ export async function show(root, query) {
     const [first, ...others] = sentencesOf(judged.sentence);
     const ends = isWall ? `The strike ends by this model: ${endingShown(judged)}.` : "Fill in the thickness of the target.";
     showCard(parts.card, { first, second: [...others, ends].join(" ") });
-    parts.model.replaceChildren(...[thickness, speed].filter(Boolean).map(({ sentence }) => element("p", {}, sentence)));
+    const sentences = [thickness, speed].filter(Boolean).map(({ sentence }) => element("p", {}, sentence));
     parts.warnings.replaceChildren(...warningList(judged.warnings, thickness.warnings));
-    parts.table.replaceChildren(tableOf(thickness, table));
+    parts.thicknesses.replaceChildren(...sentences, tableOf(thickness, table));
     markFresh(...shown);
   }, (error) => form.fail(error), { supersede: true });
   const refresh = (values) => {
@@ -102,15 +102,14 @@ function build(root) {
     form: element("form", { "aria-label": "Case", onsubmit: (event) => event.preventDefault() }),
     problem: element("p.problem", { role: "alert" }),
     card: element("div", {}, element("p.quiet", {}, "Computing ...")),
-    model: element("div"),
     warnings: element("div", {}),
-    table: element("div", {}),
+    thicknesses: element("div", {}),
   };
   const results = element(
     "div.pictures",
     {},
     verdictSection(element("div.panel.head", {}, parts.problem, lostNote(), parts.card), element("div.panel.notes", {}, parts.warnings)),
-    element("section.panel", { "aria-label": "Thicknesses" }, parts.model, parts.table),
+    element("section.panel", { "aria-label": "Thicknesses" }, parts.thicknesses),
   );
   root.append(element("h1", {}, "Walls"), element("div.sides", {}, element("div.panel", {}, presetLinks("walls"), parts.form), results));
   return parts;
