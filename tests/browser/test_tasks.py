@@ -80,7 +80,7 @@ def test_whether_half_a_metre_is_enough_takes_one_input(explore: Page, act: Acti
     explore.get_by_role("link", name="Walls", exact=True).click()
     act.fill(explore.get_by_label("Thickness", exact=True), "500")
     expect(explore.locator(".outcome")).to_contain_text(
-        re.compile(r"^Wall of 500 mm at .*: (not )?enough.*Design value against ")
+        re.compile(r"^Wall of 500\smm at .*: (not )?enough.*Design value against ")
     )
     assert act.count == 1
 
@@ -91,7 +91,7 @@ def test_verdict_on_half_a_metre_against_a_155_mm_body_takes_four_inputs_at_most
     act.choose(explore.get_by_label("Concrete class"), "C30/37")
     act.fill(explore.get_by_label("Thickness", exact=True), "500")
     verdict = explore.locator(".outcome")
-    expect(verdict).to_contain_text(re.compile(r"^Wall of 500 mm at .*: not enough.*scabbing.*perforation"))
+    expect(verdict).to_contain_text(re.compile(r"^Wall of 500\smm at .*: not enough.*scabbing.*perforation"))
     expect(verdict).to_contain_text("with the characteristic strength of 30 MPa")
     expect(explore.get_by_label("Compressive strength", exact=True)).to_have_value("38")
     assert act.count <= 4
@@ -101,7 +101,7 @@ def test_verdict_on_a_wall_against_a_steel_sphere_takes_four_inputs_at_most(expl
     act.click(explore.get_by_role("link", name="Steel sphere"))
     act.click(explore.get_by_role("link", name="Walls", exact=True))
     act.fill(explore.get_by_label("Thickness", exact=True), "150")
-    expect(explore.locator(".outcome")).to_contain_text(re.compile(r"^Wall of 150 mm at "))
+    expect(explore.locator(".outcome")).to_contain_text(re.compile(r"^Wall of 150\smm at "))
     assert act.count <= 4
 
 
