@@ -19,8 +19,8 @@ def rows(page: Page) -> dict[str, list[str]]:
     expect(page.get_by_role("table")).to_be_visible()
     expect(page.locator("[aria-busy=true]")).to_have_count(0)
     lines = page.get_by_role("table").locator("tbody tr")
-    cells = [line.locator("td").all_inner_texts() for line in lines.all()]
-    return {first.replace("\N{NO-BREAK SPACE}", " "): rest for first, *rest in cells}
+    cells = [[" ".join(text.split()) for text in line.locator("td").all_inner_texts()] for line in lines.all()]
+    return {first: rest for first, *rest in cells}
 
 
 def test_thicknesses_are_those_of_the_service(page: Page, client: httpx.Client) -> None:
