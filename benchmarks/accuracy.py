@@ -5,10 +5,10 @@
 `usual`: 200 strikes against searches with converged settings; angles must agree within 0.02°. `odd`: 300 strikes far
 outside the usual range against scans, a fine trajectory every 0.5°; the status must agree, and each change of outcome
 lie in its cell of the scan. `walls`: 200 usual strikes on walls of 0.5 to 5 diameters against such scans; the outcome
-at each angle must be that of its interval. `routes`: 3,000 strikes of every kind by both routes, see
+at each angle must be that of its interval. `routes`: 3,000 strikes of every kind by both numerical methods, see
 `validation/routes.py`. Disagreements are printed with inputs and warnings. Exits with 1 if a case fails, if status or
 angle of a usual strike disagree, if more than 1 % of the others disagree or one of them without a warning, if the
-routes differ for no known reason, or if a combination did not occur.
+methods differ for no known reason, or if a combination did not occur.
 """
 
 import argparse
@@ -41,7 +41,7 @@ DISAGREEMENTS = ("error", "status", "first angle", "other crossings", "intervals
 UNWARNED = ("status", "first angle", "intervals")
 """Kinds of disagreement that a warning in `DOUBTS` should announce."""
 ROUTES = 3000
-"""Number of strikes to compare by both routes."""
+"""Number of strikes that are computed by both methods."""
 TOLERATED_SHARE = 0.01
 """Fraction of the odd strikes, and of the strikes on walls, that may disagree if each has a warning in `DOUBTS`. [1]"""
 
@@ -63,7 +63,7 @@ class Comparison:
     doubts: list[str]
     """Warnings of the search that are in `DOUBTS`."""
     wrong_deg: list[float] | None = None
-    """Angles of the scan at which a wall has another outcome than the interval of the answer says. [°]"""
+    """Angles of the scan at which the outcome differs from that of the interval in the answer. [°]"""
     confirmed: bool | None = None
     """True if a fine trajectory 0.02° above the angle is a ricochet, and one 0.04° below it is not."""
     cpu_s: float
@@ -94,7 +94,7 @@ class Comparison:
 
 
 def compare_usual(numbered: tuple[int, Case]) -> Comparison:
-    """Compare the answer with a search with converged settings."""
+    """Compare the answer with that of a search with converged settings."""
     number, case = numbered
     found, _ = _timed(number, case)
     try:
@@ -229,7 +229,7 @@ def passes(kind: str, rows: list[Comparison]) -> bool:
 
 
 def compare_routes(count: int, seed: int, processes: int) -> bool:
-    """Print the table of combinations and every difference of the routes; return whether there is no fault."""
+    """Print the table of combinations and every difference between the methods; return whether there is no fault."""
     strikes = list(random_strikes(count, seed))
     with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), initializer=warm_up) as pool:
         rows = list(pool.map(routes.compare, range(count), strikes, chunksize=20))

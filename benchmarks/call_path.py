@@ -46,7 +46,10 @@ class Recorder:
         self._on = False
 
     def profile(self, frame: FrameType, event: str, _: object) -> None:
-        """Record a call, except of the server's periodic tick. Python calls this function: see `sys.setprofile`."""
+        """Record the file of a called function, except of the server's periodic tick, unless it repeats the last one.
+
+        Python calls this method, see `sys.setprofile`.
+        """
         code = frame.f_code
         if not self._on or event != "call" or code.co_name == "on_tick":
             return

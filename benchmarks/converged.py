@@ -14,11 +14,11 @@ from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, TRAJEC
 OBLIQUE_ANGLE_DEG = 45.0
 """Oblique angle of the trajectory that is measured. [°]"""
 DEPTH_TIMES = (5e-4, 1e-3, 2e-3, 3e-3)
-"""Times at which the depths of this trajectory are compared: multiples of the first one, before it has ended. [s]"""
+"""Times before the end of this trajectory at which depths are compared; they are multiples of the first one. [s]"""
 
 CONVERGED = Numerics(method="adaptive", relative_tolerance=LAST_TOLERANCE / 30.0, stations=24, points=8)
 SCANNED = Numerics(method="adaptive", relative_tolerance=1e-6, stations=24, points=6)
-"""Numerics of a trajectory of which only the outcome is used."""
+"""Numerics of trajectories that are needed for their outcome only."""
 CONVERGED_SEARCH = Search(tolerance=math.radians(0.001))
 CONVERGED_PATH = Numerics(method="adaptive", relative_tolerance=TRAJECTORY_TOLERANCE / 10.0, stations=32, points=16)
 

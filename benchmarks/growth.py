@@ -5,14 +5,14 @@
 1. Searches a second against threads, up to the cores of this machine. Chunks a second against workers of a Dask
    cluster; each chunk only sleeps for 0.1 s, so that any loss is due to the service and the scheduler.
 2. Memory of the server against queued cases of one job of JSON lines. [MB]
-3. Disk usage, time to open the results and time to start the service, against the number of results. They are copies of
-   200 computed results under other keys, in segments of 200 like those of a job.
-4. Times of `GET /jobs`, of accepting a job and of a start, against the number of jobs. They are copies of a job that
+3. Disk usage, time to open the results and time to start the service, against the number of results. The results are
+   copies of 200 computed ones under other keys, in segments of 200 like those of a job.
+4. Times of `GET /jobs`, of accepting a job and of a start, against the number of jobs. The jobs are copies of one that
    has ended.
 
-Each curve is fitted by the line with the least relative errors. If the largest error is more than `TOLERANCE`, the
-table shows where the slope differs most from the initial one. Each time is the least of several measurements. Takes
-about six minutes; `--quick` leaves out the largest sizes and takes two. Needs Linux (/proc).
+A line is fitted to each curve by least squares of the relative errors. If the largest error is more than `TOLERANCE`,
+the table shows where the slope differs most from the initial one. The times in 3 and 4 are the shortest of several
+measurements. Takes about six minutes; `--quick` leaves out the largest sizes and takes two. Needs Linux (/proc).
 """
 
 import argparse
@@ -66,7 +66,7 @@ class Curve:
     points: list[tuple[int, float]] = field(default_factory=list)
 
     def line(self) -> tuple[float, float]:
-        """Constant and slope of the fitted line, which has the least relative errors."""
+        """Constant and slope of the line that is fitted by least squares of the relative errors."""
         sizes, values = np.array(self.points).T
         slope, constant = np.polyfit(sizes, values, 1, w=1.0 / values)
         return float(constant), float(slope)
@@ -87,7 +87,7 @@ class Curve:
 
 
 def least(call: Callable[[], object], times: int) -> float:
-    """Least time of several calls. [s]"""
+    """Shortest time of several calls. [s]"""
     found = []
     for _ in range(times):
         begin = time.perf_counter()
@@ -136,7 +136,7 @@ async def seconds_asleep(address: str, workers: int) -> float:
 
 
 def memory(sizes: Sequence[int]) -> list[Curve]:
-    """Measure the current and the greatest memory of a server that has just accepted a job."""
+    """Measure the current and the peak resident memory of a server that has just accepted a job."""
     kept, most = Curve("memory", "MB", "queued cases"), Curve("greatest memory", "MB", "queued cases")
     for number, size in enumerate(sizes):
         body = b"".join(json.dumps(to_request(case)).encode() + b"\n" for case in one_by_one(study_cases(size, number)))
@@ -214,7 +214,7 @@ def bytes_in(folder: Path) -> int:
 
 
 def least_start(folder: Path) -> float:
-    """Least time until a service with this folder is ready. [s]"""
+    """Shortest time of several starts until a service with this folder is ready. [s]"""
     ready = []
     for _ in range(STARTS):
         begin = time.perf_counter()
@@ -270,7 +270,7 @@ def copy_job(path: Path, size: int) -> None:
 
 
 def draw(curves: Sequence[Curve], path: Path) -> None:
-    """Draw every curve with its line, on a logarithmic scale if the sizes span a decade or more."""
+    """Draw every curve with its line; axes are logarithmic if their values span more than a decade."""
     with styled():
         rows = -(-len(curves) // 3)
         figure, axes = panels(len(curves), rows=rows, height=2.2 * rows)

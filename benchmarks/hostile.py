@@ -42,7 +42,7 @@ TICK_SECONDS = 0.001
 PATIENCE_SECONDS = 30.0
 """Time after which a service that does not report its blocked time is killed and started again. [s]"""
 SHORT, LONG = 100 * 1024, 1_900_000
-"""Lengths just below the limits on the body of a single request and on that of a batch. [bytes]"""
+"""Lengths within the limits on the body of a single request and on that of a batch. [bytes]"""
 HEADERS = {
     *("accept", "accept-encoding", "access-control-request-headers", "access-control-request-method", "authorization"),
     *("connection", "content-encoding", "content-length", "content-type", "cookie", "expect", "forwarded", "host"),
@@ -73,7 +73,7 @@ VALUES: dict[str, Callable[[int], bytes]] = {
     "a request in the value": lambda _: b"x\r\nTransfer-Encoding: chunked\r\n",
     "nothing": lambda _: b"",
 }
-"""Functions that make a header value of about a given size."""
+"""Functions that return a header value, most of them of about the given size. [bytes]"""
 
 Steps = tuple[str | int, ...]
 NAMES = ("velocity_m_s", "strength_facto", "caliber_radius_heda", "nose_shape", "mas_kg", "lengthh_m")
@@ -106,7 +106,7 @@ OBJECTS: dict[str, Callable[[int], dict[str, Any]]] = {
     "null fields": nulls,
     "unknown objects": lambda size: {f"o{number}": {"a": {}} for number in range(size // 18)},
 }
-"""Functions that make fields to add to an object of a body."""
+"""Functions that return fields of about the given size, to add to an object of a body. [bytes]"""
 LISTS: dict[str, Callable[[int], Any]] = {
     "strings in a list": lambda size: ["a"] * (size // 4),
     "numbers in a list": lambda size: [1] * (size // 2),
@@ -117,7 +117,7 @@ LISTS: dict[str, Callable[[int], Any]] = {
     "an object for a list": lambda size: {str(number): number for number in range(size // 14)},
     "repeated items": lambda size: [1e300, "x", None, {}, []] * (size // 20),
 }
-"""Functions that return a value of about a given size, to replace a list or another value of a body."""
+"""Functions that return a value of about the given size, to replace a list or another value of a body. [bytes]"""
 SCALARS: dict[str, Callable[[int], Any]] = {
     "a long text": lambda size: "x" * size,
     "a text of escapes": lambda size: "\0" * (size // 6),
@@ -139,7 +139,7 @@ RAW: dict[str, Callable[[int, bytes], bytes]] = {
     "empty lines": lambda size, _: b"\n" * size,
     "wrong lines": lambda size, _: b"{}\n" * (size // 3),
 }
-"""Functions that make a whole body of about a given size from a valid one."""
+"""Functions that return a hostile body of about the given size [bytes]; some of them extend the given valid body."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +190,7 @@ class WatchedServer(Server):
 
 
 def serve(pipe: Connection, port: int, folder: str) -> None:
-    """Run the service in a separate process."""
+    """Run the service; entry point of the process that `Service` starts."""
     settings = Settings(data_dir=Path(folder), port=port, workers=1, log_level="error")
     configure_log("error")
     server = WatchedServer(create_app(settings), settings)
@@ -218,7 +218,7 @@ class Service:
 
     @property
     def resident_mb(self) -> float:
-        """Memory of the process. [MB]"""
+        """Resident memory of the process. [MiB]"""
         status = Path(f"/proc/{self._process.pid}/status").read_text(encoding="ascii")
         return int(status.split("VmRSS:")[1].split()[0]) / 1024
 
@@ -252,7 +252,7 @@ def running() -> Iterator[Service]:
 
 
 def bodies_of(contract: dict[str, Any]) -> list[tuple[str, str, str, Any]]:
-    """Yield method, path, media type and a valid body of every route with a body."""
+    """Return method, path, media type and a valid body of every route with a body."""
     found: list[tuple[str, str, str, Any]] = []
     for path, methods in contract["paths"].items():
         for method, operation in methods.items():

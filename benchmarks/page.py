@@ -1,4 +1,4 @@
-"""Speed of the page: a warm reload on a slow line, the probability of a wall, a map, and the longest task.
+"""Speed of the page: a reload with a warm cache on a slow line, layout shift, a slider, the verdict on a wall, a map.
 
     python -m benchmarks.page
 

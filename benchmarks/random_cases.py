@@ -64,7 +64,7 @@ def random_cases(count: int, seed: int) -> Cases:
     """Return `count` strikes. With the same seed, a larger count begins with the same strikes.
 
     Velocity 100 to 800 m/s, attack -3° to 3°, strength 15 to 90 MPa and density 2100 to 2500 kg/m³ of the concrete;
-    ogives of caliber-radius-head 1.5 to 6, diameter 20 to 150 mm and length 3 to 10 diameters, which holds the longest
+    ogives of caliber-radius-head 1.5 to 6, diameter 20 to 150 mm and length 3 to 10 diameters, enough for the longest
     of these noses (2.4 diameters), homogeneous at 5000 to 9000 kg/m³. The five decay models alternate, and each is
     combined with both strength factors.
     """
@@ -126,7 +126,7 @@ def wall_cases(count: int, seed: int) -> Cases:
 def odd_cases(count: int, seed: int) -> Cases:
     """Return `count` strikes far outside the usual range, with every kind of nose and every decay model.
 
-    Velocity 30 to 900 m/s and diameter 5 to 250 mm, evenly in their logarithms, attack -5° to 5°, strength 10 to
+    Velocity 30 to 900 m/s and diameter 5 to 250 mm, both log-uniform, attack -5° to 5°, strength 10 to
     150 MPa and density 1900 to 2600 kg/m³ of the concrete; alternating noses with shanks of 1 to 8 diameters,
     homogeneous at 3000 to 12,000 kg/m³. Decay model and strength factor are chosen at random.
     """

@@ -1,11 +1,11 @@
-"""Speed and error of the adaptive route, compared with the paper's method in plain NumPy.
+"""Speed and error of the method `adaptive`, compared with the paper's method in plain NumPy.
 
     python benchmarks/routes.py [--quick] [--repetitions 5]
 
-Compares `numpy_script.py` in its own process, the same panels compiled, and the adaptive route, for the critical angle
-of the paper's strike and for one trajectory at 45°. A repetition runs each of them once in rotating order, so that slow
-phases of the machine affect all of them. Ratios are to the script in the same repetition. Takes about a minute;
-`--quick` does one repetition.
+Compares `numpy_script.py` in its own process, the same panels compiled, and the method `adaptive`, for the critical
+angle of the paper's strike and for one trajectory at 45°. A repetition runs each of them once in rotating order, so
+that slow phases of the machine affect all of them. Ratios are to the script in the same repetition. Takes about a
+minute; `--quick` does one repetition.
 """
 
 import argparse
@@ -76,7 +76,7 @@ def times(contender: Contender, script: Contender) -> list[str]:
 
 
 def print_angles(angles: list[Contender], references: References) -> None:
-    """Print times and errors of the critical angle; secant searches are compared with the paper's angle."""
+    """Print times of the critical angle, and its errors by outcome and by the criterion of each search."""
     rows = []
     for contender in angles:
         answer = contender.answer

@@ -1,4 +1,4 @@
-"""Gain of a second core: random strikes computed in a second by two workers, compared with one.
+"""Gain from a second core: rate at which two workers compute random strikes, compared with one worker.
 
     python benchmarks/scaling.py [--quick] [--cases 1000] [--turns 5]
 

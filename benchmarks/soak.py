@@ -142,7 +142,7 @@ class Record:
 
 
 class Owner:
-    """A client with an API key that repeats unanswered requests while the server is down.
+    """A client with an API key that repeats requests that are not answered, or answered with 429 or 503.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class Owner:
         self._number, self._sweeps = number, 0
 
     def send(self, method: str, path: str, expected: frozenset[int] = frozenset({200}), **more: Any) -> httpx.Response:
-        """Send a request until it is answered; the status must be one of `expected`."""
+        """Send a request until its status is neither 429 nor 503; the status must be one of `expected`."""
         deadline = time.monotonic() + PATIENCE_SECONDS
         while time.monotonic() < deadline:
             with suppress(httpx.TransportError):
@@ -247,7 +247,7 @@ class Owner:
         self.record.expect(found == (len(job.names),) * 2, f"{found} rows for {len(job.names)} cases")
 
     def run_jobs(self, stop: threading.Event) -> None:
-        """Run batches and sweeps in turn, follow each in a different way, and cancel every third job."""
+        """Run batches and sweeps in turn, follow each in one of three ways in turn, and cancel every third job."""
         follow: Iterator[Callable[[Job], None]] = itertools.cycle([self.read_pages, self.read_events, self.wait])
         while not stop.is_set():
             for job in (self.batch(), self.sweep()):
@@ -262,7 +262,7 @@ class Owner:
             self.cancel()
 
     def cancel(self) -> None:
-        """Submit a job of new cases and cancel it after a random time."""
+        """Submit a batch and cancel it after a random time of up to a second."""
         job = self.batch()
         self.submit(job)
         time.sleep(self._choice.uniform(0.0, 1.0))
@@ -302,7 +302,7 @@ def processes_of(data: Path) -> dict[int, int]:
 
 
 def footprint(data: Path, server: int) -> tuple[float, float, int]:
-    """Memory (without mapped files) of the server, and with its workers [MB], and the number of open files."""
+    """Memory (without mapped files) of the server, and with its workers [MiB], and the number of open files."""
     sizes, files = Counter[int](), 0
     for process in processes_of(data):
         with suppress(OSError):
@@ -314,7 +314,7 @@ def footprint(data: Path, server: int) -> tuple[float, float, int]:
 
 
 def disturb(server: Server, data: Path, choice: random.Random, record: Record, kind: str) -> None:
-    """Disturb the service in one of the ways of `DISTURBANCES`, and start it again."""
+    """Disturb the service in one of the ways of `DISTURBANCES`, and start it again if that has ended it."""
     record.counts[kind] += 1
     if kind == "worker killed":
         parents = processes_of(data)

@@ -1,9 +1,9 @@
-"""CPU time against error of the critical angle, for both routes and many settings.
+"""CPU time against error of the critical angle, for both numerical methods and many settings.
 
     python benchmarks/work_precision.py [--quick]
 
 With every setting, the critical angle of the paper's strike is searched by outcome over the default range, to a bracket
-far narrower than the errors, so that times and errors are those of the route. The reference is finer than all settings.
+far narrower than the errors, so that times and errors are those of the method. The reference is finer than any setting.
 Takes about five minutes; `--quick` uses a few fast settings.
 """
 
@@ -19,7 +19,7 @@ from solver import Numerics, RicochetError, Search, warm_up
 BRACKET_DEG = 1e-5
 REPETITIONS = 3
 REPEATED_BELOW = 0.5
-"""Time above which a search is measured once only. [s]"""
+"""Searches that take less CPU time than this are measured `REPETITIONS` times, others once. [s]"""
 FINEST = Numerics(method="adaptive", relative_tolerance=1e-8, stations=32, points=16)
 
 QUADRATURES = ((4, 3), (6, 4), (8, 4), (16, 8))

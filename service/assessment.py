@@ -23,11 +23,14 @@ from solver.units import written_in
 from solver.warnings import RETENTION_DECIDES
 
 EXTRA = ("jinja2", "markupsafe", "matplotlib")
-"""Packages of the extra `reports`."""
+"""Packages that reports import. The extra `reports` installs all of them."""
 SPEEDS = tuple(round(0.5 + 0.1 * step, 1) for step in range(11))
 """Speeds at which the report shows the critical angle, relative to the speed of the case. [1]"""
+# Half a degree to either side is far enough for the outcomes to differ, also where the retention energy decides, and
+# close enough for the paths to show what the change consists in.
 ASIDE_DEG = 0.5
 """Angle between the critical angle and the runs drawn just below and just above it. [°]"""
+# At 90° a projectile moves along the face and never strikes.
 STEEPEST_DEG = 89.9
 """Largest oblique angle of the run just above the critical angle. [°]"""
 
@@ -40,7 +43,7 @@ class Query(NamedTuple):
 
 
 def require_extra() -> None:
-    """Check that the packages of the extra `reports` are installed.
+    """Check that the packages in `EXTRA` are installed.
 
     Raises
     ------
@@ -53,18 +56,19 @@ def require_extra() -> None:
 
 
 def verdict_queries(request: ReportRequest) -> dict[str, Query]:
-    """Return the requests that the verdict is made from, by name.
+    """Return the requests on whose answers the verdict is based, by name.
 
-    The answer to `cra` is needed; the others may be problems. A wall is judged at the angle to judge, or in normal
-    impact if none is given.
+    There is no verdict if `cra` fails; any other request may fail. A wall is judged at the oblique angle of the
+    request, or in normal impact if the request has none.
     """
     return {name: _query_of(request, question) for name, question in next(verdict_steps(request)).items()}
 
 
 def weighing_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
-    """Return searches that show how far the effects behind warnings shift the angle, by warning code and number.
+    """Return the further searches of the verdict, by name.
 
-    Their answers may be problems.
+    They show how far the critical angle is shifted by the effects behind warnings, and by a strength factor that is
+    held constant from 55° instead of 60° on. Any of them may fail.
 
     Parameters
     ----------
@@ -83,7 +87,7 @@ def weighing_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[s
 def first_queries(request: ReportRequest) -> dict[str, Query]:
     """Return the requests that depend on the case alone, by name.
 
-    The answer to `cra` is needed; the others may be problems.
+    There is no report if `cra` fails; any other request may fail.
     """
     case, angle, units = _search_of(request), _angle_of(request), _units_of(request)
     strike = _strike_of(case, 0.0 if angle is None else angle)
@@ -106,14 +110,14 @@ def first_queries(request: ReportRequest) -> dict[str, Query]:
 def strike_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
     """Return the requests that depend on the answer to the search, by name.
 
-    They are the searches that weigh its warnings, and the runs on either side of the critical angle, which are drawn
-    beside the run at the angle to judge.
+    They are those of `weighing_queries`, and the runs on either side of the critical angle, which are drawn beside the
+    run at the oblique angle of the request.
 
     Parameters
     ----------
     found
-        The answer to the search. If it has no critical angle, the only run is at the end of the range nearest to a
-        change of outcome.
+        The answer to the search. If it has no critical angle, there is a single run: at the lower end of the range if
+        the status is `always_ricochet`, otherwise at the upper end.
     """
     case, search = _search_of(request), request.canonical()["search"]
     angles: dict[str, float] = {}
@@ -191,9 +195,9 @@ def _search_of(request: ReportRequest) -> dict[str, Any]:
 
 
 def _units_of(request: ReportRequest) -> dict[str, Any]:
-    """Return the field with the units of texts, for the bodies whose answers have texts that are shown.
+    """Return the field with the units of texts, for the bodies whose answers have texts that the report shows.
 
-    Others leave it out, so that their results are the same for all units.
+    Other bodies omit the field, so that one cached result serves both systems of units.
     """
     return request.model_dump(mode="json", include={"units"})
 
@@ -223,7 +227,7 @@ def _query_of(request: ReportRequest, question: Question) -> Query:
 
 
 def _with_probe(case: Mapping[str, Any], code: str, value: float) -> dict[str, Any]:
-    """Return the body of a search in which a probe changes one value; `code` is that of the warning to weigh."""
+    """Return the body of a search with one value changed, as `with_probe` of the solver does for its arguments."""
     if code == RETENTION_DECIDES:
         return {**case, "numerics": case.get("numerics", {}) | {"retention_energy_fraction": value}}
     held = {"model": ConstantStrengthFactor.name, "value": value}

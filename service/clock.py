@@ -1,4 +1,4 @@
-"""The wall clock, for dates, and the monotonic clock, which nobody can set, for durations."""
+"""The wall clock, for dates, and the monotonic clock, which cannot be set, for durations."""
 
 import asyncio
 import logging
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 WATCH_SECONDS = 60.0
-"""Interval between comparisons of the clocks, a rough choice: the log explains a jump within a minute. [s]"""
+"""Interval between comparisons of the clocks, a rough choice: a jump is logged within a minute. [s]"""
 DIVERGENCE_SECONDS = 30.0
 """Smallest difference between the clocks that is reported. [s] Time synchronisation that slews the clock stays below
 it: chrony's default is at most 8.3 %, which is 5 s between two comparisons."""

@@ -25,7 +25,7 @@ UNITS = {
     "_j": "J",
     "_g": "g_0",
 }
-"""Units by suffix of a field name. A suffix that ends in another one comes before it, as the first match counts."""
+"""Units by suffix of a field name. A suffix that ends in another suffix precedes it, since the first match is used."""
 WRITTEN = {"kg m^2": "kg m²", "m^2": "m²", "kg/m^3": "kg/m³", "deg": "°", "g_0": "g"}
 SYMBOLS = {end: WRITTEN.get(unit, unit) for end, unit in UNITS.items()}
 """Units by suffix of a field name, in the notation for people."""
@@ -139,8 +139,8 @@ def trial_columns(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
 def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     """Return the row of an answer in a table, by column; absent fields are left out.
 
-    Numbers and texts at the top of the answer are copied under their names. Any other `Column` needs a line here, or
-    stays empty.
+    Numbers and texts at the top level of the answer are copied under their names. A column for a nested field needs a
+    line here; without one it stays empty.
     """
     row: dict[str, Any] = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
     for part in ("final", "exit", "protrusion"):

@@ -453,7 +453,7 @@ SOLVER_ERRORS: Mapping[type, tuple[HTTPStatus, str, str]] = {
 
 
 def problem_types() -> list[ProblemType]:
-    """Return all problem types, sorted by name."""
+    """Return all problem types, sorted by type and status."""
     errors = [ServiceError]
     for error in errors:  # The loop visits the subclasses that it appends, so that it walks the whole tree of errors.
         errors += error.__subclasses__()

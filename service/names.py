@@ -1,6 +1,6 @@
 """Display names of choices, inputs, outcomes and formulas of the contract, shared by page, reports and command line.
 
-The module imports nothing, because `ricochet --help` and completion load it.
+The module imports the standard library only, because `ricochet --help` and completion load it.
 """
 
 from collections.abc import Mapping
@@ -210,7 +210,7 @@ WARNINGS: Final[Mapping[str, str]] = {
     "undecided": "still moving at the termination time",
     "velocity_beyond_rigid": "so fast that noses erode",
 }
-"""Short texts for warnings whose code alone is not understood."""
+"""Short texts for warnings whose codes are not self-explanatory."""
 OPERATIONS: Final[Mapping[str, str]] = {
     "cra": "critical angles",
     "trajectory": "trajectories",

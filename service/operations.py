@@ -128,7 +128,7 @@ def result_key(operation: str, request: dict[str, Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Replace numbers by floats, so that equal numbers are written alike."""
+    """Replace numbers by floats, so that equal numbers have the same JSON text."""
     kind = type(value)
     if kind is float or kind is int:
         return float(value) + 0.0  # Adding 0.0 turns -0.0 into 0.0.
@@ -193,8 +193,8 @@ class Operation:
     cases
         Function that returns the cost of a request against a quota, if it differs from `work`. [ordinary cases]
     weight
-        Cost of a case of a batch or a sweep, against a quota and against the size up to which batches are answered in
-        the response. [ordinary cases]
+        Cost of a case with the adaptive method, against a quota and against the size up to which batches are answered
+        in the response. [ordinary cases]
     runs
         Approximate number of runs of one computation.
     long
@@ -241,7 +241,7 @@ class Operation:
         return once * request.searches
 
     def charge(self, request: Any) -> int:
-        """Return the cost of a request against a quota, where each alternative is a case too. [ordinary cases]"""
+        """Return the cost of a request against a quota; each alternative costs as much as the case. [ordinary cases]"""
         if self.cases is not None:
             return self.cases(request)
         if not isinstance(request, Case):
@@ -250,7 +250,7 @@ class Operation:
 
 
 def compute_trajectory(request: bytes) -> Answer:
-    """Compute the motion of one strike, and its flight after a ricochet if requested."""
+    """Compute the motion of one strike and, if requested, the flight of a body that leaves the target."""
     strike = TrajectoryRequest.model_validate_json(request)
     arguments = strike.arguments()
     with written_in(strike.units):
@@ -454,8 +454,8 @@ WALL_CASES = 20
 """Cost of a search for perforation, which takes 20 to 30 runs [ordinary cases]."""
 
 WALL_SEARCHES = 5
-"""Largest number of searches in a verdict on a wall: as given, plain, with a plug, with a plug and a crater, and the
-latter in normal impact."""
+"""Largest number of searches in a verdict on a wall: with the resistance of the request, without plug and crater, with
+a plug, with plug and crater, and with both in normal impact."""
 
 
 SEARCH_RUNS = 10
@@ -735,8 +735,8 @@ WALL_VERDICT = Operation(
     route="judge_wall",
     description="Judge a wall: whether it is thick enough against perforation and against scabbing.\n\n"
     "The largest of the formulas within their range decides, with the margins of DOE-STD-3014-2006, and against\n"
-    "perforation the model with a plug and a crater where it needs more. `/verdict` on a target with a thickness says\n"
-    "the same.",
+    "perforation the model with a plug and a crater where it requires a thicker wall. `/verdict` on a target with a\n"
+    "thickness gives the same verdict.",
     tag="walls",
     weight=WALL_SEARCHES * WALL_CASES,
     runs=WALL_SEARCHES * WALL_CASES,
@@ -769,7 +769,7 @@ OPERATIONS: dict[str, Operation] = {
 
 
 def is_study(operation: str) -> bool:
-    """Return True if an operation is a study of uncertainty; names of a later version are not."""
+    """Return True if an operation is a study of uncertainty; False for an unknown name, as from a later version."""
     return operation in OPERATIONS and OPERATIONS[operation].study is not None
 
 

@@ -60,7 +60,7 @@ async def answer_http_exception(request: Request, exception: Exception) -> Respo
     errors = [{"pointer": "", "detail": exception.detail}] if status in OF_THE_BODY else []
     headers = dict(exception.headers or {})
     if status is HTTPStatus.METHOD_NOT_ALLOWED:
-        # In a thread, because the first contract of a process takes most of a second to make.
+        # The call runs in a thread, because building the OpenAPI document for the first time takes most of a second.
         headers["Allow"] = ", ".join(await run_sync(allowed_methods, request, headers.get("Allow", "GET")))
         detail = f"this path does not take {request.method}; it takes {headers['Allow']}"
     elif detail == HTTPStatus.NOT_FOUND.phrase:  # Only the framework raises 404 with this text: no route matched.

@@ -32,9 +32,9 @@ MEMORY_SECONDS = 30.0
 SHORTEST_SECONDS = 0.05
 """Shortest window [s]. The first chunk of a job may take less, and its rate would be nearly infinite."""
 STEP_SECONDS = 0.5
-"""Time within which completed cases share one entry of the window, so that it has at most 60 entries. [s]"""
+"""Time within which completed cases share one entry of the window, so that it has about 60 entries at most. [s]"""
 LONGEST_WAIT_SECONDS = 3600
-"""Longest wait that is announced [s]. A rate measured over half a minute says nothing about a later time."""
+"""Longest wait that is announced [s]. A rate measured over half a minute does not predict longer waits."""
 CASE_SECONDS = 0.02
 """Assumed time of an ordinary case on one core until a rate has been measured [s]; such cases take 10 to 20 ms."""
 ABANDONED_SECONDS = 0.5
@@ -43,7 +43,7 @@ one."""
 
 
 def check_work(case: Any, most: float) -> None:
-    """Refuse a case with the method `panels` whose runs would exceed the time limit of a computation.
+    """Refuse a request with the method `panels` that has too many panels and time steps.
 
     Raises
     ------
@@ -409,7 +409,7 @@ class QueryService:
     def _put(
         self, operation: str, cases: Sequence[KeyedRequest], results: Sequence[CallResult]
     ) -> list[Record | Exception]:
-        """Store the results of a chunk in one file, and return the record or the error of each case."""
+        """Store the results of a chunk, and return the record or the error of each case."""
         outcomes: list[Record | Exception] = []
         for case, result in zip(cases, results[: len(cases)], strict=True):
             if result.error is not None:
@@ -418,10 +418,10 @@ class QueryService:
                 json, outcome = result.value
                 outcomes.append(self._record(operation, case, json, outcome))
         records = {outcome.key: outcome for outcome in outcomes if isinstance(outcome, Record)}
-        known = self.cache.known(list(records))  # Another chunk may have stored some since they were looked up.
+        known = self.cache.known(list(records))  # Another chunk may have stored some of these results meanwhile.
         segments: Sequence[Segment] = results[-1].value or () if results and results[-1].error is None else ()
         missing = [record for key, record in records.items() if key not in known]
-        # A file of the worker is stored as it is only if every result in it is missing here.
+        # A file that a worker has written is stored as it is only if the cache has none of its results.
         segments = [segment for segment in segments if all(key in records and key not in known for key in segment[0])]
         records |= {record.key: record for record in self.cache.put_many(missing, segments)}
         return [records[outcome.key] if isinstance(outcome, Record) else outcome for outcome in outcomes]

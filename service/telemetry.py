@@ -167,7 +167,7 @@ def path_of(scope: Scope) -> str:
 UNTRACED = frozenset({"/livez", "/readyz", "/metrics"})
 """Paths without traces: monitors poll them every few seconds."""
 REQUEST_ID = "ricochet.request_id"
-"""Attribute of a span with the request id, which log and response carry too."""
+"""Attribute of a span with the request id, the same as in the log and in `X-Request-ID` of the response."""
 NO_TRACER: trace.Tracer = NoOpTracer()
 """Tracer in use while traces are disabled."""
 TRACEPARENT = "traceparent"
@@ -241,7 +241,7 @@ def span_within(
 async def finish_traces(provider: trace.TracerProvider, seconds: float) -> None:
     """Send the remaining spans, and wait at most `seconds` for it. [s]"""
     # The thread is a daemon so that a collector that does not answer cannot keep the process alive.
-    sending = threading.Thread(target=getattr(provider, "shutdown"), daemon=True)  # noqa: B009 (of the SDK alone)
+    sending = threading.Thread(target=getattr(provider, "shutdown"), daemon=True)  # noqa: B009 (a method of the SDK)
     sending.start()
     await run_sync(sending.join, seconds)
 

@@ -8,14 +8,15 @@
 simulate, simulate_many                motion of one strike or of many
 critical_angle, critical_angle_many    smallest oblique angle at which a projectile is turned away
 critical_angle_sweep                   that angle over a grid of speeds, strengths, noses or laws
-least_thickness, limit_velocity        least wall that is not perforated, least speed that perforates one
+least_thickness, limit_velocity        thinnest wall that is not perforated, lowest speed that perforates a wall
 formulas                               empirical formulas for penetration, scabbing and perforation
 flight, flight_after                   landing of a body that has left the target
 solver.uncertainty.verdict             assessment of a strike in one sentence, with the range of its angle
 solver.calibration                     strength factors from depths and motions
 warm_up                                compile the whole solver in advance: a minute, once for each installation
 
-Angles are from the inward normal of the face: 0 is a head-on strike. Arguments are given by name.
+Angles are measured from the inward normal of the face: 0 is a head-on strike. Physical quantities are keyword-only
+arguments.
 """
 
 from solver.bending import Bending, BendingHistory

@@ -37,15 +37,21 @@ class ComparedByFields:
 
 @cache
 def gauss_rule(count: int) -> FloatArray:
-    """Return nodes and weights of the Gauss-Legendre rule on [0, 1], as columns of a read-only (count, 2) array."""
+    """Return nodes and weights of the Gauss-Legendre rule on [0, 1], as columns of a (count, 2) array.
+
+    The array is cached, so callers must not modify it.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return np.column_stack(((nodes + 1.0) / 2.0, weights / 2.0))
 
 
 def interpolation(degree: int) -> tuple[FloatArray, FloatArray]:
-    """Return Chebyshev nodes on [-1, 1], and the matrix that turns values there into coefficients, constant first."""
-    # Interpolation at Chebyshev nodes comes close to the best polynomial of its degree, without searching for it. The
-    # way over Chebyshev polynomials avoids the ill-conditioned Vandermonde matrix.
+    """Return Chebyshev nodes on [-1, 1], and the matrix from values there to polynomial coefficients.
+
+    Coefficients begin with the constant term.
+    """
+    # Interpolation at Chebyshev nodes comes close to the best polynomial of its degree, without searching for it. Going
+    # through the coefficients of Chebyshev polynomials avoids inverting an ill-conditioned Vandermonde matrix.
     nodes = np.cos((np.arange(degree + 1) + 0.5) * np.pi / (degree + 1))
     series = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, degree))
     powers = np.zeros((degree + 1, degree + 1))

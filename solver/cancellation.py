@@ -1,7 +1,7 @@
 """Cancellation of computations, by a signal handler in the main thread or by another thread.
 
-Python runs signal handlers between two bytecode instructions, never during a compiled call. So every call of compiled
-code goes through `compute`, and the compiled code reads two numbers, its control, before each of its steps.
+Python runs signal handlers between two bytecode instructions, never during a compiled call. So every integration and
+every compiled search is called through `compute`, and reads two numbers, its control, before each of its steps.
 """
 
 import threading
@@ -18,12 +18,13 @@ from solver.arrays import IntArray
 from solver.compilation import lean
 
 CANCELLED, STEPS_LEFT = range(2)
-"""Indices in a control: a flag that ends the computation if it is not zero, and the number of steps left to it."""
+"""Indices in a control: a flag that ends the computation if it is not zero, and the number of steps left."""
 # More steps than any computation takes, and far from the largest integer.
 NO_LIMIT = 2**62
 """Number of steps that stands for no limit."""
-# A step takes 10 to 20 µs and a usual search 1,000 steps, so nearly all computations end in the main thread in 0.4 s.
-# A few in a thousand are repeated in another thread, which costs 0.3 ms and leaves the main thread free for signals.
+# A step takes 10 to 20 µs and a usual search 1,000 steps, so nearly all computations end in the main thread within
+# 0.4 s. A few in a thousand reach the limit and start again in another thread, which takes 0.3 ms to create and leaves
+# the main thread free for signals.
 QUICK_STEPS = 20_000
 """Largest number of steps of a computation in the main thread."""
 # The loads on this number of panels take about as long as one step by Gauss points.
@@ -58,7 +59,7 @@ class Cancellation:
 
         answer = cancellation.run(critical_angle, projectile=projectile, target=target, velocity=238.0)
 
-    In another thread, after which the first one raises `CancelledError` within a step::
+    In another thread; the first thread then raises `CancelledError` within a step::
 
         cancellation.cancel()
     """

@@ -6,8 +6,8 @@
         └── StepLimitError  more steps than a run may take
 
 Outcomes of a run or a search (embedded, no ricochet, ...) are results, not errors. The bounds in `BOUNDS` are the same
-in Python and in the HTTP contract: wide enough for any strike, and narrow enough to detect a wrong unit. The error for
-a number outside its bounds suggests the unit in which it may have been given.
+in Python and in the HTTP contract: wide enough for any strike, and narrow enough to detect most wrong units. The error
+for a number outside its bounds suggests the unit in which it may have been given.
 """
 
 import math
@@ -26,7 +26,7 @@ class RicochetError(Exception):
 
 
 class ParameterError(RicochetError, ValueError):
-    """Raised if an input is outside its range, or of another type than the model accepts.
+    """Raised if an input is outside its range, or of a type that is not accepted.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def require_number(field: str, value: object) -> float:
     Raises
     ------
     ParameterError
-        For arrays, texts and other objects.
+        If the value is a bool, a text, an array with at least one dimension, or another object.
     """
     if isinstance(value, float | int) and not isinstance(value, bool):
         return float(value)
@@ -121,7 +121,8 @@ def require_kind(field: str, value: object, union: object) -> None:
     Raises
     ------
     ParameterError
-        If it is not. The message names the classes, and suggests an instance if the value is a class or its name.
+        If the value is of another class. The message names the classes, and suggests an instance if the value is a
+        class or its name.
     """
     kinds = get_args(union)
     if isinstance(value, kinds):
@@ -181,9 +182,9 @@ class Bound(NamedTuple):
 
 
 MILLIMETRES = (("mm", 1e-3), ("cm", 1e-2))
-"""Units in which lengths are often given instead of metres."""
+"""Units in which lengths are often given instead of metres, with their factors to metres."""
 PRESSURES = (("MPa", 1e6), ("kPa", 1e3), ("GPa", 1e9))
-"""Units in which strengths are often given instead of pascals."""
+"""Units in which strengths are often given instead of pascals, with their factors to pascals."""
 # Each range includes all real strikes with a margin, and excludes most values in a wrong unit. The values are
 # rough choices.
 BOUNDS: Mapping[str, Bound] = {
@@ -231,7 +232,8 @@ def require_bounds(field: str, value: object, like: str = "") -> None:
     Raises
     ------
     ParameterError
-        If it is not. The message names the bounds, and the unit in which the number may have been given.
+        If the value is not a number, or outside the bounds. The message names the bounds, and the unit in which the
+        number may have been given.
     """
     bound, number = BOUNDS[like or field], require_number(field, value)
     if bound.holds(number):
@@ -253,7 +255,7 @@ def require_one(field: str, value: object, kind: type) -> None:
     Raises
     ------
     ParameterError
-        If it is not.
+        If the value is a sequence or of another class.
     """
     if not isinstance(value, kind):
         many = ": simulate_many and critical_angle_many take many cases" if hasattr(value, "__len__") else ""
@@ -266,7 +268,8 @@ def require_angle(field: str, value: object, *, below: bool) -> None:
     Raises
     ------
     ParameterError
-        If it is not. The message suggests radians for a number that looks like degrees.
+        If the value is not a number, or the angle is larger. The message suggests radians for a number that looks like
+        degrees.
     """
     angle = require_number(field, value)
     if abs(angle) < math.pi / 2.0 or (not below and abs(angle) <= math.pi / 2.0):
@@ -279,7 +282,7 @@ def require_angle(field: str, value: object, *, below: bool) -> None:
 
 
 def name_keywords(package: dict[str, Any]) -> None:
-    """Wrap the keyword-only functions and classes of a package: the error of a positional call lists the keywords."""
+    """Wrap the keyword-only functions and classes of a package, so that the error of a positional call lists them."""
     for name in package["__all__"]:
         public = package[name]
         own = int(isinstance(public, type))

@@ -2,11 +2,12 @@
 
 `compiled` and the other decorators wrap `numba.njit`, but import numba only when the first function is called. The code
 of functions that Python calls is cached, each with the code of all functions that it calls. numba does not notice a
-change in the latter, so the cache folder is named by a digest of every source of the package, the versions of Python,
-numba and llvmlite, and the processor. Changed sources use another folder, and a copy of an installation finds its code.
+change in a called function, so the cache folder is named by a digest of every source of the package, the versions of
+Python, numba and llvmlite, and the processor. Changed sources use another folder, and a copy of an installation finds
+its code.
 
-The container image includes compiled code for x86-64-v3, which is any processor with AVX2, and for the processors of
-AMD and of Intel with AVX-512 (`entry-point.sh`). It is as fast as code compiled on the machine itself
+The container image includes compiled code for x86-64-v3, that is for processors with AVX2 and FMA, and for the
+processors of AMD and of Intel with AVX-512 (`entry-point.sh`). It is as fast as code compiled on the machine itself
 (`benchmarks/NOTES.md`).
 """
 
@@ -33,11 +34,11 @@ WITH_512_BITS = ("znver4", "znver5")
 """Processors on which LLVM uses registers of 512 bits."""
 PACKAGE = Path(__file__).parent
 JIT = os.environ.get("NUMBA_DISABLE_JIT", "0") in {"", "0"}
-"""False if the user has turned compilation off."""
+"""False if the environment variable NUMBA_DISABLE_JIT turns compilation off."""
 CPU = os.environ.get("NUMBA_CPU_NAME") or get_host_cpu_name()
 # Batches of rings that are multiples of this width made searches 5 % faster on Intel and 9 to 12 % on Zen 4 and 5.
 VECTOR_WIDTH = 8 if CPU.startswith((*WITH_512_BITS, "x86-64-v4")) else 4
-"""Numbers of 64 bits in a vector register."""
+"""Number of 64-bit numbers in a vector register."""
 # The whole solver takes about a minute. A few functions take seconds, for which a message would be noise.
 LONG = 10
 """Number of functions to compile above which a message is written to the terminal."""
@@ -75,9 +76,9 @@ def _has_code(folder: Path) -> bool:
 
 
 def _choose_folder() -> Path:
-    """Choose the cache folder: in NUMBA_CACHE_DIR, if that is set, or else beside the sources or in the user's cache.
+    """Choose the cache folder: in NUMBA_CACHE_DIR or, if that is not set, beside the sources; else in the user's cache.
 
-    The first one that is writable, or holds compiled code, is chosen. If there is none, every process compiles anew.
+    The first folder that is writable, or holds compiled code, is chosen. If neither is, every process compiles anew.
     """
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     bases = [Path(chosen) if chosen else PACKAGE / "__pycache__"]
@@ -105,9 +106,9 @@ class Progress(NamedTuple):
     functions: int
     """Total number of functions."""
     left: list[str]
-    """Functions that are neither compiled nor being compiled."""
+    """Entry points that are not in the cache, and other functions whose compilation has not begun."""
     now: str = ""
-    """The function whose compilation began last; empty if none is left."""
+    """Function whose compilation began last; empty if none has begun or the cache is complete."""
 
     def __str__(self) -> str:
         done = f"{self.functions - len(self.left)} of {self.functions} functions"
@@ -151,7 +152,7 @@ class Locator:
 
     @classmethod
     def from_function(cls, function: Callable[..., object], _: str) -> "Locator":
-        """Create the locator of a function, as numba's registry calls it."""
+        """Create the locator of a function; numba's registry calls this method."""
         return cls(function)
 
     def get_cache_path(self) -> str:
@@ -163,7 +164,7 @@ class Locator:
         FOLDER.mkdir(parents=True, exist_ok=True)
 
     def get_source_stamp(self) -> str:
-        """Return a string that changes with the sources: the name of the folder, which has their digest."""
+        """Return a string that changes with the sources: the name of the folder, which contains their digest."""
         return FOLDER.name
 
     def get_disambiguator(self) -> str:
@@ -174,8 +175,8 @@ class Locator:
 class Compiled:
     """Function that numba compiles, or loads from the cache, at the first call.
 
-    It accepts arguments of the types of the first call only. Two processes that add code for other types to the same
-    cache files at the same time could overwrite each other's.
+    It accepts arguments of the types of the first call only: two processes that add code for other types to the same
+    cache files at the same time could overwrite each other's code.
 
     Parameters
     ----------
@@ -353,7 +354,7 @@ def _numba() -> ModuleType:
 
 
 def _announce(function: Compiled) -> None:
-    """Record a function for `compilation_progress`; the first time, tell a terminal that a compilation begins."""
+    """Record a function for `compilation_progress`; the first time, write to a terminal that compilation begins."""
     _announce_all()
     with suppress(OSError):
         FOLDER.mkdir(parents=True, exist_ok=True)
@@ -397,9 +398,9 @@ compiled = _decorator(no_cfunc_wrapper=True)
 lean = _decorator(**LEAN)
 """Decorator of functions that only compiled code calls."""
 # numba would otherwise also make separate machine code for such a function and all that it calls, which nothing uses.
-# It saves seconds of compilation, but slowed a search by 8 % where such a function ran in every time step.
+# Inlining saves seconds of compilation, but slowed a search by 8 % where such a function ran in every time step.
 once = _decorator(inline="always", **LEAN)
-"""Decorator of functions that are called in one place only and become part of their caller."""
+"""Decorator of functions that are inlined into the one or two functions that call them."""
 # Passing a hundred arguments took 7 % of the time of a search, and reading them another 7 %.
 inlined = _decorator(forceinline=True, **LEAN)
 """Decorator of a function with many arguments that is inlined for speed."""
@@ -407,6 +408,6 @@ inlined = _decorator(forceinline=True, **LEAN)
 exact = _decorator(fastmath={"contract", "nsz"}, **LEAN)
 """Decorator of polynomials and quotients in loops over vectors."""
 # A sum in vector registers is evaluated in another order, which the compiler may do only with these flags. Inlining is
-# forced because LLVM stopped inlining the loops once walls called them too, which cost 5 to 8 %.
+# forced because LLVM stopped inlining the loops once the code for walls also called them, which cost 5 to 8 %.
 vectorised = _decorator(forceinline=True, fastmath={"contract", "nsz", "arcp", "reassoc"}, **LEAN)
 """Decorator of loops over vectors."""

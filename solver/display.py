@@ -30,10 +30,12 @@ Columns: TypeAlias = dict[str, npt.NDArray[Any]]
 Row: TypeAlias = Mapping[str, str | float | None]
 """Texts and numbers of one answer by column name; None for a missing value."""
 
+# More outlines of the body hide each other along a usual path; the value is a rough choice.
 INSTANTS = 5
 """Number of instants at which a side view shows the projectile."""
+# The chords of a quarter circle are then within 2e-4 of its radius, less than a pixel.
 ARC_POINTS = 40
-"""Number of points by which an arc is drawn."""
+"""Number of points of a drawn arc."""
 COLORS: Mapping[str, str] = {
     "ricochet": "#c8102e",
     "embedded": "#123f73",
@@ -89,7 +91,7 @@ def column_attributes(name: str, values: Any, *kinds: type) -> dict[str, str]:
 
 
 def dataframe(columns: Mapping[str, npt.NDArray[np.generic]], *kinds: type, index: str | None = None) -> DataFrame:
-    """Return the columns as a ``pandas.DataFrame``, with the units of those that have one in its `attrs`.
+    """Return the columns as a ``pandas.DataFrame``, with the units of columns that have one in its `attrs`.
 
     Parameters
     ----------
@@ -127,7 +129,7 @@ def line(answer: object, *parts: str) -> str:
 
 
 def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), more: str = "") -> str:
-    """Return the HTML of an answer for a notebook, in its light or dark colours.
+    """Return the HTML of an answer, in the light or dark colours of the notebook that shows it.
 
     Parameters
     ----------
@@ -168,7 +170,7 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def _show_once(figure: Any) -> None:
-    """Close a figure in a notebook, which shows it as the result of the cell, so that it is not shown twice."""
+    """Close a figure so that a notebook, which shows it as the result of a cell, does not show it a second time."""
     pyplot = import_module("matplotlib.pyplot")
     if "inline" in pyplot.get_backend():
         pyplot.close(figure)

@@ -1,4 +1,4 @@
-"""Flight after a ricochet: a point mass with quadratic drag over level ground."""
+"""Flight after a ricochet or a perforation: a point mass with quadratic drag over level ground."""
 
 import math
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ GRAVITY = 9.80665
 TUMBLING_DRAG = 1.0
 """Default drag coefficient, of a tumbling body on its mean projected area. [1]"""
 # With this tolerance distances are accurate to a millimetre in a kilometre, and vary smoothly enough with the elevation
-# for the search for the farthest one.
+# for the search for the largest distance.
 TOLERANCE = 1e-10
 """Relative tolerance of the integration. [1]"""
 # The derivative of the distance is zero at its maximum, so the relative error of the distance is of the order of the
@@ -27,7 +27,7 @@ ELEVATION_TOLERANCE = 1e-5
 """Tolerance of the elevation of the farthest flight. [rad]"""
 
 IncidencePlane: TypeAlias = Literal["up", "level", "down"]
-"""Direction in which the body travels on a tilted face: up, along or down."""
+"""Direction in which the body travels on a tilted face: up, level or down."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,7 +177,7 @@ def flight(
     -----
     Drag is ½ ρ c_D A v² against the velocity, in air of 1.225 kg/m³ at rest; lift, spin and wind are left out. The
     direction in which a tumbling body leaves is the least certain input, so the farthest distance over all elevations
-    is returned beside that of this elevation.
+    is returned beside that at the given elevation.
 
     Examples
     --------

@@ -1,10 +1,10 @@
 """Empirical formulas for a hard projectile on a concrete wall, each with its source and its range.
 
 The formulas give the depth in thick concrete, and the thicknesses below which the rear of a wall scabs and below which
-it is perforated. They were fitted to different tests and differ by 50 % and more, so that their spread is worth more
-than any one of them. None includes an angle. As is common practice, an oblique strike is represented by the normal
+it is perforated. They were fitted to different tests and differ by 50 % and more, so that their spread tells more than
+any single result. No formula includes an angle. As is common practice, an oblique strike is represented by the normal
 component of its velocity. Some formulas were fitted to flat noses and have no factor for others. Their sources do not
-state the error for pointed noses, so these are out of range.
+state the error for pointed noses, which therefore count as out of range.
 """
 
 import math
@@ -43,11 +43,13 @@ NAMES: Mapping[str, str] = {
     "whiffen": "Whiffen",
 }
 """Names of the formulas for display."""
+# A limit beyond the speeds that a strike may have would be of no use.
 LIMIT_SPEEDS = (BOUNDS["impact.velocity"].lower, BOUNDS["impact.velocity"].upper)
 """Range of the normal speed in the search for a limit speed. [m/s]"""
 # Half or twice this aggregate size changes the depth by Whiffen's formula by 7 %.
 AGGREGATE_SIZE = 0.02
 """Largest aggregate assumed for a concrete. [m]"""
+# The constants of the formulas have two to four digits, so that seven are enough for the pressure.
 POUND, INCH, FOOT, PSI = 0.45359237, 0.0254, 0.3048, 6894.757
 """US units in SI units. [kg, m, m, Pa]"""
 
@@ -114,8 +116,8 @@ class Spread:
 
 def spread(results: Iterable[FormulaResult], limit: Limit) -> Spread | None:
     """Return the spread of a quantity over the formulas in range; None if none of them gives it."""
-    # Equal values count once, since some formulas share them: Kar's for steel, and the depth by Degen's, equal those of
-    # modified NDRC.
+    # Equal values count once, since some formulas share them: the results of Kar's formula for steel, and the depth by
+    # Degen's, are those of the modified NDRC formula.
     values = {value for each in results if each.in_range and (value := getattr(each, limit)) is not None}
     return Spread(min(values), max(values), len(values)) if values else None
 
@@ -125,9 +127,9 @@ def nose_class(projectile: Projectile) -> NoseClass:
 
     Notes
     -----
-    The formulas name classes without measures. Here a nose of length zero is flat, one shorter than a hemisphere is
-    blunt, one of up to one diameter is hemispherical, like that of a bullet with a spherical end, and a longer one is
-    sharp.
+    The sources name nose classes without giving dimensions. Here a nose of length zero is flat, one shorter than a
+    hemisphere is blunt, one of up to one diameter is hemispherical, like that of a bullet with a spherical end, and a
+    longer one is sharp.
     """
     ratio = _nose_ratio(projectile)
     if ratio == 0.0:
@@ -187,7 +189,7 @@ def degen(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
     Notes
     -----
     Degen (1980), as in DOE-STD-3014-2006, appendix C: ``e/d = 2.2 X - 0.3 X²`` up to X = x/d = 1.52, and
-    ``0.69 + 1.29 X`` beyond, for e/d from 2.65 to 18.
+    ``0.69 + 1.29 X`` beyond, where e/d is 2.65 to 18.
     """
     d, ratio = projectile.diameter, _ndrc_depth(_ndrc_impact(projectile, target, impact))
     thickness = 2.2 * ratio - 0.3 * ratio**2 if ratio < 1.52 else 0.69 + 1.29 * ratio
@@ -405,8 +407,8 @@ def li_chen(
     h the length of the nose. ``x/d = sqrt(4 k I / π (1 + k π / (4 N)) / (1 + I / N))`` up to I = π k / 4, and
     ``2 N / π ln((1 + I / N) / (1 + k π / (4 N))) + k`` beyond. With k = 2 the latter is `closed_form_depth`. The
     formula was compared with that and with one published shot, not with the original. Below X = x/d = 0.5 it is out of
-    its range. The published correction ``1.628 X^2.789`` is left out there, since it does not join the formula: it is
-    0.24 where X is 0.5.
+    its range. The published correction ``1.628 X^2.789`` is left out there, since it is not continuous with the
+    formula: it gives 0.24 at X = 0.5.
     """
     if strength_factor is None:
         (strength_factor,) = StrengthPowerLaw().polynomial(target=target, projectile=projectile)
@@ -432,7 +434,7 @@ def li_chen(
 def whiffen(
     *, projectile: Projectile, target: Target, impact: Impact, aggregate_size: float | None = None
 ) -> FormulaResult:
-    """Compute penetration by Whiffen's formula, which is within 15 % of its tests.
+    """Compute penetration by Whiffen's formula, which agrees with its tests within 15 %.
 
     Parameters
     ----------
@@ -521,7 +523,7 @@ def limit_speeds(
     Returns
     -------
     tuple of FormulaResult
-        A result for each formula by which some speed within `LIMIT_SPEEDS`, along the normal, perforates the wall.
+        Result by CEA-EDF, and by each other formula whose limit speed along the normal lies within `LIMIT_SPEEDS`.
 
     Raises
     ------
@@ -552,7 +554,10 @@ def limit_speeds(
 def _solved_for_speed(
     formula: Formula, projectile: Projectile, target: Target, thickness: float, cosine: float
 ) -> FormulaResult | None:
-    """Return the least speed at which a formula has the wall perforated; None if it is outside `LIMIT_SPEEDS`."""
+    """Solve a formula for the least speed that perforates a wall.
+
+    Return None if that speed is outside `LIMIT_SPEEDS`, or the formula has no perforation thickness.
+    """
 
     def at(velocity: float) -> FormulaResult:
         return formula(projectile=projectile, target=target, impact=Impact(velocity=velocity, oblique_angle=0.0))
@@ -619,7 +624,7 @@ def _ndrc_depth(g: float) -> float:
 def _by_ndrc_limits(
     formula: str, projectile: Projectile, ratio: float, *, source: str, verified: bool
 ) -> FormulaResult:
-    """Return the limit thicknesses for a penetration over the diameter (Kennedy 1976)."""
+    """Return a result with the limit thicknesses of Kennedy (1976) for a penetration over the diameter."""
     d = projectile.diameter
     scabbing = 7.91 * ratio - 5.06 * ratio**2 if ratio <= 0.65 else 2.12 + 1.36 * ratio
     perforation = 3.19 * ratio - 0.718 * ratio**2 if ratio <= 1.35 else 1.32 + 1.24 * ratio

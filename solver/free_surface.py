@@ -75,7 +75,7 @@ class MohrCoulomb:
 
     Notes
     -----
-    The cohesion ``τ = (3 - λ) f'c / 3`` makes the solid yield at f'c in plain compression (Warren et al. 2004).
+    The cohesion ``τ = (3 - λ) f'c / 3`` makes the solid yield at f'c in uniaxial compression (Warren et al. 2004).
     """
 
     name: ClassVar[str] = "mohr_coulomb"
@@ -133,7 +133,7 @@ FreeSurface: TypeAlias = ElasticPlastic | MohrCoulomb | NoFreeSurface
 
 
 def decay_laws(*, inertia: bool = False) -> tuple[FreeSurface, ...]:
-    """Return all decay laws; with `inertia`, those that have it include the inertia of the expanding solid."""
+    """Return all decay laws; with `inertia`, those with that option include the inertia of the expanding solid."""
     return ElasticPlastic(inertia=inertia), MohrCoulomb(inertia=inertia), NoFreeSurface()
 
 
@@ -145,7 +145,7 @@ def decay_factor(
     Parameters
     ----------
     model
-        One of the decay models.
+        Decay law.
     target
         The concrete.
     radius_ratio
@@ -184,7 +184,7 @@ def _plastic_ratio(target: Target, least_modulus: float) -> float:
     Raises
     ------
     ParameterError
-        If the modulus of the target is not above it.
+        If Young's modulus of the target is not above `least_modulus`.
     """
     require(
         target.elastic_modulus > least_modulus,

@@ -4,11 +4,11 @@ The route of the paper sums over panels. The adaptive route integrates: the outl
 loaded arc changes smoothly, and each loaded stretch gets Gauss-Legendre stations. The rings at all stations, of several
 states at a time, are then summed in one loop.
 
-In a wall, the resistance to an element that faces the rear is weakened by the rear face, and to one that faces out by
-the impact face: by the same decay function of the distance to that face along the normal. Elements beyond the rear face
+In a wall, the rear face weakens the resistance to elements whose normals point to it, and the impact face that to all
+others, both by the same decay function of the distance to the face along the normal. Elements beyond the rear face
 carry no load, nor do those in a plug that shears out. A ring then has up to four arcs, in order of increasing cos β:
-near the rear face, deep before it, deep behind the impact face, and near the impact face. Each ring is stored twice:
-once with the arcs that face the impact face, once with those that face the rear.
+near the rear face, far from it, far from the impact face, and near the impact face. Each ring is stored twice: once
+with the arcs that face the impact face, once with those that face the rear.
 """
 
 import math
@@ -206,7 +206,8 @@ def accelerate_by_gauss(
                     integrate_rings(rows, rings, fulls, quadrature.points, law, body.bounds & BOUNDED > 0)
                     _add_up(first, k, body, scratch, out)
                     first, rings, fulls = k, 0, 0
-                # Integrals over rings without a decay have a closed form. Their own loop made searches 5 to 8 % faster.
+                # Integrals over rings without a decay have a closed form. A separate loop for
+                # them made searches 5 to 8 % faster.
                 if law.decay.corner == 0.0 or is_full(piece, begin, end, middle, motion):
                     add_rings(rows, FULL + fulls, piece, begin, end, rule.table, motion)
                     fulls += rule.size
@@ -246,7 +247,7 @@ def weaken_in_crater(states: FloatArray, body: Body, crater_depth: float, out: F
 
 @lean
 def panel_loads(state: FloatArray, panels: Panels, law: Law) -> Load:
-    """Return force into depth, lateral force and moment as the sum over the panels of the paper. [N, N m]
+    """Return the force along depth, the lateral force and the moment as sums over the panels of the paper. [N, N m]
 
     The static stress is not ramped, as in the paper.
     """
@@ -362,7 +363,7 @@ def _ring_loader(name: str, *, tapers: bool) -> Callable[[FloatArray, np.uint64,
     """
 
     def load_rings(rows: FloatArray, last: np.uint64, law: Law) -> None:
-        """Find the arcs of the rings up to `last` and integrate around the fully resisted ones."""
+        """Find the arcs of the rings up to `last` and integrate the stress on the fully resisted arcs."""
         beyond, endless, loaded = law.decay.corner - 1.0, law.decay.corner == 0.0, law.loaded_thickness
         for i in range(last):
             j = i + REAR

@@ -1,7 +1,7 @@
 """Many cases at a time, on several threads, and their answers as one table.
 
 Threads run in parallel, since the compiled code releases the interpreter lock. A table has a row for each answer, in SI
-units and radians, with the names of the solver.
+units and radians, with the field names of the solver as column names.
 """
 
 import math
@@ -80,8 +80,9 @@ def critical_angle_many(
     Returns
     -------
     sequence of CriticalAngle or RicochetError
-        Answers in the order of the cases. Each is computed when it is first accessed, so that the first ones are
-        available while later ones still run. A case that failed has its error in its place.
+        Answers in the order of the cases. They are computed in that order as they are accessed, with several threads
+        also ahead, so the first are available while later ones still run. A case that failed has its error in its
+        place.
 
     Raises
     ------
@@ -238,7 +239,7 @@ class Answers(Sequence[Answer | RicochetError]):
     Parameters
     ----------
     function
-        Function that answers one case.
+        Function that computes the answer to one case.
     threads
         Number of cases computed at a time.
     **columns
@@ -295,15 +296,15 @@ class Answers(Sequence[Answer | RicochetError]):
         return f"<{self._length} answers, {len(self._kept)} of them computed>"
 
     def close(self) -> None:
-        """Cancel the cases that have been started ahead of the last answer."""
+        """Cancel the cases that were started but whose answers have not been accessed."""
         self._coming.close()
         self._coming = self._begin()
 
     def inputs(self, taken: Container[str]) -> Columns:
-        """Return the inputs that vary between cases as columns, an object by its fields, with names not in `taken`."""
+        """Return the inputs given as sequences as columns, objects by their fields, with names not in `taken`."""
         rows = [dict(named_values({name: case[name] for name in self._many})) for case in self._cases()]
-        # The fields of an object are columns. The object itself is one only if it has a name, and inputs that no case
-        # has are left out.
+        # The fields of an object are columns. The object itself is a column only if it has a name, and inputs that no
+        # case has are left out.
         names = {
             name: None
             for row in rows
@@ -375,8 +376,8 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
     Returns
     -------
     dict of str to array
-        The first columns are the inputs that vary over the cases, if the answers are the object that the function
-        returned and not a list of them; for alternatives they are the laws. For trajectories follow ``outcome``,
+        The first columns are the inputs given as sequences, if the answers are the object that the function returned
+        and not a list; for alternatives they are the laws. For trajectories follow ``outcome``,
         ``maximum_depth``, ``protrusion_final`` and ``protrusion_greatest`` [m], ``bending_peak_stress`` [Pa],
         ``strength_factor`` and ``final_time`` [s] to ``final_kinetic_energy`` [J]; for critical angles ``status``,
         ``angle``, ``standard_error``, ``bracket_low`` and ``bracket_high`` [rad], and

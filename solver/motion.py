@@ -26,7 +26,7 @@ from solver.loads import (
 from solver.surface import CENTRED, Body, Panels, deepest_offset, deepest_point
 from solver.surface_integration import Law
 
-# A narrower ramp makes the equations stiffer; with a wider one the body creeps faster where it should rest. This one
+# A narrower ramp makes the equations stiffer; with a wider one the body creeps faster where it should rest. This width
 # changes the depth in normal impact by less than 1e-5 of it, as a test checks.
 RAMP_FRACTION = 1e-4
 """Normal velocity over which the static stress builds up, as a fraction of the impact velocity. [1]"""
@@ -214,7 +214,7 @@ def _fill_states(steps: FloatArray, times: FloatArray, states: FloatArray) -> No
 
 def sample_accelerations(steps: FloatArray, times: FloatArray) -> FloatArray:
     """Return the (n, 3) accelerations at sorted `times`, as derivatives of the velocities that `sample` returns."""
-    # A body that slides straight moves across its axis at some mm/s, and that speed determines the load. The
+    # A body that moves along its axis still has some mm/s across it, and that speed determines the load. The
     # interpolated speed is not that accurate, so loads computed from interpolated states scatter by as much as their
     # largest value. The derivative of the interpolant is exact at both ends of a step and smooth between them.
     rows = np.minimum(np.searchsorted(steps[:, 0] + steps[:, 1], times), steps.shape[0] - 1)
@@ -247,20 +247,21 @@ class Termination(IntEnum):
     REST = 1
     """Kinetic energy down to the rest threshold."""
     RETAINED = 2
-    """Stopped with less than the retention energy: unloaded and not moving in, beyond the rear face, or at the
-    termination time."""
+    """Stopped with less than the retention energy: unloaded and not moving in, beyond the rear face, tumbling, or at
+    the termination time."""
     EXIT = 3
-    """Clear of the impact face with more than the retention energy."""
+    """Released with at least the retention energy, and clear of the impact face or, at the termination time, moving
+    out."""
     STEP_LIMIT = 4
     """Limit on the number of steps reached."""
     NOT_FINITE = 5
-    """Diverged: not finite, or with far more energy than at first contact."""
+    """Diverged: not finite, with more than twice the initial energy, or in steps near the rounding error of time."""
     NO_STRENGTH = 6
     """Not started: the strength factor is not above zero."""
     NONE = 7
     """No end yet: the integration continues."""
     PERFORATED = 8
-    """Clear of the rear face with more than the retention energy."""
+    """Clear of the rear face with at least the retention energy."""
     TUMBLED = 9
     """Loaded after the axis has turned by more than `MOST_TURN` since first contact."""
     CANCELLED = 10
@@ -288,11 +289,12 @@ class Run(NamedTuple):
     maximum_depth: float
     """Greatest depth of the deepest point of the body. [m]"""
     steps: int
-    """Number of filled rows of the step table."""
+    """Number of accepted steps, which is that of filled rows unless the step table has a single row."""
     evaluations: int
     """Number of evaluations of force and moment."""
     energy_gain: float
-    """Largest gain of kinetic energy in one step, over the initial energy; an exact solution has none. [1]"""
+    """Largest gain of kinetic energy in one fixed step, over the initial energy; an exact solution has none, and the
+    adaptive integration reports 0. [1]"""
 
 
 # Compiled code returns numbers or plain tuples of numbers to Python. To return arrays, named tuples or enumerations,
@@ -444,7 +446,7 @@ def end_of_step(
         event[0] = time + step[1]
         interpolate(step, 1.0, state)
     if event[0] >= 0.0:
-        # The energy at the release decides, since it is constant in free flight.
+        # The energy at the release decides the outcome, since it is constant in free flight.
         retained = kinetic_energy(state, body) < thresholds.retention
         if retained and state[3] <= 0.0:
             return Termination.RETAINED

@@ -30,17 +30,17 @@ from solver.target import Target
 from solver.trajectory import run_warnings
 from solver.warnings import DEEPER_THAN_WALL, TUMBLING, UNDECIDED, ModelWarning, decided_by_time, undecided
 
-# Real projectiles penetrate far less. A body that no such wall holds is reported as always perforating.
+# Real projectiles penetrate far less. A body that no such wall stops is reported as always perforating.
 MOST_DIAMETERS = 1000.0
 """Thickest wall tried, over the diameter of the projectile. [1]"""
 # No projectile stays rigid at the upper end.
 VELOCITIES = (1.0, 2000.0)
 """Range of velocities searched. [m/s]"""
-# The outcome need not be monotonic, and the first change is sought: larger steps could pass over it, smaller ones take
-# more trials. The factor is a rough choice.
+# The outcome need not be monotonic, and the first change is sought: larger ratios could pass over it, and smaller
+# ratios take more trials. The factor is a rough choice.
 GROWTH = 1.5
 """Ratio of the values of consecutive trials until the outcome changes. [1]"""
-# A bracket of this width is far below the scatter of S, and takes about twelve bisections.
+# A bracket of this width is far below the effect of the scatter of S, and takes about twelve bisections.
 TOLERANCE = 1e-4
 """Default width of the final bracket over its upper end. [1]"""
 # With this tolerance and number of stations a limit is within 5e-5 of its converged value, half the width of the
@@ -92,7 +92,7 @@ class PerforationLimit:
     """Least thickness that was found to stop the projectile, or least velocity that was found to perforate; None if the
     outcome does not change in the range. [m or m/s]"""
     bracket: tuple[float, float] | None
-    """Values on the two sides of the change, at the end of the search. [m or m/s]"""
+    """Values on both sides of the change of outcome at the end of the search; None without a change. [m or m/s]"""
     iterations: tuple[PerforationTrial, ...]
     """All trials, in the order of computation."""
     without_protrusion: float | None
@@ -173,7 +173,7 @@ def least_thickness(
     impact
         Motion of the projectile at first contact.
     velocity, oblique_angle, angle_of_attack, angular_velocity
-        The same as numbers, in place of `impact`. [m/s, rad, rad, rad/s]
+        Fields of the impact, in place of `impact`. [m/s, rad, rad, rad/s]
     target
         The concrete, without a thickness.
     resistance
@@ -198,7 +198,7 @@ def least_thickness(
 
     Notes
     -----
-    Each wall tried is half as thick again as the one before until one holds; bisection follows. A second search finds
+    Each wall tried is 1.5 times as thick as the one before until a wall holds; bisection follows. A second search finds
     the least thickness with which no part of the projectile comes out of the rear face. A wall that is not perforated
     by the termination time, or before the projectile has turned by more than 360°, counts as one that holds, with a
     warning if it is next to the change. Without a plug and a crater, see `Resistance`, real walls have to be thicker
@@ -248,7 +248,7 @@ def limit_velocity(
     impact
         Motion of the projectile at first contact; its velocity is not used.
     oblique_angle, angle_of_attack, angular_velocity
-        The same as numbers, in place of `impact`. [rad, rad, rad/s]
+        Fields of the impact, in place of `impact`. [rad, rad, rad/s]
     resistance
         Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics
@@ -270,7 +270,7 @@ def limit_velocity(
 
     Notes
     -----
-    Each velocity tried is half as high again as the one before, from 1 m/s, until one perforates; bisection follows. A
+    Each velocity tried is 1.5 times the one before, from 1 m/s, until a velocity perforates; bisection follows. A
     second search finds the greatest velocity at which no part of the projectile comes out of the rear face. A wall that
     is not perforated by the termination time counts as one that holds, with a warning if it is next to the change.
 
@@ -362,6 +362,7 @@ def _search(
     perforated_at_first
         Outcome at the lower bound if there is a limit: True for a thickness, False for a velocity.
     """
+    # A finer tolerance is far below the error of a run, and a wider bracket says little; both are rough choices.
     require_between("tolerance", tolerance, 1e-8, 0.1)
     always, never = PerforationStatus.ALWAYS_PERFORATED, PerforationStatus.NEVER_PERFORATED
     trials: dict[float, PerforationTrial] = {}
@@ -396,7 +397,8 @@ def _search(
         if bracket is None:
             status = always if perforated_at_first else never
     value, last = None if bracket is None else bracket[1], next(reversed(trials))
-    # Parts of the body come out of walls somewhat thicker than those perforated, and at velocities somewhat lower.
+    # Parts of the body come out of walls somewhat thicker than those that it perforates, and at velocities somewhat
+    # below the limit.
     beside = _first_change(comes_out, bounds, tolerance) if comes_out(bounds[0]) is perforated_at_first else None
 
     # Own shots were not fired at walls of the trial thickness, so a warning that they are deeper would be wrong.
@@ -429,7 +431,7 @@ def _first_change(
 
     Each value tried is `GROWTH` times the one before, up to the upper bound; bisection to the tolerance follows.
     """
-    # The condition is true or false, without a size that a faster method than bisection could use.
+    # The condition is true or false, without a magnitude that a faster method than bisection could use.
     value, upper = bounds
     before, at_first = value, holds(value)
     while holds(value) is at_first:

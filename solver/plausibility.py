@@ -1,6 +1,7 @@
-"""Checks of every answer against conservation of energy, to detect errors of the program.
+"""Checks of answers against conservation of energy, to detect errors of the program.
 
-They take no measurable time and run on every answer. A failed check gives the warning ``implausible``.
+They take no measurable time and run on every answer of the adaptive method. A failed check gives the warning
+``implausible``.
 """
 
 import itertools

@@ -51,7 +51,7 @@ LARGEST_STATE = 1e100
 
 
 class Outcome(StrEnum):
-    """Outcome of a run."""
+    """Outcome of a run: turned away, stopped in the target, still moving there, or through a wall."""
 
     RICOCHET = "ricochet"
     EMBEDDED = "embedded"
@@ -219,7 +219,7 @@ def check_case(projectile: Projectile, target: Target) -> None:
     Raises
     ------
     ParameterError
-        If one of them is of another type, such as a list.
+        If the projectile or the target is of another type, such as a list.
     """
     require_one("projectile", projectile, Projectile)
     require_one("target", target, Target)
@@ -228,7 +228,7 @@ def check_case(projectile: Projectile, target: Target) -> None:
 def integrate(
     prepared: PreparedCase, model: Model, impact: Impact, *, keep_steps: bool, thresholds: Thresholds | None = None
 ) -> tuple[Run, FloatArray]:
-    """Integrate a strike by the route of the case; return the run and its table of steps.
+    """Integrate a strike by the method of the case; return the run and its table of steps.
 
     Parameters
     ----------
@@ -237,8 +237,8 @@ def integrate(
     keep_steps
         Keep every step in the table, not only the last one.
     thresholds
-        Energies that end the run, over the initial energy; by default the retention energy of the case and that of
-        rest. [1]
+        Energies that end the run, over the initial energy; by default the retention energy of the case and
+        `REST_FRACTION`. [1]
 
     Raises
     ------
@@ -297,7 +297,7 @@ OUTCOMES: dict[float, Outcome] = {
 }
 """Outcome for each termination of a run that could be integrated."""
 RELEASED = (Termination.EXIT, Termination.RETAINED, Termination.PERFORATED)
-"""Terminations after which a projectile flies freely."""
+"""Terminations after which the motion is continued as free flight."""
 
 
 def check_end(end: float, time: float) -> None:

@@ -24,13 +24,13 @@ from solver.checks import (
 # machine precision.
 GAUSS_POINTS = 48
 """Number of Gauss-Legendre points on one piece of the outline."""
-# The tolerance admits dimensions that were kept in single precision.
+# The tolerance admits dimensions that were stored in single precision.
 MATCH = 1e-6
 """Relative tolerance of dimensions that must agree, such as the radii of a profile and the shank. [1]"""
-# Points of a straight line are off it by their rounding: 1e-16 of its size or, if written to the micrometre, 1e-5. No
-# nose is made as accurately as 1e-4.
+# Rounding moves points off a straight line: by 1e-16 of the size of the nose or, if they are given to the micrometre,
+# by 1e-5. No nose is made to an accuracy of 1e-4.
 DENT = 1e-4
-"""Largest distance of a point of a profile inside the line between others, over the size of the nose. [1]"""
+"""Largest distance by which a point of a profile may lie inside the line between two others, over its size. [1]"""
 
 Point = tuple[float, float]
 """Distance behind the tip, and distance from the axis. [m]"""
@@ -199,8 +199,8 @@ class Profile:
     ----------
     points
         (x, r) pairs from the tip, with x from 0 and not decreasing. If r does not decrease, its last value is the
-        radius of the shank. If r falls behind its widest point, the profile is that of the whole body, up to its flat
-        base or to an end in a point. A list or an array of pairs becomes a tuple. [m]
+        radius of the shank. If r decreases behind the widest point, the profile is that of the whole body, up to its
+        flat base or to an end in a point. A list or an array of pairs becomes a tuple. [m]
 
     Raises
     ------
@@ -209,7 +209,7 @@ class Profile:
 
     Notes
     -----
-    Points within rounding of the line between two others are left out of the outline.
+    Points on the line between two others, or inside it by no more than 1e-4 of the size, are left out of the outline.
     """
 
     name: ClassVar[str] = "profile"
@@ -254,7 +254,7 @@ class Profile:
         return next(x for x, r in self.points if r == widest) if self.falls else self.points[-1][0]
 
     def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
-        """Return the flat face, if any, and a line between each pair of the points that span the nose."""
+        """Return the flat face, if any, and the lines between successive points that span the nose."""
         blunt = self.points[0][1]
         face = (Line(0.0, 0.0, 0.0, blunt),) if blunt > 0.0 else ()
         end = self.length(radius)
@@ -322,6 +322,7 @@ def _points(field: str, given: object) -> tuple[Point, ...]:
     rows = _members(plain(given))
     require(rows is not None, field, f"must be (x, r) pairs, got {type(given).__name__}")
     rows = rows or ()
+    # A thousand points resolve a nose to a thousandth of its length, and each adds a piece of the outline to integrate.
     require(2 <= len(rows) <= 1000, field, f"must hold 2 to 1000 points, got {len(rows)}")
     points = []
     for index, row in enumerate(rows):
@@ -334,7 +335,7 @@ def _points(field: str, given: object) -> tuple[Point, ...]:
 
 
 def _members(given: Any) -> tuple[Any, ...] | None:
-    """Return the items of a list, a tuple or an array as a tuple; None for anything else."""
+    """Return the items of an iterable as a tuple; None for a text or an object that is not iterable."""
     try:
         return None if isinstance(given, str) else tuple(given)
     except TypeError:
@@ -358,7 +359,7 @@ def _spanning(points: Sequence[Point]) -> list[int]:
 
 
 def _rise(points: Sequence[Point]) -> int | None:
-    """Return the index of the first point to which the slope rises in a dent of a profile; None without a dent."""
+    """Return the index of the first point in a dent to which the slope is steeper than before; None without a dent."""
     size = math.hypot(*points[-1])
     for first, last in pairwise(_spanning(points)):
         if any(_inside(points[first], each, points[last]) > DENT * size for each in points[first + 1 : last]):
@@ -386,11 +387,11 @@ class Projectile:
     mass
         Mass. The upper bound is about that of a uranium cylinder 5 m wide and 20 m long. [kg]
     center_of_gravity
-        Distance of the centre of gravity behind the nose tip, less than the length; that of the homogeneous solid of
-        the outer shape when not given. [m]
+        Distance of the centre of gravity behind the nose tip, less than the length; that of a homogeneous body when
+        not given. [m]
     moment_of_inertia
-        Moment of inertia about a transverse axis through the centre of gravity; that of the homogeneous solid of the
-        outer shape when not given. [kg m²]
+        Moment of inertia about a transverse axis through the centre of gravity; that of a homogeneous body when not
+        given. [kg m²]
     boat_tail
         Taper behind the shank; a cylinder up to the base when not given.
     inner_diameter
@@ -563,7 +564,7 @@ class MassProperties:
 
 @lru_cache  # for the same reason as `mass_properties`
 def solid_properties(projectile: Projectile) -> SolidProperties:
-    """Return the geometry of the homogeneous solid of the outer shape, by Gauss quadrature on each piece."""
+    """Return the geometry of the homogeneous solid of the outer shape, less the bore, by Gauss quadrature."""
     t, w = gauss_rule(GAUSS_POINTS).T
     area = volume = first = second = 0.0
     for piece in projectile.outline():

@@ -37,7 +37,7 @@ class Quantity(NamedTuple):
 
     @classmethod
     def of(cls, docstring: str) -> "Quantity":
-        """Separate the text of a docstring from the first unit in it."""
+        """Separate the text of a docstring from its first unit; alternatives such as ``m or m/s`` do not count."""
         units = [found for found in UNIT.findall(docstring) if " or " not in found]
         return cls(UNIT.sub("", docstring).strip(), "".join(units[:1]))
 

@@ -30,14 +30,13 @@ from solver.projectile import GAUSS_POINTS, Profile, Projectile
 from solver.target import MOST_PLUG, Crater, ShearPlug, Target
 
 FIELD = "resistance.strength_factor"
-# A covariance that was written with six or seven digits is symmetric and semidefinite to about this.
+# A covariance given with six or seven digits is symmetric and positive semidefinite within about this tolerance.
 ROUNDING = 1e-6
 """Tolerance of the checks that a correlation matrix is symmetric and positive semidefinite. [1]"""
 # With this number of points, the trapezoidal rule gives S of a measured depth with an error of 1e-5.
 PATH_POINTS = 401
 """Number of points along the path on which the nose enters the target."""
-# Eight hundred intervals of the usual range are a tenth of a degree each, which is fine enough for the range of a
-# search.
+# In the default range of 80° the angles are a tenth of a degree apart, which is fine enough for the end of a search.
 STRENGTH_CHECKS = 801
 """Number of angles at which the sign of the strength factor is checked."""
 EQUATION_9_COEFFICIENTS = (8.469, 0.0149, -0.0013)
@@ -63,7 +62,7 @@ FINITE_ELEMENT_SHAPES: Mapping[str, tuple[float, ...]] = {
 }
 """Coefficients of S(θ)/S(0) of finite element motions, by decay law. [1, 1/°, 1/°², 1/°³]"""
 FINITE_ELEMENTS_TO = math.radians(55.0)
-"""Largest oblique angle of these runs, from which S(θ) is held constant. [rad]"""
+"""Largest oblique angle of the finite element runs, from which S(θ) is held constant. [rad]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +72,7 @@ class ConstantStrengthFactor:
     Parameters
     ----------
     value
-        Strength factor; measured values lie between about 5 and 25. [1]
+        Strength factor; most measured values lie between 5 and 25. [1]
     """
 
     name: ClassVar[str] = "constant"
@@ -115,6 +114,7 @@ class ObliquityPolynomial:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients", tuple(plain(self.coefficients)))
+        # A fit may have the order nine, `HIGHEST_ORDER` of the calibration.
         require(1 <= len(self.coefficients) <= 10, f"{FIELD}.coefficients", "must hold 1 to 10 numbers")
         for index, coefficient in enumerate(self.coefficients):
             require_finite(f"{FIELD}.coefficients.{index}", coefficient)
@@ -123,6 +123,7 @@ class ObliquityPolynomial:
             _check_covariance(self.covariance, len(self.coefficients))
         if self.held_from is not None:
             require_finite(f"{FIELD}.held_from", self.held_from)
+            # The margin allows for the conversion between degrees and radians.
             degrees = math.degrees(self.held_from)
             require(0.0 <= degrees <= 90.0 + 1e-9, f"{FIELD}.held_from", f"must be 0° to 90°, got {degrees:g}°")
 
@@ -155,7 +156,7 @@ def positive_up_to(coefficients: Sequence[float], held: float, lower: float, upp
     lower, upper
         Range of oblique angles. [rad]
     """
-    # Values on a grid serve polynomials of any degree, where roots of high degree would be ill-conditioned.
+    # Values on a grid work for any degree, whereas roots of polynomials of high degree are ill-conditioned.
     angles = np.linspace(lower, upper, STRENGTH_CHECKS)
     values = np.polynomial.polynomial.polyval(np.degrees(np.minimum(np.abs(angles), held)), coefficients)
     beyond = np.flatnonzero(~(values > 0.0))
@@ -252,15 +253,15 @@ class PublishedTests:
     Parameters
     ----------
     obliquity_shape
-        Dependence of S on the oblique angle, on which the tests, all at normal incidence, say nothing. ``equation_9``
+        Dependence of S on the oblique angle, which the tests, all at normal incidence, do not show. ``equation_9``
         takes S(θ)/S(0) from eq. 9, ``finite_elements`` from finite element motions with the decay law in use, and with
         ``constant`` S is the same at all angles.
 
     Notes
     -----
     ``S = 8.84 (f'c / 39 MPa)^-0.18 (d / 76.2 mm)^-0.24``, the median of a mixed model with a random intercept for each
-    series, fitted to 251 tests of 34 articles up to 900 m/s (Concrete Penetration Failure Response Dataset). The stated
-    masses of 38 of these are above that of solid steel.
+    series, fitted to 251 tests of 34 articles up to 900 m/s (Concrete Penetration Failure Response Dataset). In 38
+    of these the stated mass is larger than that of a body of solid steel.
 
     The scatter about the median is modelled as follows. Within a series, ln S is normal with a variance that has a
     scaled inverse chi-square distribution, with `degrees_of_freedom` and the scale `within_series`. The mean of a
@@ -274,7 +275,7 @@ class PublishedTests:
         coefficient=8.84, exponent=-0.18, reference_strength=39e6, diameter_exponent=-0.24, reference_diameter=0.0762
     )
     between_series: ClassVar[float] = 0.266
-    """Scale of ln S between series: the scatter about the law of a concrete that has not been tested. [ln]"""
+    """Scale of ln S between series: the scatter of the means of series about the law. [ln]"""
     within_series: ClassVar[float] = 0.0677
     """Scale of ln S between shots of one projectile type into one concrete. [ln]"""
     # The likelihood is greatest at 5 for both scales together and at 3.2 for the scatter within a series alone. 3 is
@@ -282,11 +283,11 @@ class PublishedTests:
     degrees_of_freedom: ClassVar[float] = 3.0
     """Degrees of freedom of Student's distribution at both scales. [1]"""
     compressive_strengths: ClassVar[tuple[float, float]] = (13.13e6, 108.3e6)
-    """Least and greatest compressive strength of the tests. [Pa]"""
+    """Smallest and largest compressive strength in the tests. [Pa]"""
     diameters: ClassVar[tuple[float, float]] = (0.0099, 0.203)
-    """Least and greatest diameter of the tests. [m]"""
+    """Smallest and largest projectile diameter in the tests. [m]"""
     velocities: ClassVar[tuple[float, float]] = (67.1, 897.0)
-    """Least and greatest speed of the tests. [m/s]"""
+    """Lowest and highest speed at first contact in the tests. [m/s]"""
     obliquity_shape: ObliquityShape = "equation_9"
 
     def __post_init__(self) -> None:
@@ -300,7 +301,7 @@ class PublishedTests:
         return law.polynomial(target=target, projectile=projectile, decay=decay)
 
 
-# No laboratory fires as many shots into one concrete.
+# No laboratory fires that many shots into one concrete.
 MOST_SHOTS = 1000
 """Largest number of own tests."""
 NORMAL_QUANTILE = 1.6448536
@@ -308,10 +309,11 @@ NORMAL_QUANTILE = 1.6448536
 # Measured values lie between 2.3 and 30. A depth that needs a value outside this range is in a wrong unit or belongs to
 # another projectile.
 PLAUSIBLE_FACTORS = (2.0, 60.0)
-"""Least and greatest S accepted from a shot. [1]"""
-# For the first shot this is as unlikely as 3 standard deviations of a normal distribution with the same 90 % interval.
+"""Smallest and largest S accepted from a shot. [1]"""
+# For a single shot this is as far as 3 standard deviations of the normal distribution with the same 90 % interval.
 FAR_OFF = 2.5
-"""Deviation of a shot from the prediction by the other shots, over its dispersion, that leads to a warning. [1]"""
+"""Deviation of ln S of a shot from the prediction by the other shots, over the dispersion of that prediction, above
+which a warning is given. [1]"""
 SLIPS: tuple[tuple[str, float, str], ...] = (
     ("depth", 1e-3, "millimetres given as metres"),
     ("depth", 1e-2, "centimetres given as metres"),
@@ -327,7 +329,7 @@ SLIPS: tuple[tuple[str, float, str], ...] = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shot:
-    """Shot at normal incidence into the concrete in question, thick enough to stop it.
+    """Shot at normal incidence into the concrete of the strike, in a target thick enough to stop it.
 
     Parameters
     ----------
@@ -338,7 +340,7 @@ class Shot:
     mass
         Mass of the projectile; that of the strike unless given. [kg]
     diameter
-        Diameter of the projectile; that of the strike unless given. A nose of another diameter has the same shape. [m]
+        Diameter of the projectile; that of the strike unless given. The projectile of the strike is scaled to it. [m]
     """
 
     velocity: float
@@ -359,8 +361,8 @@ def student_dispersion(scale: float, degrees_of_freedom: float) -> float:
 
 
 def tail_ratio(degrees_of_freedom: float) -> float:
-    """Return the 90 % interval of Student's distribution over that of a normal one of the same scale. [1]"""
-    from scipy.special import stdtrit  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+    """Return the 90 % interval of Student's distribution over that of the normal one of the same scale. [1]"""
+    from scipy.special import stdtrit  # noqa: PLC0415 (takes long to import)
 
     return float(stdtrit(degrees_of_freedom, 0.95)) / NORMAL_QUANTILE
 
@@ -444,7 +446,8 @@ class StrengthPosterior:
     factors: tuple[float, ...]
     """S of each shot. The S of a shot with another diameter is converted to the diameter of the projectile. [1]"""
     deviations: tuple[float, ...]
-    """Deviation of ln S of each shot from the prediction by the law and the other shots, over its dispersion. [1]"""
+    """Deviation of ln S of each shot from the prediction by the law and the other shots, over the dispersion of that
+    prediction. [1]"""
 
     @property
     def dispersion(self) -> float:
@@ -532,7 +535,7 @@ class OwnTests:
         Raises
         ------
         ParameterError
-            If no strength factor of `PLAUSIBLE_FACTORS` gives the depth of a shot.
+            If no strength factor within `PLAUSIBLE_FACTORS` gives the depth of a shot.
         """
         return _posterior(self, replace(target, thickness=None), projectile, inertia_factor, crater)
 
@@ -552,7 +555,7 @@ class OwnTests:
     def power_law(
         self, *, target: Target, projectile: Projectile, inertia_factor: float = 1.0, crater: Crater | None = None
     ) -> StrengthPowerLaw:
-        """Return the same S as a power law, for studies in which strength and diameter scatter.
+        """Return the median of S, times `residual`, as a power law for studies in which strength and diameter vary.
 
         Notes
         -----
@@ -675,7 +678,7 @@ def shaped_as_finite_elements(model: "StrengthFactor") -> "StrengthFactor":
     return replace(model, obliquity_shape="finite_elements")
 
 
-# docs/explanation/architecture.md has the recipe for another law. mypy reports the functions that do not know it.
+# docs/explanation/architecture.md has the recipe for another law. mypy reports the functions that do not handle it.
 StrengthFactor: TypeAlias = ConstantStrengthFactor | ObliquityPolynomial | StrengthPowerLaw | PublishedTests | OwnTests
 
 
@@ -754,7 +757,7 @@ class Resistance:
                 assert_never(model)
 
     def without_shots(self, *, target: Target, projectile: Projectile) -> "Resistance":
-        """Return the resistance with the power law of own tests in their place, so that S is read from the shots once.
+        """Return the resistance with own tests replaced by their power law, so that S of the shots is computed once.
 
         Raises
         ------
@@ -902,7 +905,8 @@ def strength_factor_of_depth(
     Notes
     -----
     The force ``w (S f'c A(z) + B ρ v² I(z))``, with the area A of the part of the nose that is inside, ``I = ∫ sin²α
-    dA`` over it and the share w that the crater leaves, makes the equation of motion linear in v². It is solved for S:
+    dA`` over that area and the fraction w of the resistance that acts within the crater, makes the equation of motion
+    linear in v². Solved for S it gives
 
         S = m v² / (2 f'c ∫ w A exp(J) dz),  J(z) = (2 B ρ / m) ∫ w I dz
 
@@ -979,9 +983,9 @@ def closed_form_depth(*, projectile: Projectile, target: Target, velocity: float
 
         z = 4a + m / (2π a² N ρ) ln(1 + N ρ V₁² / (S f'c)),  V₁² = (m V² - 4π a³ S f'c) / (m + 4π a³ N ρ)
 
-    with the speed V₁ at the end of the crater. A projectile too slow to get there stops where the resistance ``c z``
-    has taken up its energy, at ``z = V sqrt(m/c)`` with the c of V₁ = 0, π a S f'c / 4; at the limit both formulas give
-    4a. The source has ogives only; for other noses N is the same integral over their outline.
+    with the speed V₁ at the end of the crater. A projectile too slow to reach that point stops where the work of the
+    resistance ``c z`` equals its energy, at ``z = V sqrt(m/c)`` with c = π a S f'c / 4, as for V₁ = 0; at the limit
+    both formulas give 4a. The source has ogives only; for other noses N is the same integral over their outline.
     """
     require_positive("velocity", velocity)
     require_positive("strength_factor", strength_factor)

@@ -21,8 +21,8 @@ LONGEST_TERMINATION_TIME = 1.0
 # Of the projectiles that are turned away, 999 of 1,000 leave sooner. A fixed time left large, slow ones undecided.
 TRANSITS = 20.0
 """Default termination time, over the time to travel the length of the projectile. [1]"""
-# With 3e-7 work and energy of a trajectory balance to 1e-6. A search needs only the angle, and uses a finer level where
-# that is in doubt.
+# With 3e-7 work and energy of a trajectory balance to 1e-6. A search needs only the angle, and uses a smaller
+# tolerance where the angle is in doubt.
 TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 3e-4
 """Default relative tolerances of trajectories and of searches. [1]"""
 # The integrands are smooth on each stretch, so that few stations suffice.
@@ -91,7 +91,7 @@ class Numerics:
     panels
         Number of surface elements of the panel method. The reference runs used 96,000. [1]
     time_step
-        Step of the panel method, from a hundredth to a hundred times that of the paper, 0.01 ms. [s]
+        Step of the panel method; that of the paper, 0.01 ms, unless given. [s]
     relative_tolerance
         Error of one step of the adaptive method, over the scale of the motion. Unless given, 3e-7 for a trajectory,
         which balances energy to 1e-6, and 3e-4 for a search, which uses a finer level where the angle is in doubt. [1]
@@ -101,8 +101,8 @@ class Numerics:
     points
         Number of Gauss-Legendre points of the adaptive route around an arc. [1]
     retention_energy_fraction
-        Share of the initial kinetic energy with which a projectile must leave to count as turned away; below it, it is
-        embedded, wherever its nose is. The searches ``bisection`` and ``secant`` do not use it: they decide by the
+        Share of the initial kinetic energy with which a projectile must leave to count as turned away; with less it
+        is embedded, wherever its nose is. The searches ``bisection`` and ``secant`` do not use it: they decide by the
         depth of the nose tip. [1]
 
     Raises
@@ -113,6 +113,7 @@ class Numerics:
 
     method: Method | None = None
     termination_time: float | None = None
+    # The number of panels and the time step are those of the paper.
     panels: int = 12_000
     time_step: float = 1e-5
     relative_tolerance: float | None = None
@@ -124,6 +125,8 @@ class Numerics:
         require(self.method in (None, "adaptive", "panels"), "numerics.method", "must be 'adaptive' or 'panels'")
         if self.termination_time is not None:
             require_positive("numerics.termination_time", self.termination_time)
+        # The rough level of a search has two stations and two points, and the rings of 256 stations fit into a batch,
+        # see `ROOM` of `solver.surface_integration`. The other bounds are rough choices far from the defaults.
         require_between("numerics.panels", self.panels, 100, 1_000_000)
         require_positive("numerics.time_step", self.time_step)
         if self.relative_tolerance is not None:

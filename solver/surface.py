@@ -19,7 +19,7 @@ from solver.projectile import Arc, Line, MassProperties, OutlinePiece, Projectil
 LINE, ARC = 0.0, 1.0
 """Kinds of an outline piece, as in the first column of `Body.outline`."""
 BOUNDED, TAPERED, CENTRED = 1, 2, 4
-"""Flags of a body, of which `Body.bounds` is the sum.
+"""Flags of a body, whose sum is `Body.bounds`.
 
 `BOUNDED`: some cavity is bounded towards both faces. `TAPERED`: some cavity is bounded towards the rear face only.
 `CENTRED`: all normals pass through the centre of gravity, as those of a sphere do, so that no load turns the body."""
@@ -184,9 +184,9 @@ def deepest_point(body: Body, axis_angle: float) -> tuple[float, float]:
     """
     c, s = math.cos(axis_angle), math.sin(axis_angle)
     mirror, s = math.copysign(1.0, s), abs(s)
-    facing = math.atan2(c, s)  # α of the element whose normal points into depth
-    # The deepest point of a convex body is a corner of the outline, or a point on an arc whose normal points into
-    # depth.
+    facing = math.atan2(c, s)  # α of the element whose normal is that of the face
+    # The deepest point of a convex body is a corner of the outline, or a point on an arc whose normal is that of the
+    # face.
     reach, axial, radius = -math.inf, 0.0, 0.0
     for i in range(body.corners.shape[0]):
         depth = body.corners[i, 0] * c + body.corners[i, 1] * s
@@ -197,17 +197,17 @@ def deepest_point(body: Body, axis_angle: float) -> tuple[float, float]:
         if piece[0] == ARC and piece[4] < facing < piece[5]:
             depth = piece[1] * c + piece[2] * s + piece[3]
             if depth > reach:
-                reach, axial, radius = depth, piece[1], piece[2]  # the deepest point of an arc stays below its centre
+                reach, axial, radius = depth, piece[1], piece[2]  # the depth below the centre of the arc is constant
     return reach, mirror * (radius * c - axial * s)
 
 
 def build_panels(projectile: Projectile, properties: MassProperties, count: int) -> Panels:
-    """Build the midpoint panels of the paper: half of the rings on the nose, half on the shank, and others on the base.
+    """Build the midpoint panels of the paper: half of the rings on the nose, half behind it, and some on the base.
 
     Parameters
     ----------
     count
-        Number of panels on nose and shank, rounded down to whole rings.
+        Number of panels without the base, rounded to whole rings on each piece of the outline.
 
     Raises
     ------
@@ -236,11 +236,11 @@ def build_panels(projectile: Projectile, properties: MassProperties, count: int)
 def _strip(section: Section, rings: int, center: float, azimuth: FloatArray) -> tuple[FloatArray, ...]:
     """Return the columns of `Panels` for one section, with `rings` along it and one panel for each azimuth.
 
-    The base has an infinite bound.
+    An infinite bound of the cavity marks the base.
     """
     t = (np.arange(rings) + 0.5) / rings
     x, r, sine, cosine = section.piece.at(t)
-    # A panel and its mirror image are two of the equal parts of a ring.
+    # A panel and its mirror image are two of the 2 n equal parts of a ring, for n azimuths.
     area = 2.0 * 2.0 * math.pi * r * (section.piece.length / rings) / (2 * azimuth.size)
 
     def spread(along: FloatArray) -> FloatArray:

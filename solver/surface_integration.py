@@ -7,7 +7,8 @@ the plastic zone does not reach the face; and one near the face. On the last two
 Gauss-Legendre points in β suffice. This order holds for axis angles of 0 to 180°; callers mirror other states first.
 
 Rings lie side by side in rows of one flat array, so that loops over them fill vector registers. No loop has a branch:
-an absent arc has zero width. Rings that have the first arc only are stored apart from the others and cost a fraction.
+an absent arc has zero width. Rings that have the first arc only are stored apart from the others and take a fraction of
+the time.
 """
 
 import math
@@ -21,8 +22,8 @@ from solver.compilation import VECTOR_WIDTH, exact, lean, vectorised
 from solver.free_surface import TINY, Decay, inertial_factor, static_factor
 from solver.surface import ARC, BodyMotion
 
-# A wall stores each ring twice, so half of the rows must hold one stretch with the most stations, 256. Half of the rows
-# must be whole vectors, of 8 numbers at most: loops over whole vectors would otherwise overwrite the other half.
+# In a wall each ring is stored twice, so half of this number must hold one stretch with the most stations, 256. Half of
+# it must be whole vectors, of 8 numbers at most: loops over whole vectors would otherwise overwrite the other half.
 ROOM = 528
 """Largest number of rings of either kind in a batch."""
 FULL = ROOM
@@ -45,8 +46,8 @@ of curvature (`SIZE`), the length of outline that the ring stands for (`WEIGHT`)
 `SPIN`), and the bound of the cavity (`CAVITY`). On a straight piece axial position and radius are those of the ring,
 and the radius of curvature is zero.
 
-`_load_rings` writes values and slopes in c of the distance to the face and of the outward tilt, scaled as
-`cavity_scales` has it (`INWARD`, `OUTWARD`), and of the normal velocity (`SPEED`). Then come the ramped S f'c
+`_load_rings` writes values and slopes in c of the distance to the face and of the outward tilt, scaled by
+the factors of `cavity_scales` (`INWARD`, `OUTWARD`), and of the normal velocity (`SPEED`). Then come the ramped S f'c
 (`STATIC`); factors from the integral of the stress to the force along the axis (`ALONG`), and from that of the stress
 times c to the force across the axis and the moment (`ACROSS`, `TURN`); beginning, as β - π/2, and width of the two arcs
 with a decay (`DEEP_BEGIN` to `NEAR_SPAN`); and the two integrals (`EVEN`, `ODD`)."""
@@ -74,8 +75,8 @@ class Law(NamedTuple):
     that switch infinitely often. Below this velocity they go to zero smoothly instead, and the shank creeps at a
     fraction of it."""
     smooth_ramp: bool
-    """True for a ramp whose slope at zero velocity is zero. Steps with a coarse tolerance need the other one, which is
-    linear: without stiffness at rest the body would seem free to move."""
+    """True for a ramp whose slope at zero velocity is zero. Steps with a coarse tolerance need the other ramp, which
+    is linear: without stiffness at rest the body would seem free to move."""
     decay: Decay
     thickness: float
     """Depth of the rear face; infinite for a half-space. [m]"""
@@ -111,7 +112,7 @@ def loaded_range(depth: float, depth_slope: float, speed: float, speed_slope: fl
 def ramped(fastest: float, static_stress: float, ramp_velocity: float, smooth: bool) -> float:
     """Return the static stress on a ring whose fastest point has the normal velocity `fastest`. [Pa]"""
     # The form r² / √(1 + r⁴) needs a root only; a hyperbolic tangent would be a library call in each pass of the loop.
-    # The form reaches 1 with an error of r⁻⁴ / 2. An earlier one, r² / (1 + r²), has an error of r⁻² and made normal
+    # For large r this form differs from 1 by r⁻⁴ / 2. An earlier form, r² / (1 + r²), differs by r⁻² and made normal
     # shots 5e-6 of their depth deeper than the closed form.
     ramp = fastest / ramp_velocity
     ramp *= ramp if smooth else 1.0
@@ -192,7 +193,7 @@ def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
     for i in range(np.uint64(FULL), end):
         depth, c, s, forward, sideways, spin = ring_motion(rows, i)
         sine_, cosine, axial, radius = place_ring(rows, i)
-        # The normal velocity is speed + speed_slope c, and the depth is linear too: their zeros bound what is loaded.
+        # The normal velocity is speed + speed_slope c, and the depth is linear too: their zeros bound the loaded range.
         speed = forward * sine_
         speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
         low, high = loaded_range(depth + axial * c, -radius * s, speed, speed_slope)
@@ -210,12 +211,12 @@ def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
 def _ring_loader(name: str, *, bounded: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
     """Return a function that finds the arcs of rings, for bodies with or without a bounded cavity.
 
-    Bodies without one, such as ogives, save a selection for each ring. The cache of compiled code tells the two
-    functions apart by `name`.
+    Bodies without a bounded cavity, such as ogives, save a selection for each ring. The cache of compiled code tells
+    the two functions apart by `name`.
     """
 
     def load_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
-        """Find the arcs of the rings up to `end` and integrate around the fully resisted ones."""
+        """Find the arcs of the rings up to `end` and integrate the stress on the fully resisted arcs."""
         beyond = law.decay.corner - 1.0
         for i in range(end):
             depth, c, s, forward, sideways, spin = ring_motion(rows, i)
@@ -324,7 +325,7 @@ def whole(count: int) -> np.uint64:
 
 @lean
 def integrate_rings(rows: FloatArray, count: int, full: int, points: FloatArray, law: Law, bounded: bool) -> None:
-    """Integrate the stress around the first `count` rings and around the first `full` fully resisted ones."""
+    """Integrate the stress around the first `count` rings and the first `full` fully resisted rings."""
     if count > 0:
         end = whole(count)
         if bounded:

@@ -1,7 +1,7 @@
-"""Sweeps of one case over a grid of inputs, and its answers under every decay law and strength law.
+"""Sweeps of one case over a grid of inputs, and its answers under alternative decay and strength laws.
 
-The result over a grid is an ``xarray.Dataset``, which requires xarray. Answers under all laws show the effect of the
-choice of model.
+The result over a grid is an ``xarray.Dataset``, which requires xarray. Answers under several laws show the effect of
+the choice of model.
 """
 
 import itertools
@@ -20,6 +20,7 @@ from solver.many import ANSWERS, INPUTS, attempt, columns, critical_angle_many, 
 from solver.projectile import Projectile
 from solver.resistance import (
     EQUATION_9,
+    FINITE_ELEMENTS_TO,
     ObliquityPolynomial,
     ObliquityShape,
     PublishedTests,
@@ -40,11 +41,12 @@ from solver.warnings import EQUATION_9_DIAMETER, EQUATION_9_STRENGTH
 if TYPE_CHECKING:
     import xarray
 
-# A sweep over 100,000 points takes minutes to hours. A larger one is more likely a mistake in the axes.
+# A sweep over 100,000 points takes minutes to hours. A larger sweep is probably a mistake in the axes.
 MOST_POINTS = 100_000
 """Largest number of points of a grid."""
+# The value is never used; it only has to be accepted as a velocity.
 ANY_VELOCITY = 1.0
-"""Velocity of a strike that an axis replaces by its own values. [m/s]"""
+"""Placeholder for the velocity where it is an axis. [m/s]"""
 SWEPT = ("projectile", "target", "impact", "resistance")
 """Parts of a strike whose fields can be axes."""
 SYMBOLS = {"caliber_radius_head": "ψ"}
@@ -54,16 +56,20 @@ DECAY_LAWS = {
     MohrCoulomb: "decay: theory, nearest to finite element motions",
     NoFreeSurface: "no decay",
 }
-"""Decay laws, and the evidence for each."""
+"""Decay laws, each with a text that names its basis."""
 
 
 def _data_of_equation_9() -> str:
     diameter, strength = quantity(EQUATION_9_DIAMETER, "mm"), quantity(EQUATION_9_STRENGTH, "MPa")
-    return f"S: finite elements, {diameter} into {strength}, 0° to 45°"
+    fitted_to = math.degrees(ObliquityPolynomial.fitted_to)
+    return f"S: finite elements, {diameter} into {strength}, 0° to {fitted_to:g}°"
 
 
 def _data_of_published_tests() -> str:
-    diameters, strengths = interval(0.010, 0.203, "mm"), interval(13e6, 108e6, "MPa")
+    # Rounded to whole millimetres and megapascals, as the bounds of the tests are not round.
+    (thin, thick), (weak, strong) = PublishedTests.diameters, PublishedTests.compressive_strengths
+    diameters = interval(round(thin, 3), round(thick, 3), "mm")
+    strengths = interval(round(weak, -6), round(strong, -6), "MPa")
     return f"S: 251 tests at 0°, {diameters}, {strengths}, over the angle as eq. 9"
 
 
@@ -77,7 +83,9 @@ STRENGTH_LAWS = {
     StrengthPowerLaw: _data_of_power_law,
 }
 """Laws of the strength factor, each with a function that names the data to which its default constants were fitted."""
-FINITE_ELEMENT_MOTIONS = "S: eq. 9 at 0°, over the angle finite element motions with this decay, to 55°"
+FINITE_ELEMENT_MOTIONS = (
+    f"S: eq. 9 at 0°, over the angle finite element motions with this decay, to {math.degrees(FINITE_ELEMENTS_TO):g}°"
+)
 """Text that names the data to which `FINITE_ELEMENT_LAW` was fitted."""
 FINITE_ELEMENT_LAW = shaped_as_finite_elements(ObliquityPolynomial())
 """Law with S of eq. 9 in normal impact, and S(θ)/S(0) of finite element motions with the decay law in use."""
@@ -110,8 +118,8 @@ def critical_angle_sweep(
         Values of each input, by its dotted name, such as ``target.compressive_strength``, or the last part of that name
         where it is unambiguous. Models, such as those of ``resistance.free_surface`` or ``projectile.nose``, are
         labelled by their names, and models of the same name also by the values in which they differ, as in
-        ``ogive ψ=3``. Other objects are labelled by their ``repr``. Further labels of a DataArray are kept beside its
-        values.
+        ``ogive ψ=3``. Other objects are labelled by their ``repr``. The coordinates of a DataArray along its dimension
+        are kept.
     velocity
         As for `critical_angle`; not needed where it is an axis. [m/s]
     degrees
@@ -380,22 +388,22 @@ class Alternative(Generic[Answer]):
 
     @property
     def fitted_to(self) -> str:
-        """Data to which the laws were fitted."""
+        """Data to which the strength law was fitted, and basis of the decay law."""
         return fitted_to(self.resistance)
 
 
 def alternatives(
     function: Callable[..., Answer], *, resistance: Resistance | None = None, **case: Any
 ) -> tuple[Alternative[Answer], ...]:
-    """Compute the answers to one case with every combination of decay law and strength law.
+    """Compute the answers to one case with each decay law and each of several strength laws.
 
     Parameters
     ----------
     function
         Function to call: `critical_angle` or `simulate`.
     resistance
-        Resistance of the case, of which both laws are replaced. The inertia factor and the inertia of the decay are
-        kept.
+        Resistance of the case, whose strength law and decay law are replaced. Its other fields and the inertia of the
+        decay are kept.
     **case
         The other arguments of the function.
 
@@ -403,8 +411,8 @@ def alternatives(
     -------
     tuple of Alternative
         Decay laws in the order elastic-plastic, Mohr-Coulomb, none; with each the strength laws of eq. 9, of the
-        published tests, and of the strength alone. The elastic-plastic and the Mohr-Coulomb law are also combined with
-        the S(θ) that was fitted to finite element motions with them; that law follows eq. 9.
+        published tests, and of the strength alone (`StrengthPowerLaw`). With the elastic-plastic and the Mohr-Coulomb
+        law, eq. 9 is followed by the law with the S(θ) that was fitted to finite element motions with that decay.
 
     Examples
     --------
@@ -418,7 +426,7 @@ def alternatives(
 
 
 def alternative_resistances(resistance: Resistance = EQUATION_9) -> tuple[Resistance, ...]:
-    """Return a resistance for each decay law with each strength law, with the inertia of the given resistance."""
+    """Return the resistances of `alternatives`: other laws of decay and S in the given resistance."""
     resistance = usual_unless_given(resistance)
     inertia = getattr(resistance.free_surface, "inertia", False)
     return tuple(
@@ -442,7 +450,7 @@ def obliquity_shape(resistance: Resistance) -> ObliquityShape:
 
 
 def fitted_to(resistance: Resistance) -> str:
-    """Return the data to which the laws of one of the alternative resistances were fitted."""
+    """Return the data to which the strength law of an alternative was fitted, and the basis of its decay law."""
     model = resistance.strength_factor
     strength = FINITE_ELEMENT_MOTIONS if model == FINITE_ELEMENT_LAW else STRENGTH_LAWS[type(model)]()
     return f"{strength}; {DECAY_LAWS[type(resistance.free_surface)]}"

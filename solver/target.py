@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 from solver.checks import require, require_bounds
 
-# A plug as high as the wall would leave nothing to resist, and the slowest body would perforate. With a tenth of the
+# A plug as high as the wall would leave no resistance, so that the slowest body would perforate. With a tenth of the
 # wall left, the paper's body perforates a wall of 50 mm from 33 m/s on. CEA-EDF gives 18 m/s, and the model without a
 # plug 86 m/s.
 MOST_PLUG = 0.9
@@ -106,6 +106,8 @@ class Crater:
     depth_diameters: float = 2.0
 
     def __post_init__(self) -> None:
+        # Published depths are 2 diameters, and 0.7 diameters more than the nose is long. The bound is a rough choice
+        # far above both, which catches depths in a wrong unit.
         fits = math.isfinite(self.depth_diameters) and 0.0 < self.depth_diameters <= 20.0
         require(fits, "resistance.crater.depth_diameters", f"must be above 0, up to 20, got {self.depth_diameters:g}")
 
@@ -132,6 +134,8 @@ class ShearPlug:
     cone_angle: float = math.radians(66.1)
 
     def __post_init__(self) -> None:
+        # At the ends of the accepted range the cone is nearly a cylinder or a disc, for which the formula is not meant;
+        # both are rough choices. The margin allows for the conversion between degrees and radians.
         degrees = math.degrees(self.cone_angle)
         fits = math.isfinite(degrees) and 10.0 - 1e-9 <= degrees <= 85.0 + 1e-9
         require(fits, "resistance.rear_plug.cone_angle", f"must be 10° to 85°, got {degrees:g}°")

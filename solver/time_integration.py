@@ -156,7 +156,7 @@ STAGE_WEIGHTS = np.array(
 # The first four rows are those of GRK4T. The fifth is this package's own: no stage evaluates the load beyond 0.88 of a
 # step, so a load that begins after that is seen only at the end. Solving the fifth row for the change of the rates from
 # start to end of the step cancels the other stages up to order 3. Without it 26 of 400 runs lost energy unnoticed, with
-# it one.
+# it one run did.
 COUPLINGS = np.array(
     [
         [0.0, 0.0, 0.0, 0.0],
@@ -287,7 +287,7 @@ def _solve_stage(
 def attempt_step(
     state: FloatArray, step: float, model: Model, work: Workspace, linear: Linearisation, scale: FloatArray
 ) -> float:
-    """Try a step with the accelerations in ``work.start``, write ``work.trial`` and return its error norm. [1]"""
+    """Try a step from the accelerations in ``work.start``; write ``work.trial`` and return the error norm. [1]"""
     stages, trial = work.stages, work.trial
     _invert(linear, step)
     _solve_stage(state, work.start, step, linear, stages, 0)
@@ -335,7 +335,8 @@ STEP_LIMIT = 100_000
 # kinks of nose entry; a quarter is a rough choice. Below the smallest one, near the rounding error of time, a run
 # counts as diverged.
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 1e-2, 0.25, 1e-15
-"""Lengths of steps, over the time to travel the distance from centre of gravity to tip at the speed of impact. [1]"""
+"""Lengths of steps, over the time to travel the distance from centre of gravity to tip: at the speed of impact or, for
+the largest step, at the present speed. [1]"""
 
 
 class Accuracy(NamedTuple):
@@ -344,7 +345,8 @@ class Accuracy(NamedTuple):
     relative_tolerance: float
     """Largest error of one step, over the scale of the motion. [1]"""
     largest_step: float
-    """Largest step, over the time to travel the distance from centre of gravity to tip at the present speed. [1]"""
+    """Largest step, over the time to travel the distance from centre of gravity to tip at the present speed plus that
+    of the tip about the centre of gravity. [1]"""
     most_steps: int = STEP_LIMIT
     """Steps tried before a run ends as `Termination.STEP_LIMIT`."""
 

@@ -76,7 +76,7 @@ class Motion(ComparedByFields, Generic[Value]):
     transverse_acceleration: Value
     """Acceleration of the centre of gravity across the axis, positive in the direction in which the nose moves as the
     axis angle grows. It is caused by the resistance. With the method `panels`, samples scatter about the mean where the
-    body slides straight, since the load depends on a transverse speed of some mm/s. [m/s²]"""
+    body moves along its axis, since the load depends on a transverse speed of some mm/s. [m/s²]"""
     kinetic_energy: Value
     """Kinetic energy of translation and rotation. [J]"""
 
@@ -208,7 +208,7 @@ def simulate(
     sample_interval: float | None = SAMPLE_INTERVAL,
     strength_scatter: ScatterSource = "law",
 ) -> Trajectory:
-    """Compute the motion of a rigid projectile from first contact until it leaves, comes to rest, or time is up.
+    """Compute the motion of a rigid projectile from first contact to exit, rest or termination time.
 
     Parameters
     ----------
@@ -322,7 +322,8 @@ def _motion_at(run: Run, model: Model) -> Motion[float]:
 
 
 def _history(run: Run, steps: FloatArray, model: Model, sample_interval: float) -> Motion[FloatArray]:
-    # The factors keep rounding from dropping or doubling the last instant of a run of a whole number of intervals.
+    # The end of the run is appended as the last instant, and a sample that equals it up to rounding is dropped. The
+    # first factor makes the count independent of that rounding.
     count = math.floor(run.time / sample_interval * (1.0 + 1e-12)) + 1
     if count > MOST_INSTANTS:
         raise ParameterError("sample_interval", f"must give at most {MOST_INSTANTS} samples, got {count}")
@@ -330,8 +331,8 @@ def _history(run: Run, steps: FloatArray, model: Model, sample_interval: float) 
     times = np.concatenate((times[times < run.time * (1.0 - 1e-12)], [run.time]))
     states = sample(steps, times) if len(steps) else np.repeat(run.state[None, :], times.size, axis=0)
     states[-1] = run.state
-    # The final load is evaluated, as it is in `Trajectory.final`; earlier ones are the slope of the interpolated
-    # motion, see `sample_accelerations`.
+    # The final load is evaluated, as in `Trajectory.final`; earlier loads follow from the slope of the interpolated
+    # velocities, see `sample_accelerations`.
     loads = sample_loads(states[-1:], model)
     if len(steps):
         inertia = np.array([model.body.mass, model.body.mass, model.body.moment_of_inertia])

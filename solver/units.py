@@ -25,13 +25,13 @@ class Unit(NamedTuple):
     symbol: str
     """Symbol after the number."""
     factor: float
-    """Number of units in one unit of SI without a prefix. [1]"""
+    """Factor from a value in coherent SI units (m, kg, s, N, Pa) to a value in this unit. [1]"""
     decimals: int = 0
-    """Decimals of a rounded number, where the corresponding unit of SI has none: about as fine as that one. [1]"""
+    """Decimals with which a number is about as fine as a whole number of the SI unit; -2 stands for hundreds. [1]"""
 
 
 INCH, FOOT, POUND, POUND_FORCE = 0.0254, 0.3048, 0.45359237, 4.4482216152605
-"""US units in units of SI. [m, m, kg, N]"""
+"""US units in SI units. [m, m, kg, N]"""
 PSI = POUND_FORCE / INCH**2
 """Pound-force per square inch. [Pa]"""
 SI_UNITS: Mapping[str, Unit] = {
@@ -47,7 +47,7 @@ SI_UNITS: Mapping[str, Unit] = {
     "ms": Unit("ms", 1e3),
     "%": Unit("%", 100.0),
 }
-"""Units that SI texts use; any other unit is written without a prefix."""
+"""Units of SI texts by their symbols; any other symbol is shown as it is, with a factor of 1."""
 US_UNITS: Mapping[str, Unit] = {
     "m": Unit("ft", 1.0 / FOOT),
     "mm": Unit("in", 1.0 / INCH, 1),
@@ -60,7 +60,7 @@ US_UNITS: Mapping[str, Unit] = {
     "kg m²": Unit("lb ft²", 1.0 / (POUND * FOOT**2)),
 }
 """US customary units in place of those of SI; others, such as degrees and milliseconds, are common to both systems."""
-# A converted value has no round digits of its own, and four are finer than anything that a text says of a strike.
+# Conversion makes round values long fractions, and four digits are more than the precision of any result.
 CONVERTED_DIGITS = 4
 """Largest number of significant digits of a converted number in a text. [1]"""
 
@@ -108,7 +108,7 @@ def number(
     Parameters
     ----------
     value
-        Quantity. [SI without prefix]
+        Value in coherent SI units, such as m or Pa.
     unit
         SI unit in which it is shown, such as ``mm``.
     digits
@@ -126,13 +126,13 @@ def number(
 
 
 def fixed(value: float, unit: str, decimals: int = 0) -> str:
-    """Format a quantity without its unit, with so many decimals in SI; other units get decimals of about that step."""
+    """Format a quantity without its unit, with `decimals` decimals in SI and about the same resolution in US units."""
     unit_in_use = shown_unit(unit)
     return _with_decimals(value * unit_in_use.factor, decimals + unit_in_use.decimals)
 
 
 def rounded(value: float, unit: str, direction: Callable[[float], int], times: float = 1.0) -> str:
-    """Format a quantity without its unit, rounded up or down to a whole unit of SI or about as much.
+    """Format a quantity without its unit, rounded up or down to a whole SI unit or to a similar step in US units.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def _with_decimals(shown: float, decimals: int) -> str:
 
 
 def _without_exponent(text: str) -> str:
-    """Rewrite the exponent of a number: small ones in full, others without padding; zero loses its sign."""
+    """Write out exponents from 0 to 6, and remove padding from other exponents and the sign of zero."""
     mantissa, exponent, power = text.partition("e")
     if exponent and 0 <= int(power) <= 6:
         text = f"{float(text):.0f}"

@@ -11,6 +11,7 @@ from solver.search.critical_angle import critical_angle
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, Numerics, paper_impact
 from solver.trajectory import simulate
 
+# The compilation takes about a minute. A line each second shows that it goes on.
 POLL_SECONDS = 1.0
 """Interval between two reports of progress. [s]"""
 
@@ -22,8 +23,8 @@ def warm_up(report: Report | None = None) -> None:
     """Compile all functions of the solver, or load them from the cache.
 
     The first call on a machine takes about a minute, later ones a fraction of a second. Functions that are not in the
-    cache are compiled in another process, so that the memory of the compiler is freed with it. If that process fails, a
-    `RuntimeWarning` gives the reason, and this process compiles the rest.
+    cache are compiled in another process, so that the compiler's memory is freed when that process ends. If it fails,
+    a `RuntimeWarning` gives the reason, and this process compiles the rest.
 
     Parameters
     ----------

@@ -45,6 +45,7 @@ USUAL_YIELD_STRENGTH = 1.2e9
 # At larger angles of attack bodies bend and break; the value is a rough choice.
 SMALL_ATTACK = math.radians(5.0)
 """Largest angle of attack without a warning. [rad]"""
+# A longer list would not be read; the value is a rough choice.
 MOST_NAMED = 5
 """Largest number of shots that a warning names."""
 # The theory of deep cavities does not apply within the crater, where spalling governs (Forrestal et al. 1994).
@@ -232,7 +233,7 @@ def _beyond_fit_over_angle(shape: ObliquityShape, angle: float, held: float) -> 
     Parameters
     ----------
     angle, held
-        Absolute oblique angle, and the angle from which on S is constant. [rad]
+        Absolute oblique angle, and the angle from which S is constant. [rad]
     """
     fitted_to = FINITE_ELEMENTS_TO if shape == "finite_elements" else ObliquityPolynomial.fitted_to
     # An angle converted from degrees may exceed the limit by rounding.
@@ -315,6 +316,7 @@ def _like_equation_9(projectile: Projectile, target: Target) -> bool:
     """Return whether strength and diameter are close to those to which eq. 9 was fitted."""
     strength = abs(target.compressive_strength / EQUATION_9_STRENGTH - 1.0)
     diameter = abs(projectile.diameter / EQUATION_9_DIAMETER - 1.0)
+    # The margin keeps rounding from refusing a difference of exactly that size.
     return strength <= SAME_STRENGTH * (1.0 + 1e-12) and diameter <= SAME_DIAMETER * (1.0 + 1e-12)
 
 
@@ -374,6 +376,7 @@ def _beyond_published_tests(projectile: Projectile, target: Target, velocity: fl
         ("diameter", projectile.diameter, PublishedTests.diameters, "mm"),
         ("speed", velocity, PublishedTests.velocities, "m/s"),
     )
+    # A value at the end of a range may lie outside by the rounding of a conversion of units.
     outside = [
         f"{name} {quantity(value, unit)} outside {interval(lowest, highest, unit)}"
         for name, value, (lowest, highest), unit in limits
@@ -544,7 +547,7 @@ BENDING_UNKNOWN = ModelWarning(
 CRATER_AT_OBLIQUITY = ModelWarning(
     "crater_at_obliquity",
     "the crater is that of normal impact: at an angle it weakens all that keeps near the face, and moves the critical "
-    "angle of the paper's strike from 48.6° to 67.6° at two diameters",
+    "angle of the paper's strike from 48.6° to 64.4° at two diameters",
 )
 
 REAR_PLUG_QUASI_STATIC = (

@@ -16,12 +16,15 @@ import httpx
 import pytest
 from hypothesis import HealthCheck, settings
 
-# The matrices of the tests are small. BLAS threads that wait for their share of one would keep a core busy that
-# another test could use. numpy reads the variable when it is imported, here and in each process that a test starts.
+# The matrices of the tests are small, and BLAS threads that wait for work would occupy a core that another test could
+# use. The variable is read when numpy is imported, here and in each process that a test starts.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 ROOT = Path(__file__).parents[1]
-START_LIMIT_S = 240.0  # The first start on a machine compiles the solver.
+# The first start on a machine compiles the solver: a minute on quiet cores, several beside other tests. The service
+# gives a worker as long to start.
+START_LIMIT_S = 600.0
+"""Time limit of the start of a service. [s]"""
 STOP_LIMIT_S = 20.0
 NO_TLS = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 """TLS context for clients of plain HTTP; reading the default certificates would take 20 ms for each client."""
@@ -100,9 +103,9 @@ RunService: TypeAlias = Callable[..., AbstractContextManager[Service]]
 
 @contextmanager
 def running_service(folder: Path, verify: ssl.SSLContext = NO_TLS, **settings: str) -> Iterator[Service]:
-    """Run a service with the data folder `folder`/data; it must end without an error and log no failure.
+    """Run a service with the data folder `folder`/data; it must exit with status 0 and log no traceback.
 
-    `verify` is the TLS context of its clients, if `settings` have a certificate.
+    `verify` is the TLS context for requests to it, needed if `settings` contain a certificate.
     """
     port = free_port()
     names = {"host": "127.0.0.1", "port": str(port), "data_dir": str(folder / "data"), "workers": "2"}
@@ -147,9 +150,9 @@ def live_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def hurried_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of a service with a time limit of 2 s for queries, which answers studies of up to 300 samples directly.
+    """Address of a service that ends queries after 2 s and makes a study of more than 300 samples a job.
 
-    Queries may wait for a worker as long as necessary, so that tests with few requests are never answered with 503.
+    Queries wait up to 100 s for a worker, so that tests with few requests are not answered with 503.
     """
     with running_service(
         tmp_path_factory.mktemp("hurried"), task_seconds="2", small_samples="300", queue_seconds="100"

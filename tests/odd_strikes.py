@@ -1,4 +1,4 @@
-"""Random strikes of every kind that `/verdict` distinguishes, as its bodies; the same seed gives the same strikes."""
+"""Random request bodies for `/verdict`, of every kind that it distinguishes; equal seeds give equal bodies."""
 
 from typing import Any
 
@@ -25,8 +25,8 @@ LAWS: tuple[dict[str, Any], ...] = (
 def odd_strikes(count: int, seed: int) -> list[dict[str, Any]]:
     """Return `count` random strikes, of each kind in turn.
 
-    Velocity 40 to 900 m/s, angle of attack up to 4°, concrete of 15 to 90 MPa; ogives, cones, caps and flat noses of
-    15 to 250 mm.
+    The velocity is 40 to 900 m/s, the angle of attack -4 to 4°, the strength 15 to 90 MPa, and the diameter 15 to
+    250 mm. Noses are ogival, conical, spherical or flat.
     """
     random = np.random.default_rng(seed)
     return [_strike(random, KINDS[index % len(KINDS)]) for index in range(count)]
@@ -64,7 +64,7 @@ def _strike(random: np.random.Generator, kind: str) -> dict[str, Any]:
 
 
 def _nose(random: np.random.Generator, kind: str) -> tuple[dict[str, Any], float]:
-    """Return a random nose, and the length of the body over its diameter."""
+    """Return a random nose, and the ratio of the body's length to its diameter."""
     if kind == "sphere":
         return {"shape": "sphere"}, 1.0
     length = random.uniform(3.0, 9.0)

@@ -1,4 +1,4 @@
-"""Quantities in texts of either system of units, to compare a text in US customary units with the one in SI."""
+"""Find quantities in texts, to compare a text in US customary units with the same text in SI units."""
 
 import re
 
@@ -27,9 +27,9 @@ US_SIZES = {
     "lb/ft³": POUND / FOOT**3,
     "lb ft²": POUND * FOOT**2,
 }
-"""Size of each unit in SI."""
+"""Size of each US customary unit, in SI units."""
 STEP = {"in": 0.13 * INCH, "mm": 1.01e-3}
-"""Largest error of a rounded length. [m]"""
+"""Largest rounding error of a length given in each unit. [m]"""
 NUMBER = r"\d[\d,]*(?:\.\d+)?"
 
 
@@ -39,7 +39,7 @@ def pattern(units: dict[str, float]) -> re.Pattern[str]:
 
 
 SI, US = pattern(SI_SIZES), pattern(US_SIZES)
-"""A quantity, or a range of two with a common unit."""
+"""Patterns of a quantity, or of a range whose limits share a unit."""
 HEAD_IN_SI = re.compile(r"\[(?:mm|m|m/s|kg|[MG]?Pa)\]")
 
 

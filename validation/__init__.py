@@ -1,1 +1,1 @@
-"""Comparisons of the model with the source paper, published tests and a second route; not in the installed package."""
+"""Comparisons of the model with the source paper, published tests and a second method; not in the installed package."""

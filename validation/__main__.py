@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def write(report: Any, folder: Path) -> tuple[Path, list[str]]:
-    """Write the report of a module, with a progress bar on standard error; return its page and the summary to print.
+    """Write the report of a module, with a progress bar on standard error; return its page and the summaries to print.
 
     Raises
     ------

@@ -32,7 +32,7 @@ PLOTTED_SEARCHES: tuple[SearchMethod, ...] = ("bisection", "secant")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attempts:
-    """The trials of a search, in the order in which they were made."""
+    """Trials of a search, in the order of computation."""
 
     degrees: list[float]
     """Oblique angles. [°]"""
@@ -43,7 +43,7 @@ class Attempts:
 
     @property
     def turned_away(self) -> list[bool]:
-        """Whether the final position is above the face, the paper's criterion for a ricochet, by trial."""
+        """Whether the nose tip is above the face at 5 ms, which is the paper's criterion for ricochet, by trial."""
         return [depth < 0.0 for depth in self.final]
 
 
@@ -84,14 +84,14 @@ def search_section(progress: Progress) -> Section:
 
 
 def search(method: SearchMethod) -> CriticalAngle:
-    """Search the critical angle of the paper's strike by one of the three methods."""
+    """Search for the critical angle of the paper's strike by one of the three methods."""
     return critical_angle(
         projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY, search=Search(method=method)
     )
 
 
 def trials_of(answer: CriticalAngle) -> Attempts:
-    """Return the trials of a search, with the earlier position that Figure 14 shows."""
+    """Return the trials of a search, with the depth of the nose tip at 3.2 ms that Figure 14 shows."""
     return Attempts(
         degrees=[math.degrees(trial.oblique_angle) for trial in answer.iterations],
         final=[trial.final_position for trial in answer.iterations],
@@ -123,7 +123,7 @@ def _comparison(method: str, answer: CriticalAngle, printed: float) -> Compariso
         reference=printed,
         unit="°",
         tolerance=paper_value("relative_tolerance") * printed,
-        reference_source="Figure 13 and search_section 4",
+        reference_source="Figure 13 and section 4",
         note=f"{len(answer.iterations)} trials; {route}",
     )
 
@@ -204,9 +204,9 @@ def _trial_columns(attempts: dict[SearchMethod, Attempts]) -> dict[str, list[obj
 
 
 INSTANTS = (0.0, 1e-3, 2e-3, 3.2e-3, 5e-3)
-"""Instants that Figure 15 shows. [s]"""
+"""Instants at which Figure 15 shows the projectile. [s]"""
 ASIDE = math.radians(0.5)
-"""Difference between the critical angle and the strikes just below and above it. [rad]"""
+"""Distance from the critical angle of the strikes just below and above it in Figure 15. [rad]"""
 RUNS = ("oblique-48", "oblique-50", "oblique-52")
 VIEW_LATERAL, VIEW_DEPTH = (-0.52, 0.95), (-0.42, 0.2)
 """Ends of the axes of Figure 15. [m]"""
@@ -307,12 +307,12 @@ REPEATS: dict[SearchMethod, int] = {"bisection": 2, "secant": 2, "outcome": 15}
 PAPER_RUNS, PAPER_CORES = 5, 4
 """Smallest number of finite element runs that the paper's critical angle required, and cores per run."""
 NEAR = 45.0
-"""Smallest angle of those of our finite element runs that bracket the critical angle. [°]"""
+"""Smallest oblique angle of the finite element runs whose CPU time is counted. [°]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """CPU time of one method to compute the critical angle."""
+    """CPU time that one method needs for the critical angle."""
 
     way: str
     seconds: float
@@ -331,7 +331,7 @@ def cost_section(progress: Progress) -> Section:
             f"""
             CPU time to the critical angle, the shortest of several runs on this machine, over that of the
             secant search with the paper's 12,000 elements and steps of 0.01 ms. Measured times, here and in
-            the cost_section on finite elements, are all that differs between two reports.
+            the section on finite elements, are all that differs between two reports.
 
             The paper prints no bar of its Figure 16, only that one LS-DYNA run takes about 5 h on 4 cores
             and that at least {PAPER_RUNS} were made: {paper:,.0f} s if all four cores were busy. Our own

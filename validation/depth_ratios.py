@@ -1,4 +1,4 @@
-"""Ratios of predicted to measured depths, and why depths by the closed form exceed those of the trajectory model."""
+"""Ratios of predicted to measured depths, and the difference between the closed form and the trajectory model."""
 
 import math
 from collections.abc import Sequence
@@ -65,7 +65,7 @@ def depth_figure(assessment: Assessment, factor_model: str, name: str) -> Figure
 
 
 def _marks(axes: Axes, assessment: Assessment, x: FloatArray, y: FloatArray) -> None:
-    """Draw a mark for each test, by series, and a cross if it is not counted."""
+    """Draw a mark for each counted test, by series, and a cross for each test that is not counted."""
     for series, mark, color in zip(assessment.series, MARKS, COLORS, strict=False):
         places = assessment.chosen(of_series(series))
         axes.plot(x[places], y[places], mark, color=color, markerfacecolor="none", label=series)
@@ -96,7 +96,8 @@ def _ratio(axes: Axes, assessment: Assessment, velocities: FloatArray, ratios: F
 
 
 SERIES = "forrestal-1994"
-"""Series for which mean ratio and variation were fixed before the comparison, for power law and closed form."""
+"""Series for which a mean ratio and coefficient of variation by the closed form with S = 82.6 f'c^−0.544 were expected
+before the comparison."""
 MEAN_RATIO, MEAN_RATIO_TOLERANCE = 1.02, 0.03
 VARIATION, VARIATION_TOLERANCE = 0.08, 0.02
 FIGURE_NAMES = ("power-law-82.6", "power-law-72", "constant-8.52", "leave-one-out")
@@ -130,12 +131,12 @@ def ratios_section(assessment: Assessment) -> Section:
 
 
 def agreement_1994(assessment: Assessment, method: str) -> Agreement:
-    """Return the agreement for the 1994 series with the power law 82.6."""
+    """Return the agreement for the 1994 series with S = 82.6 f'c^−0.544."""
     return assessment.agreement(method, POWER_LAW, of_series(SERIES))
 
 
 def _reading(assessment: Assessment) -> str:
-    """Return the text on the definition of the mean with which the value fixed before the comparison is met."""
+    """Return the text that compares the expected mean ratio with results by several definitions of it."""
     ratios = assessment.ratios(CLOSED_FORM, POWER_LAW)
     with_outlier = agreement(ratios[[strike.test.series == SERIES for strike in assessment.strikes]])
     without = agreement_1994(assessment, CLOSED_FORM)
@@ -194,15 +195,15 @@ def _ratio_table(assessment: Assessment) -> ReportTable:
 
 
 FASTEST = 1300.0
-"""End of the axis of velocity. [m/s]"""
+"""Upper end of the velocity axis. [m/s]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CraterDifference:
-    """Depth by the closed form minus that by the trajectory model, for the counted tests of one nose and calibre."""
+    """Depth by the closed form minus that by the trajectory model, for the counted tests with one nose and diameter."""
 
     diameter: float
-    """Calibre. [m]"""
+    """Diameter of the projectiles. [m]"""
     caliber_radius_head: float
     static: float
     """Difference without inertia, which is the same at every speed and strength. [m]"""
@@ -217,7 +218,7 @@ class CraterDifference:
 
 
 def static_difference(projectile: Projectile) -> float:
-    """Return depth by the closed form minus that by the trajectory model for a resistance of S f'c only. [m]
+    """Return the depth by the closed form minus that by the trajectory model, for a resistance of S f'c only. [m]
 
     Notes
     -----
@@ -231,7 +232,7 @@ def static_difference(projectile: Projectile) -> float:
 
 
 def crater_differences(assessment: Assessment) -> Sequence[CraterDifference]:
-    """Return the differences by calibre and nose, with the power law 82.6."""
+    """Return the differences by diameter and nose, for S = 82.6 f'c^−0.544."""
     closed, ours = (assessment.predictions[method, POWER_LAW].depths for method in (CLOSED_FORM, TRAJECTORY))
     kinds: dict[tuple[float, float], list[int]] = {}
     for place in assessment.chosen():

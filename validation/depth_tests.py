@@ -29,11 +29,11 @@ from validation.report import Progress
 
 OUTLIER_ROW = 55
 LIKELY_VELOCITY = 690.0
-"""Probable velocity of that test, whose 590 m/s seem to be a misprint. [m/s]"""
+"""Probable velocity of the test in row `OUTLIER_ROW`, whose 590 m/s seem to be a misprint. [m/s]"""
 STEEL_DENSITY = 7850.0
 """Density of steel. [kg/m³]"""
 NEXT_GRADE = 1.25
-"""Ratio of a strength to the next lower one of its series above which it is another grade of concrete. [1]"""
+"""Ratio of a strength to the next lower strength of its series, above which a new grade of concrete begins. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +46,7 @@ class PublishedStrike:
     group: str
     """Series and grade of concrete, within which one strength factor is fitted."""
     flags: tuple[ModelWarning, ...]
-    """Warnings of the model."""
+    """Warnings of the model, except that of assumed mass properties."""
 
     @property
     def counted(self) -> bool:
@@ -61,7 +61,7 @@ def strikes(tests: Sequence[PenetrationTest]) -> tuple[PublishedStrike, ...]:
 
 
 def grades(tests: Sequence[PenetrationTest]) -> list[str]:
-    """Return series and grade of concrete of each test; neighbouring strengths of a series are one grade."""
+    """Return series and grade of concrete of each test; strengths of a series that are close are one grade."""
     names: dict[tuple[str, float], str] = {}
     for series in dict.fromkeys(test.series for test in tests):
         grade: list[float] = []
@@ -82,12 +82,13 @@ def _strike(test: PenetrationTest, group: str) -> PublishedStrike:
     projectile = _projectile(test)
     target = Target(compressive_strength=test.compressive_strength, density=test.density)
     warnings = input_warnings(projectile=projectile, target=target, velocity=test.velocity, angle_of_attack=0.0)
-    flags = tuple(warning for warning in warnings if warning.code != "mass_properties_assumed")  # it does not turn
+    # Assumed mass properties have no effect, since the projectile does not turn.
+    flags = tuple(warning for warning in warnings if warning.code != "mass_properties_assumed")
     return PublishedStrike(test=test, projectile=projectile, target=target, group=group, flags=flags)
 
 
 def _projectile(test: PenetrationTest) -> Projectile:
-    """Return the projectile of a test; an unknown length is that of a solid steel body of the same mass."""
+    """Return the projectile of a test. If its length is unknown, it is that of a solid steel body of the same mass."""
     nose = Ogive(caliber_radius_head=test.caliber_radius_head)
     nose_length = nose.length(test.diameter / 2.0)
     body = Projectile(nose=nose, diameter=test.diameter, length=test.length or nose_length, mass=test.mass)
@@ -174,7 +175,7 @@ def predict(strikes: Sequence[PublishedStrike], method: str, curves: Sequence[De
 
 
 def model_factors(strikes: Sequence[PublishedStrike], model: StrengthFactor) -> FloatArray:
-    """Return the strength factor of each strike by a law of the concrete. [1]"""
+    """Return the strength factor of each strike by a law of S. [1]"""
     resistance = Resistance(strength_factor=model)
     return np.array(
         [
@@ -185,7 +186,7 @@ def model_factors(strikes: Sequence[PublishedStrike], model: StrengthFactor) -> 
 
 
 def depth_curve(strike: PublishedStrike, method: str) -> DepthCurve:
-    """Return depth over S as a polynomial in their logarithms, so that a fit costs only a dozen runs."""
+    """Return depth over S as a polynomial in their logarithms, so that all fits take `CURVE_DEGREE` + 1 runs a test."""
     depth = METHODS[method]
 
     def logarithms(factors: FloatArray) -> FloatArray:
@@ -277,13 +278,13 @@ def of_group(group: str) -> Choice:
 
 
 def of_diameter(diameter: float) -> Choice:
-    """Return a predicate that selects the tests of one calibre. [m]"""
+    """Return a predicate that selects the tests with projectiles of one diameter. [m]"""
     return lambda strike: strike.test.diameter == diameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assessment:
-    """All tests, with every prediction of their depths and the fits behind them."""
+    """All tests, with the predictions of their depths and the fitted strength factors."""
 
     strikes: Sequence[PublishedStrike]
     predictions: Mapping[tuple[str, str], Prediction]
@@ -303,11 +304,11 @@ class Assessment:
         return self.predictions[method, factor_model].depths / self.measured
 
     def chosen(self, choice: Choice = every) -> list[int]:
-        """Return the indices of the tests that are counted and chosen."""
+        """Return the indices of the counted tests that `choice` selects."""
         return [place for place, strike in enumerate(self.strikes) if strike.counted and choice(strike)]
 
     def agreement(self, method: str, factor_model: str, choice: Choice = every) -> Agreement:
-        """Return the statistics of the tests that are counted and chosen."""
+        """Return the statistics of the counted tests that `choice` selects."""
         return agreement(self.ratios(method, factor_model)[self.chosen(choice)])
 
     @property

@@ -59,10 +59,11 @@ PLATE: Final = Target(compressive_strength=265e6, density=2710.0, youngs_modulus
 PLATE_LIMITS: Final[Mapping[float, float]] = {0.0: 514.0, 15.0: 535.0, 30.0: 597.0, 45.0: 723.0}
 """Measured ballistic limits by angle from the normal. [°, m/s]"""
 HANSSON_SHOT: Final = Projectile(nose=Ogive(caliber_radius_head=2.0), diameter=0.075, length=0.225, mass=6.28)
-"""The source does not state the nose. With a calibre-radius-head of 2 a solid steel body of this size has this mass."""
+"""Projectile of Hansson. The source does not state the nose: with a calibre-radius-head of 2 a solid steel body of this
+size has this mass."""
 HANSSON_TARGET: Final = Target(compressive_strength=33.8e6, density=2300.0)
 HANSSON_VELOCITY, HANSSON_DEPTH = 485.0, 0.6575
-"""Measured velocity and depth of that shot. [m/s, m]"""
+"""Measured velocity and depth of Hansson's shot. [m/s, m]"""
 
 
 def plate_limit(law: FreeSurface, value: float, degrees: float) -> float:
@@ -231,7 +232,7 @@ WHY_ELASTIC_PLASTIC: Final = """
 
 
 def why_elastic_plastic() -> Sequence[str]:
-    """Return the paragraph on the default decay law, with its figures."""
+    """Return the paragraph on the default decay law, with its numbers."""
     misfits, misses = motion_misfits(), plate_misses()
     worst = {name: f"{100.0 * float(np.abs(row).max()):.1f} %" for name, row in misses.items()}
     return paragraphs(

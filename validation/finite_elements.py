@@ -42,7 +42,7 @@ def section(progress: Progress) -> Section:
 
 
 def compare(found: Mapping[Mesh, Calibration], progress: Progress) -> Section:
-    """Return the section for fits that have been computed."""
+    """Return the section from the computed fits."""
     progress("finite elements: critical angles")
     predicted = predictions(found)
     ends = {mesh: bracket(finite_element_runs(mesh)) for mesh in MESHES}

@@ -84,7 +84,7 @@ def rms_figure(found: Mapping[Mesh, Calibration]) -> Figure:
 
 
 def fitted_figure(found: Mapping[Mesh, Calibration]) -> Figure:
-    """Draw histories at 15°, 30° and 45°: both meshes, and the model under both decay laws with S of the coarse run."""
+    """Draw histories at 15°, 30° and 45°: both meshes, and the model with both decay laws and S of the coarse run."""
     figure, panels = style.panels(3 * len(PAPER_ANGLES), rows=len(PAPER_ANGLES), height=0.5 + 2.1 * len(PAPER_ANGLES))
     coarse = found["coarse"]
     series: dict[str, dict[str, Column]] = {}
@@ -170,7 +170,7 @@ def factor_figure(
 
 
 def angle_figure(predicted: Predictions, brackets: Mapping[Mesh, tuple[float, float]]) -> Figure:
-    """Draw the critical angle of every calibration, and the angles between which the finite elements change outcome."""
+    """Draw the critical angle of every calibration, and the angles between which the finite element outcome changes."""
     shown = [each for each in predicted.each if each.degrees is not None]
     figure, (axes,) = style.panels(1, height=1.4 + 0.2 * len(shown))
     _shade(axes, brackets)
@@ -265,7 +265,7 @@ def _columns(history: MotionHistory) -> dict[str, Column]:
 
 
 def _shade(axes: Axes, brackets: Mapping[Mesh, tuple[float, float]]) -> None:
-    """Shade the angles at which the finite elements change their outcome."""
+    """Shade the angles between which the outcome of the finite element runs changes."""
     for mesh, ends in brackets.items():
         low, high = (math.degrees(angle) for angle in ends)
         label = f"finite elements change, {mesh} mesh: {low:g}° to {high:g}°"
@@ -273,8 +273,8 @@ def _shade(axes: Axes, brackets: Mapping[Mesh, tuple[float, float]]) -> None:
 
 
 def _polynomial(axes: Axes, prediction: Prediction) -> dict[str, Column]:
-    """Draw the polynomial of a mesh with its standard error, between the fitted angles, and return it."""
-    assert isinstance(prediction.model, ObliquityPolynomial)  # noqa: S101 (as every fit over the angle)
+    """Draw the polynomial of a mesh and its standard error up to the last fitted angle, and return the values."""
+    assert isinstance(prediction.model, ObliquityPolynomial)  # noqa: S101 (every fit over the angle is one)
     assert prediction.mesh is not None  # noqa: S101 (a prediction over the angle has one)
     angles: FloatArray = np.linspace(0.0, prediction.fitted_to, 111)
     curve = np.polynomial.polynomial.polyval(angles, prediction.model.coefficients)

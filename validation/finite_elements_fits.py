@@ -59,7 +59,7 @@ LAW_NAMES = {"elastic_plastic": "elastic-plastic", "mohr_coulomb": "Mohr-Coulomb
 PAPER_ANGLES = (15.0, 30.0, 45.0)
 """Oblique angles at which the paper calibrates. [°]"""
 ROUGHER = Numerics(relative_tolerance=1e-5)
-"""Coarser numerics for fits to one quantity, which determine S to two decimals only."""
+"""Coarser numerics for fits to a single quantity, which determine S to two decimals only."""
 ALONE = {
     "depth_displacement": Weights(lateral=0.0, rotation=0.0),
     "lateral_displacement": Weights(depth=0.0, rotation=0.0),
@@ -81,7 +81,7 @@ class Calibration:
     by_depth: DepthFit
     """Fit to the greatest depths in normal impact, which do not depend on the decay law."""
     alone: Mapping[str, Mapping[float, Mapping[str, Estimate | None]]]
-    """S fitted to each quantity alone, by law, oblique angle [°] and quantity; None if it does not determine S."""
+    """S fitted to each quantity alone, by law, oblique angle [°] and quantity; None if undetermined."""
     cpu_seconds: float
     """Processor time of `fits`. [s]"""
 
@@ -171,12 +171,12 @@ def _fit_quantity(run: FiniteElementRun, end: float, law: FreeSurface, weights: 
 
 
 RETAINED = 0.01
-"""Share of the initial kinetic energy with which a projectile that leaves counts as turned away. [1]"""
+"""Least fraction of the initial kinetic energy with which a leaving projectile counts as turned away. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ending:
-    """The last row of an oblique run."""
+    """State of the projectile in the last row of an oblique run."""
 
     run: FiniteElementRun
     tip_depth: float
@@ -223,7 +223,7 @@ def _energy(run: FiniteElementRun, row: int) -> float:
 
 
 def modelled_outcome(run: FiniteElementRun, *, strength_factor: float, free_surface: FreeSurface) -> Outcome:
-    """Return the outcome by the model of the strike of a run."""
+    """Return the outcome of the strike of a run by the model."""
     law = ConstantStrengthFactor(value=strength_factor)
     return simulate(
         projectile=PAPER_PROJECTILE,
@@ -279,8 +279,8 @@ NEAR = "constant, mean of 45° to 50°"
 TO_45 = "second order, up to 45°"
 PAPER = "the paper's eq. 9"
 SCAN = math.radians(0.3)
-"""Interval of the scan. Where S falls to zero, projectiles are turned away over a range that a wider interval could
-miss. [rad]"""
+"""Interval of the scan. Where S falls to zero at larger angles, projectiles may be turned away in a narrow range only,
+which a wider interval could miss. [rad]"""
 NEAR_ANGLES = (45.0, 48.0, 50.0)
 """Angles near the change of outcome. [°]"""
 
@@ -328,7 +328,7 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True)
 class Predictions:
-    """All predictions, and access to single ones."""
+    """All predictions, with access by law, mesh and fit."""
 
     each: Sequence[Prediction]
 

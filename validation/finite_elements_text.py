@@ -24,7 +24,7 @@ Brackets = Mapping[Mesh, tuple[float, float]]
 
 
 def paragraphs(found: Mapping[Mesh, Calibration], predicted: Predictions, brackets: Brackets) -> tuple[str, ...]:
-    """Return the paragraphs of the section for its numbers; brackets are in radians."""
+    """Return the paragraphs of the section from its numbers; brackets are in radians."""
     degrees = {mesh: (math.degrees(low), math.degrees(high)) for mesh, (low, high) in brackets.items()}
     return (
         _worth(),
@@ -233,7 +233,7 @@ def _answer(prediction: Prediction) -> str:
 
 
 def with_extrapolation(prediction: Prediction) -> str:
-    """Return a critical angle with its standard error as text, which also says if S is extrapolated."""
+    """Return a critical angle with its standard error as text, with a note if S is extrapolated."""
     return _answer(prediction) + (", extrapolated" if prediction.extrapolated else "")
 
 

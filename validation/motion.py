@@ -40,7 +40,7 @@ END = 5e-3
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A history, and the style in which it is drawn."""
+    """A history, and the line style in which it is drawn."""
 
     label: str
     history: MotionHistory
@@ -86,7 +86,7 @@ def draw_histories(
 
 
 def _draw_differences(axes: Axes, curves: Sequence[Curve], against: MotionHistory, quantity: str) -> None:
-    """Draw differences in mm and degrees."""
+    """Draw the differences of a quantity from a history. [mm, °]"""
     scale, unit = (1.0, "°") if quantity == "rotation" else (1e3, "mm")
     for curve in curves:
         differences = column(curve.history, quantity) - column(against, quantity)
@@ -142,7 +142,7 @@ def motion_section(progress: Progress) -> Section:
             alike, so that a history of a hundred rows counts as a few. The error of the finite element
             model itself is in none of this: 2 to 3 % at 15° and 30°, and ±4° and ±30 mm after 2 ms at 45°.
             The model turns less than the finite elements do: with elastic-plastic decay no S brings depth and
-            rotation together; the motion_section on finite elements has Mohr-Coulomb decay beside it. The curves
+            rotation together; the section on finite elements has Mohr-Coulomb decay beside it. The curves
             for other S are our choice of values.
             """
         ),
@@ -244,7 +244,7 @@ SENSITIVITY = paragraphs(
     """
 )
 CLOSE = {"lateral_displacement": 1e-3, "depth_displacement": 1e-3, "rotation": 0.1}
-"""Tolerance for the difference between the paper's grid and the adaptive route. [m, m, °]"""
+"""Tolerance for the difference of the greatest values by the paper's grid and by the adaptive method. [m, m, °]"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,8 @@ from validation.strength_law import (
 )
 
 PROGRAMME: Final = frozenset({29, 30, 64})
-"""Articles on one test programme, which partly repeat rows; its 12.7 mm bodies weigh a third of solid steel."""
+"""Articles on one test programme. Some of their rows are repeated, and its 12.7 mm bodies weigh a third of solid steel
+bodies of the stated size."""
 LAW: Final = SeriesScatter(between=PublishedTests.between_series, within=PublishedTests.within_series)
 
 
@@ -49,7 +50,7 @@ def _numbers(shot: DepthShot) -> tuple[float, ...]:
 
 
 def check(without: Collection[int] = ()) -> tuple[Coverage, ...]:
-    """Return the coverage of the solver's law after no, one and two shots of a series, without some articles."""
+    """Return the coverage by the law of the solver after no, one and two shots of a series, without some articles."""
     found = [UnseenSeries(misses=misses, scatter=LAW) for misses in series_misses(without)]
     return tuple(coverage(found, count) for count in range(3))
 
@@ -64,7 +65,7 @@ def series_misses(without: Collection[int] = ()) -> list[np.ndarray[tuple[int, .
 
 @cache
 def normal_half_width() -> float:
-    """Return the half width of the 90 % interval without own shots by the mixed model, which is normal. [ln]"""
+    """Return the half width of the 90 % interval by the normal mixed model, without shots of the series. [ln]"""
     law = chosen_law()
     return NORMAL_QUANTILE * math.hypot(law.between, law.within)
 

@@ -1,4 +1,4 @@
-"""The report of `make validate`: the order of its sections, the table of tests, and deviations of the model."""
+"""The report of `make validate`: the order of its sections, the table of tests, and the limits of the model."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -36,11 +36,11 @@ from validation.strength_law import strength_law_section
 from validation.walls import walls_section
 
 ALIKE = 0.05
-"""Relative difference up to which two speeds count as equal. [1]"""
+"""Relative difference below which two speeds count as equal. [1]"""
 
 
 def tests_section(assessment: Assessment) -> Section:
-    """Return the section with all tests and their depths by one correlation."""
+    """Return the section with all tests and their depths for S = 82.6 f'c^−0.544."""
     strikes = assessment.strikes
     counted = [strike for strike in strikes if strike.counted]
     flagged = sum(bool(strike.flags) for strike in counted)
@@ -124,7 +124,7 @@ LARGE_DIAMETER = 0.0762
 
 
 def limits_section(assessment: Assessment) -> Section:
-    """Return the section on deviations of the model."""
+    """Return the section on what the model does not predict, and what the tests do not show."""
     known = assessment.agreement(TRAJECTORY, LEFT_OUT)
     constant = assessment.agreement(TRAJECTORY, CONSTANT, of_diameter(LARGE_DIAMETER))
     spread = [assessment.agreement(TRAJECTORY, CONSTANT, of_group(group)).mean_ratio for group in assessment.groups]

@@ -1,4 +1,4 @@
-"""Published numbers, tests and finite element runs with which the reports compare, and fits to those runs.
+"""Published numbers, tests and finite element runs that the reports compare with the model, and fits to those runs.
 
 Their sources are in `data/SOURCES.md`.
 """
@@ -62,7 +62,7 @@ class PublishedShot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PenetrationTest:
-    """A published test: steel, ogive nose, normal impact on concrete."""
+    """A published test of a steel projectile with an ogive nose in normal impact on concrete."""
 
     series: str
     row: int
@@ -119,7 +119,7 @@ class DepthShot:
 
     @property
     def series(self) -> tuple[int, float]:
-        """Article and strength, which identify shots fired by the same people into the same concrete."""
+        """Article and compressive strength, which together identify shots into the same concrete."""
         return self.article, self.compressive_strength
 
 
@@ -162,7 +162,7 @@ class FiniteElementRun:
 
 @cache
 def paper_numbers() -> tuple[PaperNumber, ...]:
-    """Return every number of the paper that the project uses, in the order of the paper."""
+    """Return every number of the paper that the reports use, in the order of the file."""
     return tuple(
         PaperNumber(
             table=row["table"],
@@ -236,7 +236,7 @@ def depth_shots() -> tuple[DepthShot, ...]:
 
 @cache
 def never_fitted_shots() -> tuple[DepthShot, ...]:
-    """Return every row of the articles that no fit may use, for an external check, in the order of the file."""
+    """Return every row of the articles kept out of all fits for an external check, in the order of the file."""
     return _depth_shots("depth_tests_never_fitted.csv")
 
 
@@ -263,13 +263,13 @@ def _depth_shots(name: str) -> tuple[DepthShot, ...]:
 
 
 def _optional(text: str) -> float | None:
-    """Return a number, or None for an empty field or for 0, which means the same."""
+    """Return a number; None for an empty field or for 0, which both mean unknown."""
     return (float(text) or None) if text else None
 
 
 @cache
 def finite_element_runs(mesh: Mesh = "coarse") -> tuple[FiniteElementRun, ...]:
-    """Return the runs with one mesh: normal ones by velocity, then oblique ones by angle."""
+    """Return the runs with one mesh: normal impacts by velocity, then oblique impacts by angle."""
     return tuple(_finite_element_run(row) for row in _rows("finite_element/runs.csv") if row["mesh"] == mesh)
 
 
@@ -315,7 +315,7 @@ def impact_of(run: FiniteElementRun) -> Impact:
 
 
 def history_of(run: FiniteElementRun) -> MotionHistory:
-    """Return the motion of a finite element run; that of a normal one has depths only."""
+    """Return the motion of a finite element run; in normal impact it has depths only."""
     depth_only = MotionHistory(time=run.time, depth_displacement=run.depth_displacement)
     if run.oblique_angle == 0.0:
         return depth_only
@@ -343,7 +343,7 @@ def finite_element_depths(mesh: Mesh = "coarse") -> DepthFit:
 
 
 def time_of_deepest_tip(run: FiniteElementRun) -> float:
-    """Return the time at which the nose tip of a finite element run is deepest; the tail may sink further. [s]"""
+    """Return the time at which the nose tip of a finite element run is deepest; the tail may move in further. [s]"""
     return float(run.time[int(np.argmax(path_of_run(run).depth))])
 
 
@@ -361,7 +361,7 @@ def path_of_run(run: FiniteElementRun) -> TipPath:
 def motion_of(
     impact: Impact, *, strength_factor: float, times: FloatArray, free_surface: FreeSurface | None = None
 ) -> MotionHistory:
-    """Return the motion of the paper's projectile by the adaptive route, with elastic-plastic decay by default."""
+    """Return the motion of the paper's projectile by the adaptive method, with elastic-plastic decay by default."""
     return predict_motion(
         projectile=PAPER_PROJECTILE,
         target=PAPER_TARGET,

@@ -24,7 +24,7 @@ Progress: TypeAlias = Callable[[str], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """A computed number and the reference with which it is compared."""
+    """A computed number, and the reference value with which it is compared."""
 
     what: str
     ours: float
@@ -141,7 +141,7 @@ def write_report(folder: Path, *, title: str, introduction: Sequence[str], secti
     title, introduction
         Title and first paragraphs of the page.
     sections
-        Sections. They are taken one by one while the style of figures is active, so that a generator can draw them.
+        Sections, iterated while the style of figures is active, so that a generator may draw its figures lazily.
 
     Returns
     -------
@@ -202,7 +202,7 @@ def _write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[objec
 
 
 def _cell(value: object) -> object:
-    """Return a value as text for CSV, numbers with nine digits; "" for None."""
+    """Return a value for CSV: floating-point numbers as text with nine digits, "" for None and NaN."""
     if value is None:
         return ""
     if isinstance(value, float):
@@ -212,9 +212,9 @@ def _cell(value: object) -> object:
 
 NARROW = "\N{NARROW NO-BREAK SPACE}"
 SHORT = 5
-"""Significant digits up to which a number is shown in full."""
+"""Largest number of significant digits with which a number counts as short, and is shown in full."""
 MOST_SPREAD = 1e5
-"""Ratio of the largest to the smallest number of a column above which their numbers of decimals differ. [1]"""
+"""Ratio of the largest to the smallest number of a column, above which each gets its own number of decimals. [1]"""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -264,7 +264,7 @@ def _prose(text: str) -> Markup:
 
 
 def _number(value: float | None, digits: int = 4) -> str:
-    """Return a number with a few significant digits as text, or all digits of a short number; "" for None."""
+    """Return a number with a few significant digits as text, or all digits of a short number; "" for None and NaN."""
     if value is None or math.isnan(value):
         return ""
     return _printed(f"{value:.{max(digits, SHORT) if _is_short(value) else digits}g}")
@@ -291,7 +291,7 @@ def _decimals(comparison: Comparison) -> int:
 
 
 def _cells(table: ReportTable) -> list[list[tuple[str, bool]]]:
-    """Return the rows as pairs of a text and whether it is a number; numbers of a column have the same decimals."""
+    """Return the rows as pairs of a text and whether it is a number, with common decimals in a column if possible."""
     columns = [_column(values) for values in zip(*table.rows, strict=True)]
     return [list(row) for row in zip(*columns, strict=True)]
 
@@ -311,7 +311,7 @@ def _column(values: Sequence[object]) -> list[tuple[str, bool]]:
 
 
 def _common_places(numbers: Sequence[float]) -> int | None:
-    """Return the number of decimals for all numbers of a column; None if they differ too much in size."""
+    """Return a common number of decimals for the numbers of a column; None if they differ too much in size."""
     sizes = [abs(value) for value in numbers if value]
     if not sizes:
         return 0
@@ -333,7 +333,7 @@ def _is_short(value: float) -> bool:
 
 
 def _natural_places(value: float) -> int:
-    """Return the number of decimals of a short number; 0 for a multiple of ten."""
+    """Return the number of decimals of a short number; 0 for a whole number."""
     return max(0, -int(Decimal(f"{value:.{SHORT}g}").normalize().as_tuple().exponent)) if value else 0
 
 

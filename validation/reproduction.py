@@ -55,8 +55,8 @@ SEPARATE = {
     "no decay near the face": 57.53,
     "tip at 5 ms": 48.61,
 }
-"""Critical angles by an independent program with 96,000 panels and steps of 1 µs. The first is by the outcome, the
-others by the depth of the tip at 5 ms. [°]"""
+"""Critical angles by an independent program with 96,000 panels and steps of 1 µs. The first angle is by the outcome,
+the others are by the depth of the nose tip at 5 ms. [°]"""
 OPEN_POINTS = paragraphs(
     """
     Where the paper does not say, we had to choose. Each row changes one thing in our reading of it
@@ -87,7 +87,7 @@ CLOSE = 0.03
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """A choice of something that the paper does not state."""
+    """A choice for an input that the paper does not state."""
 
     gap: str
     choice: str
@@ -166,7 +166,7 @@ def _choices() -> list[Choice]:
 
 
 def _by_position(instant: float) -> float:
-    """Return the angle at which the nose tip is at the face at an instant, by the adaptive route. [°]"""
+    """Return the angle at which the nose tip is at the face at an instant, by the adaptive method. [°]"""
     return _degrees(
         solver.critical_angle(
             projectile=PAPER_PROJECTILE,

@@ -1,7 +1,7 @@
-"""Comparison of the two routes, Gauss points and panels with fixed steps, for strikes all over the input space.
+"""Comparison of the two numerical methods ("routes"), Gauss points and panels, for strikes over the whole input space.
 
-A strike combines all choices that the model offers with random sizes, speeds and angles. A new choice has to be added
-to `Combination`, so that the table of compared combinations has a cell for it.
+Each strike has one combination of the discrete choices of the model, and random sizes, speeds and angles. A new choice
+must be added to `Combination`, so that the table of compared combinations includes it.
 """
 
 import itertools
@@ -46,7 +46,7 @@ BODIES = (
     "ogive", "cone", "cap", "flat", "pointed profile", "truncated profile",
     "sphere", "boat-tail", "tapering profile",
 )  # fmt: skip
-"""Bodies, by their nose or, for the last three, by the part behind their widest point."""
+"""Shapes of bodies, named after the nose or, for the last three, after the part behind the widest point."""
 DECAYS: dict[str, FreeSurface] = {
     "elastic-plastic": ElasticPlastic(),
     "elastic-plastic, inertia": ElasticPlastic(inertia=True),
@@ -57,14 +57,14 @@ DECAYS: dict[str, FreeSurface] = {
 MOST_STEPS = 190_000
 """Largest number of steps of a run with panels, a little below the limit of the solver."""
 PANELS, RAMP, GRAZING = "finer panels", "shorter ramp", "contact between panels"
-"""Explanations of a difference between routes. The last is a contact so shallow that no panel has its centre in the
+"""Explanations of a difference between routes. `GRAZING` is a contact so shallow that no panel has its centre in the
 concrete."""
 SHORT_RAMPS = (0.01, 0.001)
 """Factors on the usual ramp of the static stress in the method of Gauss points; the panel method has no ramp. Because
 of the ramp, a shank that rests against the wall of its hole creeps. Over a long path this turns the body by tenths of a
 degree, and moves its last contact with the hole. [1]"""
 GRAZING_DEPTH = 1e-3
-"""Depth over length below which a contact may lie between two rows of panels, i.e. the spacing of the rows. [1]"""
+"""Depth over length below which a contact may lie between two rows of panels; about the spacing of the rows. [1]"""
 NEAR_THRESHOLD = 3.0
 """Outcomes of the routes may differ if the energy left is within this factor of the retention energy. [1]"""
 SPEED_TOLERANCE, DEPTH_TOLERANCE = 0.01, 0.02
@@ -82,9 +82,9 @@ class Resolution(NamedTuple):
 
 COARSE = Resolution(4_000, 40.0)
 FINER = (Resolution(16_000, 160.0), Resolution(64_000, 640.0))
-"""Finer resolutions; a difference that vanishes with them was an error of the coarse panels."""
+"""Finer resolutions. A difference that vanishes with one of them was an error of the coarse panels."""
 FINEST = Resolution(256_000, 640.0)
-"""Resolution for strikes whose difference neither finer panels nor a shorter ramp removes; it takes minutes each."""
+"""Resolution for strikes whose difference neither finer panels nor a shorter ramp removes; such a run takes minutes."""
 
 
 class Combination(NamedTuple):
@@ -100,21 +100,21 @@ class Combination(NamedTuple):
 
 
 CELLS = tuple(itertools.product(BODIES, (False, True), DECAYS))
-"""Combinations of body, wall and decay; strikes have them in turn."""
+"""Combinations of body, wall and decay, which successive strikes have in turn."""
 EXTRAS = {
     wall: tuple(itertools.product((False, True), (False, True) if wall else (False,), (False, True), (False, True)))
     for wall in (False, True)
 }
 """Combinations of crater, plug, angle of attack and spin, without and with a wall."""
 STRIDE = 5
-"""Step in `EXTRAS` from one round of cells to the next. It is coprime to their number, so that all occur in turn."""
+"""Step in `EXTRAS` from one round of cells to the next. It is coprime to the number of extras, so that all occur."""
 COMBINATIONS = tuple(Combination(*cell, *extras) for cell in CELLS for extras in EXTRAS[cell[1]])
 FULL_TABLE = len(CELLS) * len(EXTRAS[True])
-"""Number of strikes after which every combination has been generated."""
+"""Number of strikes after which every combination has occurred."""
 
 
 class End(NamedTuple):
-    """The end of a run, in which the routes are compared."""
+    """Result of a run that is compared between the routes."""
 
     outcome: Outcome
     energy: float
@@ -126,8 +126,7 @@ class End(NamedTuple):
     protrusion: Protrusion | None
     """Protrusion from the rear face of a wall, if any."""
     at_rest: bool
-    """True if the run ended because the body was at rest, and not because all loads had ended. The panel method does
-    not always detect rest."""
+    """True if the run ended because the body was at rest. The panel method does not always detect rest."""
     time: float
     """Time of the end. [s]"""
 
@@ -143,7 +142,7 @@ class Strike:
     resistance: Resistance
 
     def end(self, numerics: Numerics = USUAL, ramp_share: float = 1.0) -> End:
-        """Return the end of the strike; `ramp_share` multiplies the ramp of the static stress."""
+        """Return the result of the strike; `ramp_share` is a factor on the ramp velocity of the static stress."""
         prepared, run = self.run(numerics, ramp_share)
         body = prepared.model.body
         outcome = OUTCOMES[run.end]
@@ -173,7 +172,7 @@ class Strike:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """A strike by both routes, and how they differ."""
+    """A strike computed by both routes, and their difference."""
 
     number: int
     strike: Strike
@@ -276,7 +275,7 @@ def _random_nose(shape: str, radius: float, random: np.random.Generator) -> Nose
 
 
 def compare(number: int, strike: Strike) -> Comparison:
-    """Compare both routes; if they differ, refine the panels, then shorten the ramp of the Gauss points."""
+    """Compare both routes; if they differ, refine the panels, then shorten the ramp, then use the finest panels."""
     adaptive, explained = strike.end(), ""
     sharp = adaptive
     panels = strike.end(_panel_numerics(strike, adaptive, COARSE))
@@ -311,7 +310,7 @@ def _grazes(strike: Strike, adaptive: End, panels: End) -> bool:
     """Return whether the routes agree until the panels lose contact, and all later contact is shallow.
 
     With a hundred thousand panels the rows are a thousandth of the length apart. An edge that is less deep has Gauss
-    points, which lie on the part of the surface below the face, but no panel centre in the concrete.
+    points, which are placed on the part of the surface below the face, but no panel centre in the concrete.
     """
     if adaptive.speed is None or panels.speed is None or panels.time >= adaptive.time:
         return False
@@ -323,10 +322,10 @@ def _grazes(strike: Strike, adaptive: End, panels: End) -> bool:
 
 
 def _panel_numerics(strike: Strike, adaptive: End, resolution: Resolution) -> Numerics:
-    """Return numerics with this resolution, up to the time that `MOST_STEPS` allow.
+    """Return numerics with a resolution, and a termination time within `MOST_STEPS` steps.
 
-    Fixed steps do not always detect rest, so a body that comes to rest in the target is followed for only half as long
-    again.
+    Fixed steps do not always detect rest, so a body that comes to rest in the target by the adaptive method is followed
+    for at most 1.5 times as long.
     """
     velocity = strike.impact.velocity
     step = strike.projectile.diameter / velocity / resolution.steps
@@ -351,8 +350,8 @@ def _difference(strike: Strike, one: End, other: End) -> str:
     on_wall = strike.target.thickness is not None
     drifts = on_wall and one.outcome is Outcome.EMBEDDED and not one.at_rest
     if one.outcome is Outcome.PERFORATED or drifts:
-        # How far a body flies behind a wall is not compared. Nor is the last contact of a body that drifts through the
-        # hole of its plug with too little energy to count as perforating.
+        # The distance that a body flies behind a wall is not compared, and neither is the last contact of a body that
+        # drifts through the hole of its plug with too little energy to count as perforating.
         return ""
     size = max(one.depth, strike.projectile.diameter)
     error = abs(one.depth - other.depth) / size

@@ -58,7 +58,7 @@ def model_depth(strength: float, velocity: float, resistance: Resistance) -> flo
 
 
 def formula_values(strength: float, velocity: float, limit: Limit) -> Mapping[str, float]:
-    """Return the value of each formula that is in its range, by name. [m]"""
+    """Return the value of each formula within its range, by name. [m]"""
     impact = Impact(velocity=velocity, oblique_angle=0.0)
     found = formulas(projectile=SPHERE, target=concrete(strength), impact=impact)
     return {each.formula: value for each in found if each.in_range and (value := getattr(each, limit)) is not None}
@@ -84,7 +84,7 @@ def formula_speeds(strength: float, thickness: float, limit: Limit) -> Mapping[s
 
 
 def _value(name: str, strength: float, velocity: float, limit: Limit) -> float:
-    """Return the value of one formula, in its range or not. [m]"""
+    """Return the value of one formula, inside or outside its range. [m]"""
     impact = Impact(velocity=velocity, oblique_angle=0.0)
     found = {each.formula: each for each in formulas(projectile=SPHERE, target=concrete(strength), impact=impact)}
     return float(getattr(found[name], limit))

@@ -36,7 +36,7 @@ from validation.report import Comparison, Figure, Progress, ReportTable, Section
 STRENGTH_FACTORS = (6.0, 7.0, 8.0, 9.0, 10.0, 11.0)
 VELOCITIES = np.linspace(200.0, 400.0, 41)
 PRINTED_DEPTH = 0.005
-"""Half of the last digit of a depth in Table 1. [m]"""
+"""Half a unit in the last digit of a depth in Table 1. [m]"""
 FIRED_DIAMETER = 0.0762
 """Diameter of the projectiles behind Table 1. [m]"""
 
@@ -138,7 +138,7 @@ def _strength_comparisons(
             reference=printed,
             unit="1",
             tolerance=allowed,
-            reference_source="Table 2 at 0°, depth_section 3.1",
+            reference_source="Table 2 at 0°, section 3.1",
             note=f"standard error {found.estimate.standard_error:.2f}; {note}",
         )
         for what, found, allowed, note in rows
@@ -248,7 +248,7 @@ def _figure_8(shots: Sequence[PublishedShot], strength: float) -> Figure:
 OBLIQUE_RUNS = {15.0: "oblique-15", 30.0: "oblique-30", 45.0: "oblique-45"}
 """Names of the oblique finite element runs, by angle. [°]"""
 HALF_DIGITS = (0.0005, 0.00005, 0.00005)
-"""Half of the last printed digit of each coefficient of eq. 9. [1, 1/°, 1/°²]"""
+"""Half a unit in the last printed digit of each coefficient of eq. 9. [1, 1/°, 1/°²]"""
 UNITS = ("1", "1/°", "1/°²")
 ANGLES = np.linspace(0.0, 60.0, 121)
 """Angles at which curves are drawn. [°]"""
@@ -387,7 +387,7 @@ def _figure_12(fitted: ObliquityFit, own: dict[float, Estimate]) -> Figure:
 
 
 def _draw_polynomial(axes: Axes, fitted: ObliquityFit) -> None:
-    """Draw the fitted polynomial, marking the range in which the paper uses it."""
+    """Draw the fitted polynomial, dashed where it is extrapolated, and the paper's critical angle."""
     curve, inside = _polynomial(fitted, ANGLES), ANGLES <= 45.0
     axes.plot(ANGLES[inside], curve[inside], color=style.MODEL, label="second order through Table 2 (eq. 9)")
     axes.plot(ANGLES[~inside], curve[~inside], color=style.MODEL, linestyle="--", label="the same, extrapolated")

@@ -44,7 +44,7 @@ HEAVIEST_STEEL = 9000.0
 STRENGTHS = (10e6, 110e6)
 """Range of the strengths used. [Pa]"""
 LEAST_CALIBERS = 2.0
-"""Depth over diameter below which the front crater governs. [1]"""
+"""Depth over diameter below which the front crater governs the depth. [1]"""
 LEAST_THICKNESS = 1.5
 """Thickness over depth below which the rear face weakens the target. [1]"""
 OTHER_MATERIAL = re.compile(
@@ -55,23 +55,24 @@ CONTRADICTED: Mapping[int, str] = {
     **dict.fromkeys((9, 10), "the same body at the same speed went 2 to 3 times as deep in rows 6 to 8"),
     55: "590 m/s is probably a slip for 690 m/s",
 }
-"""Rows that contradict others of their article, with the contradiction."""
+"""Rows that contradict other rows of their article, with the reason."""
 NORMALISED = frozenset((*range(721, 734), 735, 737, 738))
 """Rows of article 71 whose depths seem to be normalised to its 29.9 mm body. At 650 m/s bodies of 0.04, 0.12, 1 and
 8 kg all have a depth of 0.6 to 0.8 m, so that S would be 22 for the largest and 2.4 for the smallest."""
 NORMALISED_TO = 0.0299
-"""Diameter of that body. If every depth is multiplied by diameter over this one, S is 6 to 12. [m]"""
+"""Diameter of the body to which these depths seem to be normalised. If each depth is multiplied by the diameter of its
+row over this one, S is 6 to 12. [m]"""
 MEASURED_IN_GRAMS = 100.0
-"""Mass over that of a solid cylinder above which the mass must have been given in grams. [1]"""
+"""Ratio of the mass to that of a solid cylinder, above which the mass must have been given in grams. [1]"""
 HEAVIEST = 1.05
-"""Mass over that of a solid cylinder above which mass, size or material of a row must be wrong. [1]"""
+"""Ratio of the mass to that of a solid cylinder, above which mass, size or material of a row must be wrong. [1]"""
 FREEDOM = PublishedTests.degrees_of_freedom
 FREEDOMS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 1e6)
 """Degrees of freedom that are compared; the last value is practically a normal distribution. [1]"""
 
 
 def reason_left_out(shot: DepthShot) -> str | None:
-    """Return the first reason why a law for rigid bodies must not be fitted to a row; None if there is none."""
+    """Return the first reason why a law for rigid bodies must not be fitted to a row; None if there is no reason."""
     lowest, highest = STRENGTHS
     reasons = {
         "mass, speed or depth unknown": math.isnan(shot.mass * shot.velocity * shot.depth),
@@ -154,7 +155,7 @@ class MixedModel:
 
 
 def fit_mixed(values: FloatArray, matrix: FloatArray, groups: Sequence[object]) -> MixedModel:
-    """Fit by restricted maximum likelihood.
+    """Fit the mixed model by restricted maximum likelihood.
 
     Parameters
     ----------
@@ -253,7 +254,7 @@ class UnseenSeries:
         )
 
     def covered_after(self, count: int) -> tuple[float, float]:
-        """Return the share of the other shots in the 90 % interval after `count` shots, and its half width. [1, ln]"""
+        """Return the fraction of other shots in the 90 % interval after `count` shots, and its half width. [1, ln]"""
         covered: list[bool] = []
         widths = []
         for given in combinations(range(len(self.misses)), count):
@@ -343,7 +344,7 @@ def likelihood(degrees_of_freedom: float) -> float:
 
 
 def law_with_article_71(*, normalised: bool) -> MixedModel:
-    """Fit the law with the rows of article 71 too, either as printed or taken as normalised to its 29.9 mm body."""
+    """Fit the law with the rows of article 71 too, as printed or taken as normalised to its 29.9 mm body."""
     others = [shot for shot in depth_shots() if shot.row in NORMALISED]
     if normalised:
         others = [replace(shot, depth=shot.depth * shot.diameter / NORMALISED_TO) for shot in others]
@@ -366,7 +367,7 @@ def coverages(*, by_article: bool) -> tuple[Coverage, ...]:
 
 
 def score(names: Sequence[str], *, inertia_factor: float = 1.0, crater: Crater | None = None) -> tuple[float, float]:
-    """Return mean log density of measured depths of unseen articles, and half width of the interval after one shot."""
+    """Return the mean log density of depths of unseen articles, and the half width of the interval after one shot."""
     shots = counted_shots()
     values = logarithms(shots, inertia_factor=inertia_factor, crater=crater)
     found = unseen_series(shots, values, names, by_article=True)

@@ -1,4 +1,4 @@
-"""Walls: least thickness and limit speed by both models of the rear face and by formulas, compared with tests."""
+"""Walls: least thickness and limit speed by each model of the faces and by formulas, compared with tests."""
 
 import math
 from collections.abc import Mapping
@@ -35,7 +35,7 @@ SLAB_SLOWEST = 300.0
 
 
 def walls_section() -> Section:
-    """Return the section that compares both models of the rear face with formulas and with tests."""
+    """Return the section that compares the models of the faces with formulas and with tests."""
     thicknesses, speeds = _thickness_table(), _speed_table()
     model, plugged, both = (row[1] for row in thicknesses.rows[: len(MODELS)])
     required = sorted(
@@ -54,7 +54,7 @@ def walls_section() -> Section:
         {plug_slow} m/s with a plug, {both_slow} m/s with a crater as well.
     """
     return Section(
-        title="Walls: both models of the rear face, and the formulas",
+        title="Walls: the models of the rear face, and the formulas",
         text=paragraphs(text),
         tables=(thicknesses, speeds),
     )
@@ -90,7 +90,7 @@ def slab(strength: float) -> Target:
 
 
 def slab_limit_speed(resistance: Resistance, strength: float) -> float | None:
-    """Return the limit speed of this slab in normal impact, with S of the published tests. [m/s]"""
+    """Return the limit speed of the slab of Hanchak et al. in normal impact, with S of the published tests. [m/s]"""
     law = replace(resistance, strength_factor=PublishedTests())
     return limit_velocity(projectile=SLAB_SHOT, target=slab(strength), oblique_angle=0.0, resistance=law).value
 

@@ -70,7 +70,8 @@ TAGS = [
 POOL_SECONDS = 1
 """Time allowed for workers to stop after the last request [s]: half for calls to finish, half for processes to end."""
 TRACES_SECONDS = 0.5
-"""Time allowed for sending the last traces, after everything else has stopped [s]."""
+"""Time allowed for sending the last traces, after jobs, workers and cache have stopped [s]. A collector nearby takes
+milliseconds, and one that does not answer must not delay the end; chosen by judgement."""
 STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace period reserved for stopping jobs and workers after the last response [s]: `POOL_SECONDS` for the
 workers, and one second, by judgement, for saving the progress of jobs and closing the caches."""
@@ -128,8 +129,8 @@ class Application(FastAPI):
     def build_middleware_stack(self) -> ASGIApp:
         """Return the application wrapped in middleware.
 
-        `add_middleware` would place it inside Starlette's error handler, where responses to unexpected failures would
-        have neither security headers nor a log entry.
+        `add_middleware` would place the middleware inside Starlette's error handler, so that responses to unexpected
+        failures would have neither security headers nor a log entry.
         """
         services: Services = self.state.services
         settings = services.settings
@@ -171,7 +172,7 @@ def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastA
         openapi_tags=TAGS,
         license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
         lifespan=lifespan,
-        # `service/api/page.py` serves `/openapi.json` and its documentation, which would load scripts of other sites.
+        # `service/api/page.py` serves `/openapi.json` and Swagger UI, as FastAPI's pages load scripts of other sites.
         openapi_url=None,
         docs_url=None,
         redoc_url=None,

@@ -45,7 +45,8 @@ CHECKED_AT_ONCE = 50
 CHECK_COST = 0.01
 """Cost of checking a case [ordinary cases]: the check takes some 0.1 ms, computing an ordinary case 10 to 20 ms."""
 BYTES_AT_ONCE = 256 * 1024
-"""Size of the lines validated in one call [bytes]: a few long lines take as much time as many short ones."""
+"""Size above which a block of lines is validated even if it has fewer than `CASES_AT_ONCE`, because validating a few
+long lines takes as much time as validating many short ones. [bytes]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +68,7 @@ class BatchBody:
     count: int = 0
     sweep: StoredSweep | None = None
     estimate: Callable[[], int] = lambda: 0
-    """Extrapolates the number of cases of a JSONL body from the lines read; returns 0 without a Content-Length."""
+    """Function that extrapolates the number of cases of a JSONL body from the lines read; 0 without Content-Length."""
 
     def digest(self) -> str:
         """Return the hash of path, media type and body. It is complete only when the body has been read."""
@@ -186,7 +187,7 @@ class BatchReader:
         for first in range(0, len(numbers), CHECKED_AT_ONCE):
             some = numbers[first : first + CHECKED_AT_ONCE]
             requests = [cases[number].request.json for number in some]
-            # A worker does the check, as it takes some milliseconds, during which the event loop could not answer.
+            # A worker does the check, which takes some milliseconds and would block the event loop meanwhile.
             checking = self._services.executor.submit(
                 check_requests,
                 canonical,
@@ -240,7 +241,7 @@ class BatchReader:
             raise InvalidBodyError(behind(pointer, field_errors(error)), place) from error
 
     def _lay_grid(self, body: bytes, limits: BodyLimits) -> tuple[Outline, Grid]:
-        """Parse the body of a sweep, and return its axes and its grid."""
+        """Parse the body of a sweep, and return its base and axes, and its grid."""
         outline = validated_as(Outline, parse_json(body, limits))
         if len(to_json(outline.base)) > self._limits.max_body_bytes:
             detail = f"may be {self._limits.max_body_bytes} bytes long at most"
@@ -278,8 +279,8 @@ async def split_lines(
 ) -> AsyncIterator[list[bytes]]:
     """Split a body into lines, and yield them in blocks.
 
-    Reading stops in a line that exceeds `max_bytes`. The part read so far, which exceeds it too, is
-    yielded, so that the caller refuses the line.
+    Reading stops in a line that exceeds `max_bytes`. The part of the line read so far, which is itself longer than
+    `max_bytes`, is yielded, so that the caller refuses the line.
     """
     lines, size, rest = list[bytes](), 0, b""
     async for chunk in chunks:

@@ -1,4 +1,4 @@
-"""Responses to batches and sweeps: the results if there are few cases, else a job, unless the client prefers a job."""
+"""Responses to batches and sweeps: a job if there are many cases or the client prefers one, else the results."""
 
 import asyncio
 import re
@@ -26,7 +26,7 @@ from service.operations import OPERATIONS, Many, Operation
 FORMS = (JSON, JSONL, CSV)
 VARY = {"Vary": "Prefer, Accept"}
 LONGEST_RETRY = 60
-"""Largest value of `Retry-After` for a job, so that one that ends early is noticed within a minute. [s]"""
+"""Largest value of `Retry-After` for a job, so that a job that ends early is noticed within a minute. [s]"""
 
 Result = TypeVar("Result")
 
@@ -105,7 +105,7 @@ class JobResponse:
     Parameters
     ----------
     request
-        HTTP request, of which only the headers are read here.
+        HTTP request. Its body is not read here.
     operation
         Operation of every case.
     preference
@@ -134,7 +134,7 @@ class JobResponse:
         count: int = 0,
         estimate: Callable[[], int] = lambda: 0,
     ) -> JobState:
-        """Create a job with these cases, or return the one created earlier with the same idempotency key.
+        """Create a job with these cases, or return the job created earlier with the same idempotency key.
 
         See `JobManager.accept` for the parameters.
         """
@@ -164,9 +164,9 @@ class JobResponse:
         state
             State of the job after the wait.
         answered
-            True if the response is to be the results.
+            True if the response should be the results.
         headers
-            Headers with the preferences that were applied.
+            `Vary`, and `Preference-Applied` if a preference was applied.
         """
         # A proxy may close a connection on which nothing is sent for too long, so the service limits the wait.
         waited = None if self.preference.wait is None else min(self.preference.wait, self._settings.most_wait_seconds)
@@ -227,7 +227,7 @@ class BatchResponse(JobResponse):
     async def _answer_now(self, cases: Sequence[JobCase], sweep: StoredSweep | None) -> Response:
         results = self._jobs.run_now(self.operation, cases, owner=self._context.queue_owner)
         if self.form == JSONL:
-            beginning = begin(results)  # The first result is awaited: once the status is sent, no error can be.
+            beginning = begin(results)  # An error before the first result still gets an error status.
             begun = await unless_left(self._request, beginning)
             lines = (to_lines([result], self.path, sweep) async for result in begun)
             return StreamingResponse(closing(lines, results), media_type=JSONL, headers=VARY)
@@ -274,7 +274,7 @@ def sweep_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Res
 async def take(
     blocks: AsyncIterator[list[JobCase]], count: int
 ) -> tuple[list[JobCase], AsyncIterator[list[JobCase]] | None]:
-    """Read blocks until there are more than `count` cases; return these, and the remaining blocks or None."""
+    """Read blocks until there are more than `count` cases; return the cases read, and the remaining blocks or None."""
     taken: list[JobCase] = []
     async for cases in blocks:
         taken += cases

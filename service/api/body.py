@@ -28,7 +28,7 @@ from service.schemas.problems import json_pointer
 from service.settings import Settings
 
 MAX_FIELDS = 30
-"""Largest number of fields of one object, twice as many as the largest object in the contract has."""
+"""Largest number of fields of one object, more than twice as many as the largest object of a request has."""
 MAX_LISTED_FIELDS = 10_000
 """Largest number of fields in the body of one request. A resistance with a thousand test shots of four fields has
 4,000. Validating this many takes some 10 ms."""
@@ -62,7 +62,7 @@ class BodyLimits:
     Parameters
     ----------
     length
-        Length. [bytes]
+        Length of the body. [bytes]
     depth
         Depth of nested objects and lists.
     fields, values
@@ -118,8 +118,8 @@ class BoundedRequest(Request):
 class CheckedRoute(APIRoute):
     """Route that refuses unknown query parameters, and bounds a JSON body before FastAPI validates it.
 
-    FastAPI reads the body before it runs dependencies, and so would parse bodies without a valid key. The key is
-    therefore checked here as well.
+    FastAPI reads the body before it runs dependencies, and so would parse the bodies of requests without a valid key.
+    The key is therefore checked here as well.
     """
 
     long = False
@@ -175,7 +175,8 @@ async def bounded(request: Request, *, long: bool) -> BoundedRequest:
     Raises
     ------
     HTTPException
-        400, 413 or 415.
+        400 if the body is not JSON or exceeds another limit than its length, 413 if it is too long, 415 if it is of
+        another media type or compressed.
     InvalidBodyError
         If the body is empty, or an object has too many fields.
     """
@@ -230,14 +231,14 @@ async def stream_up_to(request: Request, limit: int) -> AsyncIterator[bytes]:
 
 
 def require_type(request: Request, *accepted: str) -> str:
-    """Return the media type of the body, and refuse other types and compressed bodies.
+    """Return the media type of the body, which must be one of the accepted types and not compressed.
 
-    A compressed body could expand to any length, so that its length would bound nothing.
+    The limits on the length of a body would not limit the length of a compressed one after decompression.
 
     Raises
     ------
     HTTPException
-        415.
+        415 if the media type is not accepted, or the body is compressed.
     """
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     coding = request.headers.get("content-encoding", "identity").strip().lower()
@@ -297,7 +298,7 @@ def count_fields(content: Any, max_depth: int) -> int:
     HTTPException
         400 if objects and lists are nested deeper than `max_depth`.
     InvalidBodyError
-        If an object has more than `MAX_FIELDS` fields: listing the errors of a million would take a second.
+        If an object has more than `MAX_FIELDS` fields, because listing an error for each could take seconds.
     """
     fields, level = 0, [((), content)] if isinstance(content, CONTAINERS) else list[tuple[tuple[Any, ...], Any]]()
     for _ in range(max_depth):
@@ -327,7 +328,7 @@ def refuse_repeated(fields: list[tuple[str, Any]]) -> None:
     Raises
     ------
     HTTPException
-        400 (RFC 8259, section 4: names should be unique).
+        400 if a field is repeated (RFC 8259, section 4: names should be unique).
     """
     seen: set[str] = set()
     for name, _ in fields:
@@ -337,6 +338,6 @@ def refuse_repeated(fields: list[tuple[str, Any]]) -> None:
 
 
 async def next_turn(parsing: asyncio.Lock) -> None:
-    """Wait until a body may be parsed: one per iteration of the event loop, so that many bodies do not block it."""
+    """Wait until a body may be parsed: one in each iteration of the event loop, so that many bodies do not block it."""
     async with parsing:
         await asyncio.sleep(0)

@@ -156,7 +156,7 @@ STUDIED: Responses = {
 
 
 def one_body(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the declaration of a JSON body that the route reads itself, in blocks."""
+    """Return the declaration of a JSON body that the route reads itself, without FastAPI."""
     return {"requestBody": {"required": True, "content": {"application/json": {"schema": reference(model)}}}}
 
 
@@ -178,7 +178,7 @@ def reference(model: type[BaseModel]) -> dict[str, str]:
 
 
 def declare_bodies(schemas: dict[str, Any], models: Sequence[type[BaseModel]]) -> None:
-    """Add the models of bodies that are not parameters of routes, so that FastAPI does not find them."""
+    """Add the models of bodies that routes read themselves. FastAPI adds only those of their parameters."""
     _, found = models_json_schema(
         [(model, "validation") for model in models], ref_template="#/components/schemas/{model}"
     )
@@ -267,7 +267,7 @@ def declare_events(responses: dict[str, Any]) -> None:
 
 
 def declare_problems(responses: dict[str, Any]) -> None:
-    """Declare error responses as problem documents. FastAPI gives them the media type of the route's answer."""
+    """Declare the media type of problem documents for error responses. FastAPI declares that of the route's answer."""
     for status, response in responses.items():
         if status >= "400":
             (content,) = response["content"].values()

@@ -1,4 +1,4 @@
-"""Files of results for download. Few are written at a time, each for all its clients, and kept while there is room."""
+"""Files of results for download, written on request, shared by clients, and kept until they are evicted."""
 
 import asyncio
 import os
@@ -29,7 +29,7 @@ more memory per client; the value is chosen by judgement."""
 
 
 class Downloads:
-    """Files for download on the disk, of which the least recently used are evicted.
+    """Cache of files for download on the disk. The least recently used files are evicted.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Downloads:
         Raises
         ------
         DownloadsFullError
-            If files that are being sent take all the room.
+            If removed files that are still being sent take all the disk space of downloads.
         StorageError
             If the disk is full, or the data folder has been replaced.
         """
@@ -120,15 +120,15 @@ class Downloads:
                 self._kept[name] = size
             await self._make_room()
             return file
-        except OSError as error:  # The message of HDF5 contains the path, which clients are not to see.
+        except OSError as error:  # The message of HDF5 contains the path, which clients must not see.
             why = os.strerror(error.errno) if error.errno else "the disk refuses it"
             raise StorageError(f"the file cannot be written: {why}") from error
         finally:
-            with CancelScope(shield=True):  # The partial file is removed even if a leaving client cancels this.
+            with CancelScope(shield=True):  # The partial file is removed even if this is cancelled.
                 await run_sync(lambda: path.unlink(missing_ok=True))
 
     async def remove(self, names: Iterable[str]) -> None:
-        """Remove files. Clients that are downloading one still get all of it, because it is open."""
+        """Remove files. A client that is downloading a file still gets all of it, because the file is open."""
         for name in names:
             self._kept.pop(name, None)
             await run_sync(lambda path: path.unlink(missing_ok=True), self._folder / name)

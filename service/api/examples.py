@@ -1,4 +1,4 @@
-"""Examples of answers in the contract: the answer to the first example of each request.
+"""Examples of answers in the contract: the answer to the first example of each request, except for studies.
 
 `python -m service.api.examples` computes them and writes `examples.json`; a test compares the file with a service.
 """
@@ -16,7 +16,7 @@ FILE = Path(__file__).with_name("examples.json")
 LONG = frozenset({"formulas", "history", "iterations"})
 """Fields whose lists are shortened in the examples, as they would fill pages of the contract."""
 SHOWN = 2
-"""Number of items shown of a shortened list or column."""
+"""Number of items shown of a shortened list or column: the fewest that show that it is one."""
 DIGITS = 6
 """Number of significant digits of the numbers in the examples. Later digits differ between processors."""
 

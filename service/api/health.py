@@ -67,7 +67,7 @@ class Version(Part):
 
 @router.get("/livez", response_description="The service is alive.", responses=problems(500))
 async def livez() -> Health:
-    """Report that the service is alive, without use of workers or disk."""
+    """Report that the service is alive, without using workers or the disk."""
     return Health(status=HealthStatus.OK)
 
 

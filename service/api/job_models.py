@@ -135,7 +135,7 @@ class JobQueue(Part):
     model_config = with_examples({"jobs_ahead": 1, "remaining_s": 12})
 
     jobs_ahead: Number
-    """Number of jobs of the same owner that are computed first, because they have fewer cases left."""
+    """Number of jobs of the same owner that are computed first: those with fewer cases left, or as many and older."""
     remaining_s: Number
     """Estimated time until the job ends, at the rate of the last half minute; 3600 means an hour or more."""
 
@@ -180,16 +180,16 @@ class Job(Part):
     expires: AwareDatetime | MISSING = MISSING
     """Time at which the job will be removed. Its results may be kept longer under their keys."""
     queue: JobQueue | MISSING = MISSING
-    """Place in the queue and remaining time of a job that has not ended; absent in events."""
+    """Place in the queue and remaining time of a job that has not ended; absent in events and after `PATCH`."""
     problem: Problem | MISSING = MISSING
-    """Reason why the job failed."""
+    """Reason why the job failed or is damaged."""
     axes: list[str] | MISSING = MISSING
     """Fields that a sweep varies."""
     request: JobRequest | MISSING = MISSING
     progress: StudyProgress | MISSING = MISSING
     """Progress of a study of uncertainty that has begun."""
     partial: PartialUncertainty | MISSING = MISSING
-    """Answer so far of a study that has not finished; absent in lists of jobs."""
+    """Answer so far of a study that has not succeeded; absent in lists of jobs."""
     links: JobLinks
 
 

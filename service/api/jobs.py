@@ -51,7 +51,7 @@ async def manager_of(request: Request) -> JobManager:
 
 
 async def event_stream(request: Request, context: ReadContext) -> AsyncIterator[None]:
-    """Count an open event stream of the owner of the key or, without a key, of the address, until its request ends."""
+    """Count an open event stream until its request ends, by the owner of the key or, without a key, by the address."""
     principal = context.principal
     holder = principal.owner if principal.key else f"address {client_of(request.scope)}"
     with services_of(request).streams.held(holder):
@@ -63,7 +63,7 @@ JobId = Annotated[str, Path(description="Id of the job.", max_length=200)]
 
 
 async def job_of(job_id: JobId, jobs: CurrentManager, context: ReadContext) -> JobState:
-    """Return the requested job. The job of another owner is answered with 404 too, so that ids cannot be probed."""
+    """Return the requested job. The job of another owner gives 404 too, so that clients cannot find out its id."""
     return known(await jobs.job(job_id, context.principal.visible_owner))
 
 
@@ -262,7 +262,7 @@ async def follow_job(
     async with aclosing(until(services_of(request).stopping, jobs.changes(job.id))) as changes:
         async for state in changes:
             if context.principal.key and not keys.holds(context.principal.key):
-                return  # The key has been revoked.
+                return  # The key has expired or has been revoked.
             # The final state is sent even to a client that has it. Otherwise the client would reconnect for ever.
             if state.final or str(state.revision) != last_event_id:
                 content = job_json(root_of(request), state, partial=await jobs.partial(state))
@@ -307,6 +307,6 @@ async def delete_job(request: Request, job_id: JobId, jobs: CurrentManager, cont
     """Cancel and delete a job. Its results stay under their keys until they are evicted."""
     if not await jobs.delete(job_id, context.principal.visible_owner):
         known(None)
-    # Files of the job are removed now rather than at their expiry: the user wants its results gone.
+    # Files of the job are removed now, before they would be evicted, as the client does not want its results any more.
     await services_of(request).downloads.remove_of(job_id)
     context.job = job_id

@@ -30,19 +30,19 @@ ENVELOPE_DEPTH = 5
 
 
 def is_installed() -> bool:
-    """Return True if the SDK of the protocol is installed."""
+    """Return True if the MCP SDK (package `mcp`, an optional dependency) is installed."""
     return find_spec("mcp") is not None
 
 
 class McpServer:
-    """Stateless server of the protocol, which answers each message independently of earlier ones.
+    """Stateless MCP server, which answers each message independently of earlier messages.
 
     It starts when the first message arrives, because its imports take a second and few services need them.
 
     Parameters
     ----------
     max_body_bytes
-        Largest message. [bytes]
+        Largest length of a message. [bytes]
     """
 
     def __init__(self, max_body_bytes: int) -> None:
@@ -53,7 +53,7 @@ class McpServer:
         self._running: asyncio.Task[None] | None = None
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one HTTP request. The first one starts the server."""
+        """Answer one HTTP request. The first request starts the server."""
         async with self._starting:
             manager = self._manager or await self._start()
         await manager.handle_request(scope, receive, send)
@@ -89,12 +89,12 @@ class McpServer:
 
 
 class McpResponse(Response):
-    """Response that hands a message to the SDK, which sends the answer itself.
+    """Response that passes a message to the MCP SDK, which sends the answer itself.
 
     Parameters
     ----------
     server
-        ASGI application of the SDK.
+        ASGI application of the MCP SDK.
     message
         Body of the request, already read within the limits of all bodies.
     """
@@ -130,7 +130,7 @@ async def serve_mcp(request: Request) -> Response:
 
 
 async def compute(operation: str, content: Mapping[str, Any], request: Request) -> dict[str, Any]:
-    """Return the answer to a request of a tool, which is charged and counted like a request to a route.
+    """Return the answer to the request of a tool. The request is charged and counted like a request to a route.
 
     Raises
     ------

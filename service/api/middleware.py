@@ -83,15 +83,15 @@ class RefusalMiddleware:
 MAX_HEADERS = 100
 """Largest number of headers of a request. Browsers and proxies send some thirty; Apache has the same limit."""
 MAX_HEADER_BYTES = 8 * 1024
-"""Length of the longest header, and of the longest target of a request [bytes]. nginx has the same limit; a key takes
-some 60 bytes."""
+"""Largest length of the value of a header, and of the target of a request [bytes]. nginx has the same limit; a key
+takes some 60 bytes."""
 MAX_HEAD_BYTES = 32 * 1024
 """Length of all headers of a request together, as in nginx [bytes]. They include cookies that other services on the
 same host have set."""
 
 
 class HeaderLimits:
-    """Refuses requests with a long head, so that no other middleware or route has to parse long headers."""
+    """Refuses requests with a long head, so that neither the middleware inside it nor the routes parse long headers."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -114,7 +114,7 @@ class HeaderLimits:
 
 
 def refusal_of_head(scope: Scope) -> HTTPException | None:
-    """Return the error of a head that exceeds a limit, else None."""
+    """Return the error if the target or the headers of a request exceed a limit, else None."""
     if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > MAX_HEADER_BYTES:
         return HTTPException(HTTPStatus.REQUEST_URI_TOO_LONG, f"a target may be {MAX_HEADER_BYTES} bytes long at most")
     headers = scope["headers"]
@@ -192,7 +192,7 @@ class CompressionMiddleware:
                     headers["etag"] = "W/" + headers["etag"]
                 if "etag" in headers:  # A 304 must have the `Vary` header of the 200 (RFC 9110, section 15.4.5).
                     headers.add_vary_header("Accept-Encoding")
-                if "vary" in headers:  # Static files have set it as well, so it may name a header twice.
+                if "vary" in headers:  # Static files set `Vary` themselves, so it may name a header twice.
                     headers["vary"] = ", ".join(dict.fromkeys(headers["vary"].split(", ")))
             await send(message)
 
@@ -281,7 +281,8 @@ class AuthMiddleware:
                 await self._app(scope, receive, send)
             return
         status, key_required = 0, self._requires_key(scope)
-        tls = self._tls or scope.get("scheme") == "https"  # Behind a trusted proxy, uvicorn sets the scheme it reports.
+        # Behind a trusted proxy, uvicorn sets the scheme that the proxy reports.
+        tls = self._tls or scope.get("scheme") == "https"
         public = self._metrics_open and path_of(scope) == "/metrics"
         context = RequestContext(
             self._keys, self._quotas, key_required=key_required and not public, client=client_of(scope)
@@ -326,7 +327,8 @@ class AuthMiddleware:
         Raises
         ------
         HTTPException
-            400, 403, 421 or 501.
+            400 for a repeated header or a key in the URL, 403 for a request by the page of another site, 421 for an
+            unknown host, 501 for an unsupported transfer coding.
         """
         headers = read_headers(scope)
         refuse_transfer_codings(headers.get(b"transfer-encoding", CHUNKED))
@@ -371,7 +373,7 @@ def read_headers(scope: Mapping[str, Any]) -> dict[bytes, bytes]:
     Raises
     ------
     HTTPException
-        400 if one is repeated: a proxy may have used the other value (request smuggling).
+        400 if one of them is repeated, because a proxy may have used the other value (request smuggling).
     """
     found: dict[bytes, bytes] = {}
     for name, value in scope["headers"]:
@@ -388,19 +390,19 @@ def refuse_transfer_codings(codings: bytes) -> None:
     Raises
     ------
     HTTPException
-        501 (RFC 9112, section 6.1).
+        501 for any other coding (RFC 9112, section 6.1).
     """
     if codings.strip().lower() != CHUNKED:
         raise HTTPException(HTTPStatus.NOT_IMPLEMENTED, "the one Transfer-Encoding that is decoded is `chunked`")
 
 
 def refuse_key_in_address(scope: Scope) -> None:
-    """Refuse URLs that contain a key, because browsers and proxies log them.
+    """Refuse URLs that contain a key, because browsers and proxies log URLs.
 
     Raises
     ------
     HTTPException
-        400.
+        400 if the path or the query contains a key, or the query has a parameter in `KEY_FIELDS`.
     """
     query: bytes = scope["query_string"]
     fields = parse_qsl(query.decode("latin-1"), keep_blank_values=True) if query else ()
@@ -420,7 +422,7 @@ def refuse_other_hosts(host: bytes, allowed: frozenset[bytes]) -> None:
     Raises
     ------
     HTTPException
-        421.
+        421 if the host is not allowed.
     """
     name = host.lower()
     if not name.endswith(b"]"):  # An IPv6 address without a port ends with a bracket, and has colons of its own.
@@ -436,7 +438,7 @@ def refuse_other_sites(headers: Mapping[bytes, bytes], origins: frozenset[bytes]
     Raises
     ------
     HTTPException
-        403.
+        403 if the request comes from the page of a site that is not in `origins`.
     """
     origin, site = headers.get(b"origin"), headers.get(b"sec-fetch-site")
     if origin is None and site is None:  # Every current browser sends one of the two, so the client is no browser.

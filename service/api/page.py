@@ -1,6 +1,6 @@
 """Static files: the page at `/`, Swagger UI at `/docs` and the built manual at `/manual`.
 
-All are served from here, so that the service works without access to other sites.
+The service serves all of them itself, so that it works without access to other sites.
 """
 
 import gzip
@@ -98,7 +98,7 @@ def page_version() -> str:
 
 @lru_cache(maxsize=1)
 def _page_version(files: tuple[tuple[str, int], ...]) -> str:
-    """Return the digest of files, given by path and modification time, which causes a cache miss after a change."""
+    """Return a digest of the names and contents of files; their modification times only make up the cache key."""
     digest = sha256()
     for path, _ in files:
         digest.update(Path(path).name.encode() + b"\0" + Path(path).read_bytes() + b"\0")
@@ -123,7 +123,7 @@ def compressed(path: Path) -> bytes:
 
 @lru_cache(maxsize=256)
 def compress(path: Path, mtime_ns: int) -> bytes:  # noqa: ARG001 (a file that has changed is compressed anew)
-    """Compress a file, once per modification: Plotly takes a third of a second."""
+    """Compress a file, once per modification, because the file of Plotly takes a third of a second."""
     return gzip.compress(path.read_bytes(), mtime=0)
 
 

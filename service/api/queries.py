@@ -1,4 +1,4 @@
-"""Single queries: `resolve`, which answers the request of any operation, media types of results, route of a result."""
+"""Routes of single queries and of stored results, and `resolve`, which answers a request of any operation."""
 
 import asyncio
 import csv
@@ -37,8 +37,9 @@ router = APIRouter(tags=["results"], dependencies=[READ], route_class=CheckedRou
 def to_csv(record: Record) -> bytes:
     """Return the CSV table of a result.
 
-    The table is the history of a run, or its final state if there is none; the trials of a search; the residuals of a
-    calibration; for any other operation, the answer in one row.
+    The table is the history of a run, or its final state if there is none; the table of `residuals_of` for a
+    calibration, a study of uncertainty or formulas; the trials of a search; for other operations, the answer in one
+    row.
     """
     if record.operation == "trajectory" and record.history is not None:
         names, columns = list(record.history), [column.tolist() for column in record.history.values()]
@@ -77,7 +78,7 @@ def form_of(request: Request) -> str:
     Raises
     ------
     HTTPException
-        406 if the client accepts none of them.
+        406 if the client accepts none of the media types in `REPRESENTATIONS`.
     """
     media_type = choose(request.headers.get("accept", "*/*"), tuple(REPRESENTATIONS))
     if media_type is None:
@@ -257,8 +258,8 @@ async def get_result(
 ) -> Response:
     """Return the result stored under a key, as JSON, CSV or HDF5.
 
-    HDF5 has the whole result. CSV has one table: the history of a run, the trials of a search, or the residuals of a
-    calibration.
+    HDF5 has the whole result. CSV has one table, such as the history of a run, the trials of a search, or the residuals
+    of a calibration.
     """
     media_type = form_of(request)
     record = await services_of(request).queries.result(key)

@@ -54,7 +54,7 @@ class ReadyResults:
     limit
         Largest number of results; None for all.
     take
-        Charges the quota of the reader for results that were evicted and are computed again.
+        Function that charges the quota of the client for results that were evicted and are computed again.
     """
 
     jobs: JobManager
@@ -65,7 +65,7 @@ class ReadyResults:
     take: Callable[[int], None] = lambda _: None
 
     def read(self, use: Callable[[list[CaseResult]], Value], *, whole: bool = False) -> AsyncGenerator[Value, None]:
-        """Yield the values of `use` for each block of results; see `JobManager.results`."""
+        """Yield the value of `use` for each block of results; see `JobManager.results`."""
         return self.jobs.results(self.job.id, use, start=self.start, limit=self.limit, take=self.take, whole=whole)
 
     def points(self, results: Iterable[CaseResult]) -> list[tuple[float, ...]]:
@@ -116,7 +116,7 @@ async def as_array(
     note
         Function called with each block of results before it is sent.
     end
-        Returns JSON for the end of the object, after the last block.
+        Function that returns JSON to be inserted after the list of results, at the end of the object.
     """
     separators = itertools.chain([b'{"results":['], itertools.repeat(b","))
 

@@ -49,7 +49,7 @@ LABELS = {
 
 
 class Metrics:
-    """Metrics for Prometheus. Requests and cases are counted as they come, the rest is read at each scrape."""
+    """Metrics for Prometheus. Requests and cases are counted as they occur, other values are read at each scrape."""
 
     def __init__(self) -> None:
         # By default each counter has a second series with the time of its creation, which nobody reads.
@@ -110,7 +110,7 @@ class Metrics:
         self._cases.labels(operation, outcome, cache).inc(count)
 
     def look_up(self, manager: JobManager, queries: QueryService, jobs: Tally[Status]) -> None:
-        """Set the gauges to their present values; `jobs` has the numbers of jobs by status."""
+        """Update the gauges and the counters of faults; `jobs` has the numbers of jobs by status."""
         stored, executor = queries.cache.statistics(), queries.executor
         values = {
             "queued_queries": queries.queued,
@@ -140,7 +140,7 @@ class Metrics:
 class Services:
     """Shared state of a running application, in `app.state.services`.
 
-    The fields without a value are set by the lifespan, because they need the event loop or the data folder.
+    The fields after `clock` are set by the lifespan, because they need the event loop or the data folder.
     """
 
     settings: Settings

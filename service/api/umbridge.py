@@ -43,7 +43,7 @@ router = APIRouter(prefix="/umbridge", dependencies=[RUN], include_in_schema=Fal
 class ModelInput(Part):
     """One element of the input vector: the number in `field` of the request, divided by `scale`."""
 
-    field: Annotated[str, Field(max_length=100)]
+    field: Annotated[str, Field(max_length=100)]  # no path is as long
     scale: Annotated[Num, Field(gt=0.0)] = 1.0
 
 
@@ -56,9 +56,10 @@ VECTOR = TypeAdapter(list[Num])
 
 
 def critical_angle_output(answer: Mapping[str, Any]) -> list[float]:
-    """Return critical angle [°] and number of the status.
+    """Return the critical angle [°] and the index of the status in `STATUSES`.
 
-    Without an angle, the first is 0° if every angle gives a ricochet, else 90° (no ricochet, or not converged).
+    If there is no critical angle, 0° is returned if every angle gives a ricochet, else 90° (no ricochet, or not
+    converged).
     """
     status = SearchStatus(answer["status"])
     limit = 0.0 if status is SearchStatus.ALWAYS_RICOCHET else 90.0
@@ -66,7 +67,7 @@ def critical_angle_output(answer: Mapping[str, Any]) -> list[float]:
 
 
 def trajectory_output(answer: Mapping[str, Any]) -> list[float]:
-    """Return number of the outcome, greatest depth, exit speed and exit angle. [1, m, m/s, °]
+    """Return the index of the outcome in `OUTCOMES`, maximum depth, exit speed and exit angle. [1, m, m/s, °]
 
     The depth is 0 if the wall is perforated, and the angle is 0 unless the projectile ricochets: the protocol has no
     missing numbers.
@@ -180,9 +181,9 @@ def read_config(name: str, model: Model, config: object) -> tuple[list[ModelInpu
     Raises
     ------
     ProtocolError
-        If an input is no number of the request.
+        If `config` is not an object, or an input is not a number of the request or occurs twice.
     InvalidBodyError
-        If `inputs` is no list of inputs.
+        If `inputs` is not a valid list of inputs.
     """
     if not isinstance(config, dict | None):
         raise ProtocolError("InvalidInput", "config must be an object")
@@ -216,7 +217,7 @@ def read_input(content: object, size: int) -> list[float]:
     Raises
     ------
     ProtocolError
-        If the content is no list with one list of `size` finite numbers.
+        If the content is not a list of one list of `size` finite numbers.
     """
     if not isinstance(content, list) or [len(each) if isinstance(each, list) else -1 for each in content] != [size]:
         raise ProtocolError("InvalidInput", f"input must be one list of {size} numbers")

@@ -114,7 +114,7 @@ class ApiKey:
 def make_key(
     owner: str, scopes: frozenset[Scope], *, cases_per_hour: int | None = None, days: float | None = None
 ) -> tuple[ApiKey, str]:
-    """Return a new key and its token, of which only the hash is ever stored."""
+    """Return a new key and its token. Only the hash of the token is ever stored."""
     key_id, now = secrets.token_hex(ID_BYTES), time.time()
     token = f"{PREFIX}{key_id}_{secrets.token_urlsafe(SECRET_BYTES)}"
     key = ApiKey(
@@ -250,7 +250,7 @@ def revoke_key(folder: Path, key_id: str) -> ApiKey | None:
     if key_id not in read_keys(folder):
         return None
     with _readable(), connected(folder) as connection:
-        # The first revocation counts: a repeated one must not change the date in the audit.
+        # The first revocation counts: a repeated revocation must not change its date.
         connection.execute("UPDATE api_keys SET revoked = coalesce(revoked, ?) WHERE id = ?", (time.time(), key_id))
     return read_keys(folder).get(key_id)
 

@@ -24,7 +24,7 @@ class PrivateFileHandler(logging.handlers.WatchedFileHandler):
 
 
 class AuditLog:
-    """Writes the audit log.
+    """Audit log in a file or on standard error, one line of JSON for each entry.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class AuditLog:
             handler.close()
 
     def record(self, scope: Mapping[str, Any], context: RequestContext, status: int) -> None:
-        """Write an entry for a request as one line of JSON."""
+        """Write the entry of a finished request."""
         principal, client = context.principal, scope.get("client")
         line = {
             "event": "audit",

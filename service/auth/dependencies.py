@@ -121,9 +121,9 @@ class RequestContext:
         self.cases += count
 
     def charge(self, count: int) -> Charge | None:
-        """Charge the cases that a job may take, and return the charge, of which the job gives back the unused part.
+        """Charge the cases that a job may take, and return the charge; None without a quota.
 
-        Without a quota, return None.
+        The unused part of the charge is given back at the end of the job.
 
         Raises
         ------
@@ -163,7 +163,7 @@ class RequestContext:
 
 @lru_cache(maxsize=1024)
 def network_of(address: str | None) -> str | None:
-    """Return an IPv4 address unchanged, or the /64 network of an IPv6 address, any of which a client may use."""
+    """Return an IPv4 address unchanged. Return the /64 network of an IPv6 address, as a client may use all of it."""
     try:
         return str(IPv6Network((address or "", 64), strict=False))
     except ValueError:

@@ -7,9 +7,7 @@
 A folder belongs to one running service.
 """
 
-import fcntl
 import logging
-import os
 import re
 import sqlite3
 import threading
@@ -22,17 +20,12 @@ from pathlib import Path
 
 from cachetools import LRUCache
 
+from service.cache.folder_lock import FolderLock
 from service.cache.index import Index, Journal, Location, Statistics, discard_database
 from service.cache.record import Record
 from service.cache.segments import DecodedSegment, Segment, Segments, digest_of, discard, encode_segments
-from service.errors import (
-    DamagedFileError,
-    FolderInUseError,
-    FolderLayoutError,
-    FolderReplacedError,
-    storage_reason,
-)
-from service.private_files import make_private, make_private_folder
+from service.errors import DamagedFileError, FolderLayoutError, FolderReplacedError, storage_reason
+from service.private_files import make_private_folder
 
 NOT_CACHED = "result_not_cached"
 KEY = re.compile(r"[0-9a-f]{64}")
@@ -49,85 +42,30 @@ EVICTED_AT_ONCE = 64
 log = logging.getLogger(__name__)
 
 
-class FolderLock:
-    """Exclusive lock on a data folder. The kernel releases it when the process ends, even by SIGKILL.
-
-    Parameters
-    ----------
-    folder
-        Data folder, created if it is missing.
-
-    Raises
-    ------
-    FolderInUseError
-        If another service holds the lock.
-    OSError
-        If the file of the lock cannot be created or locked.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        make_private_folder(folder)
-        self._path = folder / "lock"
-        make_private(self._path)
-        self._file: int | None = os.open(self._path, os.O_RDWR | os.O_CLOEXEC)
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self.check()
-        except BlockingIOError:
-            self.release()
-            raise FolderInUseError(f"the data folder {folder} is in use by another service") from None
-        except (OSError, FolderReplacedError):
-            self.release()
-            raise
-
-    def check(self) -> None:
-        """Check that the path still leads to the locked folder.
-
-        If the folder were replaced, another service could lock the new one, and both would write to it.
-
-        Raises
-        ------
-        FolderReplacedError
-            If the folder has been removed or replaced.
-        """
-        if self._file is not None:
-            try:
-                same = os.path.samestat(os.fstat(self._file), self._path.stat())
-            except FileNotFoundError:
-                same = False
-            if not same:
-                raise FolderReplacedError("the data folder has been removed or replaced; start the service again")
-
-    def release(self) -> None:
-        """Release the lock."""
-        if self._file is not None:
-            os.close(self._file)
-        self._file = None
-
-
 class ResultCache:
-    """Cache of records in memory and on disk. A context manager, which closes the cache.
+    """Cache of records in memory and on disk. Used as a context manager, it is closed at the end of the block.
 
     Parameters
     ----------
     folder
         Data folder of the service, created if it is missing.
     memory_bytes
-        Memory for the most recent records. [bytes]
+        Limit on the memory of the most recently used records. [bytes]
     disk_bytes
-        Disk space for all records. The least recently used segments are evicted first. [bytes]
+        Limit on the disk space of the segments. The least recently used ones are evicted first. [bytes]
 
     Raises
     ------
     FolderInUseError
         If the folder belongs to another running service.
     FolderLayoutError
-        If the folder was written by another version of the program. It is left unchanged then.
+        If the folder was written by another version of the program. Its results are left unchanged.
 
     Notes
     -----
-    Methods do not raise an error for a disk that is full, read-only or gone, so that requests are still answered;
-    `last_error` has the reason. Only `recall` may be called on the event loop; all other methods may wait for the disk.
+    No method except `check_folder` raises an error if the disk is full, read-only or gone, so that requests are still
+    answered; `last_error` has the reason. All methods except `recall` and `statistics` may wait for the disk, and must
+    not be called on the event loop.
     """
 
     def __init__(self, folder: Path, *, memory_bytes: int, disk_bytes: int) -> None:
@@ -150,7 +88,7 @@ class ResultCache:
         """Results in the journal that are in no segment yet."""
         self._pending_bytes = 0
         """Approximate size of the answers in `_pending` [bytes]. Threads add to it without a lock, so that an addition
-        may be lost; each flush counts again."""
+        may be lost; each flush computes the size anew."""
         self._lock: FolderLock | None = None
         with self._noting():
             self._lock = FolderLock(folder)
@@ -281,7 +219,7 @@ class ResultCache:
             return []
 
     def statistics(self) -> Statistics:
-        """Return size and number of segments and results on disk."""
+        """Return the total size and number of the segments, and the number of results in them."""
         return self._index.statistics
 
     def evict(self, limit: int, *, keep: str = "") -> None:
@@ -397,7 +335,7 @@ class ResultCache:
         return False
 
     def _reconcile(self) -> None:
-        """Make the index match the files: a crash may have come between a change of one and of the other."""
+        """Make the index match the files, in case a crash came after a change of the files only."""
         with self._noting():
             indexed, there = self._index.names(), self._segments.names()
             self._index.drop(indexed - there)
@@ -431,7 +369,7 @@ class ResultCache:
             raise
 
     def _make_room(self, latest: str = "") -> None:
-        # Only one thread evicts. The others go on without waiting, so the total may exceed the limit for a moment.
+        # Only one thread evicts. Other threads do not wait for it, so the total may exceed the limit for a moment.
         if self.statistics().bytes > self._disk_bytes and self._evicting.acquire(blocking=False):
             try:
                 self.evict(round(self._disk_bytes * (1.0 - EVICTED_SHARE)), keep=latest)
@@ -453,7 +391,7 @@ class ResultCache:
         with self._missing(name):
             records = self._segments.decoded(name).records(rows.values())
             if [record.key for record in records] != list(rows):
-                self._index.drop([name])  # The entry of the segment is wrong; `_adopt` makes it again from the file.
+                self._index.drop([name])  # The rows in the index are wrong; `_adopt` adds them again from the file.
                 self._adopt(name)
             return {record.key: record for record in records if record.key in rows}
         return {}
@@ -491,7 +429,7 @@ class ResultCache:
 
     @contextmanager
     def _noting(self) -> Iterator[None]:
-        """Record an error of the disk instead of raising it, and continue after the block."""
+        """Record a disk error or a replaced folder instead of raising an exception, and continue after the block."""
         try:
             yield
         except (OSError, sqlite3.Error, FolderReplacedError) as error:
@@ -505,7 +443,7 @@ class ResultCache:
 
 
 def _encodable_segments(records: Sequence[Record]) -> tuple[list[Segment], dict[str, Exception]]:
-    """Return the segments of the records that can be encoded, and the errors of the others by key.
+    """Return the segments of the records that can be encoded, and the errors of the other records by key.
 
     A record that cannot be encoded may come from the journal of another version.
     """

@@ -1,4 +1,4 @@
-"""Moving of damaged files to the folder `damaged`."""
+"""Function that moves damaged files to another folder."""
 
 import logging
 import time

@@ -1,10 +1,10 @@
-"""HDF5 files of results for download, and what they share with the segments of the cache.
+"""HDF5 files of results for download, and functions that they share with the segments of the cache.
 
 A file of results describes itself:
 
     summary/      summaries of the answers, one row per result or case of a batch
     requests      canonical requests as JSON, one row per row of the summary
-    answers       answers as JSON, without the histories
+    answers       answers as JSON without the histories, or problems of cases without a result
     iterations/   all trials of the searches
     history/      motions over time
     residuals/    data, predictions and residuals of calibrations
@@ -48,8 +48,8 @@ columns in the order in which they were created."""
 GZIP_LEVEL = 3
 """Compression level of gzip. The next higher levels take twice the time and save a tenth."""
 COMPRESSED_BYTES = 4096
-"""Size of the smallest dataset that is compressed [bytes]. A chunk of HDF5 takes 2 kB in addition to its data, so that
-smaller datasets would grow."""
+"""Size from which a dataset of fixed length is compressed [bytes]. Compression requires chunks, and a chunk takes 2 kB
+in addition to its data, so that smaller datasets would grow."""
 CHUNK_ROWS = 4096
 """Number of rows of a chunk in a file that is written in blocks: few enough to be held in memory, and enough to be
 compressed well."""
@@ -73,8 +73,8 @@ DESCRIPTIONS = {
 
 HDF5 = threading.RLock()
 """Lock held while a file is open, because the HDF5 library is not thread-safe. The lock of h5py should suffice, but a
-server once crashed with corrupted memory, for a reason that was not found. Eight threads that write and read 200 files
-of 64 results take 1.4 and 1.7 s with this lock, and 1.1 and 2.1 s without it; the bytes are the same."""
+server once crashed with corrupted memory, for a reason that was not found. Eight threads write 200 files of 64 results
+in 1.4 s and read them in 1.7 s with this lock, and in 1.1 s and 2.1 s without it; the bytes are the same."""
 
 
 def to_hdf5(record: Record) -> bytes:
@@ -91,7 +91,7 @@ def to_hdf5(record: Record) -> bytes:
 
 
 class BatchFile:
-    """Writer of a file with the cases of a batch, which holds one block of them in memory.
+    """Writer of a file with the cases of a batch. At most about one chunk of each table is held in memory.
 
     Parameters
     ----------
@@ -102,11 +102,12 @@ class BatchFile:
     axes
         Fields that a sweep varies, which become columns of the summary.
     base
-        JSON of the base of a sweep, which becomes an attribute of the file.
+        Base of a sweep as JSON, which becomes an attribute of the file; empty for other batches.
 
     Notes
     -----
-    As a context manager it closes the file. The file is complete if `finish` was called or the block did not raise.
+    Used as a context manager, it closes the file at the end of the block. The file is complete if `finish` was called
+    or the block raised no exception.
     """
 
     def __init__(self, path: Path, operation: str, *, axes: Sequence[str] = (), base: str = "") -> None:
@@ -159,7 +160,7 @@ class Contents:
     operation
         Operation of the results.
     spool
-        Folder for texts that wait until the file is finished; None for the folder of temporary files.
+        Folder for texts that are held until the file is finished; None for the system's folder of temporary files.
     more
         Additional columns at the beginning of the summary.
     """
@@ -185,7 +186,7 @@ class Contents:
         summaries: Sequence[Mapping[str, Any]],
         problems: Sequence[dict[str, Any] | None] = (),
     ) -> None:
-        """Add results with their summaries, or problems where there is no result."""
+        """Add results with their summaries, and problems for cases without a result."""
         answers = [record.answer_json if record else b"" for record in records]
         for row, problem in enumerate(problems):
             answers[row] = answers[row] or orjson.dumps({"problem": problem})
@@ -278,7 +279,7 @@ class GrowingText:
     name
         Name of the dataset.
     folder
-        Folder of the temporary file with the lines.
+        Folder of the temporary file with the lines; None for the system's folder of temporary files.
     """
 
     def __init__(self, file: h5py.File, name: str, folder: Path | None) -> None:
@@ -312,7 +313,13 @@ class GrowingText:
 
 
 def add_dataset(group: h5py.Group, name: str, values: Rows, *, grows: bool = False) -> h5py.Dataset:
-    """Create a one-dimensional dataset with the given values, texts declared as UTF-8."""
+    """Create a one-dimensional dataset with the given values. Texts are declared as UTF-8.
+
+    Parameters
+    ----------
+    grows
+        True if rows can be appended later. The dataset is then compressed, whatever its size.
+    """
     is_text = values.dtype.kind == "S"
     if is_text:
         values = values.astype(h5py.string_dtype("utf-8", values.dtype.itemsize))

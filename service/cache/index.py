@@ -1,6 +1,6 @@
 """SQLite files of the cache: the index, which locates results in segments, and the journal of the latest results.
 
-The index can be rebuilt from the segments, which contain everything in it.
+The index can be rebuilt from the segments, with the modification times of their files as times of last use.
 """
 
 import hashlib
@@ -23,7 +23,8 @@ from service.private_files import make_private
 KEYS_AT_ONCE = 1000
 """Number of keys looked up in one query. It takes a few milliseconds, during which no result can be stored."""
 FLUSH_SECONDS = 60.0
-"""Shortest interval between writes of times of last use [s]. Losing some in a crash only changes the eviction order."""
+"""Shortest interval at which `Index.use` writes the times of last use [s]. Losing some in a crash only changes the
+eviction order."""
 
 INDEX_TABLES = """
 CREATE TABLE segments (
@@ -43,7 +44,7 @@ CREATE INDEX results_by_segment ON results (segment);
 """
 
 # The sqlite3 module releases the interpreter lock at every row, and has to wait for it again while other threads are
-# busy. So keys are passed as one blob of 32 bytes each, and the locations are returned as one JSON text.
+# busy. So all keys are passed as one blob, 32 bytes for each, and all locations are returned as one JSON text.
 FIND = """
 WITH RECURSIVE wanted (number) AS (SELECT 0 UNION ALL SELECT number + 1 FROM wanted WHERE number + 1 < ?2)
 SELECT json_group_array(json_array(wanted.number, segments.name, results.row)) FROM wanted
@@ -107,7 +108,7 @@ class Index:
 
     @property
     def statistics(self) -> Statistics:
-        """Statistics of all segments. They are kept in memory, as the time of adding them up grows with the index."""
+        """Statistics of all segments, kept in memory because the time of computing them grows with the index."""
         return self._statistics
 
     def find(self, keys: Sequence[str]) -> dict[str, Location]:
@@ -292,7 +293,7 @@ def count_results(path: Path) -> int:
 
 
 def digest(*row: str | bytes) -> bytes:
-    """Return the hash of a row. SQLite has no checksums, and would return a damaged result without an error."""
+    """Return the hash of a row. SQLite has no checksums by default, and would return damaged data without an error."""
     found = hashlib.sha256()
     for value in row:
         found.update(value.encode() if isinstance(value, str) else value)

@@ -22,7 +22,7 @@ class Verified:
 
 
 def stat(folder: Path) -> Statistics:
-    """Return size and number of the stored results, including the journal. The folder may be in use.
+    """Return the size of the segments, and the number of results in them and in the journal. The folder may be in use.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def verify(folder: Path) -> Verified:
     Raises
     ------
     UnusableFolderError
-        If there are no results, the disk fails, or a running service holds the folder. The functions below raise it
+        If there are no results, the disk fails, or a running service holds the folder. `rebuild` and `evict` raise it
         for the same reasons.
     """
     with _results_of(folder) as cache:
@@ -58,7 +58,7 @@ def rebuild(folder: Path) -> Statistics:
 
 
 def evict(folder: Path, limit: int) -> Statistics:
-    """Evict the least recently used results until the rest takes at most `limit` bytes."""
+    """Evict the least recently used segments until the remaining ones take at most `limit` bytes."""
     with _results_of(folder) as cache:
         cache.evict(limit)
         return cache.statistics()

@@ -13,10 +13,11 @@ from solver import ENGINE_VERSION
 FloatColumns = dict[str, npt.NDArray[np.float64]]
 
 ENTRY_BYTES = 600
-"""Memory of a cached record in addition to its texts [bytes]: 460 measured over 16,000 records, and the overhead of
+"""Memory of a cached record in addition to its texts [bytes]: 460 as measured over 16,000 records, and the overhead of
 malloc."""
 TEXT_LENGTH = 2.3
-"""Approximate length of numbers in JSON, relative to their size in memory. [1]"""
+"""Approximate length of the numbers of a history in JSON, relative to their size in memory: a number of 16 digits has
+some 18 characters with its comma, and takes 8 bytes. [1]"""
 
 
 class Record:
@@ -143,7 +144,7 @@ class Record:
         Parameters
         ----------
         exact
-            Copy the texts into memory of their exact length. A text of orjson keeps its buffer: 4 kB for 100 bytes.
+            Copy the texts into memory of their exact length. Bytes from orjson occupy its whole buffer, 4 kB for 100.
         """
         record = Record(
             self.key,
@@ -182,7 +183,7 @@ class Record:
         )
 
     def _encode(self) -> bytes:
-        """Return the answer with key, version and history. Texts are joined to avoid parsing a stored answer."""
+        """Return the answer with key, version and history. JSON texts are joined to avoid parsing a stored answer."""
         text, history = self.answer_json, self._history
         more: dict[str, Any] = {"key": self.key, "engine_version": self.engine_version}
         if history is not None:
@@ -191,7 +192,7 @@ class Record:
             if self.operation == "trajectory":
                 more["history"] = columns
             elif self.motion is not None:
-                # The history belongs inside another part of the answer, so the whole answer has to be encoded again.
+                # The history belongs inside the field `trajectory`, so the whole answer has to be encoded again.
                 text = _dumps({**self.answer, "trajectory": {**self.motion, "history": columns}})
         return text[:-1] + b"," * (len(text) > len(b"{}")) + _dumps(more)[1:]
 
@@ -215,7 +216,7 @@ class CaseResult:
     number
         Number of the case in the request, from 0.
     record, problem
-        Record, or problem without `instance`, whose pointers refer to the request of the case. The other one is None.
+        Record, or None and the problem. The problem has no `instance`; its pointers refer to the request of the case.
     cached
         True if the result came from the cache.
     """

@@ -5,7 +5,7 @@ results/segments/<first two digits>/<name>.h5
 results/.partial/                          files being written; remains of a crash are removed at the next start
 damaged/<name>.h5                          damaged files that were set aside
 
-A segment has the data that the cache needs to answer a request again:
+A segment contains the data from which the cache answers a repeated request:
 
     key, outcome, request, answer   one row per result; requests and answers as JSON
     history/                        motions, one dataset per column; `case` is the row of the result
@@ -36,9 +36,11 @@ from service.private_files import make_private_folder, open_private
 
 FILE = re.compile(r"[0-9a-f]{32}\.h5")
 SEGMENT_BYTES = 16 * 1024 * 1024
-"""Largest size of the histories and texts of one segment [bytes]. All of it is read and decompressed for one result."""
+"""Largest size of the histories and texts of a segment of several results [bytes]. The whole segment is read and
+decompressed for one result."""
 MOST_REMEMBERED = 100_000
-"""Number of segments remembered as intact, in some 20 MB of memory. Others are read when they are checked."""
+"""Largest number of segments remembered as intact, which takes some 20 MB. When it is reached, all are forgotten and
+read again at their next check."""
 
 Segment: TypeAlias = tuple[Sequence[str], bytes]
 """Keys of the records of a segment, in the order of its rows, and the content of the file."""
@@ -146,7 +148,7 @@ class DecodedSegment:
             return None
         start, end = np.searchsorted(self._history[CASE.name], [row, row + 1])
         columns = {name: column for name, column in self._history.items() if name != CASE.name}
-        # The part is copied, because a view would keep the whole array of the segment in memory.
+        # The rows are copied, because a view would keep the whole array of the segment in memory.
         return {name: column[start:end].copy() for name, column in columns.items()} if end > start else None
 
 
@@ -262,7 +264,7 @@ class Segments:
     def decoded(self, name: str) -> DecodedSegment:
         """Return the decoded content of a segment.
 
-        The last one is kept, because a job is read in blocks that are smaller than a segment.
+        The latest segment is kept decoded, because a job is read in blocks that are smaller than a segment.
 
         Raises
         ------
@@ -284,7 +286,7 @@ class Segments:
         Raises
         ------
         OSError
-            If one cannot be removed.
+            If a file cannot be removed; a missing one is no error.
         """
         for name in names:
             self.path(name).unlink(missing_ok=True)

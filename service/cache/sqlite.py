@@ -11,7 +11,7 @@ layout is refused, and neither read nor changed."""
 
 
 def check_layout(connection: sqlite3.Connection, name: str) -> int:
-    """Return the layout number of a file, 0 for a new file. To be called before anything is written to it.
+    """Return the layout number of a file, 0 for a new file. Must be called before anything is written to the file.
 
     Raises
     ------

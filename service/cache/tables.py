@@ -64,7 +64,7 @@ def trial_table_columns(answer: type[Part]) -> tuple[Column, ...]:
 
 
 def trials_of(columns: Iterable[Column], records: Sequence[Record | None], first: int) -> Table:
-    """Return all trials of the given results with the row of each search in the summary, counted from `first`."""
+    """Return all trials of the given results, each with the row of its search in the summary, counted from `first`."""
     searches = [record.answer.get("iterations", ()) if record else () for record in records]
     trials = [trial for search in searches for trial in search]
     rows = np.repeat(np.arange(first, first + len(records)), list(map(len, searches)))
@@ -74,8 +74,8 @@ def trials_of(columns: Iterable[Column], records: Sequence[Record | None], first
 def residuals_of(record: Record) -> dict[str, list[Any]]:
     """Return the detailed table of a result, by column.
 
-    It has data, predictions and residuals of a calibration; the probability over the angle, or probabilities and
-    quantiles, of a study of uncertainty; all values of the formulas. Other results have none.
+    For a calibration it contains data, predictions and residuals; for a study of uncertainty, the probability against
+    the angle, or probabilities and quantiles; for the formulas, all their values. Other results have no such table.
     """
     kind = record.operation
     if kind.endswith("_uncertainty"):
@@ -101,7 +101,7 @@ def residuals_of(record: Record) -> dict[str, list[Any]]:
 
 
 def formula_columns(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Return the values of the formulas by column, with NaN for missing ones."""
+    """Return the results of the formulas by column, with NaN for limits that a formula does not give."""
     limits = ("penetration_depth_m", "scabbing_thickness_m", "perforation_thickness_m")
     rows = [dict.fromkeys(limits, math.nan) | row for row in answer["formulas"]]
     columns = {name: [row[name] for row in rows] for name in ("formula", *limits)}

@@ -1,8 +1,9 @@
 """The `ricochet` command: dispatches to the module of a command and turns errors into exit statuses.
 
 The module of a command has a function `add_NAME(parser)`, which adds the flags and sets `run`, a function of the parsed
-arguments that returns the exit status. Only the module of the command that runs is imported, and modules import the
-solver and the service inside `run`: `ricochet --help` would otherwise take seconds.
+arguments that returns the exit status. Only the module of the command that runs is imported, since `ricochet --help`
+would otherwise take seconds. Most modules import the solver and the service inside functions, so that their help texts
+are as fast.
 """
 
 import argparse
@@ -144,7 +145,7 @@ def main(arguments: list[str] | None = None) -> int:
 def interruptible(name: str) -> Iterator[None]:
     """Raise `KeyboardInterrupt` for any error that Ctrl-C has caused.
 
-    Libraries that import each other in C convert the interruption to another error, such as numpy to an `ImportError`.
+    A C extension that is importing modules may convert the interruption to another error: numpy raises `ImportError`.
     Commands with an event loop leave Ctrl-C to asyncio, which replaces only the default handler of Python.
     """
     if name in EVENT_LOOPS or threading.current_thread() is not threading.main_thread():
@@ -173,8 +174,8 @@ def interrupted() -> int:
     # From now on Ctrl-C ends the process at once, without a traceback from a function that runs at exit.
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # If Ctrl-C interrupted code that `exec` runs from a text, such as the definition of a named tuple, Python would end
-    # the process by the signal instead of with this exit status. Evaluating another text resets that state.
+    # If Ctrl-C interrupted `exec` or `eval` of a string, as in the definition of a named tuple, Python would end the
+    # process by the signal instead of with this exit status. Evaluating another string resets that state.
     eval("None")  # noqa: S307 (a constant)
     print("interrupted", file=sys.stderr)
     return INTERRUPTED
@@ -195,7 +196,7 @@ def prepare_streams() -> None:
 
 def plain(error: UnicodeError) -> tuple[str, int]:
     """Return ASCII replacements for characters that an encoding lacks, and the position after them."""
-    assert isinstance(error, UnicodeEncodeError)  # noqa: S101 (streams for output alone have it)
+    assert isinstance(error, UnicodeEncodeError)  # noqa: S101 (only output streams use this handler)
     found = ""
     for character in error.object[error.start : error.end]:
         known = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()

@@ -54,7 +54,7 @@ class UsageError(CommandError):
     text
         Message, beginning with the flag.
     command
-        Command with its action, such as `ricochet jobs list`. If empty, it is the running one.
+        Command with its action, such as `ricochet jobs list`. If empty, it is the command that is running.
     """
 
     def __init__(self, text: str, command: str = "") -> None:
@@ -147,7 +147,8 @@ class Flag(NamedTuple):
     choices
         Allowed values.
     implies
-        Variants of a union that have the field, such as the shapes of a nose. The flag selects the first one.
+        Variants of a union that have the field, such as the shapes of a nose. The flag selects the first of them,
+        unless the file or another flag selects one of the others.
     """
 
     name: str
@@ -375,7 +376,7 @@ def add_alternatives(parser: argparse.ArgumentParser) -> None:
 
 
 def add_url(parser: argparse.ArgumentParser, default: str = "compute locally") -> None:
-    """Add the flag `--url`; `default` says in its help text what the command does without it."""
+    """Add the flag `--url`; `default` describes in its help text what the command does without it."""
     parser.add_argument(
         "--url",
         default=os.environ.get(URL) or None,

@@ -41,7 +41,7 @@ MAX_LISTED = 50
 MAX_PLOT_AXES = 2
 """Largest number of axes that a plot can show: a curve has one, a map two."""
 MAX_POINTS = 100_000
-"""Largest number of points of a sweep that a service accepts; `MOST_LINES` without the imports of the models."""
+"""Largest number of points of a sweep that a service accepts: a copy of `MOST_LINES`, which is slow to import."""
 
 
 class SweepAxis(NamedTuple):
@@ -254,7 +254,7 @@ def _left_out(
 
 
 def bad_rows(errors: Iterable[str], *, some_good: bool) -> CommandError:
-    """Return an error with up to `MAX_LISTED` messages, and a hint at `--skip-bad` if some rows are valid."""
+    """Return an error with up to `MAX_LISTED` messages, and a line about `--skip-bad` if some rows are valid."""
     found = list(dict.fromkeys(errors))  # An error in the file of `--case` occurs in every row.
     lines = found[:MAX_LISTED]
     if len(found) > MAX_LISTED:
@@ -279,7 +279,7 @@ def _read_pieces(file: Path) -> Iterator[bytes]:
 
 
 def _explain_lines(args: argparse.Namespace, error: RefusedError, read: "Content") -> CommandError:
-    """Return an error that lists all invalid lines. The service reports only the first, and counts it from 0."""
+    """Return an error that lists all invalid lines. The service reports only the first, numbered from 0."""
     from service.cli.local import wrong_cases
 
     content = read()

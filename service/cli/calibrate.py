@@ -225,7 +225,7 @@ def _compared_tables(answer: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _with_impacts(answer: Mapping[str, Any], inputs: Sequence[_Input]) -> dict[str, Any]:
-    """Add the oblique angle to an answer, which `calibrate obliquity` needs, or file and impact of each run."""
+    """Add the oblique angle, an input of `calibrate obliquity`, to an answer; to several runs also file and speed."""
     if "runs" not in answer:
         return {"oblique_angle_deg": inputs[0].impact["oblique_angle_deg"], **answer}
     runs = [

@@ -61,12 +61,12 @@ NEEDED = frozenset(
         "impact.oblique_angle_deg",
     )
 )
-"""Fields whose columns must not have empty cells: a gap is more likely a mistake than a request for the number of
-`--case`."""
+"""Fields whose columns must not have empty cells: a gap is more likely a mistake than a request for the value in the
+file of `--case`."""
 MAX_SHOWN = 40
-"""Largest number of characters of a header that an error quotes or a suggestion is searched for."""
+"""Largest number of characters of a header that an error quotes or a suggestion is searched for: about half a line."""
 MAX_COLUMNS = 10
-"""Largest number of columns named in one error."""
+"""Largest number of columns named in one error, a rough choice: a longer list would not be read."""
 
 
 class Column(NamedTuple):
@@ -223,7 +223,7 @@ def _columns(table: Table, fields: Sequence[str], keep: Collection[str]) -> list
         if problem:
             unknown.append(problem)
         elif field == CUSTOM_ID and field in by_field:
-            field = ""  # A table may have an id and a name, of which the first becomes the name of the case.
+            field = ""  # A table may have columns for both an id and a name; the first becomes the name of the case.
         elif field in by_field:
             unknown.append(f"{header[:MAX_SHOWN]!r} gives {field} as {by_field[field]!r} does")
         if field:
@@ -310,7 +310,7 @@ def _with_case(row: Row, columns: Sequence[Column], base: Mapping[str, Any]) -> 
 
 
 def _value(cell: str, factor: float) -> Any:
-    """Convert a cell to a JSON value in the unit of its field. Words stay texts, which validation checks."""
+    """Convert a cell to a JSON value in the unit of its field. Words remain strings, which are validated later."""
     cell = cell.replace(MINUS, "-")
     is_number = NUMBER.fullmatch(cell) is not None
     if is_number and factor != 1.0:

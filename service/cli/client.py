@@ -49,7 +49,7 @@ once."""
 
 @contextmanager
 def connect(address: str, *, socket: str | None = None, **options: Any) -> Iterator["Client"]:
-    """Open a client for the service at an address, or at a socket in a file.
+    """Open a client for the service at an address, or at the path of a Unix domain socket.
 
     Error messages never contain the text of the library, which quotes headers and URLs with the secrets in them.
 
@@ -66,7 +66,7 @@ def connect(address: str, *, socket: str | None = None, **options: Any) -> Itera
     try:
         url = httpx.URL(address)
     except httpx.InvalidURL:
-        # An empty address is refused by the check below, with the message for all wrong ones.
+        # An empty address is refused by the check below, with the same message as other invalid addresses.
         url = httpx.URL()
     if url.scheme not in {"http", "https"} or not url.host:
         raise CommandError(f"{without_secrets(address)}: not the address of a service: must be http://HOST:PORT")
@@ -161,7 +161,7 @@ class Client:
         return parse(self._send("GET", path_of(job_id)))
 
     def job_at_its_end(self, job_id: str) -> dict[str, Any]:
-        """Wait until a job has ended, and return its state. The last result can be available a moment earlier."""
+        """Wait until a job has ended, and return its state. Its last result may be available just before it ends."""
         while (job := self.job(job_id))["status"] in UNFINISHED:
             time.sleep(POLL_SECONDS)
         return job
@@ -182,11 +182,11 @@ class Client:
         return self._send("GET", f"/results/{quote(key, safe='')}").content
 
     def page(self, job_id: str, cursor: str) -> dict[str, Any]:
-        """Return a page of the available results of a job. It has `next` if more may follow."""
+        """Return a page of the available results of a job. The page has `next` if more results may follow."""
         return parse(self._send("GET", f"{path_of(job_id)}/results?limit={PAGE_SIZE}&cursor={cursor}"))
 
     def parquet(self, job_id: str, limit: int | None = None) -> bytes:
-        """Return the summaries of the available results of a job, or of the first of them, as a Parquet file."""
+        """Return the summaries of the available results of a job, or of the first `limit` ones, as a Parquet file."""
         path = f"{path_of(job_id)}/results" + ("" if limit is None else f"?limit={limit}")
         return self._send("GET", path, headers={"Accept": PARQUET}).content
 

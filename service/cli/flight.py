@@ -1,4 +1,4 @@
-"""`ricochet flight`: compute where a body lands after a ricochet."""
+"""`ricochet flight`: compute where a body lands after it leaves a face."""
 
 import argparse
 import json

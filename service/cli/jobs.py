@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.05, 0.5
-"""First and longest interval between requests for new results of a job, doubled each time [s]. A rough choice: a small
-job is noticed at once, and a long one costs two requests a second."""
+"""Shortest and longest interval between requests for new results of a job [s]. It is doubled while there are none. A
+rough choice: the end of a small job is noticed at once, and a long one costs two requests a second."""
 ACTIONS = (
     ("list", "list the jobs, the newest first", "ricochet jobs list"),
     ("show", "print the state of a job", "ricochet jobs show ID --json"),
@@ -300,7 +300,7 @@ def pages(client: "Client", job_id: str, report: ProgressReport) -> Iterator[Seq
 
 
 def how_to_continue(job: dict[str, Any], args: argparse.Namespace) -> str:
-    """Return a hint at the commands that continue or stop the job after Ctrl-C."""
+    """Return a hint that names the commands to continue or stop the job after Ctrl-C."""
     if args.url:
         from service.cli.client import without_secrets
 

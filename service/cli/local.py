@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from service.assessment import Query
 
 SMALL_CASES = 100
-"""Largest cost that is computed in this process [ordinary cases]; it takes about as long as the start of a service, a
-second or two."""
+"""Largest cost that is computed in this process [ordinary cases]. The computation then takes about as long as the start
+of a service, a second or two."""
 
 
 def is_small(operation: str, count: int) -> bool:
@@ -194,7 +194,7 @@ def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
 
     with refusals():
         points = _points(operation, content)
-    # All points were validated before the first is computed, so that a wrong one does not come to light after minutes.
+    # All points were validated before the first is computed, so that an invalid one is not reported after minutes only.
     for number, (point, request) in enumerate(points):
         item: dict[str, Any] = {"index": number, "point": point}
         try:

@@ -28,8 +28,8 @@ scale; a double has no more than 17 digits."""
 STANDARD = "-"
 """Name of standard input or standard output."""
 DESCRIPTORS = ("/dev/fd/", "/dev/std", "/proc/")
-"""Prefixes of paths that name an open file. Such a file is written in place, since a new file that is renamed over it
-would not reach the program that holds it open."""
+"""Prefixes of paths that name an open file. Such a file is written in place, since a program that has opened it would
+not see a new file with the same name."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,8 @@ class OutputFile:
         Raises
         ------
         CommandError
-            If its folder does not exist, or the same file is also read or written, even under another name.
+            If it is a folder, its folder does not exist, or the same file is also read or written, even under another
+            name.
         """
         with self._errors():
             if self.path.is_dir():
@@ -105,8 +106,8 @@ class OutputFile:
     def open(self, *, keep: bool = False) -> Iterator[TextIO]:
         """Open a temporary file in the same folder, which replaces this file at the end of the block.
 
-        A reader never sees a partial file, and a failure leaves the earlier one. Links are followed, and the mode is
-        kept. Anything but a regular file, such as a pipe, is written in place.
+        A reader never sees a partial file, and a failure leaves the existing file unchanged. Links are followed, and
+        the mode is kept. Anything but a regular file, such as a pipe, is written in place.
 
         Parameters
         ----------
@@ -152,7 +153,7 @@ class OutputFile:
 
 
 def _target(path: Path) -> Path:
-    """Return the file that links lead to, which need not exist. A pipe of /proc has no path but that of its link."""
+    """Return the file that links lead to, which need not exist; for a pipe in /proc, which has no path, the link."""
     resolved = Path(os.path.realpath(path)) if path.is_symlink() else path
     return path if path.exists() and not resolved.exists() else resolved
 
@@ -185,7 +186,7 @@ def _open_beside(path: Path) -> TextIO:
 
 
 def _replace(path: Path, partial_name: str, before: os.stat_result | None) -> None:
-    """Replace a file by a new one, with the owner and mode of the former."""
+    """Replace a file by a new one, and keep its owner and mode."""
     if before is not None:
         with suppress(OSError):  # Only root may change the owner of a file.
             os.chown(partial_name, before.st_uid, before.st_gid)
@@ -242,11 +243,11 @@ def add_output(parser: argparse.ArgumentParser) -> None:
     formats.add_argument(
         "--parquet", action="store_true", help="write the summaries as Parquet; needs the extra parquet at the service"
     )
-    parser.set_defaults(xlsx=False)  # Only a file extension sets it: workbooks are not read from pipes.
+    parser.set_defaults(xlsx=False)  # Only a file extension sets it: a workbook is not printed.
 
 
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add the flag `--plot` for a file; `what` says in its help text what is plotted."""
+    """Add the flag `--plot` for a file; `what` is the part of its help text that describes the plot."""
     add_output_file(parser, "--plot", endings=PLOT, help=f"plot {what}, as .svg, .png or .pdf")
 
 

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 SNAPSHOTS = 5
 """Number of outlines of the projectile in a plot of a motion; more would overlap."""
 MARGIN = 0.08
-"""Margin around the projectile, relative to its length. [1]"""
+"""Margin around the projectile, relative to its length: enough for lines and dots at its edge. [1]"""
 SQUARE, WIDE = (6.0, 4.0), (8.0, 4.0)
-"""Figure sizes. [in]"""
+"""Sizes of figures without and with a legend beside the panel. [in]"""
 PLOTTED = {
     "cra": "critical_angle_deg",
     "trajectory": "maximum_depth_m",

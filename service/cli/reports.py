@@ -56,7 +56,7 @@ def add_report(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Write a report of one strike on two pages of A4: its critical angle with the usual scatter and under other "
         "models, runs just below and just above it, limits of validity, and the empirical formulas. With --angle the "
-        "strike at that angle is judged too. It computes some 300 cases. A PDF is printed by an installed Chromium, "
+        "strike at that angle is judged too. It computes about 550 cases. A PDF is printed by an installed Chromium, "
         "Chrome or Edge."
     )
     parser.epilog = examples(
@@ -115,7 +115,7 @@ def make_report(case: dict[str, Any]) -> str:
 
     Notes
     -----
-    It computes some 300 cases. A progress bar is shown on standard error if that is a terminal.
+    It computes some 550 cases. A progress bar is shown on standard error if that is a terminal.
 
     Examples
     --------

@@ -15,12 +15,12 @@ from service.cli.arguments import MODEL_NAMES, CommandError, Flag, InputFile, Re
 
 STDIN = "-"
 MAX_BYTES, MAX_OBJECT = 2**30, 10_000_000
-"""Largest table of cases and largest case that are read [bytes]; without a limit, a device such as /dev/zero would be
-read forever. 1 GiB is ten times the largest batch of a service, 10 MB a hundred times the largest case."""
+"""Largest file of JSON lines and largest file of one case [bytes]; without a limit, a device such as /dev/zero would be
+read forever. A service accepts 200 MiB of JSON lines and 128 KiB in one case by default."""
 QUOTED = re.compile(r""""(?:[^"\\\n]|\\.)*+"?|'[^'\n]*+'?""")
 DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
 """Pattern of a key of more than 100 parts outside of quotes. The time of tomllib grows with the square of their number,
-so that it would take minutes."""
+so that the longest keys would take minutes."""
 MISSING = "is missing"
 """Message for a missing required field, the same as in `service.schemas.wording`."""
 WALL_PARTS = {"projectile", "target", "impact", "resistance", "numerics", "strength_scatter"}

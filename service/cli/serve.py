@@ -98,7 +98,7 @@ def run_serve(args: argparse.Namespace) -> int:
     except (UnusableFolderError, ExecutorError, OSError) as error:
         raise CommandError(reason_of(error), NOT_STARTED) from None
     except RuntimeError as error:
-        if "start new thread" not in str(error):  # Python has no specific exception for a failed start.
+        if "start new thread" not in str(error):  # A thread that cannot be started has no specific exception.
             raise
         raise CommandError(f"{error}; {LIMIT_HINT}", NOT_STARTED) from None
     except Exception:
@@ -194,7 +194,7 @@ def run_mcp(args: argparse.Namespace) -> int:
     Raises
     ------
     CommandError
-        If the SDK of the protocol is not installed.
+        If the MCP SDK is not installed.
     """
     if find_spec("mcp") is None:
         from service.settings import missing_package
@@ -239,8 +239,8 @@ async def serve_tools(client: "Client") -> None:
 async def lines_of(descriptor: int) -> AsyncIterator[str]:
     """Yield the lines of a file as they arrive.
 
-    The SDK would read standard input in a thread, which no signal interrupts while the input is open, so that SIGTERM
-    could not end the process.
+    The MCP SDK would read standard input in a thread. No signal interrupts that thread while the input is open, so that
+    SIGTERM could not end the process.
     """
     import anyio
 

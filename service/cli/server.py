@@ -32,15 +32,15 @@ SOCKET_FOLDER_BYTES = 70
 TICK_SECONDS = 0.1
 """Interval between checks for a signal during a slow start, short enough for SIGTERM to seem immediate. [s]"""
 MAX_CONNECTIONS = 800
-"""Largest number of open connections. Each takes 10 kB and one of the usual 1,024 file descriptors, of which files and
-workers need some. Further connections are answered with 503."""
+"""Largest number of open connections. Each takes 10 kB and a file descriptor; the usual limit of 1,024 descriptors
+leaves the rest for files and workers. Further connections are answered with 503."""
 IDLE_SECONDS = 10
 """Timeout of an idle connection between two requests [s]. That of deploy/nginx.conf is shorter, so that nginx never
 sends a request on a connection that is being closed here."""
 TERMINATED = 143
 """Exit status after SIGTERM, as reported by shells: 128 plus the number of the signal."""
 PROGRESS_SECONDS = 5.0
-"""Interval between lines of the log while the solver is compiled, a rough choice: it takes half a minute. [s]"""
+"""Interval between log entries while the solver is compiled, a rough choice: compilation takes half a minute. [s]"""
 
 log = logging.getLogger(__name__)
 
@@ -92,7 +92,7 @@ class Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start the application and listen, unless a signal to exit arrives before.
 
-        All objects made so far are excluded from garbage collection, which would take 80 ms for them each time.
+        All objects made so far are excluded from later garbage collections, each of which they would slow by 80 ms.
         """
         starting = asyncio.ensure_future(
             self._lifespan.enter_async_context(self._app.router.lifespan_context(self._app))

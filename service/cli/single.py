@@ -68,7 +68,10 @@ def add_cra(parser: argparse.ArgumentParser) -> None:
 
 
 def add_operation_command(commands: Any, name: str) -> argparse.ArgumentParser | None:
-    """Add a command for an operation that has none of its own, and return its parser; None for an unknown operation."""
+    """Add a command for an operation with batches that has none of its own, and return its parser.
+
+    For any other name, return None.
+    """
     from service.operations import OPERATIONS
 
     if name not in OPERATIONS or OPERATIONS[name].many is None:

@@ -39,7 +39,7 @@ PARAMETERS = {
 BOUNDS = ("lower", "upper")
 """Last parameters of `log_student_t`, which are optional."""
 WIDE = (7.0, 4.0)
-"""Figure size. [in]"""
+"""Size of the figure, which fits on a page in portrait. [in]"""
 
 
 def add_uncertainty(parser: argparse.ArgumentParser) -> None:

@@ -1,6 +1,6 @@
 """`ricochet thickness`, `limit-speed` and `formulas`: walls that stop a projectile, and speeds that perforate a wall.
 
-`formulas` evaluates the empirical formulas for both, and for the depth in thick concrete.
+`formulas` evaluates the empirical formulas for the thickness of a wall and for the depth in thick concrete.
 """
 
 import argparse

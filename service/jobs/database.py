@@ -1,8 +1,8 @@
-"""SQLite file of the jobs: opened on first use, with one writer at a time and `StorageError` for every failure.
+"""SQLite file of the jobs: opened on first use, with one writer at a time and `StorageError` for every disk failure.
 
 The write-ahead log is synchronised at each commit, so that a transaction is complete after any crash, or absent. The
-log is moved into the file regularly, always as a whole: a damaged bit in it then costs only what was written since, and
-the rest of the log still fits the file.
+log is moved into the file regularly, always as a whole. A damaged bit in the log then costs only transactions since the
+last move, and those before the damage still fit the file.
 """
 
 import os
@@ -20,7 +20,8 @@ from service.private_files import make_private, make_private_folder
 BUSY_SECONDS = 10.0
 """Timeout for a lock that another process, such as a backup, holds on the file; chosen by judgement [s]."""
 CHECKPOINT_SECONDS = 0.1
-"""Longest wait of a checkpoint for a reader [s], during which writers have to wait. A failed one is repeated later."""
+"""Longest wait of a checkpoint for a reader [s], during which writers have to wait. A checkpoint that fails is repeated
+later."""
 
 # Requests of sweeps have a table of their own, because they can be large, and SQLite writes the whole row of `jobs`
 # whenever the progress of a job changes.
@@ -100,7 +101,7 @@ class Database:
         self._path = path
         self._check = check
         self.was_missing = False
-        """True if the file was missing or empty when it was first opened."""
+        """True if the file was missing, empty or damaged when it was first opened."""
         self._opened: os.stat_result | None = None
         self._checked = False
         self._written = True

@@ -33,7 +33,7 @@ EXPIRY_SECONDS = 3600.0
 REOPEN_SECONDS = 5.0
 """Interval between attempts to load jobs that could not be read at the start, chosen by judgement. [s]"""
 CHECKPOINT_SECONDS = 5.0
-"""Interval between checkpoints, each of which takes some milliseconds [s]. A damaged log loses the progress of at most
+"""Interval between checkpoints, each of which takes some milliseconds [s]. A damaged log loses the progress of about
 this time."""
 CHANGE_SECONDS = 0.2
 """Shortest interval between events of a job [s]. Five updates a second look continuous to a person."""
@@ -53,7 +53,8 @@ class JobManager:
     jobs
         Store of the jobs.
     max_queued_cases
-        Largest number of waiting cases of all jobs together. One owner may take half of what the others leave.
+        Largest number of unfinished cases of all jobs and batches together. One owner may take half of what the other
+        owners leave.
     count
         Function that counts finished cases; see `Count`.
     give_back
@@ -108,7 +109,7 @@ class JobManager:
 
     @property
     def running_chunks(self) -> int:
-        """Number of chunks of jobs that are being prepared, computed or stored."""
+        """Number of chunks of jobs that are being prepared, queued, computed or stored."""
         return self._runner.job_chunks
 
     @property
@@ -117,14 +118,14 @@ class JobManager:
         return self._rate.per_second
 
     def jobs_ahead(self, state: JobState) -> int:
-        """Number of jobs of the same owner that go before a job."""
+        """Number of jobs of the same owner that are computed before a job."""
         return len(self._scheduler.ahead(state))
 
     def seconds_until_done(self, state: JobState) -> int:
         """Return the estimated time until a job ends, in whole seconds.
 
-        The estimate counts the cases that are computed before its end, and all samples of a study. It uses the measured
-        rate or, before there is one, the cost of the cases.
+        The estimate counts the cases that are computed before the end of the job, and all samples that a running study
+        may still take. It uses the measured rate or, before there is one, the cost of the cases.
         """
         operation = self._queries.operations.get(state.operation)
         weight = 1 if operation is None else operation.weight
@@ -236,11 +237,12 @@ class JobManager:
         sweep
             Request of a sweep.
         charge
-            Cost charged to a quota, of which the unused part is given back at the end of the job.
+            Cost charged to a quota. The unused part is given back at the end of the job.
         count
-            Number of cases, if it is known beforehand. Too many are then refused before any is stored.
+            Number of cases, if it is known beforehand. Too many cases are then refused before any is stored.
         estimate
-            Returns an estimate of the number of cases, for the `Retry-After` of a refusal while the body is being read.
+            Function that returns an estimate of the number of cases, for the `Retry-After` of a refusal while the body
+            is being read.
 
         Returns
         -------
@@ -300,11 +302,11 @@ class JobManager:
         return await run_sync(self._jobs.tally, present) + Counter(state.status for state in present.values())
 
     async def sweep(self, job: JobState) -> StoredSweep | None:
-        """Return the request of a sweep; None for other jobs."""
+        """Return the request of a sweep; None for other jobs, and for a damaged sweep."""
         return await run_sync(self._jobs.sweep, job.number)
 
     async def request(self, job: JobState) -> dict[str, Any] | None:
-        """Return the request of a sweep or a study; None for other jobs, and for a damaged request of a study."""
+        """Return the request of a sweep or a study; None for other jobs, and for a damaged request."""
         if not is_study(job.operation):
             sweep = await self.sweep(job)
             return None if sweep is None else sweep.request
@@ -312,7 +314,7 @@ class JobManager:
         return None if case.request is None else orjson.loads(case.request)
 
     async def partial(self, job: JobState) -> dict[str, Any] | None:
-        """Return the latest partial answer of an unfinished study; None for other jobs."""
+        """Return the latest partial answer of a study that has not succeeded; None for other jobs."""
         if job.progress is None or job.status == "successful":
             return None
         return await run_sync(self._jobs.partial, job.number)
@@ -427,7 +429,7 @@ class JobManager:
     ) -> JobState:
         self._admit(queue, count)
         await self._go_on()
-        # The span is read here, because the thread that stores the job does not have the context of the request.
+        # The job runs after this request has ended, and its spans refer to the span of the request.
         traceparent = current_traceparent()
         job = await run_sync(lambda: self._jobs.create(operation, owner, sweep, traceparent=traceparent))
         received = 0

@@ -1,6 +1,6 @@
 """Jobs and their cases, in memory and as they are stored.
 
-What is stored may be damaged by the disk or by manual changes. A job with a damaged row has the status `damaged`; a
+Stored values may be damaged by the disk or by manual changes. A job with a damaged row has the status `damaged`; a
 damaged case has a problem.
 """
 
@@ -33,7 +33,7 @@ enough to be compressed well."""
 KEY_BYTES = 32
 """Length of the key of a result, a SHA-256 digest [bytes]."""
 FASTEST = 1
-"""Compression level of zlib. The slowest one saves no more than a tenth."""
+"""Compression level of zlib. The slowest level would save no more than a tenth."""
 
 log = logging.getLogger(__name__)
 
@@ -273,7 +273,7 @@ COLUMNS = (
     "id, operation, status, total, done, cached, failed, created, started, finished, expires, problem, revision, "
     "number, owner, versions, progress, title, traceparent, charge, sweep"
 )
-"""Columns of the tables `jobs` and `sweeps` for the fields of a `JobState`. The last one is decoded to `axes`."""
+"""Columns of the tables `jobs` and `sweeps` for the fields of a `JobState`. The last column is decoded to `axes`."""
 BLOCK_COLUMNS = "keys, states, requests, custom_ids"
 UNKNOWN = "unknown"
 """Operation of a job whose own operation is damaged."""
@@ -315,11 +315,11 @@ WITHOUT: Mapping[str, Any] = {
     "created": _date(0.0),
     "axes": (),
 }
-"""Values that replace damaged ones; None for other columns."""
+"""Defaults for missing and damaged values, by column; None for other columns."""
 
 
 def read_job(row: Sequence[Any], operations: Container[str]) -> JobState:
-    """Decode a row of `COLUMNS`. A damaged job has the readable values, and defaults for the others.
+    """Decode a row of `COLUMNS`. A damaged job has the values that can be read, and defaults for the others.
 
     Parameters
     ----------
@@ -359,7 +359,7 @@ def _validated(found: dict[str, Any], wrong: set[str]) -> JobState:
 
 
 def read_block(number: int, count: int, row: Sequence[Any] | None) -> list[CaseRow]:
-    """Decode a row of `BLOCK_COLUMNS` into cases. Their problems are stored separately, and None here.
+    """Decode a row of `BLOCK_COLUMNS` into cases. The problems of cases are stored separately, and are None here.
 
     Parameters
     ----------
@@ -399,7 +399,7 @@ def read_problem(number: int, text: Any) -> dict[str, Any]:
 
 
 def _lines(requests: bytes, count: int) -> Sequence[bytes | None]:
-    """Decode the requests of a block; None for each if they are damaged. Results can be found by key without them."""
+    """Decode the requests of a block, or return None for each if they are damaged: the keys suffice to find results."""
     try:
         return split_requests(requests)
     except DAMAGE:

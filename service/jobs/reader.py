@@ -73,16 +73,18 @@ class ResultReader:
         Parameters
         ----------
         current
-            Returns the present state of the job; None once it has been deleted.
+            Function that returns the present state of the job; None once the job has been deleted.
         use
-            Function called with each block in a thread, for few blocks at a time. Its value should be as small as the
-            data that is sent.
+            Function called with each block in a thread, for at most `BLOCKS_AT_ONCE` blocks at a time. Its value
+            should not hold the results, but only the data to be sent.
         limit
             Largest number of results; None for all.
         take
-            Charges the cost of results that are computed again; raises QuotaError if the quota is too small.
+            Function that charges the cost of results that are computed again; raises QuotaError if the quota is too
+            small.
         whole
-            True to raise QuotaError. By default it becomes the problem of the cases, since the response may have begun.
+            True to raise QuotaError. By default the error becomes the problem of the cases, since the response may
+            have begun.
         """
         count, left = FIRST_CASES, math.inf if limit is None else limit
         while left > 0 and (state := await current()) is not None:
@@ -110,7 +112,7 @@ class ResultReader:
         again: dict[int, CaseResult] = {}
 
         def gather() -> list[CaseRow] | tuple[int, Value]:
-            """Return the evicted cases or, if there are none, the values of `_use`, and free the results."""
+            """Return the evicted cases or, if there are none, the return value of `_use`."""
             stored = [row for row in rows if row.problem is None and row.number not in again]
             records = self._queries.cache.get_many(list({row.key for row in stored}))
             if lost := [row for row in stored if row.key not in records]:
@@ -133,7 +135,7 @@ class ResultReader:
     async def _compute(
         self, state: JobState, rows: Sequence[CaseRow], take: Take, *, whole: bool
     ) -> dict[int, CaseResult]:
-        """Compute evicted cases again at the cost of the reader. Cases that cannot be computed have a problem."""
+        """Compute evicted cases again, charged to the client who reads. Cases that cannot be computed get a problem."""
         cases = await run_sync(lambda: [again_of(state, row) for row in rows])
         found = {row.number: damaged(row) for row, case in zip(rows, cases, strict=True) if case is None}
         places = [(row, case) for row, case in zip(rows, cases, strict=True) if case is not None]
@@ -176,7 +178,7 @@ def again_of(state: JobState, row: CaseRow) -> JobCase | None:
 
 
 def belongs(state: JobState, row: CaseRow, record: Record) -> bool:
-    """Return True if the record found by the key of a case answers its request; a damaged key may find another one."""
+    """Return True if a record answers the request of a case. A damaged key may belong to another record."""
     if row.request is None or record.request_json == row.request:
         return True
     return is_of(state.operation, row.request, result_key(state.operation, record.request))

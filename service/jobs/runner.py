@@ -1,4 +1,4 @@
-"""Runner that computes cases in chunks, both of batches that are answered at once and of jobs."""
+"""Runner that computes the cases of jobs, and of batches that are answered at once, in chunks."""
 
 import asyncio
 import math
@@ -20,24 +20,24 @@ from service.queries import Answered, QueryService, Rate
 URGENT_SECONDS = 0.1
 """Desired duration of a chunk that a client waits for, short so that the first results come soon [s]."""
 CHUNK_SECONDS = 0.25
-"""Desired duration of a chunk of a job [s]. A crash loses at most this much work of each worker, and the overhead of a
+"""Desired duration of a chunk of a job [s]. A crash loses about this much work of each worker, and the overhead of a
 chunk is a hundredth of it."""
 AHEAD_SHARE = 8
 """Number of workers for each additional chunk in the queue. A run keeps one chunk queued, and one more for every eight
-workers, so that no worker is idle; more are not needed, as preparing a chunk takes far less time than computing it."""
+workers, so that no worker is idle. This suffices, as preparing a chunk takes far less time than computing it."""
 CHUNKS_KEPT = 2
 """Number of unfinished chunks that a run may have, in addition to two per worker. Without a limit, computed chunks
 would fill the memory while a slow disk stores them."""
 NO_WORKER_SECONDS = 1.0
 """Delay before retrying cases of a job for which there was no worker [s]. A worker starts in about 1 s."""
 OVERLONG_SECONDS = 10.0
-"""Timeout of a chunk [s]: forty times the desired duration, by judgement. Cases that take far longer than earlier ones
-are queued again in smaller chunks, so that all workers share them and other work can pass."""
+"""Timeout of a chunk of several cases [s]: forty times the desired duration, by judgement. Cases that take far longer
+than earlier ones are queued again in smaller chunks, so that all workers share them and other work can run between."""
 TEMPORARY = (ComputationCancelled, PoolUnavailableError, QueueFullError)
 """Errors that are not caused by the case, and after which it is retried. A case whose worker died is not among them,
 because the executor has already retried it (`DEATHS` in `service/workers/worker_process.py`)."""
 FIRST_CASES = 4
-"""Number of cases in the first chunk, whose time is unknown: the slowest cases take a minute each."""
+"""Number of cases in chunks before any time has been measured. It is small, as the slowest cases take a minute each."""
 MOST_CASES = 256
 """Largest number of cases in a chunk. With cases of 1 ms such a chunk takes 0.25 s, the usual duration."""
 MOST_BYTES = 16 * 1024 * 1024
@@ -47,7 +47,7 @@ SHRUNK = 8
 20 cases or so to single ones."""
 NEWEST = 0.3
 """Weight of the latest chunk in the moving averages, which follow a sweep as its cases become slower or faster. Chosen
-by judgement: a single odd chunk should not decide, and chunks should be forgotten after some ten others."""
+by judgement: one unusual chunk should have little effect, and none after some ten further chunks."""
 
 Blocks: TypeAlias = AsyncGenerator[Mapping[int, JobCase], None]
 """Generator of blocks of cases by number. It is advanced when a chunk is prepared."""
@@ -256,11 +256,12 @@ class CaseRunner:
         owner
             Owner whose share of the workers the cases count against.
         remaining
-            Returns the cost of the unfinished cases, by which the queue sorts the work of an owner. [ordinary cases]
+            Function that returns the cost of the unfinished cases, by which the queue sorts the work of an owner.
+            [ordinary cases]
         urgent
             True if a client waits: chunks are short, and are not retried when no worker can take them.
         traced
-            Returns a context manager for a chunk with this number of cases, such as a span.
+            Function that returns a context manager, such as a span, for a chunk of the given number of cases.
 
         Raises
         ------
@@ -355,7 +356,7 @@ class CaseRunner:
             # No client waits for a job, so it can wait until there is a worker again.
             await asyncio.sleep(NO_WORKER_SECONDS)
         if again:
-            # The cases return to the front of the queue, in their order, so that results remain in order.
+            # The cases return to the front of the queue, in their order, so that results remain roughly in order.
             run.waiting.extendleft(reversed(again))
             self._begin_chunk(run)
 

@@ -59,7 +59,7 @@ class ActiveJob:
 
     @property
     def left(self) -> int:
-        """Number of unfinished cases, or of samples that a study may still take, 0 before its first progress report."""
+        """Number of unfinished cases or, for a study, of samples it may still take; 0 before its first report."""
         if is_study(self.state.operation):
             progress = self.state.progress or {"max_samples": 0, "samples": 0}
             return int(progress["max_samples"] - progress["samples"])
@@ -111,7 +111,8 @@ class Scheduler:
     ) -> None:
         self.active: dict[str, ActiveJob] = {}
         self.unwritten: dict[str, JobState] = {}
-        """Final states that could not be written yet, by id. Otherwise the next start would continue the jobs."""
+        """Final states that could not be written yet, by id. The next start continues a job whose final state is not
+        written."""
         self._queries = queries
         self._jobs = jobs
         self._runner = runner
@@ -197,7 +198,7 @@ class Scheduler:
                 self.unwritten.pop(state.id, None)
 
     def _begin_jobs(self, owner: str) -> None:
-        """Begin the owner's job with the fewest cases left, unless a running job with as few still hands out cases.
+        """Begin the owner's job with the fewest cases left, unless a job with as few or fewer still hands out cases.
 
         All jobs could begin at once, because the queue of the executor sorts them in the same way. Beginning them one
         by one limits the number of blocks of cases in memory.
@@ -288,7 +289,7 @@ class Scheduler:
         self._note_handed_out(job)
 
     def _look_up(self, state: JobState, first: int) -> tuple[list[CaseRow], int, JobState | None]:
-        """Mark cached cases of the next blocks as done; return the others, the number marked, and the new state."""
+        """Mark cached cases of the next blocks; return the other cases, the number marked, and the new state."""
         waiting = self._jobs.waiting(state, first, AHEAD)
         known = self._queries.cache.known([row.key for row in waiting])
         # Only keys are looked up: reading the records would take far longer, and they may never be requested.

@@ -74,7 +74,7 @@ SELECT = f"SELECT {COLUMNS} FROM jobs LEFT JOIN sweeps ON sweeps.job = jobs.numb
 
 
 class JobStore:
-    """Store of jobs. All methods wait for the disk, are thread-safe and raise `StorageError`.
+    """Store of jobs. All methods are thread-safe, wait for the disk, and raise `StorageError` if it fails.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class JobStore:
     job_days
         Time for which a job is kept after its end. [days]
     owner_bytes
-        Disk space for the jobs of one owner. Those that ended first are removed to make room for a new one. [bytes]
+        Disk space for the jobs of one owner. The jobs that ended first are removed to make room for a new job. [bytes]
     check_folder
         Function called before each transaction that writes; raises StorageError if the folder must not be written to.
     operations
@@ -108,7 +108,8 @@ class JobStore:
         self._kept_seconds = job_days * DAY
         self._owner_bytes = owner_bytes
         self._most_taken: dict[str, int] = {}
-        """Upper bounds on the disk space of each owner's jobs [bytes]. Exact sizes are summed only above the limit."""
+        """Upper bounds on the disk space of each owner's jobs [bytes]. Exact sizes are summed only at an owner's first
+        job and when the bound exceeds the limit."""
 
     def expire(self, *, at_start: bool = False) -> int:
         """Remove expired jobs and, at the start, jobs that were never accepted; return the number of jobs removed."""
@@ -134,7 +135,7 @@ class JobStore:
             return number
 
     def sweep(self, job: int) -> StoredSweep | None:
-        """Return the request of a sweep; None for other jobs, and for a damaged one, whose job is `damaged`."""
+        """Return the request of a sweep; None for other jobs, and for a damaged sweep (its job is `damaged`)."""
         with self._database.reading() as database:
             row = database.execute("SELECT sweep FROM sweeps WHERE job = ?", (job,)).fetchone()
         try:
@@ -324,7 +325,7 @@ class JobStore:
         Raises
         ------
         DamagedCasesError
-            If a block of them is damaged.
+            If a block that contains one of them is damaged.
         """
         found: dict[int, bytes] = {}
         with self._database.reading() as database:
@@ -355,7 +356,7 @@ class JobStore:
 
     @property
     def was_missing(self) -> bool:
-        """True if the file of the jobs was missing or empty when it was first opened."""
+        """True if the file of the jobs was missing, empty or damaged when it was first opened."""
         return self._database.was_missing
 
     def checkpoint(self) -> None:
@@ -367,7 +368,7 @@ class JobStore:
         self._database.close()
 
     def _make_room(self, database: sqlite3.Connection, job: int, total: int) -> None:
-        """Record the size of a new job, and remove ended jobs that its owner has no space for any more."""
+        """Record the size of a new job, and remove the ended jobs for which its owner has no more space."""
         [(owner, size)] = database.execute(
             f"UPDATE jobs SET bytes = {JOB_BYTES} + (SELECT coalesce(sum(length(keys) + length(requests) "  # noqa: S608 (of this file)
             "+ coalesce(length(custom_ids), 0)), 0) FROM slices WHERE job = ?) WHERE number = ? RETURNING owner, bytes",
@@ -410,7 +411,7 @@ class JobStore:
             return [read_job(row, self._operations) for row in database.execute(f"{SELECT} WHERE {condition}", values)]
 
     def _blocks(self, job: int, numbers: range) -> dict[int, tuple[Any, ...] | None]:
-        """Return the rows of `BLOCK_COLUMNS` of the given blocks, with None for missing ones."""
+        """Return the values of `BLOCK_COLUMNS` of the given blocks, with None for missing blocks."""
         statement = (
             f"SELECT slice, {BLOCK_COLUMNS} FROM slices JOIN states USING (job, slice) "  # noqa: S608 (of the package)
             "WHERE job = ? AND slice >= ? AND slice < ?"

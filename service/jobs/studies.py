@@ -18,7 +18,7 @@ from service.queries import Answered, QueryService
 PART = 320
 """Number of samples handed to the runner at a time: about a second of work, after which progress is reported."""
 PARTIAL = ("probability", "outcomes", "convergence")
-"""Fields of an answer that a partial answer has."""
+"""Fields of an answer that are also in its partial answers, where they exist."""
 
 RunCases: TypeAlias = Callable[[str, Sequence[JobCase], int], AsyncGenerator[CaseResult, None]]
 """Function that computes cases and yields their results as they finish. Its arguments are the operation, the cases, and
@@ -84,8 +84,8 @@ class StudyService:
             As for `run_study`.
         """
         key, reports = request.key, [report] if report is not None else []
-        # The loop checks again after each wait: when a study ends without an answer, another request may have started
-        # it anew.
+        # The loop checks again after each wait: after a study ended without an answer, another request may have started
+        # the study anew.
         while (other := self._in_flight.get(key)) is not None and (other.urgent or not urgent):
             record = await self._follow(other, reports)
             if record is not None:
@@ -93,7 +93,7 @@ class StudyService:
         own = self._in_flight[key] = RunningStudy(urgent, reports)
         record = None
         try:
-            record = await self._queries.result(key)  # It may have been stored since the caller looked it up.
+            record = await self._queries.result(key)  # The result may have been stored since the caller looked it up.
             if record is not None:
                 return record, "hit"
             study = study or await run_sync(OPERATIONS[operation].request.model_validate_json, request.json)

@@ -25,7 +25,7 @@ const RESULTS = [
   ["Axis angle at the end", ({ run }) => run.final.axis_angle_deg, 1, "°"],
   ["Speed at the exit", ({ run }) => run.exit?.speed_m_s ?? "none", 1, "m/s"],
   ["Direction at the exit, from the face", ({ run }) => run.exit?.elevation_deg ?? "none", 1, "°"],
-  ["Strength factor", ({ run }) => run.strength_factor, 2],
+  ["Strength factor S at its oblique angle", ({ run }) => run.strength_factor, 2],
 ];
 
 /** Return the strikes that a query pins. */

@@ -6,18 +6,14 @@ const TAGS = ["shape", "model"];
 const ROOTS = { search: "CriticalAngleRequest", sampling: "CriticalAngleUncertaintyRequest" };
 
 let schemas;
-let scatter;
 /** Names for people: `choices` of a field by value, as in a sentence, `quantities` by path, `formulas`. */
 export let names;
+/** Distributions of the inputs that usually scatter, by field: without the parameter that is the case's value. */
+export let usualScatter;
 
 /** Fetch the contract; the rest of this module needs it. */
 export async function loadContract() {
-  if (!schemas) ({ schemas, usual_scatter: scatter, names } = (await request("page/contract.json")).data);
-}
-
-/** Return the distributions of the inputs that usually scatter, by field: without the parameter that is the case's value. */
-export function usualScatter() {
-  return scatter;
+  if (!schemas) ({ schemas, usual_scatter: usualScatter, names } = (await request("page/contract.json")).data);
 }
 
 /**

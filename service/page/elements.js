@@ -2,6 +2,8 @@
 
 import { isAbort } from "./service.js";
 
+const BEFORE_UNIT = /(?<=\d) (?=%|°|kg|m\/s|rad\/s|g₀|(?:[km]?m|m?s|[MG]?Pa|k?N|k?J|in|ft|lbf?|[pk]si|kip)\b)/g;
+
 /**
  * Return a new element.
  *
@@ -18,9 +20,17 @@ export function element(name, attributes = {}, ...children) {
     else if (value === true) made.setAttribute(key, "");
     else if (value !== false && value !== undefined) made.setAttribute(key, value);
   }
-  made.append(...children);
+  made.append(...children.map((child) => (typeof child === "string" ? unbroken(child) : child)));
   return made;
 }
+
+/** Show text in an element. */
+export function showText(root, text) {
+  root.textContent = unbroken(text);
+}
+
+/** Return text whose numbers keep to a line with their units. */
+const unbroken = (text) => text.replace(BEFORE_UNIT, "\u00a0");
 
 /** Return a new SVG element; attributes that are undefined are left out. */
 export function svg(name, attributes = {}, ...children) {

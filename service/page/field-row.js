@@ -2,7 +2,7 @@
 
 import { valueAt } from "./case.js";
 import { nodeAt } from "./contract.js";
-import { element, takeFiles } from "./elements.js";
+import { element, showText, takeFiles } from "./elements.js";
 import { readValue } from "./field-value.js";
 import { shownNumber, shownValue } from "./fields.js";
 import { unitOf } from "./units.js";
@@ -32,7 +32,7 @@ export function buildRow(field, values, { accept, hold, refuse, currentOf = () =
   };
   const read = (given) => {
     const { value, wrong, note = "" } = readValue(field, given, values);
-    understood.textContent = note;
+    showText(understood, note);
     later(wrong && (() => refuse(wrong)));
     if (wrong) hold();
     else accept(value);
@@ -74,7 +74,7 @@ function fillIn(input, value) {
 /** Show what is wrong with a field, or that nothing is. */
 export function showProblem({ root, input, problem, described }, text) {
   problem.hidden = !text;
-  problem.textContent = text;
+  showText(problem, text);
   const ids = [described, text && problem.id].filter(Boolean).join(" ");
   if (ids) input.setAttribute("aria-describedby", ids);
   else input.removeAttribute("aria-describedby");

@@ -109,16 +109,8 @@ export const GROUPS = [
       fieldOf("choice", "resistance.free_surface.model"),
       fieldOf("flag", "resistance.free_surface.inertia"),
       number("resistance.inertia_factor", "", OPTIONAL),
-      number("resistance.crater.depth_diameters", "", {
-        ...OPTIONAL,
-        open: "none",
-        note: "published: 2",
-      }),
-      number("resistance.rear_plug.cone_angle_deg", "°", {
-        ...OPTIONAL,
-        open: "none",
-        note: "of a wall; published: 66.1°",
-      }),
+      number("resistance.crater.depth_diameters", "", { ...OPTIONAL, open: "none", note: "published: 2" }),
+      number("resistance.rear_plug.cone_angle_deg", "°", { ...OPTIONAL, open: "none", note: "of a wall; published: 66.1°" }),
     ],
   },
   {

@@ -2,7 +2,7 @@
 
 import { valueAt, withValue } from "./case.js";
 import { exampleOf, paperCase } from "./contract.js";
-import { announce, element } from "./elements.js";
+import { announce, element, showText } from "./elements.js";
 import { buildRow, showProblem } from "./field-row.js";
 import { GROUPS, inUnit, isThere } from "./fields.js";
 import { clearParts, markStale } from "./stale.js";
@@ -129,13 +129,13 @@ export class CaseForm {
     this.hold();
     for (const panel of this.panels) panel.clear();
     clearParts(...this.parts());
-    this.problem.textContent = text;
+    showText(this.problem, text);
   }
 
   /** Show an error: at the fields it points to, if it does. */
   fail(error) {
     if (error.errors?.length) this.refuse(error);
-    else this.problem.textContent = error.message;
+    else showText(this.problem, error.message);
   }
 
   /** Keep the case before an edit; further keys of the same field belong to it. */

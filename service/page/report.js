@@ -5,7 +5,7 @@ import { fileName } from "./exports.js";
 import { request } from "./service.js";
 import { inUnits } from "./units.js";
 
-const WAIT = "The report is being computed: some 300 cases, half a minute to a few minutes.";
+const WAIT = "The report is being computed: about 550 cases, half a minute to a few minutes.";
 const POLL_MS = 100;
 
 /**

@@ -1,9 +1,9 @@
 // The form of the inputs that scatter: a group each, with the errors of the service at its fields.
 
-import { element } from "./elements.js";
+import { element, showText } from "./elements.js";
 import { buildRow, showProblem } from "./field-row.js";
 import { fieldOf, shownNumber, withUnit } from "./fields.js";
-import { DISTRIBUTIONS, centreOf, inputField, parametersOf, scatterFields, usualInput, usualInputs, usualNote } from "./scatter.js";
+import { DISTRIBUTIONS, NOTES, centreOf, inputField, parametersOf, scatterFields, usualInput, usualInputs } from "./scatter.js";
 
 const NUMBER = /-?\d+(?:\.\d+)?(?:e[+-]?\d+)?/g; // an error of a distribution has numbers in SI, without their unit
 
@@ -75,7 +75,7 @@ export class ScatterForm {
     const rows = parametersOf(input).map((parameter) => this.buildParameter(index, parameter));
     const remove = element("button", { type: "button", "aria-label": `Remove ${label}`, onclick: () => this.remove(index) }, "Remove");
     const type = input.type === "discrete" ? [] : [this.buildType(input, index)];
-    const note = usualNote(input.field);
+    const note = NOTES[input.field];
     const parts = [...type, ...rows.map((row) => row.root), ...(note ? [element("p.quiet", {}, note)] : []), problem, element("p.actions", {}, remove)];
     return { root: element("fieldset", {}, element("legend", {}, label), ...parts), rows, problem };
   }
@@ -135,7 +135,7 @@ export class ScatterForm {
       const row = group.rows.find(({ field }) => names.includes(field.name));
       if (row) showProblem(row, detail.replaceAll(NUMBER, (number) => withUnit(shownNumber(row.field, Number(number)), row.field.unit)));
       else {
-        group.problem.textContent = detail;
+        showText(group.problem, detail);
         group.problem.hidden = false;
       }
       return false;

@@ -42,7 +42,8 @@ export const DISTRIBUTIONS = {
   },
 };
 
-const NOTES = {
+/** Notes on how much fields usually scatter. */
+export const NOTES = {
   "impact.velocity_m_s": "Usually scatters by 1 to 5 %.",
   "target.compressive_strength_pa": "Usually scatters by 10 to 15 %; by less where shots into this concrete leave less.",
   "impact.angle_of_attack_deg": "Usually scatters by about 1°.",
@@ -75,21 +76,16 @@ export function inputField(path) {
 
 /** Return an input with what usually scatters of this field; 5 % where nothing is usual. */
 export function usualInput(field) {
-  const own = (usual ?? usualScatter())[field];
+  const own = (usual ?? usualScatter)[field];
   const { type, given } = own ? inputOf(own) : (ADDED[field] ?? ANY);
   return { field, type, given };
-}
-
-/** Return a note on how much a field usually scatters; undefined where nothing is usual. */
-export function usualNote(field) {
-  return NOTES[field];
 }
 
 /** Return the inputs of a case that usually scatter: the theory only if the decay law of the case is one of the two. */
 export function usualInputs(values) {
   const decay = valueAt(values, "resistance.free_surface.model");
   const isOne = ({ type, given }) => type !== "discrete" || decay in given;
-  return Object.keys(usual ?? usualScatter()).map(usualInput).filter(isOne);
+  return Object.keys(usual ?? usualScatter).map(usualInput).filter(isOne);
 }
 
 /** Take what usually scatters from a verdict, but for the values of the case: the scatter of the strength factor is its own. */

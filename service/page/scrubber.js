@@ -1,6 +1,6 @@
 // Plays and scrubs through the instants of a run.
 
-import { element } from "./elements.js";
+import { element, showText } from "./elements.js";
 
 const PLAY_MS = 4000;
 const STEPS = 6; // for those who want no motion
@@ -24,7 +24,7 @@ export function buildScrubber(root, onMove) {
     slider.value = row;
     const text = `${(times[row] * 1e3).toFixed(2)} ms`;
     slider.setAttribute("aria-valuetext", text);
-    output.textContent = text;
+    showText(output, text);
   }
 
   function move(row) {

@@ -16,7 +16,7 @@ const SEGMENTS = 36; // of the first path, each in the colour of its speed
 const [NARROW, CAPTIONED] = [640, 490]; // px
 const NEAR = 2; // a rear face is in view up to this many times the depth that is reached
 const GRID_M = 0.1; // ends of the picture, so that it does not tremble while a slider moves
-const MARGIN = { left: 54, right: 12, top: 26, bottom: 38 }; // px
+const MARGIN = { left: 54, right: 12, top: 10, bottom: 38 }; // px
 const MOST_TICK_PX = 225; // between grid lines: 90 or more
 const LINE_PX = 14;
 const LETTER_PX = 7;
@@ -75,27 +75,26 @@ export function rowNear(root, [x, y], most = 40) {
 function render(root, scene) {
   const { runs, row, options } = scene;
   const [{ run: own }, ...others] = runs;
-  const size = sizeOf(root);
+  const size = sizeOf(root, others.length ? NARROW : options.caption ? CAPTIONED : 0);
   const isNarrow = size.width < NARROW;
   const range = [0, Math.max(...own.path.speed)];
   const count = OUTLINES[Math.min(others.length, 1)];
   const marksOf = (run) => [...arcMarks(run, isNarrow), ...criticalMark(run, options.critical, isNarrow), ...exitMark(run, isNarrow), ...protrusionMark(run), ...bendingMark(run)];
   const marks = marksOf(own);
-  const outlines = evenRows(own, count).map((each) => outlineAt(own, each));
-  const compared = others.flatMap(({ run }) => evenRows(run, count).map((each) => outlineAt(run, each)));
+  const outlinesOf = (run) => evenRows(run, count).map((each) => outlineAt(run, each));
+  const outlines = outlinesOf(own);
+  const compared = others.map(({ run }) => outlinesOf(run));
   const moving = outlineAt(own, row);
   const time = own.history.time_s[row];
   const besides = others.map(({ run }) => outlineAt(run, rowAt(run, time))); // strikes move together
-  const beside = (options.beside ?? []).flatMap((run) => [pathOf(run), ...evenRows(run, count).map((each) => outlineAt(run, each)), ...marksOf(run).map(({ points }) => points ?? [])]);
-  const lines = [...outlines, ...compared, ...runs.map(({ run }) => pathOf(run)), ...marks.map(({ points }) => points ?? []), ...beside];
+  const beside = (options.beside ?? []).flatMap((run) => [pathOf(run), ...outlinesOf(run), ...marksOf(run).map(({ points }) => points ?? [])]);
+  const lines = [...outlines, ...compared.flat(), ...runs.map(({ run }) => pathOf(run)), ...marks.map(({ points }) => points ?? []), ...beside];
   scene.frame ??= frameOf(size, lines.flat(), own, options.turns ? own.projectile.length_m : 0);
   const { frame } = scene;
   const parts = [
     ...solid(own, frame),
     shape(hole(own), { class: "hole", fill: colour("panel") }),
-    ...others.flatMap(({ run }, i) =>
-      evenRows(run, count).map((each) => shape(outlineAt(run, each), { stroke: colour(`run-${i + 1}`), "stroke-width": 1.2, "stroke-dasharray": "2 2" })),
-    ),
+    ...compared.flatMap((all, i) => all.map((points) => shape(points, { stroke: colour(`run-${i + 1}`), "stroke-width": 1.2, "stroke-dasharray": "2 2" }))),
     ...outlines.map((points, i) =>
       shape(points, { fill: viridis(own.path.speed[evenRows(own, count)[i]], range, 0.35), stroke: colour("edge") }),
     ),
@@ -128,9 +127,10 @@ function render(root, scene) {
   });
 }
 
-function sizeOf(root) {
+/** Return the size of a picture, and where the key of its colours ends: beside the names above it, or below them where there is no room. */
+function sizeOf(root, roomy) {
   const { clientWidth: width, clientHeight: height } = drawingOf(root);
-  return { width: Math.max(width, 240), height: Math.max(height, 200) };
+  return { width: Math.max(width, 240), height: Math.max(height, 200), key: width < roomy ? 16 + LINE_PX : 16 };
 }
 
 function evenRows({ history: { time_s: time } }, count) {
@@ -168,7 +168,7 @@ function speedSegments(run, range) {
 }
 
 /** What is in view: every point, to scale, in the middle of the picture. */
-function frameOf({ width, height }, points, { target: { thickness_m: wall = Infinity } }, room) {
+function frameOf({ width, height, key }, points, { target: { thickness_m: wall = Infinity } }, room) {
   const ends = (axis) => {
     const values = points.filter(Boolean).map((point) => point[axis]);
     const [least, most] = [Math.min(...values, -room), Math.max(...values, GRID_M / 2)];
@@ -176,7 +176,7 @@ function frameOf({ width, height }, points, { target: { thickness_m: wall = Infi
   };
   const [[left, right], [top, deepest]] = [ends(0), ends(1)];
   const bottom = wall < NEAR * deepest ? Math.max(deepest, wall + GRID_M / 2) : deepest;
-  const box = { x: MARGIN.left, y: MARGIN.top, width: width - MARGIN.left - MARGIN.right, height: height - MARGIN.top - MARGIN.bottom };
+  const box = { x: MARGIN.left, y: key + MARGIN.top, width: width - MARGIN.left - MARGIN.right, height: height - key - MARGIN.top - MARGIN.bottom };
   const scale = Math.min(box.width / (right - left), box.height / (bottom - top));
   const origin = [box.x + box.width / 2 - ((left + right) / 2) * scale, box.y + box.height / 2 - ((top + bottom) / 2) * scale];
   const at = ([along, depth]) => [origin[0] + along * scale, origin[1] + depth * scale];
@@ -218,19 +218,16 @@ function axes({ box, origin, scale }) {
 }
 
 /** The colours of the speed, and the names of what is compared. */
-function legend(runs, range, { width }, caption) {
+function legend(runs, range, { width, key }, caption) {
   const { unit, factor } = unitOf("m/s");
   const stops = VIRIDIS.map(([offset, stop]) => svg("stop", { offset, "stop-color": stop }));
   const x = width - MARGIN.right - 150;
   const names = runs.length > 1 ? runs.map(({ name }) => name) : [];
-  const scale = [
-    svg("linearGradient", { id: "speeds" }, ...stops),
-    svg("rect", { x, y: 8, width: 100, height: 8, fill: "url(#speeds)" }),
-    svg("text", { x: x - 5, y: 16, "text-anchor": "end" }, "Speed 0"),
-    svg("text", { x: x + 105, y: 16 }, `${digits(range[1] / factor)} ${unit}`),
-  ];
   return [
-    ...(width < (names.length ? NARROW : caption ? CAPTIONED : 0) ? [] : scale), // there is no room for both
+    svg("linearGradient", { id: "speeds" }, ...stops),
+    svg("rect", { x, y: key - 8, width: 100, height: 8, fill: "url(#speeds)" }),
+    svg("text", { class: "key", x: x - 5, y: key, "text-anchor": "end" }, "Speed 0"),
+    svg("text", { class: "key", x: x + 105, y: key }, `${digits(range[1] / factor)} ${unit}`),
     ...(caption ? [svg("text", { class: "caption", x: MARGIN.left, y: 16, "font-weight": "bold" }, caption)] : []),
     ...names.flatMap((name, i) => [
       svg("line", { x1: MARGIN.left + i * 92, x2: MARGIN.left + 16 + i * 92, y1: 12, y2: 12, stroke: colour(i ? `run-${i}` : "accent"), "stroke-width": 3 }),

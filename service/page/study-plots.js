@@ -4,9 +4,10 @@ import { element, table } from "./elements.js";
 import { colour, csvOf, draw, drawingOf } from "./plots.js";
 import { inputField } from "./scatter.js";
 import { headline, probabilityAt } from "./study.js";
-import { degreesShown, digits } from "./words.js";
+import { degreesShown, digits, withInterval } from "./words.js";
 
 const MARGIN_DEG = 4; // shown besides where the probability changes
+const ABOUT_MEAN = "Mean and median are of the samples, which reach further to one side; the verdict has the angle with the inputs as given.";
 const [ROW_PX, AXIS_PX] = [38, 70];
 
 /** Draw the probability of ricochet over the oblique angle with its band. */
@@ -22,8 +23,8 @@ export function drawCurve(root, study, values) {
       name: "probability",
       mode: "lines",
       line: { color: colour("accent"), width: 2, simplify: false },
-      customdata: x.map((_, i) => [lower[i], upper[i]]),
-      hovertemplate: "%{x:.1f}°: %{y:.3f} (%{customdata[0]:.3f} to %{customdata[1]:.3f})<extra></extra>",
+      customdata: x.map((_, i) => withInterval(y[i], lower[i], upper[i], (share) => share.toFixed(3))),
+      hovertemplate: "%{x:.1f}°: %{customdata}<extra></extra>",
     },
   ];
   const angle = headline(study);
@@ -95,14 +96,15 @@ export function sensitivityTable(study) {
   const spans = new Map(swings(study).map(({ field, span }) => [field, span]));
   const rows = study.sensitivity.map(({ field, first_order: first, total }) => {
     const span = spans.get(field);
-    const indices = [first, total].map((each) => (each ? `${each.value.toFixed(2)} (${each.lower.toFixed(2)}\u00a0to\u00a0${each.upper.toFixed(2)})` : "not known"));
+    const shown = ({ value, lower, upper }) => withInterval(value, lower, upper, (share) => share.toFixed(2)).replace(" to ", "\u00a0to\u00a0");
+    const indices = [first, total].map((each) => (each ? shown(each) : "not known"));
     return [inputField(field).label, ...indices, span === undefined ? "no angle" : degreesShown(span)];
   });
   const heads = ["Input", "First order", "Total", "Swing"];
   const caption = "Sobol indices of the critical angle";
   const note =
     "First order: the share of the variance of the critical angle that an input explains by itself; total: with all that it " +
-    "does together with others. In brackets their intervals. Swing: the length of the bar.";
+    "does together with others. In brackets their intervals, unless they round to the value. Swing: the length of the bar.";
   const indices = table("table.indices", { heads, rows, caption, label: "Table of sensitivities", isNamed: true, isNumber: Boolean });
   return element("div", {}, indices, element("p.quiet", {}, note));
 }
@@ -113,7 +115,7 @@ export function describeStudy(study) {
   const width = study.convergence.half_width.at(-1);
   const angle = headline(study);
   const parts = [
-    mean ? `Mean ${degreesShown(mean.value)}, standard deviation ${degreesShown(deviation?.value ?? 0)}.` : "",
+    mean ? `Mean ${degreesShown(mean.value)}, standard deviation ${degreesShown(deviation?.value ?? 0)}. ${ABOUT_MEAN}` : "",
     without.value > 0 ? `${digits(100 * without.value, 2)} % of the samples have no critical angle.` : "",
     `${study.samples.toLocaleString("en")} samples: sampling error ± ${digits(width, 2)}` +
       `${study.converged ? "" : ", more than requested"},`,
@@ -123,7 +125,7 @@ export function describeStudy(study) {
   ];
   return [
     angle
-      ? element("p", {}, "Critical angle ", element("strong.range", {}, angle), ": median and 90 % range.")
+      ? element("p", {}, "Critical angle ", element("strong.range", {}, angle), ": median and 90 % range of the samples, rounded.")
       : element("p", {}, "No sample has a critical angle."),
     element("p", {}, parts.filter(Boolean).join(" ")),
   ];

@@ -7,6 +7,7 @@ import { untilAnswered } from "./lost.js";
 import { uncertainInput } from "./scatter.js";
 import { Problem, request } from "./service.js";
 import { inUnits } from "./units.js";
+import { degreesShown, withInterval } from "./words.js";
 
 /**
  * Compute a study as a job, with few samples and, if those do not suffice, with all.
@@ -28,8 +29,7 @@ export async function* computeStudy({ values, inputs, sampling, key }, signal) {
   for (const samples of few < most && !key ? [few, most] : [most]) {
     const body = inUnits({ ...angleRequest(values), uncertain, sampling: { ...sampling, max_samples: samples } });
     const { id } = await submit("cra/uncertainty", body, signal);
-    const remove = () => request(`jobs/${id}`, { method: "DELETE" });
-    const cancel = () => request(`jobs/${id}/cancel`, { method: "POST" }).then(remove).catch(() => {});
+    const cancel = () => request(`jobs/${id}/cancel`, { method: "POST" }).then(() => request(`jobs/${id}`, { method: "DELETE" })).catch(() => {});
     signal.addEventListener("abort", cancel, { once: true });
     for await (const { progress, partial } of statesOf(id, signal)) {
       if (progress) yield { samples: progress.samples, ...partial };
@@ -69,6 +69,5 @@ export function probabilityAt({ probability }, angle) {
 export function headline(study) {
   const [low, middle, high] = [0.05, 0.5, 0.95].map((level) => quantileOf(study, level));
   if (middle === undefined) return "";
-  const shown = (angle) => `${angle.toFixed(high - low < 3 ? 1 : 0)}°`;
-  return `${shown(middle)} (${shown(low)} to ${shown(high)})`;
+  return withInterval(middle, low, high, (angle) => degreesShown(angle, [3, 0.3].filter((width) => high - low < width).length));
 }

@@ -2,9 +2,9 @@
 // its range, and the range over the theories on one strip with the angle of the case.
 
 import { address, caseQuery } from "./address.js";
-import { angleRequest } from "./case.js";
+import { angleRequest, valueAt, withValue } from "./case.js";
 import { names } from "./contract.js";
-import { element, svg } from "./elements.js";
+import { element, showText, svg, table } from "./elements.js";
 import { latest } from "./latest.js";
 import { reportRequest } from "./report.js";
 import { clipped, requestEnd } from "./run.js";
@@ -12,10 +12,11 @@ import { inputField, takeUsual } from "./scatter.js";
 import { request } from "./service.js";
 import { clearParts, markFresh, markStale } from "./stale.js";
 import { inUnits } from "./units.js";
-import { capital, degreesShown, describeAngle, digits, endingShown, lengthShown, quantityShown, warningList } from "./words.js";
+import { capital, degreesShown, describeAngle, digits, endingShown, lengthShown, quantityShown, statusShown, warningList, withInterval } from "./words.js";
 
 const REST_MS = 300; // without a change before the spread and the theories are computed: they are hundreds of searches
-const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2, letter: 6 }; // px and °; rows of labels, at least
+const STRENGTH = "resistance.strength_factor";
+const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2, letter: 6.6 }; // px and °; rows of labels, at least; of the widest letters
 
 /**
  * Return the verdict on a strike: in a line what decides, in another what it means, and the design values of a wall.
@@ -69,7 +70,6 @@ export class Verdict {
   #key; // of the case whose angle is shown
   #values;
   #run; // of the case at its oblique angle
-  #hadShots; // whether the case before has own depth tests
   #judged; // the answer to `/verdict`, perhaps for another oblique angle
 
   /**
@@ -84,11 +84,11 @@ export class Verdict {
     this.strip = element("div.strip");
     this.design = element("p");
     this.spread = element("div", { role: "group", "aria-label": "Spread" });
-    this.fit = element("div.strip", { role: "group", "aria-label": "Own depth tests" });
+    this.fit = element("div", { role: "group", "aria-label": "Own depth tests" });
     this.link = element("a", {}, "How sure, input by input");
-    this.about = element("details", {}, element("summary", {}, "What the range stands for"), this.spread, this.fit);
+    this.about = element("details", {}, element("summary", {}, "What the range stands for"), this.spread);
     this.warnings = element("div", {});
-    const notes = [this.design, element("div.spread", {}, this.about, this.link), this.warnings];
+    const notes = [this.design, element("div.spread", {}, this.about, this.link), this.fit, this.warnings];
     this.parts = isLine
       ? [element("details.panel.head", { ontoggle: () => this.#show() }, element("summary", {}, this.card), this.strip, ...notes)]
       : [element("div.panel.across.head", {}, this.card, this.strip), element("div.panel.across.notes", {}, ...notes)];
@@ -168,12 +168,19 @@ export class Verdict {
   }
 
   async #judge(values, signal) {
-    const { data } = await request("verdict", { body: inUnits(reportRequest(clipped(values))), signal });
+    const judge = async (given) => (await request("verdict", { body: inUnits(reportRequest(clipped(given))), signal })).data;
+    const data = await judge(values);
     if (signal.aborted) return;
     this.#judged = { ...data, oblique_angle_deg: values.impact.oblique_angle_deg };
     takeUsual(data.usual_scatter);
     this.onJudged(data);
     markFresh(this.spread);
+    this.#show();
+    const law = valueAt(values, STRENGTH);
+    if (!law?.shots) return;
+    const before = await judge(withValue(values, STRENGTH, { ...law, model: "published_tests", shots: undefined }));
+    if (signal.aborted) return;
+    this.#judged.before = before;
     this.#show();
   }
 
@@ -193,12 +200,9 @@ export class Verdict {
     if (!run || !this.isOf(values)) return;
     const verdict = verdictOf({ values, run, found: this.found, judged: this.#judged });
     showCard(this.card, verdict, run.outcome);
-    this.design.textContent = verdict.design;
-    this.fit.replaceChildren(...(this.#judged?.own_tests ? fitOf(this.#judged.own_tests, this.strip.clientWidth) : []));
-    const hasShots = Boolean(values.resistance?.strength_factor?.shots);
-    if (hasShots && !this.#hadShots) this.about.open = true; // it says what they did to S
-    this.#hadShots = hasShots;
-    this.spread.replaceChildren([describeAngle(this.found, decimalsOf(this.#judged)), this.#judged ? describeRange(this.#judged) : ""].join(" "));
+    showText(this.design, verdict.design);
+    this.fit.replaceChildren(...(this.#judged?.own_tests ? [changesOf(this.#judged)] : []));
+    showText(this.spread, [describeAngle(this.found, decimalsOf(this.#judged)), this.#judged ? describeRange(this.#judged) : ""].join(" "));
     this.warnings.replaceChildren(...warningList(run.warnings, this.#warningsBeside(run)));
     // One card shows one critical angle: beside that of a law of one's own, the theories stand in words alone.
     const theories = (this.#judged?.own_law ? [] : this.#judged?.theories ?? []).filter((each) => each.critical_angle_deg !== undefined);
@@ -284,35 +288,38 @@ function stripOf(mine, critical, theories, range, width, decimals) {
   );
 }
 
-/** Return the places of labels, centred at `x`: each in the lowest row in which it is written over none before. */
+/**
+ * Return the places of labels whose leaders run down at `x`: some on the left end there, the others begin there, each in a row above
+ * all that it would touch, so that no leader runs through a label. Those moved into the picture cover leaders beside theirs and are
+ * placed last, above these. As many are on the left as need the least room.
+ */
 function inRows(labels, size) {
-  const placed = [];
-  for (const { x, length } of labels) {
-    const left = Math.min(Math.max(x - length / 2, 0), size - length);
-    const isTaken = (row) => placed.some((other) => other.row === row && left < other.left + other.length + 8 && other.left < left + length + 8);
-    let row = 0;
-    while (isTaken(row)) row += 1;
-    placed.push({ left, length, row });
-  }
-  return placed;
+  const order = [...labels.keys()].sort((one, other) => labels[one].x - labels[other].x);
+  const placings = [...order, undefined].map((_, cut) => {
+    const wanted = labels.map(({ x, length }, i) => (order.indexOf(i) < cut ? x - length - 2 : x + 2));
+    const lefts = labels.map(({ length }, i) => Math.min(Math.max(wanted[i], 0), size - length));
+    const moved = (i) => Math.abs(lefts[i] - wanted[i]);
+    const placed = [];
+    for (const i of [...order.slice(0, cut), ...order.slice(cut).reverse()].sort((one, other) => moved(one) - moved(other))) {
+      const [left, { length }] = [lefts[i], labels[i]];
+      const met = placed.filter((other) => left < other.left + other.length + 8 && other.left < left + length + 8);
+      placed[i] = { left, length, row: 1 + Math.max(-1, ...met.map(({ row }) => row)) };
+    }
+    const isCrossed = (i) => placed.some(({ left, length, row }) => row < placed[i].row && left < labels[i].x && labels[i].x < left + length);
+    return { placed, cost: Math.max(...order.map((i) => placed[i].row + moved(i) + (isCrossed(i) ? size : 0))) };
+  });
+  return placings.reduce((best, each) => (each.cost < best.cost ? each : best)).placed;
 }
 
-/** Two bars of the strength factor: by the published tests, and with the shots into this concrete; each its 90 % range. */
-function fitOf({ shots, median, spread, prior_median: before, prior_spread: wide }, width) {
-  const rows = [
-    ["Published tests", before, wide, "band"],
-    [`With ${shots} depth test${shots === 1 ? "" : "s"}`, median, spread, "theories"],
-  ];
-  const ends = rows.flatMap(([, , range]) => range);
-  const [least, most, left, right] = [Math.min(...ends), Math.max(...ends), 130, Math.max(width, 280) - 14];
-  const at = (value) => left + ((value - least) / (most - least)) * (right - left);
-  const words = rows.map(([name, middle, [low, high]]) => `${name}: S ${digits(middle)} (${digits(low)} to ${digits(high)})`).join(". ");
-  const bars = rows.flatMap(([name, middle, [low, high], kind], i) => [
-    svg("text", { x: 0, y: 17 + 24 * i }, name),
-    svg("rect", { class: kind, x: at(low), y: 6 + 24 * i, width: at(high) - at(low), height: 14 }),
-    svg("line", { class: "critical", x1: at(middle), x2: at(middle), y1: 3 + 24 * i, y2: 23 + 24 * i }),
-  ]);
-  return [svg("svg", { viewBox: `0 0 ${right + 14} 54`, role: "img", "aria-label": `${words}.` }, ...bars), element("p.quiet", {}, `${words}.`)];
+/** Return what own tests change: S in normal impact and, once `before` is known, the verdict by the published tests alone. */
+function changesOf({ before, ...judged }) {
+  const { own_tests: tests, oblique_angle_deg: mine } = judged;
+  const angleOf = ({ critical_angle_deg: angle, status }) => (angle === undefined ? statusShown(status) : degreesShown(angle, decimalsOf(judged)));
+  const row = (head, textOf) => [head, ...[before, judged].map((each) => textOf(each) ?? "not known")];
+  const rows = [["S at 0°", withInterval(tests.prior_median, ...tests.prior_spread, digits), withInterval(tests.median, ...tests.spread, digits)]];
+  if (before) rows.push(row("Critical angle", angleOf), row("90 % range", (each) => each.range_text), row(`Ricochet at ${mine}°`, (each) => each.probability_text));
+  const heads = ["", "Published tests", `With ${tests.shots} depth test${tests.shots === 1 ? "" : "s"}`];
+  return table("table", { heads, rows, isNamed: true, label: "What own tests change" });
 }
 
 function percent(share) {

@@ -45,6 +45,12 @@ export function endingShown({ outcome, protrusion }) {
   return out ? `${outcomeShown(outcome)}, its nose ${lengthShown(out)} out of the rear face` : outcomeShown(outcome);
 }
 
+/** Return a value with its interval, as in "0.76 (0.7 to 0.8)"; by itself where both ends read as it does. */
+export function withInterval(value, lower, upper, shown) {
+  const [middle, ...ends] = [value, lower, upper].map((each) => shown(each));
+  return ends.every((end) => end === middle) ? middle : `${middle} (${ends.join(" to ")})`;
+}
+
 /** Return a critical angle as text. */
 export function degreesShown(value, decimals = 2) {
   return `${value.toFixed(decimals)}°`;
@@ -70,7 +76,7 @@ export function describeRun(run) {
   const { final, target } = run;
   return (
     `After ${digits(final.time_s * 1e3)} ms, with its nose tip ${place(final.nose_tip_depth_m, target.thickness_m)} and its axis at ` +
-    `${(Math.round(10 * final.axis_angle_deg) / 10 || 0).toFixed(1)}° from the normal.${wallOf(run)} Strength factor ${digits(run.strength_factor)}.`
+    `${(Math.round(10 * final.axis_angle_deg) / 10 || 0).toFixed(1)}° from the normal.${wallOf(run)} Strength factor S at this oblique angle ${digits(run.strength_factor)}.`
   );
 }
 
@@ -90,7 +96,7 @@ export function describeAngle(found, decimals) {
   const error = found.critical_angle_standard_error_deg;
   const others = found.other_crossings_deg.map((angle) => degreesShown(angle, decimals)).join(", ");
   return [
-    `Strength factor at the critical angle ${digits(found.strength_factor)}.`,
+    `Strength factor S at the critical angle ${digits(found.strength_factor)}.`,
     error === undefined ? "" : `Standard error of the angle ${degreesShown(error)}.`,
     others && !outcomes ? `The outcome changes again at ${others}.` : "",
     outcomes,
@@ -122,7 +128,7 @@ export function warningList(...lists) {
   const rank = ({ code }) => (WORST.includes(code) ? WORST.indexOf(code) : WORST.length + (code === "strength_fit_extrapolated"));
   const special = found.filter(({ standing }) => !standing).sort((one, other) => rank(one) - rank(other));
   const standing = found.filter((each) => each.standing);
-  const words = ({ detail }) => unbroken(sentence(detail));
+  const words = ({ detail }) => sentence(detail);
   const folded = (name, kind, some, ...summary) => {
     const items = some.map((each) => element(`li.${kind}`, { "data-code": each.code }, words(each)));
     return some.length ? [element(`details.${name}`, {}, element("summary", {}, ...summary), element("ul", {}, ...items))] : [];
@@ -131,11 +137,6 @@ export function warningList(...lists) {
   const worst = element("span.worst", {}, ` ${special.slice(0, 1).map(words).join("")}`);
   const briefly = [...new Set(standing.map(({ code }) => warningShown(code)))].join(", ");
   return [...folded("warnings", "warning", special, count, worst), ...folded("standing.quiet", "note", standing, `Standing notes: ${briefly}`)];
-}
-
-/** Return text whose numbers keep to a line with their units. */
-export function unbroken(text) {
-  return text.replace(/(\d) (?=%|°|[kmM]?m\b|m\/s|kg|[MG]?Pa\b|k?N\b|(?:in|ft|lb|[pk]si)\b)/g, "$1\u00a0");
 }
 
 /** Return text with a capital first letter. */

@@ -230,8 +230,8 @@ MOTION = (
     Quantity("rotation", ANGLE),
 )
 MAX_SPEED_RATIO, MIN_SPEED_RATIO = 1.5, 0.1
-"""Largest and smallest plausible speed over the initial one, in the first half of the motion [1]. The bounds are wide
-(a rough choice), as wrong units are mostly off by a factor of 1000."""
+"""Largest plausible mean speed over the initial speed at any row, and smallest at half of the displacement [1]. The
+bounds are wide (a rough choice), as wrong units are mostly off by a factor of 1000."""
 
 ROTATION_SCATTER = math.radians(5.0)
 """Allowance for the scatter of measured rotations, a rough choice. [rad]"""
@@ -239,7 +239,7 @@ ROTATION_SCATTER = math.radians(5.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expected:
-    """The impact to which a history should belong, for checks of plausibility."""
+    """Impact against which a history is checked for plausibility."""
 
     impact: Impact
     projectile: Projectile
@@ -342,7 +342,7 @@ def _check_rows(readings: Readings, contact: float | None) -> None:
 
 
 def _since(readings: Readings, contact: float) -> Readings:
-    """Return the columns with time and displacements from first contact, which may lie between two rows."""
+    """Return the columns with time and displacements from first contact. The contact may lie between two rows."""
     time = readings.values["time"]
     if not time[0] <= contact < time[-1]:
         raise FileError(
@@ -358,7 +358,7 @@ def _since(readings: Readings, contact: float) -> Readings:
 
 
 def _check_speed(readings: Readings, expected: Expected) -> None:
-    """Raise an error if a motion is far from the speed of the impact, most likely because of a wrong unit."""
+    """Raise an error if a motion is implausible after an impact at this speed, most likely because of a wrong unit."""
     time, impact = readings.values["time"], expected.impact
     free = impact.velocity * time
     share = {
@@ -370,8 +370,8 @@ def _check_speed(readings: Readings, expected: Expected) -> None:
         _refuse(readings, way > MAX_SPEED_RATIO * free + 0.5 * expected.projectile.diameter, name, "more", impact)
         most = MAX_SPEED_RATIO * impact.velocity * np.diff(time) + 0.5 * expected.projectile.diameter
         _refuse_step(readings, most, name, impact)
-        # The lower bound is checked at half of the distance only: afterwards the projectile may have been slow for
-        # long.
+        # The lower bound is checked at half of the displacement only: afterwards the projectile may be slow or at rest
+        # for most of the time.
         half = np.arange(len(time)) == (int(np.argmax(way >= 0.5 * way.max())) if way.any() else len(time) - 1)
         _refuse(readings, half & (way < MIN_SPEED_RATIO * share[name] * free), name, "much less", impact)
     if "rotation" in readings.values:
@@ -383,7 +383,7 @@ def _check_speed(readings: Readings, expected: Expected) -> None:
 
 
 def _refuse_step(readings: Readings, most: FloatArray, name: str, impact: Impact) -> None:
-    """Raise an error for the first step between two rows that is larger than a motion can make.
+    """Raise an error for the first step between two rows that exceeds its largest plausible value.
 
     The likely causes are missing rows, rows of another run, and an angle that starts again at a full turn.
     """

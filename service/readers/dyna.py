@@ -8,7 +8,7 @@ the global axes, the last three with rotations, then the same along the axes of 
 
 A state of nodout begins with ``n o d a l   p r i n t   o u t   f o r   t i m e  s t e p ... ( at time ... )`` and a
 line of column names from ``nodal point  x-disp`` on, then a line for each node: its number and twelve numbers, the
-displacements first. Models with rotations write the state again, from ``x-rot`` on.
+displacements first. If the model has rotations, the state is written a second time, from ``x-rot`` on.
 
 A binout is in the LSDA format: variables in folders, listed in tables of symbols. It begins with eight bytes: the
 length of this header, the widths of a length, an offset, a command and a type, and the byte order, 1 for little-endian.
@@ -101,7 +101,8 @@ def along(states: States, axes: Mapping[str, CoordinateAxis]) -> Readings:
     Raises
     ------
     FileError
-        If no axis is given, depth and lateral are the same, or the file has no rotations.
+        If no axis is given, depth and lateral displacement have the same axis, rotation has an axis but the file has no
+        rotations, or a number is not finite.
     """
     if not axes:
         raise FileError(states.path, "the motion is along x, y, z: name the axes of depth, lateral and rotation")
@@ -249,7 +250,7 @@ def read_nodout(path: str | Path, lines: Sequence[str], node: int | None) -> Sta
 
 
 def _nodes(lines: Sequence[str]) -> list[int]:
-    """Return the nodes of the first state."""
+    """Return the ids of the nodes in the first state."""
     nodes: list[int] = []
     begun = False
     for text in lines:
@@ -272,7 +273,7 @@ def _require_complete(
 
 
 def _numbers(path: str | PathLike[str], line: int, text: str, least: int, what: str) -> list[float]:
-    """Return the numbers of a line, NaN for asterisks; those of a fixed width may stand without separators.
+    """Return the numbers of a line, NaN for asterisks; columns of fixed width need no separators.
 
     Raises
     ------

@@ -129,8 +129,8 @@ def lines_of(path: str | Path, content: bytes, *, strict: bool = True) -> list[s
     Parameters
     ----------
     strict
-        True to raise an error if the text is not UTF-8. Otherwise such characters, which occur in titles of older
-        LS-DYNA files, are replaced.
+        True to raise an error if the text is not UTF-8. Otherwise invalid bytes, which occur in titles of older LS-DYNA
+        files, are replaced.
 
     Raises
     ------
@@ -160,7 +160,7 @@ class Readings:
     path
         The file.
     values
-        Columns of equal length, by quantity. [SI]
+        Columns of equal length, by quantity. [SI; units of the model in the result of `dyna.along`]
     lines
         Line of each row; None for binary files, whose errors give the number of the state instead.
     """
@@ -175,7 +175,7 @@ class Readings:
         return len(next(iter(self.values.values())))
 
     def each_row(self) -> Iterator[dict[str, float]]:
-        """Yield each row as a mapping from quantity to value. [SI]"""
+        """Yield each row as a mapping from quantity to value."""
         for row in range(self.rows):
             yield {name: float(values[row]) for name, values in self.values.items()}
 

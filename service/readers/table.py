@@ -1,4 +1,4 @@
-"""Reader of CSV files, whose columns are quantities in any known unit and whose errors name the line."""
+"""Reader of CSV files with columns of quantities in any known unit; its errors name the line."""
 
 import csv
 import itertools
@@ -197,7 +197,7 @@ def read_table(path: str | Path, content: bytes | None = None, *, gaps: bool = F
     """Read a CSV file, or the first sheet of an Excel workbook.
 
     Cells are separated by commas, semicolons or tabs, or by blanks if the header contains none of these. Lines that
-    begin with ``#`` or ``%`` are comments. If numbers follow without a header, the last comment before them is the
+    begin with ``#`` or ``%`` are comments. If the first row has only numbers, a comment in the line before it is the
     header. A first line ``sep=;`` names the separator, and a second row of units belongs to the header.
 
     Parameters
@@ -313,7 +313,10 @@ def read_columns(
 
 
 def _with_header(lines: list[str]) -> list[str]:
-    """Return the lines with the last comment turned into the header, if only numbers follow, as in files of numpy."""
+    """Return the lines with the comment before the first row as the header, if that row has only numbers.
+
+    NumPy writes such files.
+    """
     first = next((n for n, line in enumerate(lines) if line.strip() and not line.startswith(COMMENTS)), 0)
     comment = lines[first - 1] if first else ""
     if comment.startswith(COMMENTS) and not NUMBER_SIGN.match(comment) and _has_numbers_only(lines[first]):

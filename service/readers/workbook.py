@@ -31,7 +31,7 @@ def sheet_as_csv(path: str | Path) -> bytes:
         If the file cannot be read, has too many cells, or openpyxl is not installed.
     """
     try:
-        from openpyxl import load_workbook  # noqa: PLC0415 (an extra, which other files do without)
+        from openpyxl import load_workbook  # noqa: PLC0415 (an extra that only workbooks need)
         from openpyxl.utils.exceptions import InvalidFileException  # noqa: PLC0415
     except ModuleNotFoundError:
         reason = 'an Excel workbook needs openpyxl: install the extra excel, pip install -e ".[excel]"'

@@ -82,7 +82,7 @@ class Assessed:
     scatter: Sequence[Mapping[str, Any]]
     """Uncertain inputs with their distributions, as the study used them."""
     dispersion: float
-    """Standard deviation of the logarithm of S at the stated strength. [1]"""
+    """Standard deviation of the logarithm of S at the given compressive strength. [1]"""
     verdict: Verdict
     advice: str
     """Sentence about how far the user's own shots would narrow the range; empty if that is not known."""
@@ -90,7 +90,7 @@ class Assessed:
     answers: Mapping[str, Any]
     """Answers by name; one that failed is an object with the field `problem`."""
     speeds: Sequence[tuple[float, Mapping[str, Any]]]
-    """Speed [m/s] and answer of each search at another speed."""
+    """Speed [m/s] and answer of each search over the speed, that of the case included."""
     made: str
     """Date and time at which the report was made."""
     address: str | None
@@ -99,7 +99,7 @@ class Assessed:
 
 
 class Limit(NamedTuple):
-    """A limit of validity and the value of the case."""
+    """A limit of validity, and the value of the case that is compared with it."""
 
     label: str
     value: Any
@@ -315,7 +315,7 @@ def _limits(numbers: Numbers, strike: Assessed) -> list[Limit]:
 
 
 def _no_limits(_: Numbers, __: Assessed) -> list[Limit]:
-    """Return no limits, for laws without data of their own: the strength in the tests behind all laws is listed."""
+    """Return no limits, for laws without any beyond those that `_limits` lists for all laws."""
     return []
 
 
@@ -386,7 +386,7 @@ LAW_LIMITS: Final[Mapping[str, Callable[[Numbers, Assessed], list[Limit]]]] = {
 
 
 def _warnings(strike: Assessed) -> list[tuple[tuple[str, str, str], bool]]:
-    """Return the warnings of the report: those of the verdict, and those of other answers with other codes.
+    """Return the warnings of the report: those of the verdict, and from other answers those with further codes.
 
     Each item is the code, the text and the label of the answer, and True if most answers have this warning.
     """

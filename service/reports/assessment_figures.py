@@ -134,7 +134,7 @@ class _ScaledTicks(AutoLocator):
     Parameters
     ----------
     factor
-        Number of units shown in one of the data.
+        Factor from the unit of the data to the unit shown.
     """
 
     def __init__(self, factor: float) -> None:
@@ -146,7 +146,7 @@ class _ScaledTicks(AutoLocator):
 
 
 def _tick_in(axes: Axes, factor: float) -> None:
-    """Show the axes of a view, whose data are in metres, in a unit of which `factor` make a metre."""
+    """Label axes whose data are in metres in another unit; `factor` converts metres to that unit."""
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(_ScaledTicks(factor))
         axis.set_major_formatter(lambda value, _: f"{value * factor:.6g}".replace("-", "\N{MINUS SIGN}"))

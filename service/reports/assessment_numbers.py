@@ -29,7 +29,7 @@ def lookup(content: Any, pointer: str) -> Any:
 
 
 class Numbers:
-    """Formatter of numbers from answers; the page keeps the pointer and all digits of each, in the unit of the answer.
+    """Formatter of numbers from answers. Attributes in the HTML hold the pointer and all digits of each number.
 
     Units are given as SI units, such as ``mm``, and numbers are in the units of `solver.units`.
 
@@ -47,7 +47,10 @@ class Numbers:
         return lookup(self._content, pointer)
 
     def fixed(self, pointer: str, decimals: int = 0, *, unit: str = "", bare: bool = False) -> Markup:
-        """Return a number with decimals as in SI; empty if there is no number. `bare` leaves out the unit."""
+        """Return a number with `decimals` decimals in SI, and about the same resolution in other units.
+
+        It is empty if there is no number. `bare` leaves out the unit.
+        """
         value = self.at(pointer)
         return self._data(pointer, unit, "" if value is None else fixed(value, unit, decimals), bare=bare)
 
@@ -206,7 +209,7 @@ def _shot(shot: Mapping[str, float]) -> str:
 
 
 def _listed(values: Sequence[Any], unit: str) -> str:
-    """Return the numbers in full, or how many there are if they are too many to list."""
+    """Return the values as text; a long list of shots is cut, and a large matrix is replaced by its number of rows."""
     if values and isinstance(values[0], Mapping):
         more = f"; {len(values)} in all, as in the request" if len(values) > MOST_SHOTS else ""
         return "; ".join(map(_shot, values[:MOST_SHOTS])) + more

@@ -133,7 +133,7 @@ def tip_path(
 
 
 def silhouette(projectile: Projectile) -> FloatArray:
-    """Return the outline of the projectile, once around: (n, 2) distance behind the tip and from the axis. [m]"""
+    """Return the outline on both sides of the axis: (n, 2) distances behind the tip and from the axis. [m]"""
     edge: list[tuple[float, float]] = []
     for piece in projectile.outline():
         if isinstance(piece, Line):

@@ -298,7 +298,7 @@ class Alternative(Part):
     strength_factor: StrengthLaw
     obliquity_shape: ObliquityShape
     fitted_to: str
-    """Data to which the decay law and the strength law were fitted."""
+    """Tests or computations to which the strength law was fitted, and basis of the decay law, which is a theory."""
     problem: Problem | MISSING = MISSING
     """Reason why there is no result with these laws."""
 

@@ -41,7 +41,7 @@ class Batch(Part, Generic[BatchCase]):
 
 
 class Cases(Part):
-    """Body of a batch before its cases are validated, which happens in parts."""
+    """Body of a batch before its cases are validated, some at a time."""
 
     cases: Annotated[list[Any], Field(min_length=1, max_length=MOST_CASES)]
 
@@ -70,7 +70,7 @@ class Results(Part, Generic[ItemOf]):
 
 
 class BatchOutput(TrajectoryOutput):
-    """Contents of the answer to a trajectory in a batch or a sweep."""
+    """Contents of the answer to one case of a batch or one point of a sweep."""
 
     model_config = with_examples({"history": True, "sample_interval_s": 1e-4})
 
@@ -79,7 +79,7 @@ class BatchOutput(TrajectoryOutput):
 
 
 class TrajectoryBase(TrajectoryFields):
-    """One strike in a batch or a sweep. Unlike that of a single strike, its answer has no history by default."""
+    """One strike in a batch or a sweep. Its answer has no history by default, unlike the answer to a single strike."""
 
     model_config = with_examples(PAPER_AT_45)
 

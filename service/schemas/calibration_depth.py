@@ -38,8 +38,9 @@ MOST_TESTS = 1000
 """Largest number of tests, four times the 251 published tests to which the law of S was fitted."""
 CURVE_POINTS = 21
 """Number of points of a curve of depth over velocity, enough for a smooth plot."""
+# A fifth more on either side shows where the curve leads, without an extrapolation far from the tests.
 BELOW, ABOVE = 0.8, 1.2
-"""Lowest velocity of a curve relative to the lowest of the tests, and highest relative to the highest. [1]"""
+"""Lowest velocity of a curve relative to the lowest in the tests, and its highest relative to their highest. [1]"""
 
 TEST = {"velocity_m_s": 238.1, "depth_m": 0.30, "mass_kg": 12.923}
 TABLE_1 = [
@@ -67,6 +68,7 @@ class DepthTest(SolverPart[SolverTest]):
     """Greatest depth of the nose tip. [m]"""
     mass_kg: Annotated[Num, Field(**within("projectile.mass"))] | MISSING = MISSING
     """Mass of the projectile, if it differs from that of `projectile`. [kg]"""
+    # Only ratios of weights matter. A ratio beyond a million leaves a test out, which is better done openly.
     weight: Annotated[Num, Field(ge=1e-6, le=1e6)] = 1.0
     """Relative weight of the squared residual. [1]"""
     group: Group | MISSING = MISSING
@@ -223,7 +225,7 @@ def depth_answer(fit: DepthFit, curves: Sequence[tuple[float, FloatArray, FloatA
 
 
 MOST_POINTS = 1000
-"""Largest number of points of a fit over the angle, the same as of tests of a fit to depths."""
+"""Largest number of points of a fit over the angle, equal to `MOST_TESTS`."""
 TABLE_2 = [
     {"oblique_angle_deg": angle, "strength_factor": factor}
     for angle, factor in ((0.0, 8.52), (15.0, 8.25), (30.0, 7.91), (45.0, 6.48))
@@ -239,6 +241,7 @@ class ObliquityPoint(SolverPart[SolverPoint]):
     oblique_angle_deg: Obliquity
     """Angle between the velocity and the inward normal. [°]"""
     strength_factor: StrengthFactorValue
+    # The upper bound is that of a strength factor. The lower one keeps the weight, its inverse square, finite.
     standard_error: Annotated[Num, Field(ge=1e-6, le=1000.0)] | MISSING = MISSING
     """Standard error of the strength factor, given for all points or for none. [1]"""
 
@@ -251,6 +254,7 @@ class ObliquityCalibrationRequest(Part):
     )
 
     points: Annotated[list[ObliquityPoint], Field(min_length=1, max_length=MOST_POINTS, fail_fast=True)]
+    # 9 is `HIGHEST_ORDER` of the solver, 2 the order of eq. 9.
     order: Annotated[Count, Field(ge=0, le=9), WHOLE] = 2
     """Degree of the polynomial, less than the number of different angles. [1]"""
 

@@ -56,12 +56,13 @@ class Calibration(Part):
     resistance: Annotated[CalibrationResistance, Field(default_factory=CalibrationResistance)]
     numerics: Numerics | MISSING = MISSING
     """Method and resolution of the runs. In a fit to motions, each run ends with its history."""
+    # Below one half an interval is more often wrong than right; the upper bound is a rough choice.
     confidence_level: Annotated[Num, Field(ge=0.5, le=0.9999)] = 0.95
-    """Probability that the confidence interval contains the strength factor. [1]"""
+    """Confidence level of the interval of the strength factor. [1]"""
     compare_strength_factors: (
         Annotated[list[StrengthFactorValue], Field(min_length=1, max_length=MOST_COMPARED)] | MISSING
     ) = MISSING
-    """Further strength factors, for each of which the answer has a prediction. [1]"""
+    """Further strength factors with which the answer contains predictions. [1]"""
 
     def canonical(self) -> dict[str, Any]:
         """Return the request as JSON data, with defaults filled in."""
@@ -110,8 +111,8 @@ class FittedStrength(Part):
 COMPARED_ROWS = 1000
 """Largest number of rows of a motion that is predicted for comparison, enough for a smooth curve in a plot."""
 MOST_RUNS = 20
-"""Largest number of runs of a calibration by motion. Each takes three fits of 20 cases, so that a request costs up to
-1,200 cases."""
+"""Largest number of runs of a calibration by motion. Each takes three fits, which cost 20 cases with the adaptive
+method, so that a request then costs up to 1,200 cases."""
 
 AT_30: dict[str, Any] = {
     "time_s": [0.0, 0.0005, 0.001, 0.0015, 0.002, 0.0025],
@@ -151,10 +152,11 @@ class MotionRecord(SolverPart[MotionHistory]):
 
 
 class MotionWeights(SolverPart[Weights]):
-    """Relative weights of the squared residuals of the quantities, each scaled by its span."""
+    """Relative weights of the squared residuals of each quantity, which are relative to its span."""
 
     model_config = with_examples({"depth": 1.0, "lateral": 1.0, "rotation": 0.5})
 
+    # Only ratios of weights matter, and 0 leaves a quantity out. The upper bound is a rough choice.
     depth: Annotated[Num, Field(ge=0.0, le=1e6)] = 1.0
     """Weight of the displacement along the normal. [1]"""
     lateral: Annotated[Num, Field(ge=0.0, le=1e6)] = 1.0
@@ -274,7 +276,7 @@ class MotionCalibrationRequest(Calibration):
         return max((each.time_s[-1] for each in histories if each is not MISSING), default=0.0)
 
     def located(self, error: ParameterError) -> ParameterError:
-        """Return an error of the solver with the field of the request.
+        """Return an error of the solver with the name of the field in the request.
 
         The solver does not number a single run, which the request may list as `runs.0`.
         """

@@ -143,7 +143,7 @@ class DecayLawRun(Part):
 
 
 class DecayLawFit(Part):
-    """Best fit with one decay law; only the name of the law if the motion does not determine the strength factor."""
+    """Best fit with one decay law. If the motion does not determine the strength factor, only the law is named."""
 
     model_config = with_examples(
         {"free_surface": "elastic_plastic"} | ESTIMATE | {"normalized_root_mean_square": 0.0019},

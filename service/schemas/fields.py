@@ -82,8 +82,8 @@ def part_of(model: type[Part], name: str) -> type[Part] | None:
 def walk(model: type[Part], found: Any, /, **given: Any) -> dict[str, Any]:
     """Convert a result of the solver to an answer as JSON data, by the fields of its model.
 
-    Angles become degrees in fields with the suffix `_deg`, nested models are converted in turn, and optional fields
-    that are None, empty or False are left out.
+    Fields with the suffix `_deg` are converted to degrees and those with `_g` to standard gravity. Nested models are
+    converted in turn, and optional fields that are None, empty or False are left out.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Models of the flight after a ricochet: request, answer, and position of the face in other requests."""
+"""Models of the flight after an exit through either face: request, answer, and flight conditions in other requests."""
 
 from enum import StrEnum
 from typing import Annotated, Any
@@ -49,7 +49,7 @@ class IncidencePlane(StrEnum):
 
 
 class FlightInput(SolverPart[solver.FlightConditions]):
-    """Position of the struck face, for the flight of a body that leaves it."""
+    """Struck face and drag, for the flight of a body that leaves the target."""
 
     model_config = with_examples(FACE)
 

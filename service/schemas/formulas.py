@@ -40,8 +40,9 @@ class FormulaImpact(Impact):
     model_config = with_examples(STRIKE)
 
     oblique_angle_deg: Annotated[Num, Field(ge=0.0, lt=90.0)] = 0.0
-    """Angle between the velocity and the inward normal of the face. The formulas have no angle; they are evaluated with
-    the component of the velocity along the normal, which is common practice but has no other justification. [°]"""
+    """Angle between the velocity and the inward normal of the face. The formulas are for normal impact; they
+    are evaluated with the component of the velocity along the normal, which is common practice but has no other
+    justification. [°]"""
 
 
 class FormulasRequest(Part):
@@ -71,7 +72,7 @@ class NotFitted(Part):
     pointer: Annotated[str, Of(lambda outside: pointer_of_parameter(outside.field))]
     """JSON pointer to the input in the request, or to the result in the row."""
     detail: str
-    """Range of the formula, and the present value."""
+    """Range of the formula, and the value of this strike."""
 
 
 class FormulaRow(Part):
@@ -113,8 +114,8 @@ class FormulaSpread(Part):
     highest: Num
     """Highest result. [m]"""
     formulas: Annotated[int, Of("count")]
-    """Number of formulas in range with a result. A result that one formula takes from another, as Kar's for steel from
-    modified NDRC, counts once."""
+    """Number of formulas in range with a result. Equal results, such as Kar's for steel and modified NDRC's, count
+    once."""
 
 
 def spread_of(limit: Limit) -> Of:

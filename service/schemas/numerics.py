@@ -48,6 +48,8 @@ class Numerics(SolverPart[solver.Numerics]):
     method: Method | MISSING = MISSING
     """Method of computing a trajectory. The default is `adaptive`, except in the searches `bisection` and `secant`,
     where it is `panels`."""
+    # The longest termination time is the longest default. The reference runs had 96,000 panels, and the time step may
+    # be a hundredth to a hundred times that of the paper. `max_panel_steps` of the settings bounds the work of a run.
     termination_time_s: Annotated[Num, Field(ge=1e-6, le=1.0)] | MISSING = MISSING
     panels: Annotated[Count, Field(ge=100, le=100_000), WHOLE] = NUMERICS.panels
     time_step_s: Annotated[Num, Field(ge=1e-7, le=1e-3)] = NUMERICS.time_step
@@ -72,5 +74,6 @@ class Search(SolverPart[solver.Search]):
     method: SearchMethod = SearchMethod(SEARCH.method)
     lower_deg: Obliquity | MISSING = MISSING
     upper_deg: Obliquity | MISSING = MISSING
+    # The bounds of both tolerances are those of the solver.
     tolerance_deg: Annotated[Num, Field(ge=1e-6, le=10.0)] = degrees(SEARCH.tolerance)
     relative_tolerance: Annotated[Num, Field(ge=1e-8, le=0.5)] = SEARCH.relative_tolerance

@@ -211,7 +211,9 @@ class LimitSpeedFields(PerforationCase):
     impact: Approach
 
     def resolved(self) -> Self:
-        """Return the request with defaults filled in, except for the end of a run, which depends on its speed.
+        """Return the request with defaults filled in.
+
+        With the adaptive method the termination time stays absent, since it depends on the speed of each run.
 
         Raises
         ------
@@ -253,7 +255,7 @@ class LimitSpeedRequest(LimitSpeedFields):
 
 
 class LimitSpeedBase(LimitSpeedFields):
-    """A wall and a projectile whose limit speed is searched for, in a batch or a sweep. The 90 % range is optional."""
+    """A wall and a projectile whose limit speed is searched for, in a batch or a sweep, by default without a range."""
 
     model_config = with_examples(WALL)
 

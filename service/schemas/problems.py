@@ -20,7 +20,7 @@ UNITLESS = frozenset({"distribution", "weights"})
 
 
 def json_pointer(steps: Iterable[str | int]) -> str:
-    """Return the JSON pointer of some steps, which it escapes."""
+    """Return the JSON pointer with these steps, escaped as in RFC 6901."""
     return "".join("/" + str(step).replace("~", "~0").replace("/", "~1") for step in steps)
 
 

@@ -32,7 +32,7 @@ Flag = Annotated[bool, Strict()]
 """JSON true or false. Numbers and strings, which pydantic would convert, are refused."""
 
 
-# Left out of dumps where it has no effect, so that the key of a result is the one that it had without this field.
+# The default is left out of dumps, so that keys of results in SI units are the same as before this field existed.
 Units = Annotated[
     UnitSystem,
     Field(
@@ -72,9 +72,9 @@ class Part(BaseModel):
     An optional field that is null in a request counts as absent, since some generated clients send null for it.
 
     The description of a field in the contract is its docstring or, without one, the description of the same field in
-    the solver with the unit converted. It is read when a schema is made; pydantic's `use_attribute_docstrings` would
-    read it when the class is made, and add 0.2 s to every start. Fields in `answered_last` follow the others in an
-    answer, which otherwise has the order of the model.
+    the solver with the unit converted. Docstrings are read when a schema is made; pydantic's `use_attribute_docstrings`
+    would read them when the class is made, and add 0.2 s to every start. Fields in `answered_last` follow the others in
+    an answer, which otherwise has the order of the model.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -117,7 +117,7 @@ def _docstring_of(model: type[Part], name: str) -> str:
 
 
 def _solver_description(model: type[Part], name: str) -> str:
-    """Return the description of a field by the solver, with the unit in the name of the field."""
+    """Return the description of a field in the solver, with the unit that the name of the model's field states."""
     marks = [mark.source for mark in model.model_fields[name].metadata if isinstance(mark, Of)]
     source = marks[-1] if marks else name.removesuffix(unit_end(name))
     kind = solver_class(model)

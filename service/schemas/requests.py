@@ -72,7 +72,7 @@ Alternatives = Annotated[
 
 
 class TrajectoryOutput(Part):
-    """Contents of the answer to a trajectory."""
+    """Optional contents of the answer."""
 
     model_config = with_examples({"history": False}, {"sample_interval_s": 1e-4})
 
@@ -82,7 +82,7 @@ class TrajectoryOutput(Part):
 
 
 class CriticalAngleOutput(Part):
-    """Contents of the answer to a critical angle."""
+    """Optional contents of the answer."""
 
     model_config = with_examples({"history": True, "sample_interval_s": 1e-4})
 
@@ -161,8 +161,8 @@ class Case(Part):
             return None
         end, interval = self.numerics.termination_time_s, output.sample_interval_s
         if interval is MISSING:
-            # The default is widened for a long run, which would otherwise be refused for an interval that it did not
-            # set.
+            # The default is widened for a long run; otherwise the request would be refused because of an interval that
+            # it does not contain.
             return SAMPLE_INTERVAL if end is MISSING else max(SAMPLE_INTERVAL, end / MOST_ROWS)
         # An interval that the client gave is refused rather than changed, because the key of the result depends on it.
         if end is not MISSING and end > MOST_ROWS * interval:
@@ -301,7 +301,7 @@ def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request
         resistance = request.resistance.model_copy(
             update={"strength_factor": law.strength_factor, "free_surface": law.free_surface}
         )
-        # The texts of an alternative are not shown, so that its result is the same for all units.
+        # An alternative is answered without texts, so that its result does not depend on the units of the request.
         changes = {"resistance": resistance, "alternatives": False, "units": UnitSystem.SI}
         other = cast("Request", request.model_copy(update=changes))
         with written_in(request.units):
@@ -311,7 +311,7 @@ def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request
 
 
 def answered_alternative(laws: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entry of an alternative in the answer, with its result or problem."""
+    """Return the entry of an alternative in the answer: its laws and its result."""
     return {**laws, **{name: answer[name] for name in FOUND if name in answer}}
 
 

@@ -60,6 +60,7 @@ class ConstantStrengthFactor(SolverPart[solver.ConstantStrengthFactor]):
     model_config = with_examples(CONSTANT)
 
     model: Literal["constant"]
+    # Measured values lie between 2 and 30. The bound is a rough choice that excludes strengths in MPa or Pa.
     value: Annotated[Num, Field(gt=0.0, le=1000.0)]
 
 
@@ -104,6 +105,7 @@ class StrengthPowerLaw(SolverPart[solver.StrengthPowerLaw]):
     model_config = with_examples({"model": "strength_power_law"}, STRENGTH, STRENGTH_AND_DIAMETER)
 
     model: Literal["strength_power_law"]
+    # The bounds are rough choices: published exponents lie within ±1, and the bounds only keep powers finite.
     coefficient: Annotated[Num, Field(gt=0.0, le=1e6)] = POWER_LAW.coefficient
     exponent: Annotated[Num, Field(ge=-10.0, le=10.0)] = POWER_LAW.exponent
     reference_strength_pa: Annotated[Num, Field(ge=1e5, le=1e9)] = POWER_LAW.reference_strength
@@ -209,14 +211,16 @@ class Crater(SolverPart[solver.Crater]):
 
     model_config = with_examples({"depth_diameters": 2.0})
 
+    # The bounds are those of the solver.
     depth_diameters: Annotated[Num, Field(gt=0.0, le=20.0)] = CRATER.depth_diameters
 
 
 class ShearPlug(SolverPart[solver.ShearPlug]):
-    """Cone that shears out of the rear of a wall, within whose height nothing resists (Li and Tong 2003)."""
+    """Conical plug that shears out of the rear of a wall and then offers no resistance (Li and Tong 2003)."""
 
     model_config = with_examples({"cone_angle_deg": 66.1})
 
+    # The bounds are those of the solver.
     cone_angle_deg: Annotated[Num, Field(ge=10.0, le=85.0)] = round(math.degrees(PLUG.cone_angle), 9)
 
 

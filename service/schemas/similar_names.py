@@ -39,10 +39,10 @@ def field_names(
 
 
 def meant_as(field: str, known: Sequence[str]) -> str:
-    """Return the known field that an unknown one is probably meant to be; empty if none is similar.
+    """Return the known field that was probably meant by an unknown one; empty if none is similar.
 
     A common name of the same quantity takes precedence over a similar spelling, and a field of the same object over
-    others. Only fields of a case are suggested from elsewhere, not those of a study or a calibration.
+    fields of other objects. Of the latter only fields of a case are suggested, not those of a study or a calibration.
     """
     holder, _, last = field.rpartition(".")
     name = SEPARATORS.sub("_", last.lower())
@@ -52,7 +52,7 @@ def meant_as(field: str, known: Sequence[str]) -> str:
         for each in places:
             if name in ALIASES.get(each, ()) or (places is beside and name in usual_names().get(last_name(each), ())):
                 return each
-        # The first of several fields with one name counts, hence the reversed order. The unit may be omitted.
+        # Of several fields with the same name the first is kept, hence the reversed order. The unit may be omitted.
         whole = {each.rpartition(".")[2]: each for each in reversed(places)}
         names = {each.removesuffix(unit_end(each)): where for each, where in whole.items()} | whole
         for word in (name, last):
@@ -68,5 +68,5 @@ def last_name(field: str) -> str:
 
 @cache
 def usual_names() -> dict[str, tuple[str, ...]]:
-    """Return the common names of quantities, by the last part of their path: a mass is named alike in every object."""
+    """Return the common names of quantities, by the last part of their path, which is the same in every object."""
     return {last_name(field): names for field, names in ALIASES.items()}

@@ -75,6 +75,7 @@ class ProfileNose(SolverPart[solver.Profile]):
     model_config = with_examples(PROFILE)
 
     shape: Literal["profile"]
+    # The bounds are those of the solver.
     points: Annotated[list[ProfilePoint], Field(min_length=2, max_length=1000)]
     """Points [x, r] of the outline: x is the distance behind the tip, from 0, and r the distance from the axis, up to
     the radius of the shank. x must not decrease, and the slope must not increase. If r decreases after its largest

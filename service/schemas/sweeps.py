@@ -32,6 +32,7 @@ class Axis(Part):
 
     model_config = with_examples(EVEN, LISTED)
 
+    # No path is half as long; the bound keeps a crafted one out of messages.
     field: Annotated[str, StringConstraints(strict=True, min_length=1, max_length=200)]
     """Dotted path to a number of the base, such as `impact.velocity_m_s`."""
     values: Annotated[list[AxisNumber], Field(min_length=1, max_length=MOST_LINES, fail_fast=True)] | MISSING = MISSING
@@ -55,7 +56,7 @@ class Axis(Part):
         """Return the values of the axis."""
         if self.values is not MISSING:
             return self.values
-        assert self.start is not MISSING  # noqa: S101 (one of both forms)
+        assert self.start is not MISSING  # noqa: S101 (`_check_form` requires it)
         assert self.stop is not MISSING  # noqa: S101
         assert self.count is not MISSING  # noqa: S101
         if self.count == 1:
@@ -155,7 +156,7 @@ class CaseModels:
 
 
 class Outline(Part):
-    """Body of a sweep before its points are validated, which happens in parts."""
+    """Body of a sweep before its points are validated, some at a time."""
 
     base: dict[str, Any]
     axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES, fail_fast=True)]
@@ -272,7 +273,7 @@ def _reason(schema: dict[str, Any], field: str) -> str:
 
 @cache
 def schema_of(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the JSON schema of a request, which is cached."""
+    """Return the JSON schema of a model of requests, from a cache after the first call."""
     return model.model_json_schema()
 
 

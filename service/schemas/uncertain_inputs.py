@@ -1,4 +1,4 @@
-"""Models of uncertain inputs and their distributions, and functions that make the requests of samples."""
+"""Models of uncertain inputs and their distributions, and functions that build the request for each sample."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -115,7 +115,7 @@ class LogStudentTDistribution(SolverPart[LogStudentT]):
     """Degrees of freedom, 1 or more. With many the distribution is nearly lognormal. [1]"""
     lower: Finite | MISSING = MISSING
     upper: Finite | MISSING = MISSING
-    """Bound at which the distribution is truncated, like `lower`. Heavy tails need both for a field with bounds."""
+    """Upper bound of a truncated distribution. A field with a limited range needs both, since the tails are heavy."""
 
 
 class UniformDistribution(SolverPart[Uniform]):
@@ -184,7 +184,7 @@ class UncertainInput(Part):
 
     field: Annotated[
         str,
-        StringConstraints(strict=True, min_length=1, max_length=200),
+        StringConstraints(strict=True, min_length=1, max_length=200),  # as of an axis of a sweep
         Field(
             description="Dotted path to a number of the request, such as `impact.velocity_m_s`; "
             "`resistance.free_surface.model` or `resistance.strength_factor.model` with names; "
@@ -228,7 +228,7 @@ def inputs_of(uncertain: Sequence[UncertainInput], model: type[BaseModel], base:
 def _bases_of(
     model: type[BaseModel], base: dict[str, Any], uncertain: Sequence[Uncertain], index: int
 ) -> list[dict[str, Any]]:
-    """Return the requests in which an input is set: the base, or one for each uncertain model that contains it.
+    """Return the requests in which an input is set: the base or, for a parameter of an uncertain model, one per model.
 
     Raises
     ------
@@ -281,7 +281,7 @@ def accepts(
 def _check_models(
     model: type[BaseModel], base: dict[str, Any], place: str, field: str, distribution: Distribution, *, names: bool
 ) -> None:
-    """Check that the values of an uncertain model are names of models."""
+    """Check that the values of an uncertain model are names of models that the contract accepts there."""
     if not isinstance(distribution, Discrete) or not names:
         raise ParameterError(f"{place}.distribution", f"of {field!r} must be discrete, with names of models")
     for number, name in enumerate(distribution.values):
@@ -351,7 +351,7 @@ def _with_law(request: Mapping[str, Any], law: StrengthFactor) -> dict[str, Any]
 def without_shots(case: Case, request: dict[str, Any]) -> dict[str, Any]:
     """Return the request of a sample with the model `own_tests` replaced by the equivalent power law.
 
-    Samples then need not repeat the shots, whose fit would be computed for each of them.
+    Otherwise the request of every sample would contain the shots, and the fit to them would be repeated for each.
 
     Raises
     ------

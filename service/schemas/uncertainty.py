@@ -46,6 +46,7 @@ class AngleRange(Part):
     """First angle. [°]"""
     stop: Annotated[Num, Field(ge=0.0, lt=90.0)] = 85.0
     """Last angle. [°]"""
+    # The bound is that of the solver, `MOST_ANGLES`. The default is every half degree.
     count: Annotated[Count, Field(ge=2, le=2001), WHOLE] = 161
 
     @model_validator(mode="after")
@@ -72,7 +73,7 @@ class SamplingSettings(SolverPart[Sampling]):
     model_config = with_examples({"half_width": 0.02, "confidence": 0.95, "max_samples": 16384, "seed": 7})
 
     half_width: Annotated[Num, Field(ge=1e-4, le=0.5)] = SAMPLING.half_width
-    """Half width of the confidence intervals of all probabilities, cut off at 0 and 1, at which sampling ends. [1]"""
+    """Sampling ends when no confidence interval of a probability, cut off at 0 and 1, has a larger half width. [1]"""
     confidence: Annotated[Num, Field(ge=0.5, le=0.9999)] = SAMPLING.confidence
     """Confidence level of every interval. [1]"""
     max_samples: Annotated[Count, Field(ge=FEWEST_SAMPLES, le=MOST_SAMPLES_OF_A_REQUEST), WHOLE] = SAMPLING.max_samples

@@ -116,7 +116,7 @@ class AfterShotsAnswer(Part):
 
     shots: Count
     strength_factor_dispersion: Annotated[Num, Of("dispersion")]
-    """Standard deviation of ln S for the shot after these, at the stated strength. [1]"""
+    """Standard deviation of ln S for the shot after these, at the given compressive strength. [1]"""
     lower_deg: Num
     """Lower end of the 90 % range, if the shots do not change the median of S. [°]"""
     upper_deg: Num

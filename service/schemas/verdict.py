@@ -219,7 +219,8 @@ class VerdictAnswer(Part):
     strength_factor: Num | MISSING = MISSING
     """Strength factor at the critical angle, if there is such an angle. [1]"""
     strength_factor_dispersion: Num
-    """Standard deviation of ln S at the stated strength, from own tests or from the law of the published tests. [1]"""
+    """Standard deviation of ln S at the given compressive strength, from own tests or from the law of the published
+    tests. [1]"""
     own_tests: OwnTestsAnswer | MISSING = MISSING
     """Effect of the user's own tests on S, if there are any and there is a critical angle. With `paper_table_1` as
     `strength_scatter`, the four shots in Table 1 of the paper count as own tests."""

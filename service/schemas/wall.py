@@ -53,14 +53,17 @@ class WallQuestion(Part):
     model_config = with_examples(PERFORATION)
 
     enough: Flag | MISSING = MISSING
-    """True if the wall has at least the design thickness."""
+    """True if the wall has at least the design thickness and, for perforation, nothing comes out of the rear face in
+    the model."""
     limit_m: Num | MISSING = MISSING
     """Largest limit thickness of the formulas within their range, without a margin. [m]"""
     design_m: Num | MISSING = MISSING
     """Design thickness: the limit times 1.2 for perforation and times 1.1 for scabbing (DOE-STD-3014-2006). For
-    perforation it is at least what the model needs with a plug and a crater and without a protrusion. [m]"""
+    perforation it is at least the thickness at which the projectile, in the model with a plug and a crater, does not
+    protrude from the rear face. [m]"""
     formula: str | MISSING = MISSING
-    """Formula that decides the design thickness; `this_model` if the model needs more than the formulas."""
+    """Formula that decides the design thickness; `this_model` if the model requires a thicker wall than the formulas
+    with their margins."""
 
 
 class NormalImpactDesign(Part):
@@ -93,7 +96,7 @@ class WallDesign(Part):
 
 
 class Variants(Part):
-    """Limit by the model without and with a plug that shears out of the rear and a front crater."""
+    """Limits by the model: without plug and crater, with a plug that shears out of the rear, and with both."""
 
     model_config = with_examples(VARIANTS)
 

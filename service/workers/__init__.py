@@ -1,4 +1,4 @@
-"""Executors, which run the computations of the service, and the queue of work in front of them."""
+"""Executors, which run the computations of the service, and the queue from which they take work."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

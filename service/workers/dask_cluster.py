@@ -121,7 +121,7 @@ def plugin_name(task_seconds: float) -> str:
 LOOK_SECONDS = 1.0
 """Interval between checks of the list of workers, chosen by judgement [s]. Each is one request to the scheduler."""
 CONNECT_SECONDS = 5.0
-"""Timeout for an answer of the scheduler, chosen by judgement [s]. An answer takes milliseconds, so a scheduler that
+"""Timeout for a reply of the scheduler, chosen by judgement [s]. A reply takes milliseconds, so a scheduler that
 exceeds the timeout is considered lost."""
 INTRODUCTION_SECONDS = 180.0
 """Timeout for a worker to report its versions and start its pool [s]. A machine's first pool compiles the solver."""
@@ -167,9 +167,10 @@ class Cluster:
         self._task_seconds = task_seconds
         self._seen: dict[str, asyncio.Task[None]] = {}
         self._heartbeats: dict[str, tuple[float, float]] = {}
-        """Time of each worker's latest heartbeat by the scheduler's clock, and when it was noticed, by our own. [s]
+        """Time of each worker's latest heartbeat by the scheduler's clock, and time of its receipt by our clock. [s]
 
-        The clocks of the machines may differ, so that a heartbeat is compared only with the previous one.
+        The clocks of the machines may differ, so that the time of a heartbeat is compared only with that of the
+        previous one.
         """
         self._watching: asyncio.Task[None] | None = None
 
@@ -227,7 +228,7 @@ class Cluster:
 
     async def _present(self) -> dict[str, int]:
         """Return the numbers of threads of the workers that send heartbeats, by address."""
-        assert self.client is not None  # noqa: S101 (asked only then)
+        assert self.client is not None  # noqa: S101 (called only with a client)
         assert self.client.scheduler is not None  # noqa: S101 (it is connected)
         found = (await self.client.scheduler.identity(n_workers=-1))["workers"]
         now, before = time.monotonic(), self._heartbeats
@@ -258,7 +259,7 @@ class Cluster:
         )
         try:
             self.client = await connecting
-        except (OSError, ValueError) as error:  # Nothing listens at the address, or something other than a scheduler.
+        except (OSError, ValueError) as error:  # Nothing, or a program other than a scheduler, listens there.
             log.debug("no Dask scheduler at %s: %s", self.address, error)
             await in_time(connecting.close, CONNECT_SECONDS)
         else:
@@ -306,7 +307,7 @@ class Cluster:
 
 
 async def in_time(call: Callable[[], Awaitable[Value]], seconds: float) -> Value | None:
-    """Return the answer of the cluster to a call, or None if it fails or takes longer than `seconds`."""
+    """Return the result of a call to the cluster, or None if the connection fails or `seconds` have passed."""
     try:
         async with asyncio.timeout(seconds):
             return await call()
@@ -315,7 +316,7 @@ async def in_time(call: Callable[[], Awaitable[Value]], seconds: float) -> Value
 
 
 def use_our_log() -> None:
-    """Pass the log entries of Dask to the log of the service, and silence its warnings about large chunks."""
+    """Pass Dask's log entries to the log of the service, without errors of its client and warnings of large chunks."""
     for name, logger in logging.root.manager.loggerDict.items():
         if name.startswith(LIBRARIES) and isinstance(logger, logging.Logger):
             logger.handlers.clear()

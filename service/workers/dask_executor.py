@@ -28,13 +28,15 @@ LOSSES = 5
 """Number of times that a chunk may be lost, by the network or with its worker, before the pool runs it. Chosen by
 judgement: an unstable network should not keep a job from ending."""
 PAUSE_SECONDS = 0.1
-"""Backoff before a worker that lost a chunk gets another one, doubled with each loss; chosen by judgement [s]."""
+"""Unit of the backoff after the loss of a chunk [s]. After the nth loss of a chunk, the task that sent it waits for 2^n
+times this value before it sends another one. Chosen by judgement."""
 PATIENCE_SECONDS = 5.0
 """Time that chunks wait for a lost cluster before the pool takes them. Most restarts of a scheduler take less. [s]"""
 CANCEL_SECONDS = 1.0
-"""Timeout for the scheduler to acknowledge a cancellation, chosen by judgement [s]. Its reply is not needed."""
+"""Timeout for the scheduler to acknowledge a cancellation, whose reply is not needed, and for tasks of the service to
+end; chosen by judgement [s]."""
 CHUNKS_A_THREAD = 2
-"""Number of chunks assigned to each thread of a worker: the next one is already there when it has finished one."""
+"""Number of chunks assigned to each thread of a worker, so that the next one is there when one is finished."""
 DELIVERY_SECONDS = 30.0
 """Time allowed for transferring a chunk, in addition to the timeouts of its calls and those of the chunk before it;
 chosen by judgement [s]."""
@@ -87,7 +89,7 @@ class DaskExecutor(Executor):
 
     @property
     def busy(self) -> bool:
-        """True if the last probe failed only because every worker of the pool was busy."""
+        """True if a failure of the last probe means only that every worker of the pool was busy."""
         return self._busy
 
     @property
@@ -117,14 +119,14 @@ class DaskExecutor(Executor):
         self._tending = asyncio.create_task(self._tend())
 
     async def probe(self, seconds: float) -> bool:
-        """Return True if a worker of the pool and the cluster answer within `seconds`."""
+        """Return True if a worker of the pool and the scheduler of a usable cluster reply within `seconds`."""
         pool, cluster = await asyncio.gather(self._pool.probe(seconds), self.cluster.answers(seconds))
         self._busy = cluster and self._pool.busy
         self.last_error = "cluster unreachable: no worker of it can be used" if pool else self._pool.last_error
         return pool and cluster
 
     async def stop(self, grace: float) -> None:
-        """Refuse new work, let accepted work finish, and stop everything within the grace period. [s]"""
+        """Stop as in `Executor.stop`; the local pool refuses new work from now on as well."""
         self._pool.stopping = True
         await super().stop(grace)
 
@@ -141,7 +143,7 @@ class DaskExecutor(Executor):
         await self._pool.stop(seconds)
 
     def _for_pool(self, work: Work) -> bool:
-        """Return True if the pool takes this work. It takes a chunk only if the cluster cannot run it."""
+        """Return True if the pool takes this work: a chunk only if the cluster has lost it often or has no worker."""
         if work.kind is not Kind.CHUNK or work.losses >= LOSSES:
             return True
         return not self.cluster.capacity and time.monotonic() > self.cluster.lost + PATIENCE_SECONDS
@@ -156,10 +158,10 @@ class DaskExecutor(Executor):
             with suppress(TimeoutError):
                 await asyncio.wait_for(changed.wait(), TEND_SECONDS)
             self._adapt()
-            self.queue.hand_out()  # `_for_pool` may accept chunks by now, and the queue is not told of that.
+            self.queue.hand_out()  # `_for_pool` may return True for chunks by now, which the queue cannot notice.
 
     def _adapt(self) -> None:
-        """Start or cancel tasks, so that each usable worker has `CHUNKS_A_THREAD` for each thread, and others none."""
+        """Start or cancel tasks, so that there are `CHUNKS_A_THREAD` for each thread of the usable workers only."""
         for address in self._servers.keys() - self.cluster.threads.keys():
             for server in self._servers.pop(address):
                 server.cancel()
@@ -168,7 +170,7 @@ class DaskExecutor(Executor):
             self._servers[address] = [asyncio.create_task(self._serve(address, count)) for _ in range(count)]
 
     async def _serve(self, address: str, places: int) -> None:
-        """Send chunks to a worker, one at a time, until this task is cancelled because the worker has left."""
+        """Send chunks to a worker, one at a time, until this task is cancelled."""
         while True:
             work, client = await self.queue.get(self._for_cluster, address, places), self.cluster.client
             work.begin()
@@ -181,7 +183,7 @@ class DaskExecutor(Executor):
                 await asyncio.sleep(PAUSE_SECONDS * 2**work.losses)
             except asyncio.CancelledError:
                 # A worker that left while the connection stayed up may have been killed by the chunk. A worker that is
-                # frozen, or unreachable with the whole cluster, has not.
+                # frozen, or unreachable with the whole cluster, has not been.
                 if self.cluster.client is client and not self.cluster.knows(address):
                     self._blame(work)
                 else:
@@ -216,7 +218,7 @@ class DaskExecutor(Executor):
         Raises
         ------
         KilledWorker
-            If the worker died.
+            If Dask reports that the worker died.
         LostError
             If the chunk was not returned for another reason.
         """

@@ -1,4 +1,4 @@
-"""Interface of executors, and their common part: the queue of calls, and the pickling of calls and replies."""
+"""Base class of executors, with the queue of work, and functions that pickle calls and unpickle replies."""
 
 import asyncio
 import os
@@ -52,7 +52,7 @@ class Executor(ABC):
     @property
     @abstractmethod
     def busy(self) -> bool:
-        """True if the last probe failed only because every worker was busy."""
+        """True if a failure of the last probe means only that every worker was busy."""
 
     @property
     @abstractmethod
@@ -170,9 +170,9 @@ class Executor(ABC):
         return await self._finished(Work(Kind.CHUNK, calls, owner, cost, max(cost, remaining or 0.0), begun))
 
     async def probe(self, seconds: float) -> bool:
-        """Return True if a worker answers within `seconds`.
+        """Return True if a worker replies within `seconds`.
 
-        A probe goes before all waiting work, and between two calls of a running chunk.
+        A probe runs before all waiting work, or between two calls of a running chunk.
         """
         with suppress(ExecutorError, TimeoutError):
             # `getpid` is the cheapest call that only a living worker can answer.
@@ -182,7 +182,7 @@ class Executor(ABC):
         return False
 
     async def stop(self, grace: float) -> None:
-        """Refuse new work, let accepted work finish, and cancel the rest at the end of the grace period. [s]"""
+        """Refuse new work, let accepted work finish, and stop unfinished work, all within `grace` seconds."""
         self.stopping = True
         # `asyncio.wait` raises an error for an empty set.
         if self._unfinished:
@@ -210,7 +210,7 @@ class Executor(ABC):
 
 
 def dumps(call: Call) -> bytes:
-    """Pickle a call. One that cannot be pickled is replaced by a call that raises the error."""
+    """Pickle a call. A call that cannot be pickled is replaced by one that raises PicklingError with the reason."""
     try:
         return pickle.dumps(call, pickle.HIGHEST_PROTOCOL)
     except Exception as error:  # noqa: BLE001 (arguments may hold anything)
@@ -226,5 +226,5 @@ def loads(reply: bytes | memoryview) -> CallResult:
     """Unpickle the reply to a call."""
     try:
         return CallResult(*pickle.loads(reply))  # noqa: S301 (from our own worker)
-    except Exception as error:  # noqa: BLE001 (some exceptions can be pickled, but not back)
+    except Exception as error:  # noqa: BLE001 (some exceptions can be pickled but not unpickled)
         return CallResult(None, error, 0.0)

@@ -51,7 +51,7 @@ class InThreadExecutor(Executor):
         self._task = asyncio.create_task(self._serve())
 
     async def close(self, seconds: float) -> None:
-        """Stop taking calls; the running one goes on to its end."""
+        """Stop taking calls. The running call continues to its end."""
         if self._task is not None:
             self._task.cancel()
         self._thread.shutdown(wait=False, cancel_futures=True)
@@ -63,7 +63,7 @@ class InThreadExecutor(Executor):
             await self._work_off(work)
 
     async def _work_off(self, work: Work) -> None:
-        """Run the calls of an item until it is finished, is cancelled, or has to let other work pass."""
+        """Run the calls of a work item until it is finished or cancelled, or until other work has to run first."""
         loop, self._making_way = asyncio.get_running_loop(), False
         if work.kind is Kind.CHUNK:
             self.queue.begin_chunk(work, self._make_way)

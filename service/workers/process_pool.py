@@ -1,4 +1,4 @@
-"""Pool of worker processes, each with the task in `worker_process` that takes items from the queue for it."""
+"""Pool of worker processes. A `WorkerServer` for each process takes work from the queue and sends it to the process."""
 
 import asyncio
 import logging
@@ -24,7 +24,7 @@ class ProcessPool(Executor):
     queue
         Queue of another executor to share.
     accepts
-        Filter of the items of that queue that the pool takes.
+        Function that returns True for the work that the pool takes from its queue.
     """
 
     def __init__(

@@ -15,7 +15,7 @@ import threading
 from collections.abc import Sequence
 from contextlib import suppress
 
-# Only the standard library is imported here, because a command starts the process before its own slow imports.
+# Only the standard library is imported here, because the command line starts the process before its own slow imports.
 
 LIMIT_HINT = "too many processes or threads are running (pids.max of the container, ulimit -u)"
 """Probable cause of a failed fork, for messages."""
@@ -72,8 +72,8 @@ class Template:
         warnings = [f"-W{option}" for option in sys.warnoptions]
         with theirs:
             # The process has its own group, because Ctrl-C in a terminal reaches all processes of the foreground group
-            # and would end this one with a traceback. It has no session of its own, because Linux shares processor time
-            # between sessions, and the niceness of the workers would have no effect on the service.
+            # and would end the new one with a traceback. It has no session of its own, because Linux shares processor
+            # time between sessions, and the niceness of the workers would have no effect on the service.
             self._process = subprocess.Popen(  # noqa: S603 (our own)
                 [sys.executable, *warnings, "-P", "-c", f"{program}fork_workers({theirs.fileno()})"],
                 stdin=subprocess.DEVNULL,

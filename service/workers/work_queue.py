@@ -1,9 +1,9 @@
 """Fair priority queue of work for the workers.
 
 Owners share the workers equally by start-time fair queueing (Goyal, Vin and Cheng, 1996). Each owner has a virtual
-time, the cost of the work that it has been given, and the owner with the least is served next. An owner who was idle
-starts at the present virtual time, so that idle time is no credit. Within an owner, the work with the least remaining
-cost comes first.
+time, which grows by the cost of the owner's work when a worker takes it, and the owner with the least is served next.
+An owner who was idle starts at the present virtual time, and so gains no credit for idle time. Within an owner, the
+work with the least remaining cost comes first.
 """
 
 import asyncio
@@ -40,7 +40,8 @@ class Work:
     cost
         Cost of all calls. [ordinary cases]
     remaining
-        Remaining cost of the request or job that the work belongs to. The least goes first. [ordinary cases]
+        Remaining cost of the request or job that the work belongs to. The work of an owner with the least remaining
+        cost is taken first. [ordinary cases]
     begun
         Function called once, when a worker first takes the work.
     """
@@ -62,7 +63,7 @@ class Work:
     losses: int = 0
     """Number of workers of a cluster that took the work and did not return it."""
     number: int = field(default_factory=lambda: next(_numbers))
-    """Number in the order of arrival, which decides between work of equal remaining cost and kind."""
+    """Serial number, so that of two items with equal remaining cost and kind the earlier one is taken first."""
 
     @property
     def left(self) -> Sequence[Call]:
@@ -98,21 +99,21 @@ class Work:
 
 
 Accepts = Callable[[Work], bool]
-"""Function that returns True if a server takes this work."""
+"""Function that returns True for work that a server may take."""
 
 
 def any_work(_: Work) -> bool:
-    """Return True for all work, as a server does that takes any."""
+    """Return True, as the filter of a server that takes any work."""
     return True
 
 
 class Server(NamedTuple):
-    """A server that is waiting for work.
+    """Task that is waiting for work to send to a worker.
 
     Parameters
     ----------
     worker
-        Name of its worker, if the worker has several servers.
+        Name of the worker; empty if the worker has only one server.
     places
         Number of servers of that worker.
     """
@@ -132,10 +133,10 @@ class WorkQueue:
         self._times: dict[str, float] = {}
         """Virtual time of each owner. [ordinary cases]"""
         self._now = 0.0
-        """Virtual time of the owner whose work was taken last. [ordinary cases]"""
+        """Present virtual time: the largest that an owner had when work of that owner was taken. [ordinary cases]"""
         self._servers: dict[asyncio.Future[Work], Server] = {}
         self._chunks: dict[Work, Callable[[], None]] = {}
-        """Running chunks, each with the function that asks it to let other work pass."""
+        """Running chunks that have not been interrupted, each with the function that interrupts it for other work."""
         self.unavailable = ""
         """Reason why the pool has no worker; empty if it has one, or one is being started."""
         self.singles = 0
@@ -147,7 +148,7 @@ class WorkQueue:
         return [*self._probes, *(work for line in self._lines.values() for work in line)]
 
     def put(self, work: Work) -> None:
-        """Add work. If no server is free for a probe or a single call, one running chunk is asked to let it pass."""
+        """Add work. If no server is free for a probe or a single call, one running chunk is interrupted for it."""
         self._add(work)
         work.future.add_done_callback(lambda _: self._remove(work))
         self.hand_out()
@@ -155,14 +156,14 @@ class WorkQueue:
             self._chunks.pop(next(iter(self._chunks)))()
 
     def put_back(self, work: Work) -> None:
-        """Return unfinished work to the queue, in its former place, and refund the cost to its owner."""
+        """Return work to its former place in the queue, and refund the cost of the unfinished calls to its owner."""
         self._times[work.owner] = self._times.get(work.owner, self._now) - work.cost_left
         if not work.future.done():
             self._add(work)
             self.hand_out()
 
     async def get(self, accepts: Accepts = any_work, worker: str = "", places: int = 1) -> Work:
-        """Wait for the next work that `accepts` admits, and take it.
+        """Wait for work for which `accepts` returns True, and take it from the queue.
 
         Among several workers, the one with the largest fraction of idle servers is served first.
         """
@@ -180,12 +181,12 @@ class WorkQueue:
             return work
 
     def hand_out(self) -> None:
-        """Give waiting work to waiting servers. To be called whenever the answer of `accepts` may have changed."""
+        """Give waiting work to waiting servers. Must be called when the result of an `accepts` may have changed."""
         while (self._probes or self._lines) and self._hand_out_one():
             pass
 
     def _hand_out_one(self) -> bool:
-        """Give one item to a server, preferably of a worker with many idle ones; return False if none takes one."""
+        """Give one item to a server, first of the worker with most idle servers; return False if none takes one."""
         free = Counter(server.worker for server in self._servers.values())
         by_room = sorted(self._servers.items(), key=lambda item: -free[item[1].worker] / item[1].places)
         for turn, server in by_room:
@@ -197,7 +198,7 @@ class WorkQueue:
         return False
 
     def begin_chunk(self, work: Work, make_way: Callable[[], None]) -> None:
-        """Register a running chunk. `make_way` is called at most once, to let other work pass."""
+        """Register a running chunk. `make_way` is called at most once, to interrupt the chunk for other work."""
         self._chunks[work] = make_way
 
     def end_chunk(self, work: Work) -> None:
@@ -205,9 +206,9 @@ class WorkQueue:
         self._chunks.pop(work, None)
 
     def make_room(self, owner: str, error: Exception) -> bool:
-        """Evict the newest single call of the busiest owner, if `owner` would have fewer calls even with one more.
+        """Evict the newest single call of the owner with most, if `owner` would have fewer even with one more.
 
-        Return True if a call was evicted; it fails with `error`.
+        Only calls in the queue count. Return True if a call was evicted; the evicted call fails with `error`.
         """
         singles = {name: [work for work in line if work.kind is Kind.SINGLE] for name, line in self._lines.items()}
         most = max(singles.values(), key=len, default=[])
@@ -219,7 +220,7 @@ class WorkQueue:
         return True
 
     def fail_all(self, error: Exception, accepts: Accepts = any_work) -> None:
-        """Fail all waiting work, or the part that `accepts` admits."""
+        """Fail the waiting work for which `accepts` returns True, by default all."""
         for work in filter(accepts, self.waiting):
             work.fail(error)
             self._remove(work)

@@ -53,7 +53,7 @@ def close_chunk(chunk: str) -> Sequence[Segment]:
 
 
 def check_requests(model: type[Part], requests: Sequence[bytes]) -> dict[int, list[dict[str, str]]]:
-    """Return the errors that the solver finds in valid requests, by position."""
+    """Return the errors that the solver finds in requests which satisfy their schema, by position."""
     wrong = {}
     for number, request in enumerate(requests):
         try:
@@ -69,8 +69,8 @@ new template process would then load the new code."""
 STOP = b"stop"
 """Message that asks a worker to skip the calls it has not begun; echoed as acknowledgement."""
 BEGUN = b"begun"
-"""Message that a worker sends before it reads calls. A worker that dies without having sent it was not killed by a
-call."""
+"""Message that a worker sends before it reads a list of calls. A worker that dies without having sent it was not killed
+by a call."""
 LENGTH = struct.Struct("!Q")
 """Header of every message: its length, without this header. [bytes]"""
 NUMBER = struct.Struct("!Q")
@@ -81,12 +81,12 @@ NICENESS = 5
 
 
 class Hello(NamedTuple):
-    """First message of a worker that is ready for calls.
+    """First message on the socket of a worker: it is ready for calls, or could not be started.
 
     Parameters
     ----------
     error
-        Reason why no worker could be started; empty if one was.
+        Reason why the worker could not be started; empty if it is ready.
     """
 
     pid: int
@@ -113,13 +113,13 @@ class StopSignal:
         self._running = False
 
     def install(self) -> None:
-        """Install the handler of the signals, and a hook for exceptions that Python ignores."""
+        """Install the signal handler, and a hook for exceptions that Python ignores."""
         signal.signal(signal.SIGUSR1, self)
         signal.signal(signal.SIGALRM, self)
         sys.unraisablehook = self.repeat
 
     def __call__(self, *_: object) -> None:
-        """Handle a signal. One that arrives after its call has ended is ignored, as it must not stop the next call."""
+        """Raise `CallStopped` if a call is running. A signal that comes too late must not stop the next call."""
         if self._running:
             raise CallStopped
 
@@ -190,7 +190,8 @@ def serve(channel: socket.socket, lifeline: int) -> NoReturn:
     lifeline
         Reading end of a pipe whose writing end only the service holds.
     """
-    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # The template process ignores it, which would break `subprocess`.
+    # The template process ignores SIGCHLD, and a worker inherits that, which would break `subprocess`.
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     stop_signal.install()
     end_with_parent(lifeline)
     os.nice(NICENESS)
@@ -206,7 +207,7 @@ def serve(channel: socket.socket, lifeline: int) -> NoReturn:
 
 
 def work_off(number: int, calls: Sequence[bytes], channel: socket.socket) -> None:
-    """Run calls one after the other, until a message arrives from the service, which can only be `STOP`."""
+    """Run calls one after the other, until all are done or the service sends `STOP` or closes the socket."""
     for call in calls:
         if select.select([channel], [], [], 0.0)[0]:
             return
@@ -219,7 +220,7 @@ def send(channel: socket.socket, message: bytes, before: bytes = b"") -> None:
 
 
 def receive(channel: socket.socket, said_before: bytes = b"") -> bytes:
-    """Return the next message, or an empty one if the socket was closed. `said_before` is sent once it arrives."""
+    """Return the next message, or an empty one if the socket is closed; send `said_before` after reading its header."""
     head = _receive_exactly(channel, LENGTH.size)
     if not head:
         return b""
@@ -229,7 +230,7 @@ def receive(channel: socket.socket, said_before: bytes = b"") -> bytes:
 
 
 def _receive_exactly(channel: socket.socket, length: int) -> bytes:
-    """Return `length` bytes, or no bytes if the other end is closed earlier."""
+    """Return `length` bytes, or no bytes if the other end is closed before all have arrived."""
     message = bytearray()
     while len(message) < length:
         part = channel.recv(length - len(message))
@@ -240,23 +241,23 @@ def _receive_exactly(channel: socket.socket, length: int) -> bytes:
 
 
 def end_with_parent(lifeline: int) -> None:
-    """Have the kernel kill this process as soon as its parent has ended.
+    """Have the kernel end this process as soon as the service has ended.
 
-    A thread that watches the parent would not run while compiled code holds the interpreter lock. SIGIO needs no
-    interpreter: the kernel sends it when the parent's end of the pipe closes, and its default action ends the process.
+    A thread that watches the service would not run while compiled code holds the interpreter lock. SIGIO needs no
+    interpreter: the kernel sends it when the service's end of the pipe closes, and its default action ends the process.
     """
     signal.signal(signal.SIGIO, signal.SIG_DFL)
     fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
     fcntl.fcntl(lifeline, fcntl.F_SETFL, fcntl.fcntl(lifeline, fcntl.F_GETFL) | os.O_ASYNC)
-    if select.select([lifeline], [], [], 0.0)[0]:  # The parent has ended before the signal was armed.
+    if select.select([lifeline], [], [], 0.0)[0]:  # The service ended before the signal was armed.
         sys.exit()
 
 
 def answer(call: bytes) -> bytes:
-    """Run a pickled call, and return its pickled value, error and duration."""
+    """Run a pickled call, and return the pickled fields of its `CallResult`."""
     started = time.perf_counter()
     try:
-        function, arguments = pickle.loads(call)  # noqa: S301 (from the parent only)
+        function, arguments = pickle.loads(call)  # noqa: S301 (from the service only)
         result = stop_signal.run(function, arguments)
         return pickle.dumps((result, None, time.perf_counter() - started), pickle.HIGHEST_PROTOCOL)
     except Exception as error:  # noqa: BLE001 (the service has to know any error)

@@ -1,4 +1,4 @@
-"""Handle of a worker process in the service, and the task that takes items from the queue for it."""
+"""Handle of a worker process in the service, and the task that sends the process work from the queue."""
 
 import asyncio
 import os
@@ -53,7 +53,7 @@ class Messages(asyncio.BufferedProtocol):
         self.closed = False
         self._arrived: deque[bytes | bytearray] = deque()
         self._scratch, self._held = bytearray(SCRATCH_BYTES), 0
-        """Buffer of small messages, and the number of bytes in it."""
+        """Buffer of small messages, and number of bytes of incomplete messages in it."""
         self._body: bytearray | None = None
         """Buffer of a large message that is being read; None between large messages."""
         self._filled = 0
@@ -125,7 +125,7 @@ class WorkerProcess:
 
     An executor of `concurrent.futures` is no substitute: it hangs, and keeps the interpreter from ending, if a worker
     dies while it sends a result that does not fit into a pipe. Here only the worker holds the other end of the socket,
-    which its death closes at any time.
+    which is therefore closed whenever the worker dies.
     """
 
     def __init__(self) -> None:
@@ -136,7 +136,7 @@ class WorkerProcess:
         self._number = 0
         """Number of the list of calls that was sent last."""
         self.pid = 0
-        """Process id; 0 before the start and after the end of the process."""
+        """Process id; 0 before `start` and after `close`."""
         self._lifeline = -1
         self._killing: asyncio.TimerHandle | None = None
         self._messages = Messages()
@@ -169,7 +169,7 @@ class WorkerProcess:
 
     @property
     def alive(self) -> bool:
-        """True if the process exists, running or stopped."""
+        """True until the worker's end of the socket is closed. A process stopped by a signal counts as alive."""
         return not self._messages.closed
 
     @property
@@ -186,7 +186,7 @@ class WorkerProcess:
         self._write(pickle.dumps((self._number, [dumps(call) for call in calls])))
 
     async def receive(self) -> memoryview | None:
-        """Wait for the reply to the next call, to be unpickled by `loads`; None if the worker has skipped the rest.
+        """Wait for the reply to the next call, which `loads` unpickles; None if the worker has skipped the rest.
 
         Raises
         ------
@@ -218,7 +218,7 @@ class WorkerProcess:
             self._killing = asyncio.get_running_loop().call_later(CANCEL_SECONDS, self.kill)
 
     def kill(self) -> None:
-        """Kill the process."""
+        """Send SIGKILL to the process, without waiting for its end."""
         self._signal(signal.SIGKILL)
 
     def close(self) -> None:
@@ -261,14 +261,14 @@ class WorkerProcess:
 
 
 class WorkerServer:
-    """Takes items from the queue and has its worker process run them.
+    """Takes work from the queue and has its worker process run it.
 
     Parameters
     ----------
     queue
         Queue that the servers of a pool share.
     accepts
-        Filter of the items that the pool takes.
+        Function that returns True for the work that the pool takes.
     task_seconds
         Timeout of a call, in wall time. [s]
     on_start
@@ -287,7 +287,7 @@ class WorkerServer:
         self._on_start = on_start
 
     async def start_worker(self) -> None:
-        """Start a worker.
+        """Start a worker, and wait until it is ready for calls.
 
         Raises
         ------
@@ -338,7 +338,7 @@ class WorkerServer:
         return self.worker
 
     async def _serve(self, worker: WorkerProcess, work: Work) -> None:
-        """Have the worker run an item, and put back what it has not finished."""
+        """Have the worker run the calls of an item, and put the item back if calls are left."""
         work.begin()
         if work.kind is Kind.CHUNK:
             self._queue.begin_chunk(work, worker.make_way)

@@ -1,4 +1,4 @@
-"""Comparison of the decay laws by their fits to the motion of oblique strikes."""
+"""Comparison of the decay laws by how well they fit the motion of oblique strikes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,11 +27,11 @@ class DecayLawFits:
     laws: Mapping[str, MotionsFit | None]
     """Fits by the name of the law; None for a law with which the motions do not determine the strength factor."""
     warnings: tuple[ModelWarning, ...]
-    """Warnings of the requested law, with one more if another law fits better."""
+    """Warnings of the fit with the requested law, and a further one if another law fits much better."""
 
     @property
     def best(self) -> str:
-        """Name of the law with the least normalised root mean square."""
+        """Name of the law with the smallest normalised root mean square."""
         return _best(self.laws)
 
 

@@ -40,10 +40,10 @@ from solver.warnings import ModelWarning
 
 # Depth falls with S, so the sum of squares has a single minimum in nearly all fits, and a coarse grid finds it.
 FIRST_LOOK = 9
-"""Number of strength factors tried before the fit."""
+"""Number of strength factors on the grid that gives the starting value of a fit."""
 # A subset of the tests is enough for a starting value, which need not be accurate.
 FIRST_TESTS = 20
-"""Approximate number of tests computed at each of these strength factors."""
+"""Largest number of tests computed at each strength factor of that grid."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,8 +86,8 @@ class DepthFit(ComparedByFields):
     groups: Mapping[str, "DepthFit"]
     """Fits of the groups of two tests or more, by name; empty if the tests have no groups."""
     posterior: LogStudentT
-    """Posterior of S of the next shot into the same concrete. The published tests are the prior; weights have no
-    effect."""
+    """Posterior distribution of S for the next shot into the same concrete. The published tests are the prior; the
+    weights of the tests have no effect on it."""
     resistance: Resistance
     """Resistance of the fit, with the fitted S."""
     warnings: tuple[ModelWarning, ...]
@@ -107,7 +107,7 @@ class DepthFit(ComparedByFields):
 
 
 class _Shots:
-    """Normal impacts of one projectile on one target, with one prepared case for each mass."""
+    """Normal impacts of a projectile on a target, with one prepared case for each mass of the projectile."""
 
     def __init__(
         self, projectile: Projectile, target: Target, resistance: Resistance | None, numerics: Numerics | None
@@ -160,7 +160,7 @@ def penetration_depths(
     velocities
         (n,) speeds at first contact. [m/s]
     strength_factor
-        Strength factor S, the same for all. [1]
+        Strength factor S, the same for all velocities. [1]
     masses
         (n,) masses of the projectiles, if they differ from that of `projectile`. [kg]
     resistance
@@ -348,7 +348,7 @@ def _posterior(tests: Sequence[DepthTest], shots: _Shots) -> StrengthPosterior:
 
 
 def _first_look(residuals: Residuals) -> float:
-    """Return the strength factor of least squares on a coarse grid, as the start of a fit. [1]"""
+    """Return the strength factor with the smallest sum of squares on a coarse grid, to start a fit from. [1]"""
     strengths = coarse_strengths(FIRST_LOOK)
     costs = np.array([float(np.sum(residuals(float(value)) ** 2)) for value in strengths])
     _, start, _ = valleys(strengths, costs)[0]

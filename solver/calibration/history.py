@@ -1,4 +1,4 @@
-"""Motion histories to fit: displacements and rotation over time, their weights, and the strikes that predict them."""
+"""Motion histories to fit: displacements and rotation over time, their weights, and the strikes that compute them."""
 
 import math
 from dataclasses import dataclass, field, fields, replace
@@ -24,23 +24,24 @@ REACH, SLACK = 1.1, 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionHistory(ComparedByFields):
-    """Motion of the centre of gravity since first contact. At least one of the three quantities must be given.
+    """Motion of a projectile since first contact. At least one of the three quantities must be given.
 
     Parameters
     ----------
     time
         (n,) times since first contact, increasing. [s]
     depth_displacement
-        (n,) displacements along the inward normal of the face. [m]
+        (n,) displacements of the centre of gravity along the inward normal of the face. [m]
     lateral_displacement
-        (n,) displacements along the face, in the direction in which the projectile travels. [m]
+        (n,) displacements of the centre of gravity along the face, in the direction of travel. [m]
     rotation
         (n,) rotations of the axis, positive as the nose turns toward the face. [rad]
 
     Raises
     ------
     ParameterError
-        If there are fewer than two rows, columns differ in length, a value is not finite, or time does not rise.
+        If there are fewer than two rows, no quantity is given, columns differ in length, a value is not finite, or the
+        times are negative or do not increase.
     """
 
     time: FloatArray
@@ -181,7 +182,7 @@ def check_reach(projectile: Projectile, impact: Impact, history: MotionHistory) 
 
 
 class FittedStrike:
-    """Prepared strike that predicts its motion for any strength factor."""
+    """Strike whose motion can be computed for any strength factor without preparing it again."""
 
     def __init__(
         self,
@@ -221,7 +222,7 @@ def predict_motion(
     resistance: Resistance | None = None,
     numerics: Numerics | None = None,
 ) -> MotionHistory:
-    """Compute the motion of the centre of gravity at given times.
+    """Compute the motion of a projectile at given times.
 
     Parameters
     ----------

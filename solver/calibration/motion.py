@@ -33,15 +33,15 @@ from solver.warnings import ModelWarning
 # S are smooth.
 FIT_TOLERANCE = 1e-6
 """Default relative tolerance of the runs of a fit. [1]"""
-# With these settings motions are accurate to a tenth of a millimetre, which is enough to find the valleys, in a
-# fraction of the time.
+# With these settings motions are accurate to a tenth of a millimetre, which is enough to find the local minima and
+# takes a fraction of the time.
 ROUGH = Numerics(relative_tolerance=1e-3, stations=5, points=3)
 """Numerical settings of the runs before the fit."""
 # The outcome may change with S, and each outcome has its own minimum of the sum of squares. With 41 values,
 # neighbouring factors differ by 12 %.
 FIRST_LOOK = 41
-"""Number of strength factors tried before the fit."""
-# Residuals are divided by the span of their quantity, and one that hardly changes must not get an unlimited weight.
+"""Number of strength factors on the coarse grid."""
+# Residuals are divided by the span of their quantity, so a quantity that hardly changes would get an unlimited weight.
 SMALLEST_SPAN = 1e-3
 """Least span of a quantity, over the body length or a radian. [1]"""
 # However strong the autocorrelation of the residuals, the variance needs more than one sample.
@@ -49,7 +49,7 @@ FEWEST_SAMPLES = 2.0
 """Least number of independent samples of a quantity."""
 # Two minima whose sums of squares differ by less than half are both possible; the value is a rough choice.
 RIVAL = 1.5
-"""Largest ratio of the sum of squares at another minimum to the least one with which that minimum is reported. [1]"""
+"""Ratio of the sum of squares at another minimum to the least one, below which that minimum is reported. [1]"""
 # A good fit of a smooth motion explains more than 99 % of the variance. The value is a rough choice.
 POOR = 0.9
 """Fraction of the variance explained, below which a fit is called poor. [1]"""
@@ -70,7 +70,7 @@ class MotionFit:
     normalized_root_mean_square: float
     """Weighted root mean square of the fitted residuals, each over the span of its quantity. [1]"""
     r_squared: Mapping[str, float]
-    """Fraction of the variance that the prediction explains, by quantity; absent for one that never changes. [1]"""
+    """Fraction of the variance that the prediction explains, by quantity; constant quantities are left out. [1]"""
     warnings: tuple[ModelWarning, ...]
     """Warnings of the inputs and of the fit."""
 
@@ -138,7 +138,7 @@ class _Run:
         )
 
     def input_warnings(self) -> tuple[ModelWarning, ...]:
-        """Return the warnings of the inputs, which need no computation."""
+        """Return the warnings about the inputs, which do not depend on the fit."""
         return tuple(
             model_warnings.input_warnings(
                 projectile=self.strike.prepared.projectile,
@@ -204,13 +204,13 @@ def fit_motion(
 
     Notes
     -----
-    Section 3.2 of the source paper says no more than "least square". Here each quantity is divided by its span, so that
+    Section 3.2 of the source paper only specifies "least square". Here each quantity is divided by its span, so that
     metres and radians can be added and each has the same influence. With weights by the scatter of the residuals, the
     quantity that the model happens to follow best would dominate. The difference between a model and a motion is not
-    white noise: neighbouring residuals are correlated. The standard error therefore counts, for each quantity, n
-    (1-r)/(1+r) samples, where r is the autocorrelation of its residuals at lag one, at least 0 (Bayley and Hammersley
-    1946; von Storch and Zwiers 1999, 6.6). This requires rows at about even intervals. An error of the model that all
-    rows share moves S itself, and the interval does not include it.
+    white noise: neighbouring residuals are correlated. The standard error therefore assumes, for each quantity, n
+    (1-r)/(1+r) independent samples, where r is the autocorrelation of its residuals at lag one, at least 0 (Bayley and
+    Hammersley 1946; von Storch and Zwiers 1999, 6.6). This requires rows at about even intervals. An error of the model
+    that all rows share moves S itself, and the interval does not include it.
     """
     require_confidence_level(confidence_level)
     run = _Run(
@@ -303,7 +303,7 @@ def _costs(run: _Run) -> FloatArray:
 def _fit(
     runs: Sequence[_Run], costs: Sequence[FloatArray], name: str, confidence_level: float
 ) -> tuple[Estimate, tuple[float, ...]]:
-    """Return the strength factor that fits some runs together best, and others that fit nearly as well."""
+    """Return the estimate of the strength factor common to some runs, and other minima that fit nearly as well. [1]"""
 
     def residuals(strength_factor: float) -> FloatArray:
         return np.concatenate([run.residuals(strength_factor) for run in runs])
@@ -377,7 +377,7 @@ def _explained(history: MotionHistory, residuals: dict[str, FloatArray]) -> dict
 def _common_warnings(
     runs: Sequence[_Run], fits: Sequence[MotionFit], alone: Sequence[MotionFit | None], rivals: Sequence[float]
 ) -> tuple[ModelWarning, ...]:
-    """Return the warnings of a common fit without repetitions."""
+    """Return the warnings of a fit of several runs, each warning once."""
     found = [warning for run in runs for warning in run.input_warnings()]
     for run, fit, own in zip(runs, fits, alone, strict=True):
         where = f" of the run at {math.degrees(run.impact.oblique_angle):g}° and {run.impact.velocity:g} m/s"

@@ -1,4 +1,4 @@
-"""Fits of strength factors: the minimisation and the interval that they share, and the polynomial of eq. 9."""
+"""Minimisation and confidence intervals shared by all fits of S, and the fit of the polynomial of eq. 9."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -16,28 +16,28 @@ from solver.warnings import ModelWarning
 # Published values lie between 5 and 22. A fit beyond this range has a wrong input.
 LOWEST, HIGHEST = 0.5, 50.0
 """Range of strength factors in a fit. [1]"""
-# A minimum this close to a bound means that the sum of squares is still falling there.
+# If the minimum is this close to an end of the range, the sum of squares is still falling there.
 BOUND_MARGIN = 1e-3
-"""Distance from an end of the range within which a result counts as lying there. [ln]"""
+"""Distance in ln S from an end of the range within which a minimum is rejected. [ln]"""
 # The change of a motion over this increment is far above the error of a run, about 1e-6.
 LOG_STEP = 1e-3
 """Increment of ln S in difference quotients. [ln]"""
 # A change of 1e-6 is far below any standard error of a fit.
 FIT_TOLERANCE = 1e-6
 """Change of ln S at which a fit ends. [ln]"""
-# From the bottom of a valley a few evaluations are enough. The limit is reached only if the sum of squares is not
+# A fit that starts near the minimum needs a few evaluations. The limit is reached only if the sum of squares is not
 # smooth.
 MOST_STEPS = 50
-"""Largest number of evaluations of a fit."""
-# Valleys need only be compared, not located exactly: the fit itself starts from the deepest one.
+"""Largest number of evaluations of the residuals in a fit."""
+# Local minima are only compared with this tolerance. The fit itself starts from the deepest of them.
 ROUGHLY = 1e-3
-"""Tolerance of ln S in the comparison of valleys. [ln]"""
+"""Tolerance of ln S in the comparison of local minima. [ln]"""
 # The square of a smaller slope underflows, and the normal equation would divide by zero.
 SMALLEST_SLOPE = 1e-30
-"""Least slope of the residuals over ln S that determines a fit."""
-# On the coarse grid a deeper valley may look shallower than another. Three is a rough choice.
+"""Least derivative of the residuals with respect to ln S with which they determine S."""
+# The deepest minimum on the coarse grid need not be the deepest one. Three is a rough choice.
 REFINED = 3
-"""Largest number of valleys that are compared before the fit."""
+"""Largest number of local minima that are compared before a fit."""
 
 Residuals: TypeAlias = Callable[[float], FloatArray]
 """Function from a strength factor to weighted residuals."""
@@ -67,7 +67,7 @@ def build_estimate(
     *, strength_factor: float, standard_error: float, degrees_of_freedom: float, confidence_level: float
 ) -> Estimate:
     """Build an estimate with the confidence interval of a fitted value."""
-    from scipy.special import stdtrit  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
+    from scipy.special import stdtrit  # noqa: PLC0415 (slow to import, and needed for fits only)
 
     reach = float(stdtrit(degrees_of_freedom, 0.5 + 0.5 * confidence_level)) * standard_error
     return Estimate(
@@ -90,7 +90,7 @@ def coarse_strengths(count: int) -> FloatArray:
 
 
 def valleys(strengths: FloatArray, costs: FloatArray) -> list[tuple[float, float, float]]:
-    """Return the deepest minima on a grid, each with its neighbours on both sides, deepest first."""
+    """Return up to `REFINED` local minima on a grid, deepest first, as (left neighbour, minimum, right neighbour)."""
     padded = np.concatenate(([np.inf], costs, [np.inf]))
     found = np.flatnonzero((costs <= padded[:-2]) & (costs <= padded[2:]))
     last = len(strengths) - 1
@@ -101,9 +101,9 @@ def valleys(strengths: FloatArray, costs: FloatArray) -> list[tuple[float, float
 
 
 def refine(residuals: Residuals, lower: float, upper: float) -> tuple[float, float]:
-    """Return the strength factor with the least sum of squares between two bounds, to `ROUGHLY`, and that sum."""
-    # Brent's bounded minimisation needs no derivative, each of which takes two more runs.
-    from scipy.optimize import minimize_scalar  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
+    """Return the strength factor with the least sum of squares between two bounds, and that sum."""
+    # Brent's bounded minimisation needs no derivatives. Each derivative would take two more runs.
+    from scipy.optimize import minimize_scalar  # noqa: PLC0415 (slow to import, and needed for fits only)
 
     found = minimize_scalar(
         lambda x: float(np.sum(residuals(math.exp(x)) ** 2)),
@@ -122,7 +122,7 @@ def minimise(residuals: Residuals, start: float, field: str) -> float:
     UndeterminedError
         If the residuals do not change with S, or are least at an end of the range; the error is about `field`.
     """
-    from scipy.optimize import least_squares  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
+    from scipy.optimize import least_squares  # noqa: PLC0415 (slow to import, and needed for fits only)
 
     # The search is in ln S, as S is positive and its errors are relative.
     low, high = math.log(LOWEST), math.log(HIGHEST)
@@ -152,8 +152,8 @@ def minimise(residuals: Residuals, start: float, field: str) -> float:
 
 
 def log_slope(values: Residuals, strength_factor: float) -> FloatArray:
-    """Return the derivatives of some values with respect to ln S."""
-    # Central differences have an error of the order of the squared increment; forward ones would bias the slope.
+    """Return the derivatives of `values` with respect to ln S, by central differences."""
+    # The error of central differences is of second order in the increment, that of forward differences of first order.
     upper = values(strength_factor * math.exp(LOG_STEP))
     lower = values(strength_factor * math.exp(-LOG_STEP))
     slope: FloatArray = (upper - lower) / (2.0 * LOG_STEP)
@@ -204,7 +204,7 @@ class ObliquityFit(ComparedByFields):
     coefficients: tuple[float, ...]
     """Coefficients from the constant term upwards. [1, 1/°, 1/°², ...]"""
     covariance: tuple[tuple[float, ...], ...] | None
-    """Covariance of the coefficients; None if there are as many coefficients as points, and these have no standard
+    """Covariance of the coefficients; None if there are as many coefficients as points and the points have no standard
     errors."""
     residuals: FloatArray
     """(n,) given minus fitted strength factor. [1]"""
@@ -215,7 +215,7 @@ class ObliquityFit(ComparedByFields):
 
     @property
     def model(self) -> ObliquityPolynomial:
-        """Law of the strength factor with these coefficients."""
+        """Strength factor over the angle, for `Resistance`."""
         return ObliquityPolynomial(coefficients=self.coefficients, covariance=self.covariance)
 
 
@@ -273,7 +273,7 @@ def fit_obliquity(*, points: "Sequence[ObliquityPoint] | DataFrame", order: int 
 
 
 def _columns(points: Sequence[ObliquityPoint], order: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the absolute angles in degrees, strength factors and standard errors, after checking them."""
+    """Check the points; return their absolute angles in degrees, strength factors and standard errors, 1 if unknown."""
     require_between("order", order, 0, HIGHEST_ORDER)
     known = [point.standard_error is not None for point in points]
     for index, point in enumerate(points):
@@ -307,7 +307,7 @@ def _warnings(*, chi_square: float, degrees_of_freedom: int, known: bool) -> tup
                 "as many coefficients as points, and no standard errors: nothing shows how well they are known",
             ),
         )
-    from scipy.special import chdtrc  # noqa: PLC0415 (takes long to import, also where nothing is fitted)
+    from scipy.special import chdtrc  # noqa: PLC0415 (slow to import, and needed for fits only)
 
     if known and degrees_of_freedom > 0 and float(chdtrc(degrees_of_freedom, chi_square)) < UNLIKELY:
         return (

@@ -41,14 +41,16 @@ from solver.strike import (
 from solver.target import Target
 from solver.warnings import ModelWarning
 
+# The value is that of the paper. Only within some 1.5° of the critical angle does its projectile take longer to come
+# to rest or to leave.
 PAPER_TERMINATION_TIME = 5e-3
-"""Time after first contact at which the searches of the paper take the depth of the nose tip. [s]"""
-# The paper has no retention energy: its projectile moves until it is at rest.
+"""Default time after first contact at which the searches of the paper take the depth of the nose tip. [s]"""
+# The paper has no retention energy: its runs end at rest or at the termination time.
 PAPER_THRESHOLDS = Thresholds(REST_FRACTION, REST_FRACTION)
 """Thresholds of retention and of rest in the searches of the paper, over the initial kinetic energy. [1]"""
 # A projectile that comes to rest in the target is embedded whatever its attitude.
 UNSTOPPED = (Outcome.RICOCHET, Outcome.PERFORATED, Outcome.IN_MOTION)
-"""Outcomes for which a large turn of the body leads to a warning."""
+"""Outcomes for which a warning is given if the body has turned far."""
 
 
 def critical_angle(
@@ -72,7 +74,7 @@ def critical_angle(
     velocity
         Speed at first contact. [m/s]
     angle_of_attack, angular_velocity
-        Angle of attack and rate of the axis angle at first contact, the same for every trial. [rad, rad/s]
+        Angle of attack and rate of the axis angle at first contact, in every trial. [rad, rad/s]
     resistance
         Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics
@@ -80,8 +82,8 @@ def critical_angle(
     search
         Method, range and tolerance.
     strength_scatter
-        Tests from which the dispersion of the strength factor S is taken, see `known_strength`. It does not affect the
-        angle.
+        Tests from which the dispersion of the strength factor S is taken, see `known_strength`. The dispersion does not
+        affect the angle.
 
     Returns
     -------
@@ -97,11 +99,11 @@ def critical_angle(
 
     Notes
     -----
-    If the strength factor has a covariance, two further searches give the standard error of the angle. Where the
-    strength factor falls to zero within the range, the search ends there, with the warning ``range_clipped``.
+    If the strength factor is a polynomial with a covariance, two further searches give the standard error of the angle.
+    Where the strength factor falls to zero within the range, the search ends there, with the warning ``range_clipped``.
 
-    The searches of the paper are those of its section 2.3 and eqs. 7-8. As printed, eq. 7 averages the last two angles
-    whatever their outcome; here the bracket with the change of sign is kept.
+    ``bisection`` and ``secant`` follow section 2.3 and eqs. 7-8 of the source paper. As printed, eq. 7 averages the
+    last two angles whatever their outcome; here the bracket with the change of sign is kept.
     """
     search = search or USUAL_SEARCH
     resistance = usual_unless_given(resistance)
@@ -182,7 +184,7 @@ def _standard_error(
 
     If the strength factor has a covariance, two more searches are run, with S one standard error lower and higher.
     """
-    # A central difference over one standard error to either side also holds where the angle is not linear in S. Only
+    # A central difference over one standard error to either side stays accurate if the angle is not linear in S. Only
     # the constant of the polynomial is shifted, by the standard error of S at the critical angle, since only trials
     # near that angle affect the result.
     model = prepared.resistance.strength_factor
@@ -207,7 +209,7 @@ def _shifted_angle(prepared: PreparedCase, impact: Impact, search: Search, shift
     present = replace(prepared, resistance=replace(prepared.resistance, strength_factor=shifted))
     try:
         change, _, _ = _seek(present, impact, search)
-    except RicochetError:  # without its standard error the angle is still valid
+    except RicochetError:  # the angle is valid without a standard error
         return None
     return change.angle if change.status is SearchStatus.CONVERGED else None
 
@@ -263,7 +265,7 @@ def _near_perforation(
 ) -> tuple[float, float, float]:
     """Return the angle of a change to or from perforation, and the energy left half a degree to either side.
 
-    For a change less than half a degree from the normal, the energy left in normal impact is taken on that side.
+    If the angle half a degree below the change would be negative, normal impact is used instead.
 
     Returns
     -------
@@ -281,7 +283,7 @@ def _near_perforation(
 
 
 def _energy_behind(prepared: PreparedCase, impact: Impact, oblique_angle: float) -> float:
-    """Return the fraction of the energy left beyond the rear face; 0 without perforation or if the run fails. [1]"""
+    """Return the fraction of the energy left behind the wall; 0 without perforation or if the run fails. [1]"""
     if oblique_angle >= math.pi / 2.0:
         return 0.0
     strike, model = replace(impact, oblique_angle=oblique_angle), prepared.model
@@ -302,7 +304,7 @@ def _energy_behind(prepared: PreparedCase, impact: Impact, oblique_angle: float)
 
 
 Brackets: TypeAlias = list[tuple[Trial, Trial]]
-"""Pairs of trials just below and just above each change of outcome, in the order of their angles."""
+"""Pairs of trials, just below and just above each change of outcome, in increasing order of the angle."""
 
 
 def _intervals(
@@ -317,8 +319,8 @@ def _intervals(
     changes, perforating
         Changes to and from ricochet, and to and from perforation.
     """
-    # Both searches find a change from perforation to ricochet, each to within the tolerance. A gap between the two
-    # angles that is no wider than the tolerance is therefore not reported as an interval.
+    # The search for ricochet and that for perforation both find a change from perforation to ricochet, each to within
+    # the tolerance. A gap between the two angles that is no wider than the tolerance is not reported as an interval.
     lower, upper = search.bounds
     ricochets = [(right.oblique_angle, Outcome.RICOCHET) for _, right in changes]
     crossings = sorted(ricochets + [(right.oblique_angle, Outcome.PERFORATED) for _, right in perforating])
@@ -347,8 +349,8 @@ def _find_changes(
     Returns
     -------
     tuple
-        The brackets of the changes, all trials, and the energy left near the smallest angle at which `sought` begins,
-        see `Found.nearby`.
+        The brackets of the changes, all trials, and the fractions of the energy left near the smallest angle at which
+        `sought` begins, see `Found.nearby`.
     """
     numerics, target = prepared.numerics, prepared.target
     polynomial = prepared.resistance.strength_polynomial(target=target, projectile=prepared.projectile)
@@ -395,7 +397,7 @@ def _turned_away(trial: Trial) -> bool:
 
 
 def _first_onset(brackets: list[tuple[Trial, Trial]], trials: tuple[Trial, ...]) -> Change:
-    """Return the first onset of ricochet among `brackets`, which are in the order of their angles."""
+    """Return the first change to ricochet among `brackets`, in increasing order of the angle, or why there is none."""
     starts = _turned_away(brackets[0][0] if brackets else trials[-1])
     deciding = tuple(trial for bracket in brackets for trial in bracket)
     onsets = [index for index, (_, right) in enumerate(brackets) if _turned_away(right)]
@@ -458,7 +460,7 @@ def _warnings(
 
 
 def _most_turned(trials: tuple[Trial, ...]) -> tuple[float, float]:
-    """Return the largest turn of the axis among fine trials that did not come to rest, and that trial's angle. [rad]"""
+    """Return the largest turn of the axis among the fine trials with an outcome in `UNSTOPPED`, and its angle. [rad]"""
     turns = ((trial.turned, trial.oblique_angle) for trial in trials if trial.fine and trial.outcome in UNSTOPPED)
     return max(turns, default=(0.0, 0.0))
 

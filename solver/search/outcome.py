@@ -3,8 +3,8 @@
 A scan tries angles over the whole range on the coarsest level of accuracy. Each change of outcome between two of them
 is then narrowed separately, level by level. The margin of a trial, its remaining energy minus the retention energy,
 varies smoothly with the angle near a change, so regula falsi converges. Each finer level brackets the change anew,
-beginning at the root of the level before. Where two levels disagree, the last one decides. Taken together, the changes
-must connect the outcomes at the two ends of the range; otherwise the scan is repeated on the requested level.
+beginning at the root of the level before. Where the error of a root may be too large, the last level decides. The
+changes must connect the outcomes at the two ends of the range; otherwise the scan is repeated on the requested level.
 """
 
 import math
@@ -56,7 +56,7 @@ KEEP_OFF = 0.45
 # Where the margin is not smooth, regula falsi may shrink a bracket slowly. Bisection then bounds the number of trials.
 # Three is a rough choice.
 PATIENCE = 3
-"""Number of trials after which a bracket that was not halved is bisected."""
+"""Number of trials after which a bracket is bisected if they have not halved it."""
 # The slope of the margin may be much too small, and a stride computed from it would pass over the change.
 GROWTH = 4.0
 """Largest ratio of two consecutive strides towards a change. [1]"""
@@ -65,14 +65,14 @@ GROWTH = 4.0
 SHIFTED = 0.12
 """Estimated error of a root, as a fraction of its shift between the last two levels. [1]"""
 # Two levels with the same error agree on a wrong root. An error of the margin shifts a root by that error divided by
-# the growth.
+# the slope of the margin.
 MARGIN_ERROR = 9e-4
 """Error of the margin that two levels may have in common. [1]"""
 # Where the margin oscillates about zero, the roots of two levels are far apart and a single trial proves nothing.
 NEAR = math.radians(0.1)
 """Largest shift of a root between two levels with which one trial on the last level may settle it. [rad]"""
-# An unknown growth is given as 0, by which the estimate cannot be divided. With this value instead, the last level is
-# always used.
+# An unknown growth is given as 0, and the estimate divides by it. With this value instead, the last level is always
+# used.
 LEAST_GROWTH = 1e-3
 """Smallest growth of the margin used in the error estimate. [1/rad]"""
 # In 1,800 ordinary strikes computed without the last level, the estimate was above 0.0083° for every angle that was
@@ -130,8 +130,8 @@ def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[i
     is kept is halved. Each trial keeps a distance from both ends, and a bracket that `PATIENCE` trials have not halved
     is bisected.
     """
-    # Newton's method and the secant method keep no bracket, which is the result here. Brent's method keeps one too, but
-    # does not place the last trial so that the bracket is within the tolerance.
+    # The result is a bracket, which Newton's method and the secant method do not keep. Brent's method does, but it does
+    # not place the last trial so that the bracket is within the tolerance.
     trials, tolerance = search.table.rows, level.tolerance
     rising = turned_away(trials[right])
     margin_left, margin_right = trials[left, MARGIN], trials[right, MARGIN]
@@ -190,7 +190,7 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
             for i in range(begun, count):
                 trials[i, FINE] = 0.0  # the last level replaces these trials
         begun = count
-        # The bracket of a coarser level need not contain the change of a finer one, which is bracketed anew.
+        # The bracket of a coarser level need not contain the change on a finer level, where it is bracketed anew.
         if k > first:
             left, right = _bracket(left, right, tried, levels[k], search)
         if left == right:
@@ -206,7 +206,7 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
 
 @lean
 def is_same_change(bracket: IntArray, right: int, trials: FloatArray, level: Level) -> bool:
-    """Return whether a change equals the previous one, as it may where outcomes on a coarse level alternate."""
+    """Return whether a change equals the previous one, which occurs where outcomes on a coarse level alternate."""
     shift = trials[right, ANGLE] - trials[bracket[1], ANGLE]
     return bool(abs(shift) <= 2.0 * level.tolerance and turned_away(trials[right]) == turned_away(trials[bracket[1]]))
 
@@ -217,7 +217,7 @@ CLEAR = 0.15
 """Absolute margin of two adjacent trials with the same outcome above which a scan skips the angles between. [1]"""
 # Coarse trials within this margin may have the wrong outcome, which would place the change between the wrong angles.
 UNSURE = 0.95
-"""Absolute margin over the retention energy below which a coarse trial is repeated on the requested level. [1]"""
+"""Ratio of the absolute margin to the retention energy, below which a coarse trial is repeated. [1]"""
 HALF_DEGREE = math.radians(0.5)
 # The increase should be small enough for a linear effect, and that effect larger than the error of a trial. Two per
 # cent are a rough choice.
@@ -250,8 +250,8 @@ class Found(NamedTuple):
 def _is_smooth(left: FloatArray, right: FloatArray, strength: Strength) -> bool:
     """Return whether a scan may leave out the angles between two trials.
 
-    It may if both trials have the same outcome by a clear margin and S varies little between them. Besides S, a trial
-    depends on the angle only through its sine and cosine.
+    That requires that both trials have the same outcome by a clear margin and that S varies little between them. Apart
+    from S, a trial depends on the angle only through its sine and cosine.
     """
     if turned_away(left) != turned_away(right) or min(abs(left[MARGIN]), abs(right[MARGIN])) <= CLEAR:
         return False
@@ -319,7 +319,7 @@ def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets:
 
 @once
 def _energy_left(angle: float, level: Level, search: SearchState) -> float:
-    """Return the fraction of energy left at an angle; 0 if it is less than a tenth of the retention energy. [1]"""
+    """Return the fraction of energy left at an angle; 0 if less than a tenth of the retention energy is left. [1]"""
     trial = search.table.rows[attempt(angle, level, search)]
     search.table.filled[0] -= 1  # this trial does not belong to the search
     left = trial[MARGIN] + search.inputs.retention

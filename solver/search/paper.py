@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 from solver.search.types import Change, Search, SearchStatus, Trial
 
-# At the finest tolerance, 1e-8, bisection of the paper's range takes 26 trials. Secants may wander without end.
+# At the finest tolerance, 1e-8, bisection of the paper's range takes 26 trials. Secant steps need not converge.
 MOST_TRIALS = 100
 """Largest number of trials after those at the two ends of the range."""
 
@@ -15,7 +15,7 @@ Try: TypeAlias = Callable[[float], Trial]
 
 
 def _ends_of_paper_search(attempt: Try, search: Search) -> tuple[Trial, Trial, Change | None]:
-    """Try both ends of the range; the third value is the result if these two trials already decide it."""
+    """Run the trials at both ends of the range; return them, and the result if they already decide it."""
     first, second = (attempt(angle) for angle in search.bounds)
     if first.final_position > 0.0 and second.final_position > 0.0:
         return first, second, Change(SearchStatus.NO_RICOCHET)
@@ -26,8 +26,8 @@ def _ends_of_paper_search(attempt: Try, search: Search) -> tuple[Trial, Trial, C
 
 def search_bisection(attempt: Try, search: Search) -> Change:
     """Find the critical angle by bisection on the sign of the final position (eq. 7)."""
-    # As printed, eq. 7 averages the last two angles whatever their outcome. Keeping the bracket with the change of sign
-    # is what makes it a bisection.
+    # As printed, eq. 7 averages the last two angles whatever their outcome, and may leave the change of sign outside.
+    # Here the bracket with the change of sign is kept.
     left, right, answer = _ends_of_paper_search(attempt, search)
     if answer is not None:
         return answer

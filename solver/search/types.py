@@ -17,7 +17,7 @@ SearchMethod: TypeAlias = Literal["outcome", "bisection", "secant"]
 
 
 class SearchStatus(StrEnum):
-    """Result of a search: an angle, or the reason why there is none."""
+    """Status of a search: it found an angle, or the reason why there is none."""
 
     CONVERGED = "converged"
     NO_RICOCHET = "no_ricochet"
@@ -65,6 +65,8 @@ class Search:
     method: SearchMethod = "outcome"
     lower: float | None = None
     upper: float | None = None
+    # 0.01° is a tenth of the last digit of a verdict. One per cent is the tolerance of the paper. The default range has
+    # 64 intervals of 1.25°, a multiple of the 16 that the scan begins with.
     tolerance: float = math.radians(0.01)
     relative_tolerance: float = 0.01
     scan_interval: float = math.radians(1.25)
@@ -80,6 +82,8 @@ class Search:
             "search.lower",
             f"must be at least 0° and below the upper end, got {math.degrees(lower):g}° and {math.degrees(upper):g}°",
         )
+        # Finer tolerances are below the error of a trial, and a scan at 0.1° already takes 800 trials. The upper bounds
+        # are rough choices: beyond them a search would say little.
         require_between("search.tolerance", self.tolerance, math.radians(1e-6), math.radians(10.0))
         require_between("search.relative_tolerance", self.relative_tolerance, 1e-8, 0.5)
         require_between("search.scan_interval", self.scan_interval, math.radians(0.1), math.pi / 2.0)
@@ -87,6 +91,8 @@ class Search:
     @property
     def bounds(self) -> tuple[float, float]:
         """Lower and upper end of the range. [rad]"""
+        # The paper searches from 40° to 60°. Below 5° a projectile moves nearly along the normal and above 85° nearly
+        # along the face; both ends are rough choices.
         lower, upper = (5.0, 85.0) if self.method == "outcome" else (40.0, 60.0)
         return (
             math.radians(lower) if self.lower is None else self.lower,
@@ -107,7 +113,7 @@ class Trial:
     final_position: float
     """Depth of the nose tip at the end of the trial, or at the termination time in the searches of the paper. [m]"""
     outcome: Outcome
-    """Outcome of the trial."""
+    """Outcome of the run."""
     fine: bool = True
     """True at the final resolution. Other trials only narrow the range to search: they are less accurate, and may have
     the wrong outcome within a degree of the critical angle."""
@@ -139,11 +145,12 @@ class CriticalAngle:
     """Smallest oblique angle, from the normal, at which the projectile is turned away, if there is one. In a search by
     outcome it is the upper end of the final bracket, at which a trial ended in ricochet. [rad]"""
     bracket: tuple[float, float] | None
-    """Angles on the two sides of the change of outcome, at the end of the search. [rad]"""
+    """Angles on the two sides of the change of outcome at the end of the search; with ``secant``, the
+    last two angles. [rad]"""
     iterations: tuple[Trial, ...]
     """All trials, in the order of computation."""
     other_crossings: tuple[float, ...]
-    """Other angles in the range at which the outcome changes, either way. [rad]"""
+    """Other angles in the range at which ricochet begins or ends. [rad]"""
     warnings: tuple[ModelWarning, ...]
     standard_error: float | None = None
     """Standard error of the critical angle, from the covariance of the strength factor, if that was given. [rad]"""
@@ -241,7 +248,7 @@ class Change:
     bracket: tuple[float, float] | None = None
     """Angles on the two sides of the change to ricochet at `angle`. [rad]"""
     other_crossings: tuple[float, ...] = ()
-    """Angles of the other changes of outcome. [rad]"""
+    """Other angles at which ricochet begins or ends. [rad]"""
     starts_turned_away: bool = False
     """True if the projectile is turned away at the lower end of the range."""
     deciding: tuple[Trial, ...] = ()

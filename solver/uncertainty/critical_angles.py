@@ -42,8 +42,8 @@ from solver.uncertainty.sampling import (
 from solver.uncertainty.surrogate import Expansion, Moments, direct_indices, expansion_moments, fit_expansion
 from solver.warnings import ModelWarning
 
-# An error of 0.1° is far below the usual scatter of the angle, some degrees, and the correction by the samples covers
-# the rest.
+# An error of 0.1° is far below the usual scatter of the angle, some degrees, and the samples correct its effect on the
+# probabilities.
 SURROGATE_ERROR = math.radians(0.1)
 """Largest root mean square error at held-out points with which the surrogate is used. [rad]"""
 # An evaluation of the surrogate takes microseconds, and this number of points makes its sampling error negligible.
@@ -52,8 +52,8 @@ SURROGATE_POINTS = 4096
 # With fewer samples the intervals of the indices are too wide to be of use; the value is a rough choice.
 FEWEST_BASE_SAMPLES = 64
 """Least number of base samples for Sobol indices by the direct method."""
-# A base sample takes one search for every input and one more. With 512 of them, 95 % intervals contain the true
-# first-order indices of Ishigami's function in 89 or 90 of 100 seeds (`tests/uncertainty/test_coverage.py`).
+# A base sample takes one search for every input and one more. With only 512 base samples, 95 % intervals contained the
+# true first-order indices of Ishigami's function for 89 or 90 of 100 seeds.
 SENSITIVITY_SAMPLES = 4096
 """Largest number of base samples for Sobol indices by the direct method."""
 # 2,001 angles are one every 0.04° over the default range; the limit is a rough choice.
@@ -62,7 +62,7 @@ MOST_ANGLES = 2001
 
 
 Steps = Generator[Batch[AngleUncertainty], Sequence[Crossings], AngleUncertainty]
-"""Generator that yields batches, is sent their results, and returns the answer."""
+"""Generator that yields batches of points, is sent the results at them, and returns the result of the study."""
 
 
 class AngleStudy:
@@ -86,9 +86,9 @@ class AngleStudy:
         lies. [rad]
     accepts
         Function from the index and the value of an input to True if the model accepts it; all values are accepted
-        unless given. The answer of the surrogate at other values counts as unknown.
+        unless given. Where it returns False, the outcome by the surrogate counts as unknown.
     warnings
-        Warnings of the strike, which every answer has.
+        Warnings about the strike, added to those of the study.
 
     Raises
     ------
@@ -97,7 +97,7 @@ class AngleStudy:
 
     Notes
     -----
-    `steps` computes no strike itself: it yields points and is sent their results, in the order of the points.
+    `steps` computes no strike itself: it yields points and is sent the results at them, in the same order.
 
     Examples
     --------
@@ -144,7 +144,7 @@ class AngleStudy:
         return self.design.beyond(self._unit, self.accepts)
 
     def steps(self) -> Steps:
-        """Yield batches, receive their results, and return the answer."""
+        """Yield batches of points, receive the results at them, and return the result of the study."""
         sampling, design = self.sampling, self.design
         tables = Tables(design, self.angles)
         history: list[Round] = []
@@ -177,7 +177,7 @@ class AngleStudy:
         """Return the number of samples of the budget that are reserved for indices by the direct method."""
         if not self.sensitivity:
             return 0
-        # Four times the fewest base samples give indices of some use. Half of the budget stays for the probabilities.
+        # Four times the least number of base samples give useful indices. Half of the budget is left for probabilities.
         wanted = 4 * FEWEST_BASE_SAMPLES * (len(self.design.uncertain) + 1)
         return min(wanted, self.sampling.max_samples // 2)
 
@@ -187,7 +187,7 @@ class AngleStudy:
         error = None if expansion is None else math.sqrt(float(self.design.weights @ expansion.errors**2))
         if expansion is not None and error is not None and error <= SURROGATE_ERROR:
             by_surrogate = self._by_surrogate(tables, expansion)
-            # The error of the surrogate does not fall with the number of samples. From some number on, counted outcomes
+            # The error of the surrogate does not fall with the number of samples. With many samples, counted outcomes
             # have the narrower intervals.
             answer = min(by_surrogate, answer, key=_half_width)
         half = _half_width(answer)
@@ -211,7 +211,7 @@ class AngleStudy:
         )
 
     def _by_surrogate(self, tables: Tables, expansion: Expansion) -> AngleUncertainty:
-        """Compute the answer from the surrogate."""
+        """Compute the result of the study from the surrogate."""
         # The probability is that of the surrogate at many points, plus a correction from the samples: the fraction of
         # the samples that are turned away minus that of their predictions by fits without them. The interval is that of
         # the correction, widened by the probability of outcomes that no sample shows.
@@ -375,9 +375,9 @@ class AngleStudy:
         return [found[i] for i in range(len(order))]
 
     def _indices(self, tables: Tables, answer: AngleUncertainty) -> Steps:
-        """Compute Sobol indices by Saltelli's design, with a second set of samples and mixtures of both sets.
+        """Add Sobol indices by Saltelli's design to a result.
 
-        The samples so far are the first set.
+        The design takes two sets of samples and mixtures of both. The samples so far are the first set.
         """
         design, sampling = self.design, self.sampling
         inputs, count = len(design.uncertain), tables.count
@@ -426,7 +426,7 @@ class AngleStudy:
 
 
 def _half_width(answer: AngleUncertainty) -> float:
-    """Return half of the width of the widest interval of a probability."""
+    """Return half the width of the widest interval of the probability curve. [1]"""
     return float((0.5 * (answer.upper - answer.lower)).max())
 
 

@@ -24,7 +24,7 @@ FAR = 9.0
 """Standard deviations beyond which a normal density is neglected. [1]"""
 # Over a range of this size the angle is a curved function of an input. Smaller ranges need no high orders.
 WIDE = 0.2
-"""Dispersion of an input from which polynomials of higher order in that input alone are tried. [ln]"""
+"""Least dispersion of an input with which polynomials of higher order in that input alone are tried. [ln]"""
 # One standard deviation is then a factor of 22,000 either way, more than any input has.
 LARGEST_DISPERSION = 10.0
 """Largest dispersion accepted. [1]"""
@@ -34,7 +34,7 @@ FREEDOM = (1.0, 1e6)
 # The least probability is half a cell of the sample points, which have 30 bits.
 TINY = 2.0**-31
 """Least probability of a sample. [1]"""
-# The tolerance admits weights that are written with nine or more digits.
+# The tolerance accepts weights that are rounded to ten or more decimals.
 WEIGHTS_SUM = 1e-9
 """Largest difference of the sum of weights from 1. [1]"""
 
@@ -42,7 +42,7 @@ WEIGHTS_SUM = 1e-9
 class Continuous(Protocol):
     """Interface of the distributions of a continuous number.
 
-    Polynomials of an input are made in its standard variable, a smooth function of the input.
+    The surrogate is a polynomial in the standard variables of the inputs, each a smooth function of its input.
     """
 
     def standard(self, u: FloatArray) -> FloatArray:
@@ -103,7 +103,7 @@ class Normal:
 
     def standard(self, u: FloatArray) -> FloatArray:
         """Return the distances from the mean, in standard deviations, at given probabilities."""
-        from scipy.special import ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+        from scipy.special import ndtri  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         return np.asarray(ndtri(u), float)
 
@@ -160,7 +160,7 @@ class TruncatedNormal:
 
     def standard(self, u: FloatArray) -> FloatArray:
         """Return the distances from the mean, in standard deviations, at given probabilities."""
-        from scipy.special import ndtr, ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+        from scipy.special import ndtr, ndtri  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         # The upper tail is computed by itself, as one minus the distribution function would cancel. The quantile of an
         # extreme probability may miss a bound by rounding, or be infinite, and is clipped.
@@ -242,20 +242,20 @@ class Lognormal:
 
     @property
     def wide(self) -> bool:
-        """True if the range of the variable spans so large a ratio that polynomials in it need a high order."""
+        """True if the dispersion is so large that polynomials of higher order in this input are tried."""
         return self._logarithm[1] >= WIDE
 
     def standard(self, u: FloatArray) -> FloatArray:
         """Return x/√(1 + x²) at given probabilities, where x is the logarithm of the number over its median."""
-        from scipy.special import ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+        from scipy.special import ndtri  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
-        # Critical angles level off where a factor on the resistance is very large or very small. So do polynomials in a
-        # bounded variable; those in the logarithm grow without bound there.
+        # Critical angles level off where a factor on the resistance is very large or very small. Polynomials in a
+        # bounded variable can follow that, while polynomials in the logarithm grow without bound.
         return self._bounded(ndtri(u))
 
     def value(self, z: FloatArray) -> FloatArray:
         """Return the input at values of the standard variable."""
-        # In factors, 1 - z² keeps its relative accuracy near z = ±1, which stands for very large and small numbers.
+        # As (1 - z)(1 + z), 1 - z² keeps its relative accuracy near z = ±1, where the number is very large or small.
         middle, _ = self._logarithm
         return np.asarray(np.exp(middle + z / np.sqrt((1.0 - z) * (1.0 + z))), float)
 
@@ -320,12 +320,12 @@ class LogStudentT:
 
     @property
     def wide(self) -> bool:
-        """True if the range of the variable spans so large a ratio that polynomials in it need a high order."""
+        """True if the dispersion is so large that polynomials of higher order in this input are tried."""
         return self.dispersion >= WIDE
 
     def scales(self, u: FloatArray) -> FloatArray:
         """Return the logarithm of the number over its median, divided by the scale, at given probabilities. [1]"""
-        from scipy.special import stdtr  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+        from scipy.special import stdtr  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         lower = -math.inf if self.lower is None else math.log(self.lower / self.median) / self.scale
         upper = math.inf if self.upper is None else math.log(self.upper / self.median) / self.scale
@@ -343,13 +343,13 @@ class LogStudentT:
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
         """Return nodes and weights for a mean over the distribution."""
-        # The rule is over probabilities, since no finite number of scales, as for a normal distribution, contains the
-        # heavy tails.
+        # The rule is over probabilities. A rule over a finite number of scales, as for a normal distribution, would cut
+        # off the heavy tails.
         x, w = leggauss(4 * NODES)
         return self.standard(0.5 * (1.0 + x)), 0.5 * w
 
     def _quantile(self, u: Any) -> Any:
-        from scipy.special import stdtrit  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+        from scipy.special import stdtrit  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         return stdtrit(self.degrees_of_freedom, u)
 
@@ -459,7 +459,7 @@ class Discrete:
 
     @property
     def likeliest(self) -> int:
-        """Index of the value with the largest weight; of the first one if there are several."""
+        """Index of the value with the largest weight; the smallest index if several values have it."""
         return int(np.argmax(self.probabilities))
 
     def places(self, u: FloatArray) -> np.ndarray[Any, np.dtype[np.int64]]:
@@ -472,9 +472,9 @@ Distribution: TypeAlias = Normal | TruncatedNormal | Lognormal | LogStudentT | U
 
 
 def stated_values(distribution: Distribution) -> list[tuple[str, Any]]:
-    """Return the parameters of a distribution that are values of the field, with their names.
+    """Return the parameters of a distribution that are values of the field, as (name, value) pairs.
 
-    They are discrete values, bounds, mean and median.
+    These are the discrete values, bounds, mean and median.
     """
     if isinstance(distribution, Discrete):
         return [(f"values.{number}", value) for number, value in enumerate(distribution.values)]
@@ -485,7 +485,7 @@ def stated_values(distribution: Distribution) -> list[tuple[str, Any]]:
 @lru_cache(maxsize=1)
 def _normal_panel() -> tuple[FloatArray, FloatArray]:
     """Return nodes and weights for a mean over a normal variable, for smooth functions other than polynomials."""
-    # A Gauss-Hermite rule is exact for polynomials, but its nodes are too wide apart for a function that levels off.
+    # A Gauss-Hermite rule is exact for polynomials, but its nodes are too far apart for a function that levels off.
     x, w = leggauss(4 * NODES)
     weights = w * np.exp(-0.5 * (FAR * x) ** 2)
     return FAR * x, weights / weights.sum()

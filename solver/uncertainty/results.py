@@ -1,4 +1,4 @@
-"""Answers of studies of uncertainty, and the tables of results from which they are computed."""
+"""Results of uncertainty studies, and the tables from which they are computed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -17,8 +17,9 @@ from solver.strike import Impact
 from solver.uncertainty.sampling import SCRAMBLINGS, Design, Estimate, Point
 from solver.warnings import ModelWarning
 
+# These are the ends of the 95 % and the 90 % range, the quartiles and the median.
 LEVELS = (0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975)
-"""Probabilities of the quantiles in an answer."""
+"""Probabilities of the quantiles in the result of a study."""
 
 RANGE = (0.05, 0.95)
 """Probabilities of the quantiles at the ends of the 90 % range."""
@@ -32,17 +33,17 @@ EXIT_QUANTITIES = tuple(each.name for each in fields(Exit))
 FlightQuantiles: TypeAlias = Mapping[str, Quantiles]
 """Quantiles of distances of flight, by name."""
 FLIGHT_QUANTITIES = ("range", "farthest_range")
-"""Distances of `solver.Flight` that a study keeps: as computed, and over all elevations."""
+"""Distances of `solver.Flight` that a study keeps: at the computed elevation, and the farthest over all elevations."""
 
 Problem = Literal["", "failed", "outside"]
-"""Reason why a sample has no outcome: it could not be computed, or is outside the ranges of the model."""
+"""Reason why a sample has no outcome: it could not be computed, or is outside the ranges of the model; else empty."""
 
 
 class Crossings(NamedTuple):
     """Result of a search for the critical angle, as a study stores it."""
 
     angles: tuple[float, ...] = ()
-    """Angles at which the outcome changes, in increasing order. [rad]"""
+    """Angles at which ricochet begins or ends, in increasing order. [rad]"""
     starts_turned_away: bool = False
     """True if the projectile is turned away at the lower end of the range."""
     problem: Problem = ""
@@ -66,7 +67,7 @@ class Crossings(NamedTuple):
 
     @property
     def simple(self) -> bool:
-        """True if there is exactly one change of outcome, from retained to turned away."""
+        """True if ricochet begins at one angle in the range and does not end."""
         return not self.problem and len(self.angles) == 1 and not self.starts_turned_away
 
 
@@ -87,7 +88,7 @@ class AfterShots:
     shots: int
     """Number of shots."""
     dispersion: float
-    """Standard deviation of ln S for the shot after these, at the stated strength. [ln]"""
+    """Standard deviation of ln S for the next shot after these shots, at the stated strength. [ln]"""
     lower: float
     """Lower end of the 90 % range, if the shots leave the median of S as it is. [rad]"""
     upper: float
@@ -101,9 +102,9 @@ class Sensitivity:
     field: str
     """Dotted name of the input."""
     first_order: Estimate | None
-    """First-order Sobol index; None where the budget left no samples for it. [1]"""
+    """First-order Sobol index; None if too few samples were left for it, or one had no outcome. [1]"""
     total: Estimate | None
-    """Total Sobol index; None where the budget left no samples for it. [1]"""
+    """Total Sobol index; None if too few samples were left for it, or one had no outcome. [1]"""
     swing: tuple[Change, ...]
     """Critical angles at the 5 % and 95 % quantiles of the input, or at each of its discrete values."""
     after_shots: tuple[AfterShots, ...] = ()
@@ -125,7 +126,7 @@ class Tables:
         self._design = design
         self._angles = angles
         self.found: npt.NDArray[np.object_] = np.empty((SCRAMBLINGS, 0, design.alternatives), object)
-        """(scramblings, count, alternatives) results."""
+        """(scramblings, count, alternatives) results of searches."""
         self.samples = self.failed = self.outside = 0
         self.swing: list[tuple[int, Change]] = []
 
@@ -139,13 +140,13 @@ class Tables:
         count
             Number of points of each scrambling in the round.
         others
-            Results that only add to the number of samples and problems.
+            Further results that count as samples and problems, but not in the probabilities.
         """
         if len(results) != SCRAMBLINGS * count * self._design.alternatives:
             raise ParameterError("results", "must be one for each point")
         self.count_problems([*results, *others])
         new = np.empty(len(results), object)
-        for number, each in enumerate(results):  # a tuple each, which a slice would take apart
+        for number, each in enumerate(results):  # NumPy would unpack the tuples in a slice assignment
             new[number] = each
         self.found = np.concatenate((self.found, new.reshape(SCRAMBLINGS, count, -1)), axis=1)
         self.critical = np.array([each.angle for each in self.found.ravel()]).reshape(self.found.shape)
@@ -153,7 +154,7 @@ class Tables:
         self._count_outcomes()
 
     def count_problems(self, results: Sequence[Crossings]) -> None:
-        """Add to the numbers of samples and of those without an outcome."""
+        """Count samples, and samples without an outcome by the reason."""
         self.samples += len(results)
         self.failed += sum(each.problem == "failed" for each in results)
         self.outside += sum(each.problem == "outside" for each in results)
@@ -229,10 +230,10 @@ class AngleUncertainty(ComparedByFields):
     method: Literal["surrogate", "direct"]
     """Source of the probabilities: polynomial chaos, or counted outcomes."""
     order: int | None
-    """Highest order of the polynomials of the surrogate."""
+    """Highest order of the polynomials of the surrogate; None for counted outcomes."""
     surrogate_error: float | None
     """Root mean square error of the surrogate at held-out points, given even if it was too large for the surrogate to
-    be used. [rad]"""
+    be used; None if none was fitted. [rad]"""
     samples: int
     """Total number of searches."""
     failed: int
@@ -300,20 +301,20 @@ class TrajectoryUncertainty:
     """Probability of each outcome of one strike, with quantiles of depth, exit and flight."""
 
     outcomes: tuple[tuple[str, Estimate], ...]
-    """Probability of each outcome: ``ricochet``, ``embedded``, ``in_motion`` and, for a wall, ``perforated``."""
+    """Probability of each outcome: ``ricochet``, ``embedded``, ``in_motion``, and ``perforated`` if any run does."""
     maximum_depth: tuple[tuple[float, Estimate], ...]
     """Quantiles of the greatest depth over the runs that do not perforate. [1, m]"""
     ricochet_exit: ExitQuantiles
-    """Quantiles of the exit of projectiles that are turned away, by their names in `solver.Exit`; empty if none is.
+    """Quantiles of the quantities of `solver.Exit`, by name, over the runs that end in ricochet; empty if none does.
     [1, unit of the quantity]"""
     perforation_exit: ExitQuantiles
-    """Quantiles of the exit of projectiles that perforate, by their names in `solver.Exit`; empty if none does.
+    """Quantiles of the quantities of `solver.Exit`, by name, over the runs that perforate; empty if none does.
     [1, unit of the quantity]"""
     ricochet_flight: FlightQuantiles
     """Quantiles of the distance of flight after a ricochet, by the names ``range`` and ``farthest_range`` of
     `solver.Flight`; empty unless a flight was requested. [1, m]"""
     perforation_flight: FlightQuantiles
-    """Quantiles of the distance of flight behind a wall, by the same names. [1, m]"""
+    """Quantiles of the distance of flight behind a wall, by the names in `ricochet_flight`. [1, m]"""
     convergence: tuple[Round, ...]
     """Number of samples and half width after each round."""
     converged: bool
@@ -347,7 +348,7 @@ class TrajectoryUncertainty:
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
         """Plot the probability of each outcome, depths and exit speeds; return the ``matplotlib.figure.Figure``.
 
-        The figure is a new one of pyplot. Axes that are given show the probabilities only.
+        The figure is a new pyplot figure unless axes are given. Given axes show the probabilities only.
         """
 
         def rows(quantiles: Quantiles) -> list[tuple[float, float, float, float]]:
@@ -376,9 +377,9 @@ Study = TypeVar("Study", AngleUncertainty, TrajectoryUncertainty)
 
 @dataclass(frozen=True, slots=True)
 class Batch(Generic[Study]):
-    """Points of a study to compute, in any order and in parts of any size."""
+    """Points of a study to compute. They may be computed in any order and in parts of any size."""
 
     points: list[Point]
     """Values of the inputs at each point, in the order of the inputs."""
     so_far: Study | None
-    """Answer from the batches before; None in the first batch."""
+    """Result of the study from the previous batches; None in the first batch."""

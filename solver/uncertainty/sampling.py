@@ -1,4 +1,4 @@
-"""Uncertain inputs, their sample points, and intervals of results. Sample points depend on the seed only."""
+"""Uncertain inputs, their sample points, and intervals of results."""
 
 import itertools
 import math
@@ -23,9 +23,9 @@ MOST_INPUTS = MOST_DIMENSIONS // 2
 # known to about a fifth, and the points of each scrambling are still well spread.
 SCRAMBLINGS = 16
 """Number of scramblings of the Sobol sequence."""
-# Sixteen points in 16 scramblings are the smallest budget, 256 samples. Every round doubles the points.
+# Sixteen points in 16 scramblings take the smallest budget, 256 samples. Every further round doubles the points.
 FIRST_POINTS, FEWEST_POINTS = 16, 4
-"""Numbers of points of each scrambling in the first round, by default and where wide intervals suffice."""
+"""Number of points of each scrambling in the first round by default, and its least value for a wide half width."""
 # The lower bound is the first round. The upper one is a rough choice, well below the 2**30 points of the sequence.
 FEWEST_SAMPLES, MOST_SAMPLES = 256, 1_048_576
 """Bounds of the budget of samples."""
@@ -36,9 +36,12 @@ HALF_BIN = 2.0**-31
 # is that bound in standard errors, 3/2.
 UNSEEN = 1.5
 """Standard error of the probability of an event that no sample shows, times the number of samples. [1]"""
-# Computing every combination at every point is more accurate, but its cost is proportional to their number.
+# Computing every combination at every point is more accurate, but its cost is proportional to the number of
+# combinations.
 MOST_ALTERNATIVES = 8
-"""Largest number of combinations of discrete values that are all computed at every point; more are sampled."""
+"""Largest number of combinations of discrete values that are all computed at every point. If there are more, the
+values are sampled."""
+# The 90 % range of the input lies between these quantiles, as the range of the angle does.
 SWING_LEVELS = (0.05, 0.95)
 """Probabilities of the quantiles of an input at which its swing is computed."""
 # Sixty halvings reach the precision of a float for any interval of ordinary numbers.
@@ -121,7 +124,7 @@ def check_values(index: int, uncertain: Uncertain, check: Callable[[Any], object
     Raises
     ------
     ParameterError
-        If one of them is not accepted. The error names the parameter of the distribution.
+        If a value is not accepted. The error names the parameter of the distribution.
     """
     for name, value in stated_values(uncertain.distribution):
         try:
@@ -155,6 +158,8 @@ class Sampling:
         If a value is outside its range.
     """
 
+    # For a probability of one half, 2,400 independent samples give this half width at 95 %. The budget is seven times
+    # as large, for rare combinations of inputs and for sensitivities.
     half_width: float = 0.02
     confidence: float = 0.95
     max_samples: int = 16_384
@@ -162,6 +167,9 @@ class Sampling:
     method: str = "auto"
 
     def __post_init__(self) -> None:
+        # A half width of 1e-4 takes a hundred million independent samples, more than the largest budget, and one of 0.5
+        # is that of all probabilities. Below a confidence of one half an interval is more often wrong than right; its
+        # upper bound is a rough choice. Up to 2**53 every reader of JSON keeps an integer as it is.
         require_between("sampling.half_width", self.half_width, 1e-4, 0.5)
         require_between("sampling.confidence", self.confidence, 0.5, 0.9999)
         require_between("sampling.max_samples", self.max_samples, FEWEST_SAMPLES, MOST_SAMPLES)
@@ -171,7 +179,7 @@ class Sampling:
     @property
     def normal_quantile(self) -> float:
         """Half width of an interval over its standard error, by the normal distribution. [1]"""
-        from scipy.special import ndtri  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+        from scipy.special import ndtri  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         return float(ndtri(0.5 + 0.5 * self.confidence))
 
@@ -185,17 +193,17 @@ class Sampling:
 
     @property
     def student_quantile(self) -> float:
-        """Half width of an interval over its standard error, if that comes from the scramblings. [1]"""
-        # The means of the scramblings are not quite normal. With half the risk, intervals contain the true value as
-        # often as the confidence level states (`tests/uncertainty/test_coverage.py`).
-        from scipy.special import stdtrit  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+        """Half width of an interval over its standard error, for standard errors from the scramblings. [1]"""
+        # The means of the scramblings are not quite normal. With half the probability outside, intervals contain the
+        # true value as often as the confidence level states (`tests/uncertainty/test_coverage.py`).
+        from scipy.special import stdtrit  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         return float(stdtrit(SCRAMBLINGS - 1, 0.75 + 0.25 * self.confidence))
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Estimated number with its interval at the confidence level of the study."""
+    """Estimated value with its interval at the confidence level of the study."""
 
     value: float
     """Estimated value."""
@@ -238,7 +246,7 @@ def share_half_width(by_scrambling: FloatArray, sampling: Sampling, samples: int
 
 
 def jackknifed(value: float, without: FloatArray, sampling: Sampling) -> Estimate:
-    """Return an estimate with its jackknife interval, from the values that leave out one scrambling each."""
+    """Return an estimate with its jackknife interval, from the values without each scrambling in turn."""
     count = without.size
     error = math.sqrt((count - 1) / count * float(((without - without.mean()) ** 2).sum()))
     half = sampling.student_quantile * error
@@ -254,7 +262,7 @@ def share_estimate(by_scrambling: FloatArray, sampling: Sampling, samples: int) 
 def moment_estimates(
     values: FloatArray, weights: FloatArray, sampling: Sampling
 ) -> tuple[Estimate | None, Estimate | None]:
-    """Return mean and standard deviation of (scramblings, n) values; None if only one scrambling has any."""
+    """Return mean and standard deviation of (scramblings, n) values; None if only one scrambling has weight."""
     # Values are taken relative to their mean before they are squared, which avoids cancellation in the variance.
     totals = weights.sum(axis=1)
     centre = float((weights * values).sum() / totals.sum())
@@ -267,7 +275,7 @@ def moment_estimates(
 
     mean, deviation = moments(totals.sum(), first.sum(), second.sum())
     rest = totals.sum() - totals
-    if not (rest > 0.0).all():  # all of them in one scrambling: nothing is left to compare
+    if not (rest > 0.0).all():  # all values are in one scrambling, so that there is no scatter between scramblings
         return None, None
     means, deviations = moments(rest, first.sum() - first, second.sum() - second)
     return jackknifed(float(mean), means, sampling), jackknifed(float(deviation), deviations, sampling)
@@ -280,7 +288,7 @@ def quantile_estimates(
     sampling: Sampling,
     shift: FloatArray | float = 0.0,
 ) -> tuple[tuple[float, Estimate], ...]:
-    """Return probabilities with their quantiles and the intervals of these.
+    """Return the quantile at each probability, with its interval.
 
     The intervals are Woodruff's (1952): they lie between the quantiles at the ends of the interval of the probability.
 
@@ -291,14 +299,14 @@ def quantile_estimates(
     levels
         Probabilities. [1]
     shift
-        Error of the values themselves, by which the interval grows.
+        Errors of the values themselves, by which the intervals are widened.
     """
     flat, shared = values.ravel(), weights.ravel()
     totals = weights.sum(axis=1)
     totals = np.where(totals > 0.0, totals, 1.0)
 
-    # NumPy has weights for the inverse of the empirical distribution function only, which needs no interpolation
-    # between samples. All levels are computed at once, as each call sorts.
+    # NumPy supports weights only for the inverse of the empirical distribution function, without interpolation between
+    # samples. All levels are computed in one call, as each call sorts the values.
     def quantiles(of: FloatArray, at: FloatArray) -> list[float]:
         return [float(each) for each in np.quantile(of, at, weights=shared, method="inverted_cdf")]
 
@@ -329,7 +337,7 @@ class Design:
     Raises
     ------
     ParameterError
-        If the budget is too small for the first round.
+        If the budget is less than the first round and the swings need.
     """
 
     def __init__(self, uncertain: Sequence[Uncertain], sampling: Sampling, *, swings: bool = False) -> None:
@@ -339,7 +347,7 @@ class Design:
         self.continuous = [i for i in range(len(uncertain)) if i not in self.discrete]
         choices = [self._discrete(i) for i in self.discrete]
         self.swings = self._swing_points() if swings else []
-        """Index and point of every change of one input, with the others at their median or likeliest value."""
+        """Index of the changed input, and the point; the other inputs are at their median or likeliest value."""
         first_round, budget = SCRAMBLINGS * FIRST_POINTS, sampling.max_samples
         least = first_round + len(self.swings)
         require(
@@ -394,7 +402,7 @@ class Design:
         return list(zip(*self._columns(unit), strict=True))
 
     def alternative_at(self, unit: FloatArray) -> npt.NDArray[np.int64]:
-        """Return the index of the alternative that the discrete values at each point select."""
+        """Return the index in `combinations` of the discrete values at each point."""
         place = np.zeros(unit.shape[:-1], np.int64)
         if self.enumerated:
             for i in self.discrete:
@@ -402,7 +410,7 @@ class Design:
         return place
 
     def beyond(self, unit: FloatArray, accepts: Accepts) -> npt.NDArray[np.bool_]:
-        """Return a mask of the points that have a continuous input outside the range that the model accepts."""
+        """Return a mask of the points at which a continuous input is outside the range that the model accepts."""
         # Each input is checked alone, with the others as in the strike. Its accepted range is an interval around its
         # median, so that a bisection for each end replaces a check of every point.
         found = np.zeros(unit.shape[:-1], bool)

@@ -1,6 +1,6 @@
-"""Scrambled Sobol points, equal to those of SciPy bit for bit.
+"""Scrambled Sobol points, identical to those of SciPy.
 
-`scipy.stats.qmc.Sobol` has the same points, but importing `scipy.stats` takes longer than a whole study.
+`scipy.stats.qmc.Sobol` returns the same points, but importing `scipy.stats` takes longer than a small study.
 """
 
 from functools import lru_cache
@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from solver.arrays import FloatArray
 
+# SciPy has as many, and a test compares the points with those of SciPy to the last bit.
 BITS = 30
 """Binary digits of each coordinate."""
 JOE_KUO = """
@@ -58,9 +59,9 @@ def scrambled_sobol(generator: np.random.Generator, dimensions: int, count: int)
     dimensions
         No more than `MOST_DIMENSIONS`.
     count
-        A power of two, below 2**30. The first points are the same whatever the count.
+        A power of two, below 2**30. The first points do not depend on it.
     """
-    (generator,) = generator.spawn(1)  # as SciPy does, so that the points are the same
+    (generator,) = generator.spawn(1)  # as in SciPy, so that the points are the same
     digits = np.arange(BITS, dtype=np.uint32)
     shift = generator.integers(2, size=(dimensions, BITS), dtype=np.uint32) @ (np.uint32(1) << digits)
     matrices = np.tril(generator.integers(2, size=(dimensions, BITS, BITS), dtype=np.uint32), -1)

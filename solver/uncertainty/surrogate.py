@@ -1,4 +1,4 @@
-"""Polynomial chaos of a smooth function of independent inputs, with Sobol indices from it or by the direct method.
+"""Polynomial chaos of a smooth function of independent inputs, and Sobol indices from it or by the direct method.
 
 References
 ----------
@@ -27,12 +27,12 @@ class Shape(NamedTuple):
     order: int
     """Highest total order of any product."""
     narrow: int = 0
-    """Highest order of a polynomial in one input alone, if higher than `order`."""
+    """Highest order of a polynomial in one input alone that does not span a large factor; used if above `order`."""
     wide: int = 0
-    """Highest order of a polynomial in one input alone, if that input spans a large factor."""
+    """Highest order of a polynomial in one input alone that spans a large factor; used if above `order`."""
     wide_with_one: int = 0
-    """Highest order of an input that spans a large factor, in products with the first order of one other input, if
-    higher."""
+    """Highest order of an input that spans a large factor, in products with the first order of one other input; used
+    if not below `order`."""
 
     def terms(self, inputs: int, wide: Sequence[int]) -> IntArray:
         """Return the (terms, inputs) orders; `wide` holds the indices of the inputs that span a large factor."""
@@ -54,28 +54,28 @@ class Shape(NamedTuple):
         return np.array(list(dict.fromkeys(rows)), dtype=np.int64).reshape(-1, inputs)
 
 
-# Order 5 has 792 terms for seven inputs already, as many as the usual samples can determine.
+# Order 5 has 792 terms for seven inputs, which is about as many as the usual samples can determine.
 SHAPES = tuple(Shape(order) for order in range(1, 6))
-"""Shapes tried for all inputs."""
-# The effect of an input that spans a large factor levels off, which takes high orders, while that of the others is
-# nearly linear. With these shapes 128 points instead of 256 give the angle over a factor of five in S to 0.06°.
+"""Shapes tried in every fit."""
+# The effect of an input that spans a large factor levels off, which takes high orders, while the effect of other inputs
+# is nearly linear. With these shapes 128 points instead of 256 give the angle over a factor of five in S to 0.06°.
 WIDE_SHAPES = (
     *(Shape(1, narrow, wide, with_one) for narrow in (1, 2) for wide, with_one in ((4, 2), (6, 3), (8, 4))),
     *(Shape(order, order, wide, with_one) for order in (2, 3) for wide, with_one in ((4, 2), (6, 3), (8, 4))),
 )
 """Further shapes tried if an input spans a large factor."""
-# With fewer points a fit over many inputs goes through every point, and its cross-validation says little.
+# With fewer points a fit over many inputs goes through nearly every point, and its cross-validation is unreliable.
 POINTS_PER_TERM = 2
 """Least number of points of a fit for each term."""
 # The error of a standard deviation from 400 draws is 3.5 %, below that of the errors it describes.
 DRAWS = 400
-"""Number of draws of the coefficients within their errors, for the intervals of derived quantities."""
+"""Number of random draws of the coefficients from their errors, for the intervals of derived quantities."""
 # 499 resamples resolve the ends of a 95 % interval; a batch of 50 bounds the memory.
 RESAMPLES, BATCH = 499, 50
 """Number of bootstrap resamples, and of those held in memory at a time."""
 # An interval of a deterministic result must not be narrower than its rounding error.
 ROUNDING = 1e-12
-"""Least half width of an interval, over the value. [1]"""
+"""Least half width of an interval, over the larger of the value and 1. [1]"""
 
 
 class Basis:
@@ -124,9 +124,9 @@ class Expansion:
     coefficients
         (alternatives, terms) coefficients.
     scatter
-        (alternatives, terms, terms) square roots of their covariance matrices.
+        (alternatives, terms, terms) square roots of the covariance matrices of the coefficients.
     held_out
-        (n, alternatives) values minus the predictions of fits without that point.
+        (n, alternatives) values at the points minus the predictions of fits without the point.
     """
 
     basis: Basis
@@ -169,8 +169,8 @@ def _fit(basis: Basis, z: FloatArray, values: FloatArray) -> Expansion:
     inverse = np.linalg.inv(triangle)
     coefficients = inverse @ (orthogonal.T @ values)
     leverage = (orthogonal**2).sum(axis=1)
-    # The residual over one minus the leverage is that of the fit without the point (Allen 1974), so that no fit has to
-    # be repeated. Where a fit goes through a point, the leverage is 1.
+    # The residual over one minus the leverage is the residual of the fit without the point (Allen 1974), so that no fit
+    # has to be repeated. Where a fit goes through a point whatever its value, the leverage is 1.
     held_out = (values - matrix @ coefficients) / np.maximum(1.0 - leverage, 1e-9)[:, None]
     errors = np.sqrt((held_out**2).mean(axis=0))
     return Expansion(basis, coefficients.T, errors[:, None, None] * inverse, held_out)
@@ -199,8 +199,8 @@ def expansion_moments(expansion: Expansion, weights: Sequence[Sequence[float]], 
         Weights of the values of each discrete input. The alternatives are all combinations; the last input varies
         fastest.
     """
-    # The indices are sums of squared coefficients (Sudret 2008), which takes no further samples. Their intervals come
-    # from random coefficients within their errors, since the indices are not linear in them.
+    # The indices are sums of squared coefficients (Sudret 2008) and take no further samples. Their intervals come from
+    # random draws of the coefficients, since the indices are not linear in them.
     joint, supports = _discrete_basis(weights)
     continuous = expansion.basis.terms > 0
     support = np.concatenate(
@@ -220,7 +220,7 @@ def expansion_moments(expansion: Expansion, weights: Sequence[Sequence[float]], 
 
 
 def _moments(terms: FloatArray, support: npt.NDArray[np.bool_], missed: float, sampling: Sampling) -> Moments:
-    """Return the moments of the coefficients in the first row, with intervals from the scatter of the other rows.
+    """Return moments and indices from the coefficients in the first row, with intervals from those in the other rows.
 
     Parameters
     ----------
@@ -298,9 +298,9 @@ def direct_indices(
     own, other
         (n,) values at the two sets of samples.
     mixed
-        (inputs, n) values at the first set with one input of the second.
+        (inputs, n) values at the first set with one input replaced by that of the second.
     """
-    from scipy import stats  # noqa: PLC0415 (takes long to import, also where nothing is sampled)
+    from scipy import stats  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
     size = own.size
     mixed = np.concatenate((mixed, own[None]))  # one input without effect, since SciPy drops the axis of a single input

@@ -45,11 +45,11 @@ class Ending(NamedTuple):
     maximum_depth: float = math.nan
     """Greatest depth; NaN if the projectile perforates. [m]"""
     exit: Exit | None = None
-    """State of the projectile as it leaves the target; None if it stays."""
+    """State of the projectile as it leaves the target; None if it stays in it."""
     problem: Problem = ""
     """Reason for a missing result; empty otherwise."""
     range: float = math.nan
-    """Distance of flight; NaN if the projectile stays, or no flight is requested. [m]"""
+    """Distance of flight; NaN if the projectile stays in the target, or no flight was requested. [m]"""
     farthest_range: float = math.nan
     """Farthest distance of flight over all elevations; NaN as for `range`. [m]"""
 
@@ -64,7 +64,7 @@ class Ending(NamedTuple):
 
 
 TrajectorySteps = Generator[Batch[TrajectoryUncertainty], Sequence[Ending], TrajectoryUncertainty]
-"""Generator that yields batches, is sent their results, and returns the answer."""
+"""Generator that yields batches of points, is sent the results at them, and returns the result of the study."""
 
 
 class TrajectoryStudy:
@@ -77,11 +77,11 @@ class TrajectoryStudy:
     sampling
         Accuracy, budget and seed.
     warnings
-        Warnings of the strike, which every answer has.
+        Warnings about the strike, added to those of the study.
 
     Notes
     -----
-    It is used like `AngleStudy`. Outcomes jump with the inputs, so there is no surrogate.
+    `steps` is used like that of `AngleStudy`. Outcomes are not continuous in the inputs, so there is no surrogate.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class TrajectoryStudy:
         self.sampling = sampling
 
     def steps(self) -> TrajectorySteps:
-        """Yield batches, receive their results, and return the answer."""
+        """Yield batches of points, receive the results at them, and return the result of the study."""
         design, inputs = self.design, len(self.design.uncertain)
         found: list[list[Ending]] = [[] for _ in range(SCRAMBLINGS)]
         history: list[Round] = []
@@ -122,7 +122,7 @@ class TrajectoryStudy:
         shares, widest = [], 0.0
         for outcome in Outcome:
             if outcome is Outcome.PERFORATED and not (outcomes == outcome.value).any():
-                continue  # a half-space has no rear face
+                continue  # a target without a thickness cannot be perforated
             by_scrambling = np.where(outcomes == outcome.value, weights, 0.0).sum(axis=1)
             value, half = float(by_scrambling.mean()), float(share_half_width(by_scrambling, sampling, base))
             estimate = Estimate(value, max(0.0, value - half), min(1.0, value + unknown + half))
@@ -171,7 +171,7 @@ class TrajectoryStudy:
         names: Sequence[str],
         quantity: Callable[[Ending, str], float],
     ) -> dict[str, Quantiles]:
-        """Return the quantiles of some quantities by name, without those that no ending has."""
+        """Return the quantiles of quantities by name, without quantities that no ending has."""
         rows = {name: [[quantity(each, name) for each in row] for row in found] for name in names}
         known = {name: self._quantiles(row, weights) for name, row in rows.items()}
         return {name: quantiles for name, quantiles in known.items() if quantiles}

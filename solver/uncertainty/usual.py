@@ -29,30 +29,31 @@ from solver.uncertainty.strikes import THEORY
 # The coefficients of variation are rough choices.
 VELOCITY, DENSITY, MASS = 0.02, 0.02, 0.005
 """Coefficients of variation of velocity, density and mass. [1]"""
-# More digits of a dispersion are not known, and would show in requests.
+# Dispersions are not known to more digits, and longer numbers would only clutter the inputs that are shown to users.
 DIGITS = 4
 """Number of decimals of dispersions and scales."""
-# Where S itself is beyond the usual range, its scatter must not be cut off next to its median.
+# Where S itself is outside the plausible range, its distribution must not be truncated close to its median.
 WITHIN = 0.5, 2.0
 """Range of the factor on S that is never truncated. [1]"""
 # The standard deviation is a rough choice.
 ATTACK = math.radians(1.0)
 """Standard deviation of the angle of attack. [rad]"""
 THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, MohrCoulomb)
-"""Decay laws that count as theories."""
-# The weights are rough choices. The first law with eq. 9 gives the paper's angle; the second follows finite element
-# motions more closely and has the S(θ) fitted to these. No decay at all is no theory.
+"""Decay laws among which the usual scatter chooses."""
+# The weights are rough choices. Elastic-plastic decay with eq. 9 gives the paper's angle. Mohr-Coulomb decay follows
+# finite element motions more closely, and its S(θ) was fitted to them. The law without decay is left out, because it
+# neglects the free surface and serves for comparison only.
 THEORIES = (0.8, 0.2)
 """Weights of `THEORY_LAWS`. [1]"""
 
 
 def has_own_law(resistance: Resistance | None) -> bool:
-    """Return whether the resistance has a law other than those of the theories.
+    """Return whether the user has chosen a decay law or S, so that the theories do not apply by default.
 
     Notes
     -----
-    That is so for any decay law but the elastic-plastic one, and for a value or coefficients of S given by the user.
-    Published tests, own shots, eq. 9 and the published power law leave the theory of the decay open.
+    This is true for any decay law but the elastic-plastic one, and for a value or coefficients of S given by the user.
+    It is false for published tests, own shots, eq. 9 and the published power law.
     """
     if resistance is None:
         return False
@@ -106,8 +107,8 @@ def usual_scatter(
     Notes
     -----
     The factor on S has the scatter of the law, or of the shots into the same concrete, without the part that the
-    strength explains: see `StrengthScatter`. Its tails are heavy, so it is truncated where S would be outside
-    `PLAUSIBLE_FACTORS`: otherwise one sample in a thousand would have an S that no concrete has.
+    strength explains, see `StrengthScatter`. Its distribution has heavy tails and is truncated where S would be outside
+    `PLAUSIBLE_FACTORS`. Otherwise one sample in a thousand would have an S that no concrete has.
     """
     resistance = usual_unless_given(resistance)
     factor = resistance.strength_polynomial(target=target, projectile=projectile)[0]

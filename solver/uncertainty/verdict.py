@@ -33,15 +33,17 @@ from solver.uncertainty.weighed_warnings import (
 )
 from solver.warnings import ModelWarning
 
-# Up to this number of samples may be needed for a surrogate of each theory; for most strikes half of them are enough.
+# A surrogate for each theory may need up to this number of samples; for most strikes half of them are enough.
 SAMPLES, HALF_WIDTH = 1024, 0.05
 """Budget of samples, and half width of the interval of each probability at which sampling ends. [1, 1]"""
+# Between two of these angles the curve of the paper's strike rises by 0.07 at most, and a straight line is off by
+# 0.015, less than the half width of its intervals. The angle to judge is always one of them.
 STEP_DEG = 0.5
 """Interval of the angles at which the probability is computed. [°]"""
-# The angle to judge is converted between degrees and radians, which costs some rounding errors.
+# The angle to judge is converted between degrees and radians, which causes rounding errors.
 SAME_ANGLE = 1e-9
 """Largest difference of angles that count as equal. [rad]"""
-# The last digit written should be about a tenth of the width.
+# A unit in the last digit written should be about a tenth of the width.
 WHOLE_DEGREES, TENTHS = math.radians(3.0), math.radians(0.3)
 """Least widths of a range that is written in whole degrees, and in tenths. [rad]"""
 ENDINGS: Mapping[str, str] = {
@@ -53,10 +55,10 @@ ENDINGS: Mapping[str, str] = {
 """Outcomes in words."""
 COUNTED: Mapping[int, str] = {1: "one", 3: "three"}
 """Numbers of shots in words."""
-# A range that shrinks by less than a tenth does not repay a test; the value is a rough choice.
+# A range that shrinks by less than a tenth does not justify a test; the value is a rough choice.
 HARDLY = 0.9
-"""Width of the expected range over that of the present one, above which more shots are called useless. [1]"""
-# The sentence should agree with the probability beside it: "is turned away" is wrong in one of ten cases at most.
+"""Ratio of the expected width of the range to its present width, above which more shots are called useless. [1]"""
+# The sentence should agree with the probability it states: "is turned away" is wrong in one of ten cases at most.
 LIKELY, UNLIKELY = 0.9, 0.1
 """Probabilities of ricochet above which a body is said to be turned away, and below which it is not. [1]"""
 # A smaller probability would be written as 0 %.
@@ -75,11 +77,11 @@ class Question(NamedTuple):
     """Kind of computation: a search for the critical angle, a study of it with the usual scatter, or a run or a
     judgement of the wall at the angle to judge."""
     theories: bool = False
-    """Let the theories of the decay scatter in a study, even if the resistance has another law."""
+    """Include the theory of the decay among the inputs of a study, even if another law was chosen."""
     probe: tuple[str, float] | None = None
     """Code of a warning, and the value changed in the search that shows its effect, as in `with_probe`."""
     optional: bool = False
-    """True if the verdict can do without the answer."""
+    """True if the verdict can be given without the answer."""
 
 
 class Spread(NamedTuple):
@@ -90,7 +92,7 @@ class Spread(NamedTuple):
     share_without: float
     """Share of the samples without a critical angle. [1]"""
     theories: tuple[float | None, ...]
-    """Critical angle by each theory of the decay; empty if they do not scatter. [rad]"""
+    """Critical angle by each theory of the decay; empty if the theory is not an input of the study. [rad]"""
     probability: Estimate | None
     """Probability of ricochet at the angle to judge; None if the curve does not have that angle. [1]"""
 
@@ -130,7 +132,7 @@ class Ended(NamedTuple):
     protrusion: Protrusion | None = None
     warnings: tuple[ModelWarning, ...] = ()
     flight: Flight | None = None
-    """Flight of the body after it has left, if it ricochets."""
+    """Flight of the body after it has left the target, if it ricochets."""
 
 
 Found: TypeAlias = CriticalAngle | Spread | Ended | WallVerdict | None
@@ -150,27 +152,26 @@ class Verdict:
     searched: tuple[float, float]
     """Lower and upper end of the search. [rad]"""
     spread: tuple[float, float] | None
-    """90 % range of the critical angle with the usual scatter, and with the inputs as given; None if no sample has an
-    angle, or none was computed. [rad]"""
+    """90 % range of the critical angle with the usual scatter, extended to include `angle` and `held_angle`; None if no
+    sample has an angle, or none was computed. [rad]"""
     reason_without_range: str = ""
-    """Part of the sentence that says why the samples of the usual scatter were not computed; empty if they were."""
+    """Part of the sentence with the reason why no range was computed; empty if the study was computed."""
     share_without: float
     """Share of the samples without a critical angle. [1]"""
     theories: tuple[float | None, ...]
     """Critical angle by elastic-plastic and by Mohr-Coulomb decay, other inputs at their medians. [rad]"""
     own_law: bool = False
-    """True if the resistance has a law other than those of the theories; the range over the theories is then given
-    separately."""
+    """True if a decay law or S was chosen; the range over the theories is then given separately."""
     theory_spread: tuple[float, float] | None = None
-    """90 % range over the theories, if the resistance has another law. [rad]"""
+    """90 % range over the theories, if `own_law` is true. [rad]"""
     theory_range_failed: bool = False
     """True if the range over the theories was requested but could not be computed."""
     held_angle: float | None = None
-    """Critical angle with S held from 55° on, where it is held from 60° on and the angle is above 55°. [rad]"""
+    """Critical angle with S held from 55° on, if S is held from 60° on and `angle` is above 55°. [rad]"""
     standard_error: float | None = None
     """Standard error of the critical angle, from the covariance of the strength factor; None without one. [rad]"""
     other_crossings: tuple[float, ...] = ()
-    """Other angles at which the outcome changes. [rad]"""
+    """Other angles at which ricochet begins or ends. [rad]"""
     oblique_angle: float | None = None
     """Angle to judge, if any. [rad]"""
     outcome: Outcome | None = None
@@ -188,12 +189,12 @@ class Verdict:
     wall_failed: bool = False
     """True if the target has a thickness and the strikes on its wall could not be computed."""
     warnings: tuple[ModelWarning, ...] = ()
-    """Warnings of the strike at the angle to judge and of the search. With a range, those that move the angle by less
-    than a quarter of it are standing notes."""
+    """Warnings of the strike at the angle to judge and of the search. If there is a range, warnings whose effect on the
+    critical angle is at most a quarter of the width of the range are standing notes."""
 
     @property
     def range_text(self) -> str:
-        """Range in words, with decimals according to its width; empty without a range."""
+        """Range as text, with more decimals if it is narrow; empty without a range."""
         return "" if self.spread is None else _range_text(self.spread)
 
     @property
@@ -208,7 +209,7 @@ class Verdict:
 
     @property
     def _decimals(self) -> int:
-        # A critical angle without its range must not look surer than one with the usual range of several degrees.
+        # A critical angle without a range must not appear more precise than one with the usual range of some degrees.
         return 0 if self.spread is None else _decimals_of(self.spread)
 
     def _judged(self) -> str:
@@ -243,7 +244,7 @@ class Verdict:
             text += f", 90 % range {self.range_text}"
         elif self.reason_without_range:
             text += f", {self.reason_without_range}"
-        if self.share_without >= 0.005:
+        if self.share_without >= 0.005:  # a smaller share would be written as 0 %
             text += f", {100.0 * self.share_without:.0f} % of the samples without one from {lower} to {upper}"
         return text
 
@@ -256,7 +257,7 @@ class Verdict:
         return found
 
     def _over_theories(self) -> str:
-        """Return a sentence on the range over the theories, if the resistance has another law."""
+        """Return a sentence on the range over the theories, if it is given separately."""
         if self.theory_spread is None:
             return "The range over the theories could not be computed." if self.theory_range_failed else ""
         return f"Over the theories: 90 % range {_range_text(self.theory_spread)}."
@@ -272,7 +273,8 @@ class Verdict:
 
 def probability_text(probability: Estimate) -> str:
     """Format a probability in percent."""
-    # Near 0 and 1 the bound of the sampling interval is written instead, as no outcome is certain.
+    # Near 0 and 1 the bound of the sampling interval is written, as no outcome is certain. The margins keep rounding
+    # from moving a bound of a whole number of per cent to the next one.
     if probability.value > 1.0 - ROUNDED_AWAY:
         return f"above {min(math.floor(100.0 * probability.lower + 1e-9), 99)} %"
     if probability.value < ROUNDED_AWAY:
@@ -281,14 +283,14 @@ def probability_text(probability: Estimate) -> str:
 
 
 def next_shot_advice(now: tuple[float, float], after: Sequence[AfterShots]) -> str:
-    """Return a sentence on how much shots of the user's own would narrow the range of the critical angle.
+    """Return a sentence on how much further shots into the same concrete would narrow the range of the critical angle.
 
     Parameters
     ----------
     now
         90 % range of the critical angle. [rad]
     after
-        Expected ranges, as in the sensitivity to the factor on S.
+        Expected ranges, see `Sensitivity.after_shots`.
     """
     spread = _range_text(now)
     if after[-1].upper - after[-1].lower > HARDLY * (now[1] - now[0]):
@@ -303,7 +305,7 @@ def next_shot_advice(now: tuple[float, float], after: Sequence[AfterShots]) -> s
 
 
 def _decimals_of(spread: tuple[float, float]) -> int:
-    """Return the number of decimals, in degrees, for a range of this width."""
+    """Return the number of decimals with which a range is written in degrees, which depends on its width."""
     width = spread[1] - spread[0]
     return 0 if width >= WHOLE_DEGREES else 1 if width >= TENTHS else 2
 
@@ -317,14 +319,16 @@ def _degrees(angle: float, decimals: int) -> str:
 
 
 def probability_angles(oblique_angle: float | None, lower: float, upper: float) -> tuple[float, float, int]:
-    """Return first, last and number of the angles of the probability curve, which includes the angle to judge.
+    """Return the first and last angle of the probability curve, and the number of angles.
+
+    The curve includes the angle to judge if it is in the range of the search and the range is at least one interval.
 
     Parameters
     ----------
     oblique_angle
         Angle to judge, if any. [°]
     lower, upper
-        Range of the search, beyond which probabilities are unknown. [°]
+        Range of the search. [°]
     """
     inside = oblique_angle is not None and lower <= oblique_angle <= upper
     shift = math.fmod(oblique_angle - lower, STEP_DEG) if inside and oblique_angle is not None else 0.0
@@ -472,7 +476,7 @@ def verdict_steps(
     projectile, target, resistance, numerics, search, oblique_angle
         As for `verdict`, with defaults filled in.
     ranged
-        Ask for the range too, which takes hundreds of searches.
+        Compute the 90 % range too, which takes hundreds of searches.
     """
     own_law = has_own_law(resistance)
     asked = {"cra": Question("search")}
@@ -551,7 +555,7 @@ def conclude(steps: Steps, answer: Callable[[Mapping[str, Question]], Mapping[st
 
 def range_with(spread: tuple[float, float] | None, angle: float | None) -> tuple[float, float] | None:
     """Return a range extended to include the angle with the inputs as given."""
-    # Where the angle is at an extreme with the inputs as given, as it can be over the angle of attack, all samples lie
+    # The angle with the inputs as given may be an extreme, for example over the angle of attack. All samples then lie
     # to one side of it. The inputs as given are as likely as any sample, so a range without that angle would be wrong.
     if spread is None or angle is None:
         return spread
@@ -561,9 +565,9 @@ def range_with(spread: tuple[float, float] | None, angle: float | None) -> tuple
 def with_those_of_strike(strike: Sequence[ModelWarning], search: Sequence[ModelWarning]) -> tuple[ModelWarning, ...]:
     """Return the warnings of a strike followed by those of the search.
 
-    Both are kept if they have the same code, since the strike is at the angle to judge and the search at others. A
-    warning of the strike is left out if one of the search begins with the same text. It becomes a standing note where
-    the search has found its effect to be small.
+    Warnings of both with the same code are kept, since the strike is at the angle to judge and the search at other
+    angles. A warning of the strike is left out if the text of one of the search begins with its text. A warning of the
+    strike is a standing note if the one of the search with the same code is.
     """
     by_code = {each.code: each for each in search}
     kept = [

@@ -1,7 +1,8 @@
-"""Verdict on a wall, and sentences that compare a least thickness and a limit speed with the empirical formulas.
+"""Verdict on a wall, and sentences that compare a least thickness or a limit speed by the model with the formulas.
 
-A wall must prevent perforation by the body, and scabbing, concrete that breaks off the rear face. The formulas answer
-both questions, with the margins of DOE-STD-3014-2006; the model bounds the answer from below.
+A wall must prevent perforation by the body, and scabbing, concrete that breaks off the rear face. The design values
+come from empirical formulas with the margins of DOE-STD-3014-2006. The thickness required by the model is a lower bound
+on the design value against perforation.
 """
 
 import math
@@ -33,7 +34,8 @@ Question: TypeAlias = Literal["perforation", "scabbing"]
 MARGINS: dict[Question, float] = {"perforation": PERFORATION_MARGIN, "scabbing": SCABBING_MARGIN}
 """Safety factors on the limits against perforation and scabbing (DOE-STD-3014-2006). [1]"""
 THIS_MODEL = "this_model"
-"""Name in place of a formula where the model, with a plug and a crater, needs more than the formulas require."""
+"""Name in place of a formula if the model requires a thicker wall than the formulas with their margin."""
+# The range of a critical angle has the same probability, so that both ranges mean the same.
 PROBABILITY = 0.9
 """Probability of the range of a least thickness or a limit speed over the scatter of S. [1]"""
 
@@ -45,18 +47,19 @@ class DesignValue:
     limit: float | None = None
     """Largest limit thickness of the formulas within their range. [m]"""
     design: float | None = None
-    """Design thickness: the limit with its margin, or the thickness that the model needs if that is more. [m]"""
+    """Design thickness: the limit with its margin, or the thickness required by the model if that is larger. [m]"""
     formula: str | None = None
-    """Name of the formula that determines the design value; `this_model` where the model does."""
+    """Name of the formula that determines the design value; `this_model` if the model does."""
     by_formula: str | None = None
     """Name of the formula that gives the limit, even where the model determines the design value."""
     enough: bool | None = None
-    """True if the wall of the case has at least the design thickness; None without a wall or a design value."""
+    """True if the wall of the case has at least the design thickness and, against perforation, nothing comes out of its
+    rear face in the model; None without a wall or a design value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RearFaceVariants:
-    """Limit by the model for different rear and front faces; None where there is no limit. [m or m/s]"""
+    """Limit by the model with and without a plug and a crater; None where there is no limit. [m or m/s]"""
 
     plain: float | None
     """Limit without a plug and a crater. [m or m/s]"""
@@ -68,17 +71,17 @@ class RearFaceVariants:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PerforationSpread:
-    """Variation of a least thickness or a limit speed with S and with the faces of the wall."""
+    """Variation of a least thickness or a limit speed with S, and with a plug and a crater."""
 
     range: tuple[float, float] | None
-    """90 % range over the scatter of S; None if there is no limit at one of its ends. [m or m/s]"""
+    """90 % range over the scatter of S; None if there is no limit for S as given or at an end. [m or m/s]"""
     variants: RearFaceVariants
-    """Limits with other faces of the wall."""
+    """Limits with and without a plug and a crater."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WallVerdict:
-    """Verdict on a wall: its required thicknesses against perforation and scabbing, and the answer of the model."""
+    """Verdict on a wall: its required thicknesses against perforation and scabbing, and the results of the model."""
 
     thickness: float | None
     """Thickness of the wall of the case; None for design values alone. [m]"""
@@ -99,14 +102,14 @@ class WallVerdict:
     characteristic_strength: float | None = None
     """Compressive strength in the formulas, if it is not the mean. [Pa]"""
     warnings: tuple[ModelWarning, ...] = ()
-    """Warnings of the searches and the run of the model."""
+    """Warnings of the search for the least thickness with the resistance as given, and of the run on the wall."""
 
     sentence: str = ""
     """Verdict in words."""
 
     @property
     def enough(self) -> bool | None:
-        """True if the wall is thick enough in both respects, False if it is not in one; None if that is unknown."""
+        """True if the wall is thick enough against both, False if it is too thin against one, None if unknown."""
         answers = [self.perforation.enough, self.scabbing.enough]
         return False if False in answers else None if None in answers else True
 
@@ -120,7 +123,7 @@ def wall_sentence(wall: WallVerdict) -> str:
 
 
 def _questions(wall: WallVerdict) -> list[tuple[Question, DesignValue]]:
-    """Return the questions that have a design value, the one with the thicker wall first."""
+    """Return perforation and scabbing with their design values, if known, the larger value first."""
     both: list[tuple[Question, DesignValue]] = [("scabbing", wall.scabbing), ("perforation", wall.perforation)]
     known = [each for each in both if each[1].design is not None]
     return sorted(known, key=lambda each: -(each[1].design or 0.0))
@@ -135,7 +138,7 @@ def _judged(wall: WallVerdict) -> str:
         return f"{text}: not enough against {' and '.join(missed)}."
     if not wall.enough:
         return f"{text}: not known to be enough."
-    # Design practice takes normal impact: "enough" alone would be read as the answer for the wall.
+    # Design practice assumes normal impact, so "enough" alone would be understood as valid for all angles.
     return f"{text}: enough at this angle only." if _is_thinner_than_normal(wall) else f"{text}: enough."
 
 
@@ -174,7 +177,7 @@ def _normal(wall: WallVerdict) -> str:
 
 
 def _by_model(wall: WallVerdict) -> str:
-    """Return a sentence with the answers of the model, which are not for design."""
+    """Return a sentence with the results of the model, which must not be used for design."""
     found = []
     if wall.outcome is Outcome.PERFORATED:
         found.append("perforated")
@@ -249,7 +252,7 @@ def judge_wall(
     """
     own, infinite = usual_unless_given(resistance), replace(target, thickness=None)
     if numerics is not None and numerics.method == "panels":
-        numerics = None  # a run with panels takes seconds, and the searches below take a hundred runs
+        numerics = None  # a run with panels takes seconds, and the searches below make about a hundred runs
     characteristic = target.characteristic_strength
     if characteristic is not None:
         require(
@@ -335,18 +338,18 @@ def _design_values(
 
 
 def _needed(projectile: Projectile) -> Callable[[PerforationLimit], float]:
-    """Return a function from a search to the thickness above which nothing comes out of the rear face. [m]"""
+    """Return a function from the result of a search to the thickness above which nothing comes out at the rear. [m]"""
 
     def of(found: PerforationLimit) -> float:
         if found.status is PerforationStatus.ALWAYS_PERFORATED:
-            return MOST_DIAMETERS * projectile.diameter  # not even the thickest wall tried holds
+            return MOST_DIAMETERS * projectile.diameter  # even the thickest wall tried is perforated
         return max(found.value or 0.0, found.without_protrusion or 0.0)
 
     return of
 
 
 def rear_face_variants(resistance: Resistance) -> tuple[Resistance, Resistance, Resistance]:
-    """Return a resistance without plug and crater, with a plug, and with both; its own plug and crater are kept."""
+    """Return a resistance without plug and crater, with a plug, and with both; own parameters of these are kept."""
     plain = replace(resistance, rear_plug=None, crater=None)
     plugged = replace(plain, rear_plug=resistance.rear_plug or ShearPlug())
     return plain, plugged, replace(plugged, crater=resistance.crater or Crater())
@@ -436,7 +439,7 @@ def thickness_sentence(
     rows
         Results of `formulas` for the same strike.
     resistance
-        Resistance in use, whose plug and crater are named.
+        Resistance in use; the sentence names its plug and crater.
     """
     limits = [
         (each.perforation_thickness, each.formula) for each in rows if each.in_range and each.perforation_thickness
@@ -479,7 +482,7 @@ def _model_sentence(
     written: Callable[[float], str],
     where: str,
 ) -> str:
-    """Return a sentence with the limit by the model, its range and its variants, called unconservative."""
+    """Return a sentence that states the limit by the model as unconservative, with its range and its variants."""
     own = "".join(
         words
         for words, has in ((" with a plug", resistance.rear_plug), (" with a crater", resistance.crater))
@@ -508,7 +511,7 @@ def _model_sentence(
 
 
 def _reason(name: Question, value: DesignValue) -> str:
-    """Return the deciding formula with its margin, and the model where that decides."""
+    """Return the formula with its margin, and the model if it determines the design value, as text."""
     by_formula = f"{NAMES[value.by_formula or '']} × {MARGINS[name]:g}"
     if value.formula != THIS_MODEL:
         return by_formula
@@ -516,18 +519,18 @@ def _reason(name: Question, value: DesignValue) -> str:
 
 
 def _thickness(value: float) -> str:
-    """Format a thickness [m] rounded up, which is the safe side, to millimetres or tenths of an inch."""
+    """Format a thickness [m], rounded up to be on the safe side, in millimetres or tenths of an inch."""
     return with_symbol(rounded(value, "mm", math.ceil), "mm")
 
 
 def _length(value: float) -> str:
-    """Format a length [m] to a tenth of a millimetre or a hundredth of an inch."""
-    if value >= 10.0:
+    """Format a length [m] to a tenth of a millimetre or a hundredth of an inch; from 10 m on, to six digits."""
+    if value >= 10.0:  # In millimetres it would have five digits or more.
         return quantity(value, "m", 6)
     return with_symbol(fixed(value, "mm", 1).rstrip("0").rstrip("."), "mm")
 
 
 def _speed(value: float) -> str:
-    """Format a speed [m/s] rounded down, which is the safe side."""
-    # Slow speeds get two digits, as whole numbers are too coarse.
+    """Format a speed [m/s], from 10 m/s on rounded down to be on the safe side."""
+    # Slower speeds are rounded to two digits, as whole numbers are too coarse.
     return with_symbol(rounded(value, "m/s", math.floor), "m/s") if value >= 10.0 else quantity(value, "m/s", 2)

@@ -1,4 +1,4 @@
-"""Warnings of a critical angle weighed by their effect on it: those of little effect become standing notes."""
+"""Warnings of a critical angle with their effect on it; warnings of little effect become standing notes."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -16,13 +16,13 @@ EXTRAPOLATED = "strength_fit_extrapolated"
 """Code of the warning about a fit of S that is extrapolated."""
 HELD = "strength_held"
 """Key of the search with S held from `HELD_EARLIER` on; no warning has this code."""
-# No finite element run is at a larger angle, so S may be held from here as well as from 60°. The range of a verdict
-# includes both.
+# No finite element run is at a larger angle, so S may be held from 55° as well as from 60°. The range of a verdict
+# includes the results of both.
 HELD_EARLIER = math.radians(55.0)
 """Smaller angle from which S by eq. 9 may be held constant. [rad]"""
-# An effect that is small beside the scatter should not distract from other warnings. A quarter is a rough choice.
+# An effect that is small relative to the scatter should not distract from other warnings. A quarter is a rough choice.
 LITTLE = 0.25
-"""Largest shift of the angle, as a fraction of its 90 % range, up to which a warning is a standing note. [1]"""
+"""Largest shift of the angle, over the width of its 90 % range, with which a warning is a standing note. [1]"""
 MOVES = {
     RETENTION_DECIDES: "with those thresholds it moves by",
     EXTRAPOLATED: f"with S from {math.degrees(ObliquityPolynomial.fitted_to):g}° on as it is there, the angle moves by",
@@ -38,11 +38,11 @@ def probes(
     resistance: Resistance,
     numerics: Numerics,
 ) -> dict[str, tuple[float, ...]]:
-    """Return the values for further searches that show the effect of a warning, by its code or `HELD`. [1]
+    """Return the values for further searches that show the effects of warnings, by the code or `HELD`. [1]
 
-    They are retention energies, and the strength factors at the last angle that its fit covers and at `HELD_EARLIER`.
-    If the critical angle lies beyond such an angle, a search with that constant factor finds the critical angle of a
-    fit that is held from there on.
+    They are retention energies, and the strength factors at the last angle that the fit of S covers and at
+    `HELD_EARLIER`. If the critical angle lies beyond such an angle, a search with that constant factor finds the
+    critical angle of a fit that is held from there on.
     """
 
     def held_at(oblique_angle: float) -> tuple[float, ...]:
@@ -72,8 +72,8 @@ def range_held_earlier(
 ) -> tuple[float, float] | None:
     """Return a range of the critical angle that also contains the angles with S held from `HELD_EARLIER` on.
 
-    Critical angles beyond `HELD_EARLIER` fall by about as much as the one with the inputs as given, but not below
-    `HELD_EARLIER`; smaller ones do not change.
+    Critical angles beyond `HELD_EARLIER` fall by about as much as the angle with the inputs as given, but not below
+    `HELD_EARLIER`; smaller angles do not change.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def weighed(
     spread: tuple[float, float] | None,
     moved: Mapping[str, Sequence[float | None]],
 ) -> tuple[ModelWarning, ...]:
-    """Return the warnings with their effect on the angle, as standing notes where that is small beside the range.
+    """Return the warnings with their effect on the angle, as standing notes if it is small relative to the range.
 
     A warning is unchanged if there is no angle or no range, or if its effect is unknown.
 

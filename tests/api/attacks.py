@@ -1,7 +1,7 @@
 """Attacks on a service that requires keys, while another owner sends queries.
 
-An attacker sends a few hundred requests a second, or holds as many connections as it can. Attacker and service share
-one machine, so the rate is kept below what would exhaust the processor.
+An attacker sends up to 200 requests a second, or holds up to `HELD` connections. Attacker and service share one
+machine, so the rate is kept below one that would exhaust the processor.
 """
 
 import json
@@ -150,7 +150,7 @@ def long_bodies(attacker: Attacker) -> None:
 
 
 def bombs(attacker: Attacker) -> None:
-    """Send a compressed body (a "zip bomb"), with a valid key."""
+    """Send a body declared as gzip, as for a decompression bomb, with a valid key."""
     gzip = b"Content-Encoding: gzip"
     attacker.send(b"POST /cra HTTP/1.1", JSON, attacker.authorization, gzip, body=b"\x1f\x8b" + b"\0" * 9000)
 
@@ -197,7 +197,7 @@ def submit_job(attacker: Attacker) -> str:
 
 
 Attack = Callable[[Attacker], None]
-"""One step of an attack; it is called again and again."""
+"""Function that does one step of an attack, and is called repeatedly."""
 ATTACKS: tuple[Attack, ...] = (
     no_key,
     wrong_key,
@@ -235,7 +235,7 @@ class Effect:
 
 
 def effect_of(attack: Attack, target: Target, token: str, attacker_token: str) -> Effect:
-    """Run an attack while another owner sends queries; return its effect on them."""
+    """Run an attack while another owner sends queries; return its effect on these queries."""
     attacker, stop = Attacker(target, attacker_token), threading.Event()
     if attack is event_streams:  # Only these need a job, which would occupy workers during other attacks.
         attacker.job = submit_job(attacker)
@@ -260,7 +260,7 @@ def effect_of(attack: Attack, target: Target, token: str, attacker_token: str) -
 
 
 def query(target: Target, token: str, more: Callable[[], bool]) -> int:
-    """Request cached and new critical angles in turn while `more()` is true, at least `QUERIES`; return how many."""
+    """Request at least `QUERIES` critical angles, cached and new in turn, while `more()` is true; return the number."""
     connection = HTTPConnection("127.0.0.1", target.port, timeout=60.0)
     headers = {"Content-Type": "application/json", "Authorization": f"Bearer {token}"}
     answered = 0

@@ -23,11 +23,11 @@ LAWS = [
 ]
 
 NEVER_YIELDS = PAPER["target"] | {"youngs_modulus_pa": 1e7}
-"""Concrete with so low a modulus that it never yields around an expanding cavity, so that no decay law applies."""
+"""Concrete with so low a modulus that it never yields around an expanding cavity, as both decay theories require."""
 
 
 def strike(velocity: float, **more: Any) -> dict[str, Any]:
-    """A case that no other test computes."""
+    """Return the paper's case at this velocity, with other changed fields."""
     return PAPER | {"impact": {"velocity_m_s": velocity}} | more
 
 

@@ -37,7 +37,7 @@ class Route(NamedTuple):
     body: Any
 
     def send(self, client: httpx.Client, content: Any) -> httpx.Response:
-        """Post bytes unchanged, and any other content as JSON."""
+        """Send bytes unchanged, and any other content as JSON."""
         data = content if isinstance(content, bytes) else json.dumps(content, separators=(",", ":")).encode()
         headers = {"Content-Type": self.media_type, "Accept": "application/json, text/event-stream"}
         path = self.path.replace("{job_id}", "0" * 32)

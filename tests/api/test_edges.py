@@ -96,7 +96,7 @@ def numbers(schema: Mapping[str, Any], value: Any, pointer: str = "") -> Iterato
 
 
 def edges(schema: Mapping[str, Any]) -> list[float]:
-    """Return the bounds of a schema, the floats next to them, and the floats next to 0."""
+    """Return the bounds of a schema; unless it is of integers, also 0 and the floats next to it and to the bounds."""
     least = schema.get("minimum", math.nextafter(schema.get("exclusiveMinimum", -math.inf), math.inf))
     most = schema.get("maximum", math.nextafter(schema.get("exclusiveMaximum", math.inf), -math.inf))
     if schema["type"] == "integer":

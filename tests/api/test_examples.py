@@ -64,7 +64,7 @@ MANY: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "Approach": ("/limit-speed", lambda example: SCHEMAS["LimitSpeedRequest"]["examples"][0] | {"impact": example}),
     "Axis": ("/cra/sweep", lambda example: {"base": PAPER, "axes": [example]}),
 }
-"""How to send the example of each part of a request for many cases: path, and function that makes the body."""
+"""Path, and function that makes the body, to send the example of each part of a request for many cases."""
 TESTS = SCHEMAS["DepthCalibrationRequest"]["examples"][0]
 MOTION = SCHEMAS["MotionCalibrationRequest"]["examples"][0]
 POINTS = SCHEMAS["ObliquityCalibrationRequest"]["examples"][0]
@@ -75,13 +75,13 @@ CALIBRATIONS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "MotionWeights": ("/calibration/motion", lambda example: MOTION | {"weights": example}),
     "ObliquityPoint": ("/calibration/obliquity", lambda example: {"points": [example], "order": 0}),
 }
-"""The same for each part that only calibrations have."""
+"""As `MANY`, for each part that only calibrations have."""
 WHOLE: dict[str, tuple[str, Callable[[Any], Any]]] = {
     operation["post"]["requestBody"]["content"]["application/json"]["schema"]["$ref"].rpartition("/")[2]: (path, dict)
     for path, operation in CONTRACT["paths"].items()
     if path.endswith(("/batch", "/sweep", "/thickness", "/limit-speed")) or path.startswith("/calibration")
 }
-"""The same for each example that is a whole request."""
+"""As `MANY`, for each example that is a whole request."""
 OTHERS = WHOLE | MANY | CALIBRATIONS
 SENT += [
     pytest.param(path, body(example), id=f"{name}-{number}-{path}")

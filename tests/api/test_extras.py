@@ -1,4 +1,4 @@
-"""Without the packages of an extra, service and command line name the extra and do everything else."""
+"""Without the packages of an extra, messages name the extra, and everything that does not need it works."""
 
 from pathlib import Path
 

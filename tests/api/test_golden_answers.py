@@ -43,8 +43,8 @@ rows of tables, whose numbers are compared in the JSON answers."""
 ZERO = 1e-9
 """Magnitude below which a number is compared as 0."""
 SHOWN = 3
-"""Numbers of items recorded from a list of numbers, from the trials of a search and from the rows of a table. The
-length is recorded too, except that of trials, which may differ between processors."""
+"""Number of items recorded from a list of numbers, from the trials of a search and from the rows of a table. The length
+is recorded too, except the number of trials, which may differ between processors."""
 NAMES = re.compile(r"/jobs/[\w-]+|\b[0-9a-f]{64}\b")
 """Paths of jobs and keys of results, which are replaced: both differ between runs or engines."""
 

@@ -134,7 +134,7 @@ def test_json_to_solver_and_back_is_exact_and_a_default_that_is_given_is_the_sam
     again = model.model_validate_json(json.dumps(full))
     assert again.canonical() == full
     assert key_of(model, full) == key_of(model, body)
-    # All fields but these are part of the key: one has no effect on the result, the other none in SI.
+    # All fields are part of the key except `alternatives` and, if it is SI, `units`, which do not change the result.
     case = {name: item for name, item in body.items() if name != "alternatives" and (name, item) != ("units", "si")}
     assert given_values_are_kept(case, full)
     try:

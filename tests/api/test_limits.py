@@ -1,4 +1,4 @@
-"""Every limit of the settings: requests within it are answered, and others refused with a problem that states it."""
+"""Limits in the settings: requests within a limit are answered, and others refused with a problem that states it."""
 
 import json
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Tools of the Model Context Protocol, called by the client of its SDK over HTTP and over standard input and output."""
+"""Tools of the Model Context Protocol, called with the client of the MCP SDK over HTTP, and over standard streams."""
 
 import json
 import signal
@@ -35,7 +35,7 @@ OPENING = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"
 
 
 class Conversation(NamedTuple):
-    """Tools that a server lists, and its results of calls."""
+    """Tools that a server lists, and the results of calls."""
 
     tools: list[Tool]
     results: list[CallToolResult]
@@ -396,7 +396,7 @@ def test_command_ends_on_signals_while_its_input_is_open(
 
 @pytest.mark.parametrize("ending", [b"\n", b""])
 def test_command_reads_messages_from_a_file(live_url: str, tmp_path: Path, ending: bytes) -> None:
-    """An event loop cannot wait for regular files, so they are read in another way. The last line may lack its end."""
+    """An event loop cannot wait for a regular file, unlike a pipe. The last line may lack a newline."""
     message = json.dumps({"jsonrpc": "2.0", "id": 0, "method": "initialize", "params": OPENING}).encode()
     (tmp_path / "messages").write_bytes(message + ending)
     command = [sys.executable, "-W", "error", "-m", "service.cli", "mcp", "--url", live_url]

@@ -322,7 +322,7 @@ LONG: list[tuple[str, str, Any]] = [
 """Changes whose new value is too long for a line of `CHANGES`."""
 
 MATRIX = [[0.05, 0.0, 0.0], [0.0, 1e-4, 0.0], [0.0, 0.0, 1e-8]]
-"""Covariance of the coefficients of eq. 9."""
+"""A valid covariance of three coefficients, as eq. 9 has."""
 COVARIANCES: list[Any] = [
     [],
     MATRIX[:2],

@@ -1,4 +1,4 @@
-"""Every exception is answered with the problem in the table. Routes added to the application raise them."""
+"""Every exception is answered with its problem. The exceptions are raised by routes added to the application."""
 
 from typing import Any
 

@@ -107,7 +107,7 @@ def replace(data: Path) -> None:
 
 
 def replace_lock(data: Path) -> None:
-    """Replace only the lock, as another service would after somebody has deleted it."""
+    """Replace only the lock file, as another service would after the file was deleted."""
     (data / "lock").rename(data.with_name("lock"))
     (data / "lock").touch()
 

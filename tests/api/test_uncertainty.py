@@ -199,7 +199,7 @@ def test_threshold_and_strength_law_scatter_as_alternatives(client: httpx.Client
         alone = client.post("/cra", json=PAPER | {"numerics": {"retention_energy_fraction": fraction}}).json()
         assert angle == pytest.approx(alone["critical_angle_deg"], rel=1e-9)
     published = client.post("/cra", json=PAPER | {"resistance": {"strength_factor": {"model": "published_tests"}}})
-    # The weights are equal, so the first value counts as the most likely one, a threshold of 0.005.
+    # The weights are equal, so the first value, a threshold of 0.005, counts as the most likely one.
     assert by_law["published_tests"] == pytest.approx(published.json()["critical_angle_deg"], abs=0.2)
     assert abs(by_law["published_tests"] - by_law["obliquity_polynomial"]) > 0.1
 

@@ -1,4 +1,4 @@
-"""The verdict on a strike: the same words and numbers wherever it is said, and the usual scatter behind it."""
+"""The verdict on a strike: the same words and numbers wherever it is given, and the usual scatter that it includes."""
 
 import html
 import json
@@ -35,7 +35,7 @@ def check_is_the_same_everywhere(
     """Compare the sentence on a strike by HTTP, Python, the command line with and without a service, and the report."""
     found = answered(client, "/verdict", body)
     request, angle = ReportRequest.model_validate(body), body["impact"].get("oblique_angle_deg")
-    # Each question has its own tolerance unless one is given: that of a search would count for the strike at an angle.
+    # Without `numerics`, searches and strikes have different default tolerances; the arguments have that of searches.
     arguments = request.arguments()[0] | ({} if "numerics" in body else {"numerics": None})
     flight = FlightInput.model_validate(body.get("flight", {})).to_solver()
     oblique_angle = None if angle is None else math.radians(angle)

@@ -1,4 +1,4 @@
-"""Accessibility of every view: axe reports no serious violation, and nothing needs sideways scrolling."""
+"""Accessibility of every view: axe reports no serious or critical violation, and nothing needs sideways scrolling."""
 
 import json
 from typing import Any, Literal
@@ -26,7 +26,7 @@ def job(client: httpx.Client) -> None:
 
 
 def violations(page: Page) -> list[str]:
-    """Return the serious violations that axe reports.
+    """Return the violations that axe reports as serious or critical.
 
     Its script is evaluated by the browser, so the Content Security Policy of the page need not be relaxed.
     """

@@ -179,7 +179,7 @@ def test_us_units_are_shown_throughout_and_exported(page: Page, tmp_path: Any) -
     page.wait_for_function(IDLE)
     for label, shown in {SPEED: "780.84", "Diameter": "3.14961", STRENGTH: "5656.47", THICKNESS: "20"}.items():
         expect(field(page, label)).to_have_value(shown)
-    words = page.locator("main").inner_text().replace("155 mm body", "")
+    words = page.locator("main").inner_text().replace("155\N{NO-BREAK SPACE}mm body", "")
     assert not re.search(r"\d\s(m/s|mm|MPa|kg|kN|kJ)\b|\[(m/s|mm|m|MPa|kN|kJ)\]", words), words
     saved(
         page,
@@ -244,7 +244,7 @@ def test_view_opened_while_the_service_is_down_recovers_with_it(page: Page, faul
 def ninety_per_cent(page: Page) -> tuple[float, float]:
     figures = page.locator(".figures")
     expect(figures).to_contain_text("90 % range")
-    found = re.search(r"90 % range ([\d.]+)° to ([\d.]+)°", figures.inner_text())
+    found = re.search(r"90\s% range ([\d.]+)° to ([\d.]+)°", figures.inner_text())
     assert found is not None
     return float(found[1]), float(found[2])
 
@@ -261,9 +261,19 @@ def test_own_shots_narrow_the_range(page: Page, shots: str) -> None:
     page.get_by_label("Strength factor", exact=True).select_option("own_tests")
     page.get_by_label("Shots: speed, depth").fill(shots)  # This is the second and last action.
     fit = page.get_by_label("Own depth tests", exact=True)
-    expect(fit).to_contain_text(f"With {3 if 'cm' in shots else 4} depth tests: S ")
+    expect(fit).to_contain_text(f"With {3 if 'cm' in shots else 4} depth tests")
     expect(fit).to_be_visible()
     after = ninety_per_cent(page)
+    rows = fit.locator("tbody tr")
+    expect(rows).to_have_count(4)
+    changes = {row.locator("th").inner_text(): row.locator("td").all_inner_texts() for row in rows.all()}
+    assert list(changes) == ["S at 0°", "Critical angle", "90\N{NO-BREAK SPACE}% range", "Ricochet at 45°"]
+    ranges = [tuple(map(float, re.findall(r"[\d.]+", text))) for text in changes["90\N{NO-BREAK SPACE}% range"]]
+    assert ranges == [before, after]
+    assert changes["Critical angle"][1] == page.locator(".angle").inner_text()
+    probability = changes["Ricochet at 45°"][1]
+    assert probability in page.locator(".outcome").inner_text()
+    assert all(first != second for first, second in changes.values())
     assert after[1] - after[0] < 0.85 * (before[1] - before[0])
     expect(page).to_have_url(re.compile("shots"))
 
@@ -283,8 +293,8 @@ def test_shots_begin_empty_and_an_invalid_line_is_named(page: Page) -> None:
     expect(picture).to_be_visible()
     assert not any("own_tests" in body for body in sent), "an example would count as evidence"
     field.fill("250, 310")
-    expect(page.get_by_label("Own depth tests", exact=True)).to_contain_text("With 1 depth test: S ")
+    expect(page.get_by_label("Own depth tests", exact=True)).to_contain_text("With 1 depth test")
     page.get_by_role("button", name="Undo").click()
     page.get_by_role("button", name="Undo").click()
     expect(page.get_by_label("Strength factor", exact=True)).not_to_have_value("own_tests")
-    expect(page.locator("#status")).to_have_text("Up to date.")
+    expect(page.locator("#status")).to_have_text("Strength factor is as before.")

@@ -168,19 +168,19 @@ def test_every_nose_has_its_fields_and_a_picture(page: Page) -> None:
 def test_every_strength_law_has_its_fields_and_its_factor(page: Page) -> None:
     open_explore(page)
     outcome = page.get_by_role("group", name="Outcome")
-    expect(outcome).to_contain_text("Strength factor 6.51.")  # eq. 9 at 45°
+    expect(outcome).to_contain_text("Strength factor S at this oblique angle 6.51.")  # eq. 9 at 45°
     unfold(page)
     page.get_by_label("Strength factor").select_option("published_tests")
     shape = page.get_by_label("Over the angle")
     expect(shape).to_have_value("equation_9")
     shape.select_option("constant")
-    expect(outcome).to_contain_text("Strength factor 8.74.")  # 8.84 (80 / 76.2)^-0.24
+    expect(outcome).to_contain_text("Strength factor S at this oblique angle 8.74.")  # 8.84 (80 / 76.2)^-0.24
     expect(page).to_have_url(re.compile("resistance.strength_factor.obliquity_shape=constant"))
     page.get_by_label("Strength factor").select_option("strength_power_law")
     expect(shape).to_have_value("constant")
-    expect(outcome).to_contain_text("Strength factor 11.3.")  # 82.6 39^-0.544
+    expect(outcome).to_contain_text("Strength factor S at this oblique angle 11.3.")  # 82.6 39^-0.544
     page.get_by_label("Diameter exponent").fill("-1")
-    expect(outcome).to_contain_text("Strength factor 10.7.")
+    expect(outcome).to_contain_text("Strength factor S at this oblique angle 10.7.")
 
 
 def test_other_laws_include_this_strike_and_its_angle(page: Page) -> None:
@@ -279,7 +279,7 @@ def test_no_field_has_the_unit_1(page: Page) -> None:
 
 
 def test_histories_out_of_sight_wait_until_the_inputs_rest(page: Page) -> None:
-    """They take longer to draw than the rest of a step of a slider. In sight they follow at once."""
+    """Histories take longer to draw than all other parts of the view. Visible ones are drawn at once."""
     later = """() => {
         const [side, histories] = ['side view', 'histories'].map(
             (part) => performance.getEntriesByName(`ricochet: ${part}`),
@@ -368,7 +368,7 @@ def test_flight_after_a_ricochet_is_drawn_and_ends_where_the_service_says(page: 
     assert landing["x"] == pytest.approx([flight["range_m"]])
     expect(panel).not_to_contain_text("No result")
     labels = panel.locator(".annotation-text").all_text_contents()
-    sentence = page.get_by_role("region", name="Verdict").inner_text()
+    sentence = page.get_by_role("region", name="Verdict").inner_text().replace("\N{NO-BREAK SPACE}", " ")
     for distance in re.findall(r"[\d,]+ m(?= away| at any| without)", sentence):
         assert any(label.endswith(distance) for label in labels), (distance, labels)
     page.get_by_label("Oblique angle", exact=True).fill("40")

@@ -61,7 +61,7 @@ def test_first_picture_takes_a_quarter_of_a_megabyte_at_most(page: Page) -> None
 
 
 def test_document_preloads_every_module_of_the_first_view() -> None:
-    """The document names them all, because each level of nested imports would cost a round trip."""
+    """The document names every module, because each level of nested imports would cost a round trip."""
     found: set[Path] = set()
 
     def follow(module: Path) -> None:
@@ -127,7 +127,7 @@ def test_second_load_revalidates_two_files_and_downloads_none(page: Page) -> Non
 
 @pytest.mark.parametrize(("width", "height"), [(1440, 900), (390, 844)])
 def test_layout_does_not_shift_while_the_page_loads(new_page: NewPage, width: int, height: int) -> None:
-    """Cumulative layout shift is below 0.05; up to 0.1 is rated as good."""
+    """Cumulative layout shift is below 0.05; Core Web Vitals rate values up to 0.1 as good."""
     page = new_page(width=width, height=height)
     page.add_init_script("""
         window.shift = 0;

@@ -35,7 +35,7 @@ def wait(page: Page) -> None:
 
 
 def answer_of(client: httpx.Client, **rest: Any) -> dict[str, Any]:
-    """Return the service's answer to the same case with the same two scattering inputs."""
+    """Return the service's answer to the paper's case with the inputs of `TWO_INPUTS`."""
     answer = client.post("/cra/uncertainty", json=PAPER | {"uncertain": TWO_INPUTS} | rest)
     answer.raise_for_status()
     found: dict[str, Any] = answer.json()
@@ -100,12 +100,15 @@ def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
         probability["ricochet_probability"],
     )
     assert max(np.subtract(upper, lower)) > 0.001
+    expect(page.get_by_role("region", name="Answer")).to_contain_text("verdict has the angle with the inputs as given")
     headline = page.locator(".range").inner_text()
     quantiles = {each["level"]: each["value"] for each in answer["critical_angle"]["quantiles"]}
     assert re.findall(r"[\d.]+", headline) == [f"{quantiles[level]:.0f}" for level in (0.5, 0.05, 0.95)]
     table = page.get_by_role("table", name="Sobol indices of the critical angle")
     for row, each in zip(table.locator("tbody tr").all(), answer["sensitivity"], strict=True):
-        assert f"{each['total']['value']:.2f}" in row.inner_text()
+        value, *ends = (f"{each['total'][name]:.2f}" for name in ("value", "lower", "upper"))
+        whole = value if ends == [value, value] else f"{value} ({' to '.join(ends)})"
+        expect(row.locator("td").nth(1)).to_have_text(whole)
 
     other = new_page(theme="dark")
     other.goto(page.url)

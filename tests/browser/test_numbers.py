@@ -42,6 +42,24 @@ def test_word_that_an_empty_field_shows_may_be_typed(page: Page, label: str, fie
     expect(page.get_by_label(label)).to_have_value("")
 
 
+BROKEN = """() => {
+    const texts = document.createTreeWalker(document.querySelector('main'), NodeFilter.SHOW_TEXT);
+    const found = [];
+    while (texts.nextNode())
+        if (!texts.currentNode.parentElement.closest('svg, pre')) found.push(texts.currentNode.data);
+    return found.filter((text) => /\\d (%|°|kg|m\\/s|([km]?m|m?s|[MG]?Pa|k?N|k?J|in|ft|[pk]si)\\b)/.test(text));
+}"""
+"""Texts, other than those of pictures and of code to copy, in which a line may end between a number and its unit."""
+
+
+@pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "walls"])
+def test_numbers_keep_to_a_line_with_their_units(page: Page, view: str) -> None:
+    page.goto(f"/#/{view}?target.thickness_m=0.3&impact.oblique_angle_deg=56")
+    expect(page.locator(".verdict")).to_contain_text("Wall of 300 mm")
+    expect(page.locator(".verdict [aria-busy=true]")).to_have_count(0)
+    assert page.evaluate(BROKEN) == []
+
+
 def test_rounding_errors_are_not_shown(page: Page) -> None:
     for angle in ("0", "45", "89.9"):
         open_explore(page, f"?impact.oblique_angle_deg={angle}")

@@ -33,7 +33,7 @@ FILLED = {
     "map": ("map", ".map .main-svg"),
     "jobs": ("jobs", "table"),
 }
-"""Address of each view with all its parts, and a selector of the part that appears last."""
+"""Address at which each view has all its parts, and a selector of the part that appears last."""
 COLOUR = "() => [document.documentElement, document.body].map((each) => getComputedStyle(each).color)"
 
 

@@ -2,6 +2,7 @@
 
 import math
 import re
+from itertools import combinations
 
 import pytest
 from playwright.sync_api import Locator, Page, expect
@@ -31,7 +32,7 @@ def contact(page: Page) -> tuple[float, float]:
 
 
 def drag(page: Page, degrees: float, distance: float = 150.0) -> None:
-    """Move the pointer to the direction of an angle, at this distance from the point of contact. [°, px]"""
+    """Move the pointer to a point at this angle from the normal and this distance from the point of contact. [°, px]"""
     x, y = contact(page)
     angle = math.radians(degrees)
     page.mouse.move(x - distance * math.sin(angle), y - distance * math.cos(angle), steps=3)
@@ -167,3 +168,20 @@ def test_words_on_force_and_bending_are_not_written_over_the_body(
     )
     assert covered
     assert not any(is_covered for _, is_covered in covered), covered
+
+
+@pytest.mark.parametrize("query", ["explore", "explore?pin=impact.velocity_m_s%3D300", "critical-angle"])
+def test_colours_have_their_key_on_a_phone(new_page: NewPage, query: str) -> None:
+    page = new_page(width=390, height=844)
+    page.goto(f"/#/{query}")
+    pictures = page.locator(".side-view .drawing > svg")
+    expect(pictures.locator(".moving").last).to_be_visible()
+    for picture in pictures.all():
+        texts = picture.locator(":is(.caption, .legend), .key")
+        places = texts.evaluate_all("all => all.map(each => each.getBoundingClientRect().toJSON())")
+        assert picture.locator(".key").count() == 2
+        frame = picture.evaluate("each => each.getBoundingClientRect().toJSON()")
+        assert all(each["left"] >= frame["left"] and each["right"] <= frame["right"] for each in places)
+        for one, other in combinations(places, 2):
+            beside = one["right"] <= other["left"] or other["right"] <= one["left"]
+            assert beside or one["bottom"] <= other["top"] + 3 or other["bottom"] <= one["top"] + 3, (one, other)

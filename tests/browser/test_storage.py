@@ -61,7 +61,7 @@ def test_firefox_with_storage_off_shows_every_view(live_url: str, tmp_path: Path
         tab.open(f"{live_url}/")
         assert tab.evaluate("window.localStorage === null")
         assert "Critical angle 48.6° from the normal" in tab.evaluate(
-            shown("document.querySelector('.outcome')?.textContent", "90 % range")
+            shown("document.querySelector('.outcome')?.textContent", "90\N{NO-BREAK SPACE}% range")
         )
         for view in VIEWS:
             tab.evaluate(f"location.hash = '#/{view}'")

@@ -1,4 +1,4 @@
-"""The choice of units holds for what the service writes too: reports and sentences."""
+"""The choice of units also applies to texts from the service: reports and sentences."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""The verdict: in sight beside the form, each fact once, the strip labelled, a line on the map."""
+"""The verdict is visible beside the form, states each fact once, labels its strip, and takes one line on the map."""
 
 import json
 import re
@@ -20,11 +20,11 @@ SIZES = ((1440, 900), (1024, 768), (768, 1024), (390, 844))
 WALL = "target.thickness_m=0.5&impact.velocity_m_s=300&impact.oblique_angle_deg=50"
 HEAD = ".verdict > .head"
 LINE_PX = 60
-"""A line of words with its frame."""
+"""Upper limit of the height of one framed line of text. [px]"""
 
 
 def judged(page: Page) -> Locator:
-    """The verdict, once it is that of the service."""
+    """Return the head of the verdict once it shows the answer of the service."""
     head = page.locator(HEAD)
     expect(head).to_contain_text("90 % range")
     expect(page.locator(".verdict [aria-busy=true]")).to_have_count(0)
@@ -32,7 +32,7 @@ def judged(page: Page) -> Locator:
 
 
 def boxes(parts: Locator) -> list[dict[str, float]]:
-    """Return the positions of parts in the window. [px]"""
+    """Return the bounding boxes of parts, relative to the window. [px]"""
     found: list[dict[str, float]] = parts.evaluate_all("all => all.map(each => each.getBoundingClientRect().toJSON())")
     return found
 
@@ -54,7 +54,7 @@ def test_verdict_stays_in_sight_at_every_width(page: Page, view: str) -> None:
 def test_each_fact_stands_in_the_verdict_once(page: Page) -> None:
     page.goto(f"/#/explore?{WALL}")
     card, strip = judged(page).locator(".outcome"), page.locator(f"{HEAD} .strip")
-    words, angle = card.inner_text(), page.locator(".angle").inner_text()
+    words, angle = card.inner_text().replace("\N{NO-BREAK SPACE}", " "), page.locator(".angle").inner_text()
     for fact in (angle, "probability", "Critical angle", "90 % range", "Wall of 500 mm"):
         assert words.count(fact) == 1, f"{fact}: {words}"
     expect(strip).not_to_contain_text(angle)
@@ -62,8 +62,19 @@ def test_each_fact_stands_in_the_verdict_once(page: Page) -> None:
     assert boxes(rest)[0]["top"] >= boxes(strong)[0]["bottom"] - 1
 
 
+def test_each_strength_factor_says_what_it_is_of(page: Page) -> None:
+    shots = '[{"velocity_m_s":250,"depth_m":0.31},{"velocity_m_s":300,"depth_m":0.42}]'
+    page.goto(f"/#/explore?resistance.strength_factor.model=own_tests&resistance.strength_factor.shots={shots}")
+    judged(page)
+    page.get_by_text("What the range stands for").click()
+    words = page.locator("main").inner_text()
+    for place in ("this oblique angle", "the critical angle", "0°"):
+        assert f"S at {place}" in words
+    assert re.findall(r"(?:Strength factor|\bS)[: ]+\d[\d.]*", words) == []
+
+
 def fields_of(part: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the fields of a case as the address of a view has them."""
+    """Yield the name and value of each field of a case, as in the address of a view."""
     for name, value in part.items():
         if isinstance(value, dict):
             yield from fields_of(value, f"{before}{name}.")
@@ -80,11 +91,12 @@ def check_sentence(page: Page, client: httpx.Client, body: dict[str, Any]) -> No
     shown = verdict.locator(".outcome > strong, .outcome .rest, .notes > p:first-child")
     expect(verdict.locator(".spread")).to_contain_text("usual scatter of")
     expect(verdict.locator("[aria-busy=true]")).to_have_count(0)
-    assert " ".join(filter(None, (each.strip() for each in shown.all_inner_texts()))) == found["sentence"], body
+    words = " ".join(filter(None, (each.strip() for each in shown.all_inner_texts())))
+    assert words.replace("\N{NO-BREAK SPACE}", " ") == found["sentence"], body
 
 
 OF_THE_PAGE = [kind for kind in KINDS if kind != "no_angle"]
-"""Kinds of strikes that the page can show: it judges every strike at an angle."""
+"""Kinds of strikes that the page can show; it always has an oblique angle."""
 
 
 @pytest.mark.timeout(900)
@@ -115,7 +127,12 @@ def test_labels_of_the_strip_are_apart_and_inside(new_page: NewPage, width: int,
         beside = one["right"] <= other["left"] or other["right"] <= one["left"]
         above = one["bottom"] <= other["top"] + 3 or other["bottom"] <= one["top"] + 3
         assert beside or above, (one, other)
-    assert all(each["left"] >= frame["left"] - 1 and each["right"] <= frame["right"] + 1 for each in labels)
+    beyond = [each for each in labels if each["left"] < frame["left"] - 1 or each["right"] > frame["right"] + 1]
+    assert beyond == [], frame
+    for leader in boxes(strip.locator("line.leader")):
+        for each in labels:
+            beside = not each["left"] + 1 < leader["left"] < each["right"] - 1
+            assert beside or leader["bottom"] <= each["top"] + 3 or each["bottom"] <= leader["top"] + 3, (leader, each)
 
 
 def test_line_on_the_map_begins_with_the_answer(page: Page) -> None:

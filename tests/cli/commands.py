@@ -46,13 +46,13 @@ class Ended:
 
 
 def environment(**settings: str) -> dict[str, str]:
-    """Return the environment for a command: without the variables in `SETTINGS`, with the sources on its path."""
+    """Return the environment for a command: without the variables in `SETTINGS`, with the sources in PYTHONPATH."""
     kept = {name: value for name, value in os.environ.items() if name not in SETTINGS}
     return kept | {"PYTHONPATH": str(ROOT), "NO_PROXY": "*"} | settings
 
 
 def run(folder: Path, *arguments: str, stdin: str = "", encoding: str = "utf-8", **settings: str) -> Ended:
-    """Run the command in this folder and this process, with streams that are not a terminal.
+    """Run the command in this folder and this process; its streams are not terminals.
 
     A separate process would first import the solver, which takes longer than most commands.
     """

@@ -28,7 +28,7 @@ def items_of(text: str) -> list[dict[str, Any]]:
 
 
 def test_local_batch_equals_that_of_a_service(folder: Path, live_url: str, client: httpx.Client) -> None:
-    """Results have the order of the file and the same bytes. A case that the solver refuses does not stop others."""
+    """Results are equal and in the order of the file. A case that the solver refuses does not stop the others."""
     short = {**case_at(238.0)["projectile"], "length_m": 0.05}
     cases = [*searches(5), case_at(238.0, projectile=short, custom_id="short"), *searches(5)]
     write_cases(folder / "cases.jsonl", *cases)
@@ -269,7 +269,7 @@ def test_list_of_jobs_follows_the_pages(live_url: str, client: httpx.Client) -> 
 def interrupted(folder: Path) -> Iterator[Any]:
     """Return a function that runs a command in a new process group, and sends SIGINT once it prints something."""
     started: list[subprocess.Popen[str]] = []
-    # Background processes may ignore SIGINT.
+    # The test process may ignore SIGINT, e.g. in the background, and commands that it starts would inherit that.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def interrupt(*arguments: str, **settings: str) -> tuple[int, str, str]:

@@ -33,7 +33,7 @@ Run = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run the command; return its status and output."""
+    """Function that runs `ricochet calibrate`, and returns its status, standard output and standard error."""
 
     def run(*arguments: str | Path) -> tuple[int, str, str]:
         try:

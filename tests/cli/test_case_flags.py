@@ -150,7 +150,7 @@ def test_the_script_of_each_shell_asks_the_command(capsys: pytest.CaptureFixture
 
 
 def nodes_at(schema: dict[str, Any], steps: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """Return the schema of a field by the variant that has it; the name is empty if there are no variants."""
+    """Return the schema of a field for each variant of its part that has it; the key is empty without variants."""
 
     def resolved(node: dict[str, Any]) -> dict[str, Any]:
         while "$ref" in node:
@@ -195,7 +195,7 @@ def test_a_flag_has_the_models_and_the_choices_of_its_field(flag: Flag) -> None:
 
 BOUNDED = [flag for flag in (*IMPACT, *BODY, *RESISTANCE) if flag.read is float]
 BOUNDS = {"minimum": -1.0, "exclusiveMinimum": 0.0, "maximum": 1.0, "exclusiveMaximum": 0.0}
-"""Keywords for bounds in a schema, with the direction to a value that is out of bounds: 0 for the bound itself."""
+"""Keywords for bounds in a schema, and the sign of the step to an invalid value; 0 if the bound itself is invalid."""
 
 
 @pytest.mark.parametrize("flag", BOUNDED, ids=lambda flag: flag.name)

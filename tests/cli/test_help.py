@@ -43,7 +43,7 @@ LOCAL = [
     words for words in ALL if words[0] in SINGLE | {"calibrate", "cache", "completion", "init", "openapi", "version"}
 ]
 SERVED = [words for words in ALL if words[0] in {"batch", "sweep", "jobs"}]
-"""Examples that need a service."""
+"""Command words whose examples are run with a service."""
 NOT_RUN = {
     "report": "takes long; tests/reports has it",
     "uncertainty": "takes long; tests/cli/test_uncertainty.py has others",
@@ -72,7 +72,7 @@ def examples_of(text: str) -> list[list[str]]:
 
 
 def test_help_does_not_wait_for_the_libraries_of_the_solver() -> None:
-    """All commands run in one process, which prints each command after which such a library is loaded."""
+    """One process prints the help of every command and, after each, the heavy libraries that are loaded by then."""
     program = f"""
 import sys
 from service.cli import main

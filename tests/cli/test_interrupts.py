@@ -52,7 +52,8 @@ def pressed(folder: Path) -> Iterator[Callable[..., tuple[int, list[str]]]]:
     """Return a function that starts a command as a shell does, and sends SIGINT once a condition holds."""
     write_cases(folder / "cases.jsonl", *(case_at(200.0 + 0.01 * number) for number in range(5000)))
     (folder / "tests.csv").write_text(TESTS_CSV)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # Processes in the background may ignore SIGINT.
+    # The test process may ignore SIGINT, e.g. in the background, and commands that it starts would inherit that.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     started: list[subprocess.Popen[str]] = []
 
     def press(words: str, claim: Callable[[int], bool]) -> tuple[int, list[str]]:

@@ -67,7 +67,7 @@ def test_angle_is_one_line_and_warnings_another(here: Path, capsys: pytest.Captu
     assert shown.out in verbose.out
     assert len(verbose.out.splitlines()) > len(found["iterations"])
     assert all(warning["detail"] in verbose.err for warning in found["warnings"])
-    # Extrapolating S matters relative to the scatter of the paper's four tests, not to that of the law.
+    # The shift by the extrapolation of S is large beside the scatter of the paper's four tests, not beside the law's.
     moved = ["--velocity", "500", "--set", "strength_scatter=paper_table_1"]
     assert cli.main(["cra", "strike.toml", *moved]) == 0
     assert capsys.readouterr().err == "1 warning (-v explains): strength_fit_extrapolated\n"
@@ -327,7 +327,7 @@ def test_problems_of_the_input_end_with_status_2_and_others_with_1(kind: str, st
 
 
 class Moody(BaseHTTPRequestHandler):
-    """A service that answers each request by the next of its moods: 503, no answer, or 200 if the key is right."""
+    """A service whose `moods` give the answers in turn: 503, none, or 200 (401 with a wrong key)."""
 
     moods: ClassVar[list[str]] = []
 

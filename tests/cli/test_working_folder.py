@@ -21,7 +21,7 @@ CASES = 10
 
 @pytest.fixture
 def folder_with_modules(tmp_path: Path) -> Path:
-    """Folder with modules named like modules of Python and of this package, which leave a trace if imported."""
+    """Folder of modules that have names of Python's and this project's modules, and create a file if imported."""
     folder = tmp_path / "work"
     folder.mkdir()
     for name in MODULES:
@@ -30,7 +30,7 @@ def folder_with_modules(tmp_path: Path) -> Path:
 
 
 def imported(folder: Path) -> list[str]:
-    """Return the traces of the modules that were imported."""
+    """Return the names of the files that imported modules have created."""
     return [path.name for path in folder.parent.glob("* has run")]
 
 

@@ -30,7 +30,7 @@ class Step:
         return words
 
     def paths(self) -> tuple[str, list[str], str]:
-        """Return stage, sources and destination of a COPY; the stage is None for the build context."""
+        """Return stage, sources and destination of a COPY; the stage is "" for the build context."""
         *words, destination = self.text.split()
         stage = words.pop(0).removeprefix("--from=") if words[0].startswith("--from=") else ""
         return stage, words, destination

@@ -16,7 +16,7 @@ SIZING = (ROOT / "docs" / "sizing.md").read_text(encoding="utf-8")
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_no_page_installs_by_a_name_that_is_another_projects(page: Path) -> None:
-    """On the package index, `ricochet` is a project of somebody else."""
+    """On the package index, the name `ricochet` belongs to another project."""
     assert not re.search(r"pip install [\"']?ricochet(\[|\s|$)", Path(page).read_text(encoding="utf-8"))
 
 

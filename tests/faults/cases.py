@@ -12,15 +12,15 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 ROUGH = {"lower_deg": 40.0, "upper_deg": 80.0, "tolerance_deg": 1.0}
 """Search range and tolerance with which a search takes a few milliseconds."""
 STEP_M_S = 1e-3
-"""Difference in velocity between two cases."""
+"""Difference in velocity between consecutive cases. [m/s]"""
 LONG = pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])
-"""Number of rounds of the slow variant of a test."""
+"""Parameter of the slow variant of a test: 50 rounds, and more time."""
 PIECES = 10
 PIECE_PAUSE_SECONDS = 0.01
 
 
 def searches(count: int, first: int = 0) -> list[dict[str, Any]]:
-    """Return `count` searches for the critical angle, whose numbers begin with `first`."""
+    """Return `count` searches for the critical angle, numbered from `first`."""
     return [
         PAPER | {"impact": {"velocity_m_s": 240.0 + STEP_M_S * number}, "search": ROUGH}
         for number in range(first, first + count)

@@ -18,7 +18,7 @@ EXPECTED = {"lock"} | {f"{path}{end}" for path in (INDEX, JOURNAL, JOBS) for end
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A file of results. Two are equal if they are the same file, unchanged."""
+    """A file of results. Two segments are equal if they are the same file and it has not been changed."""
 
     path: Path
     inode: int

@@ -10,7 +10,7 @@ from pathlib import Path
 
 DISK_BYTES = 24 * 1024 * 1024
 FILE_BYTES = 4096
-"""Limit on file sizes, used where no small disk can be mounted. It is so small that nothing can be written. [bytes]"""
+"""Limit on file sizes, used where no small disk can be mounted; less than any database or file of results. [bytes]"""
 
 
 @dataclass(frozen=True, slots=True)

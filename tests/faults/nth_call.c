@@ -1,4 +1,4 @@
-/* Counts the calls of a process that change files below a folder, and has the n-th one fail or end the process.
+/* Counts the calls of a process that change files below a folder, and makes the n-th one fail or kill the process.
  *
  *   cc -shared -fPIC -o nth_call.so nth_call.c
  *   LD_PRELOAD=nth_call.so ...; the process calls nth_call_arm(folder, n, fault) and nth_call_count().
@@ -52,7 +52,7 @@ static void die(void)
 static int is_below(const char *path) { return folder_length && path && !strncmp(path, folder, folder_length); }
 static int is_open_below(int file) { return file >= 0 && file < FILES && below[file]; }
 
-/* Whether this call is the one; it does not come back if the process is to end before it. */
+/* Counts a call; returns whether it is the one to fail. Kills the process if that is to happen before the call. */
 static int is_due(void)
 {
     if (++count != wanted || !fault)

@@ -1,8 +1,8 @@
 """Run services as forks of a process that has imported everything, so that a start takes a tenth of a second.
 
-Each line of JSON on standard input starts a service: it has the data folder, the port, the log file, the number of the
-call that shall fail, and the fault. The answers are two lines on standard output: the process id, and after the end of
-the service its exit status. Unless it was killed, the number of its calls is then in the file `count`.
+Each line of JSON on standard input starts a service. It gives the data folder, the port, the log file, the file
+`count`, the number of the call that is to fail, and the fault. For each service two lines are printed: its process id
+and, after its end, its exit status. Unless it was killed, it writes the number of its calls to `count` as it ends.
 """
 
 import ctypes

@@ -13,13 +13,13 @@ from typing import Any
 
 import httpx
 
+from tests.conftest import START_LIMIT_S
+
 from .data_folder import faults_of
 from .processes import kill, processes_of, workers_of
 
 ROOT = Path(__file__).parents[2]
 RICOCHET = Path(sys.executable).with_name("ricochet")
-START_SECONDS = 120.0
-"""Time limit of a start; the first start on a machine compiles the solver. [s]"""
 STOP_SECONDS = 20.0
 JOB_SECONDS = 120.0
 JSONL = "application/jsonl"
@@ -90,7 +90,7 @@ class RestartableServer:
 
     def wait_until(self, path: str) -> None:
         """Wait until a request of this path succeeds."""
-        deadline = time.monotonic() + START_SECONDS
+        deadline = time.monotonic() + START_LIMIT_S
         while time.monotonic() < deadline:
             assert self._process is not None
             assert self._process.poll() is None, self.log.read_text(errors="replace")[-2000:]
@@ -123,7 +123,7 @@ class RestartableServer:
         return workers_of(self.data, self.pid)
 
     def orphans(self, seconds: float) -> list[int]:
-        """Wait for the processes of a killed server to end; return those that are left after this time. [s]"""
+        """Wait up to `seconds` for the processes of a killed server to end; return the ids of those still running."""
         deadline = time.monotonic() + seconds
         while (left := processes_of(self.data)) and time.monotonic() < deadline:
             time.sleep(0.01)

@@ -19,14 +19,14 @@ from .server import UNFINISHED, RestartableServer
 SIGNALS = {"SIGTERM": signal.SIGTERM, "SIGKILL": signal.SIGKILL, "closed nanny": signal.SIGTERM}
 """Ways to end a worker and the signal for each. SIGTERM ends a worker cleanly; if it has a nanny, the nanny gets it."""
 POOL_WORKERS = "3"
-"""Number of worker processes of the service. Metrics show which executor is used, because Dask has fewer workers."""
+"""Number of worker processes of the service, more than Dask workers, so that metrics show which of them are used."""
 WAIT_SECONDS = 60.0
 """Time limit for the restart of a Dask worker and of its process pool on a busy machine. [s]"""
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RestartableServer]:
-    """A service without a cluster, whose answers are the expected ones."""
+    """A service without a cluster, which gives the expected answers."""
     with RestartableServer(tmp_path_factory.mktemp("undisturbed")) as server:
         server.start()
         yield server

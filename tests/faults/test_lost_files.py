@@ -28,14 +28,14 @@ def lose_jobs(server: RestartableServer, choice: random.Random) -> int:
 
 
 def rebuild_index(server: RestartableServer, choice: random.Random) -> int:
-    """Remove the index, and rebuild it with the command."""
+    """Remove the index, and rebuild it with `ricochet cache rebuild`."""
     _remove(server.data / INDEX, choice)
     server.command("cache", "rebuild")
     return 0
 
 
 def damage_index(server: RestartableServer, choice: random.Random) -> int:
-    """Overwrite a page of the index."""
+    """Overwrite 4096 bytes of the index."""
     return _overwrite(server.data / INDEX, choice, 4096)
 
 

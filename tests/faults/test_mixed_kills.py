@@ -59,7 +59,7 @@ def test_job_survives_the_loss_of_all_its_processes(executor: str, cases: int, t
 
 @contextmanager
 def workers_and_settings(executor: str, folder: Path) -> Iterator[tuple[DaskCluster | None, dict[str, str]]]:
-    """Run two Dask workers, if requested; return the cluster and the variables of a service that uses it."""
+    """Yield no cluster for "pool", otherwise one of two Dask workers, and the environment variables to use it."""
     if executor == "pool":
         yield None, {}
         return

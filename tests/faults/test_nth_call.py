@@ -36,10 +36,10 @@ CASES = 24
 KILLED, TORN = -1, -2
 FAULTS = {"killed before": KILLED, "killed amid": TORN, "input/output error": errno.EIO, "disk full": errno.ENOSPC}
 EXAMPLES = 8
-"""Number of calls that are made to fail, evenly distributed, unless it is every call."""
+"""Approximate number of calls that are made to fail, evenly distributed, in the test that does not try every call."""
 START_SECONDS, JOB_SECONDS, STOP_SECONDS = 30.0, 60.0, 20.0
 REFUSALS = {500, 503, 507}
-"""Statuses that answers may have when a call fails."""
+"""Error statuses that an answer may have after a failed call."""
 IDEMPOTENCY_KEY = "batch"
 EXAMPLES_ONLY = pytest.param(False, id="examples", marks=pytest.mark.timeout(300))
 EVERY = pytest.param(True, id="every", marks=[pytest.mark.slow, pytest.mark.timeout(3600)])
@@ -47,7 +47,7 @@ EVERY = pytest.param(True, id="every", marks=[pytest.mark.slow, pytest.mark.time
 
 @dataclass(frozen=True)
 class Exchange:
-    """A request, by name, with status and body of its answer; the status is None if the connection broke."""
+    """Name of a request, and status and body of its answer; the status is None if the connection broke."""
 
     name: str
     status: int | None
@@ -66,7 +66,7 @@ class Forks:
 
     @contextmanager
     def service(self, data: Path, number: int = 0, fault: int = 0) -> Iterator["Service"]:
-        """Run a service in which the call of this number fails in this way; stop the service in the end."""
+        """Run a service in which call `number` has the fault `fault`, one of `FAULTS`; 0 is none. Stop it on exit."""
         self.numbers += 1
         order = {name: str(self.folder / f"{self.numbers}.{name}") for name in ("log", "count")}
         port = free_port()
@@ -103,7 +103,7 @@ class Service:
 
     @property
     def is_running(self) -> bool:
-        """Whether the process is running."""
+        """Whether the process has not ended; a zombie counts as ended."""
         with suppress(OSError):
             return Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
         return False
@@ -169,7 +169,7 @@ def forks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Forks]:
 
 @pytest.fixture(scope="module")
 def undisturbed(forks: Forks, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], int]:
-    """Answers of an undisturbed service, by name of the request, and the number of its calls."""
+    """Answers of an undisturbed service, by name of the request, and the number of its counted calls."""
     with forks.service(tmp_path_factory.mktemp("undisturbed") / "data") as service:
         history = service.session()
     assert service.status == 0, service.log.read_text()

@@ -29,7 +29,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def environment(library: Path, tmp_path: Path) -> dict[str, str]:
-    """Environment of a process that preloads a library which lets calls fail; the variable `REFUSED` selects them."""
+    """Environment that preloads a library in which calls fail; the variable `REFUSED` selects the calls."""
     return os.environ | {
         "LD_PRELOAD": str(library),
         "REFUSED_BELOW": str(tmp_path / "data"),

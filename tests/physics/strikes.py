@@ -86,14 +86,14 @@ def power(motion: Motion[FloatArray]) -> FloatArray:
 
 
 def assert_work_is_the_energy_lost(motion: Motion[FloatArray], *, rel: float) -> None:
-    """Check that the work of the resistance equals the energy lost, and that the energy never rises."""
+    """Check that the work of the resistance equals the energy lost, and that energy rises at most by 10⁻⁶ a sample."""
     energy = motion.kinetic_energy
     assert np.trapezoid(power(motion), motion.time) == pytest.approx(energy[-1] - energy[0], rel=rel)
     assert np.diff(energy).max() <= 1e-6 * energy[0]
 
 
 def assert_panels_follow_the_gauss_points(**strike: Any) -> None:
-    """Check that both routes agree within 0.3 mm for the tip and 0.1° for the axis, every tenth of a millisecond."""
+    """Check that both methods agree within 0.3 mm for the tip and 0.1° for the axis, every tenth of a millisecond."""
     gauss, panels = (
         known(simulate(**strike, numerics=numerics, sample_interval=1e-4).history)
         for numerics in (
@@ -142,7 +142,7 @@ TAPERING: dict[str, Projectile] = {
     "double cone": steel(Profile(points=((0.0, 0.0), (0.1, 0.04), (0.13, 0.0))), length=0.13),
     "barrel": steel(Profile(points=((0.0, 0.02), (0.03, 0.04), (0.1, 0.04), (0.15, 0.02))), length=0.15),
 }
-"""Bodies that are narrower behind their widest point."""
+"""Bodies that taper behind their widest point."""
 
 
 @st.composite

@@ -38,8 +38,8 @@ LAWS = [
     *(("mohr_coulomb", *law) for law in (EQUATION_9, MOTIONS, *OTHERS)),
     *(("none", *law) for law in (EQUATION_9, *OTHERS)),
 ]
-"""Decay law, law of S and shape of S over the angle of each alternative. Each theory occurs with eq. 9, and with the S
-that was fitted with that theory."""
+"""Decay law, law of S and shape of S over the angle of each alternative. Both cavity theories occur with eq. 9 and with
+the S that was fitted to finite element motions with that theory; the case without decay has no such fit."""
 
 
 def test_critical_angle_under_each_law_is_that_of_its_resistance() -> None:
@@ -101,7 +101,7 @@ def test_law_without_an_answer_gives_its_error_and_the_others_their_answers() ->
 
     beyond = Search(lower=math.radians(87.0), upper=math.radians(88.0))
     for each in alternatives(angle, **CASE, search=beyond):
-        is_polynomial = each.strength_factor == "obliquity_polynomial"  # Held nowhere, it is negative beyond 86.6°.
+        is_polynomial = each.strength_factor == "obliquity_polynomial"  # It is not held, and negative beyond 86.6°.
         assert isinstance(each.answer, ParameterError) is is_polynomial
 
 

@@ -303,7 +303,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
 
 
 def test_bounds_equal_those_of_the_contract() -> None:
-    """Numbers in solver and contract have the same bounds, which both include or exclude."""
+    """Solver and contract have the same bounds of numbers, and include or exclude the same ones."""
     schema = TrajectoryRequest.model_json_schema()["$defs"] | {"FlightRequest": FlightRequest.model_json_schema()}
     parts = {
         "projectile": "Projectile",

@@ -1,4 +1,4 @@
-"""Bending stress of the projectile, compared with independent values, closed forms, scaled strikes and other routes."""
+"""Bending stress of the projectile, compared with independent values, closed forms, scaled strikes and both methods."""
 
 import math
 from dataclasses import replace
@@ -37,7 +37,7 @@ ROUTES = {"adaptive": Numerics(), "panels": Numerics(method="panels", panels=400
 INDEPENDENT = [(238.0, 48.6, 1.83e9), (238.0, 45.0, 1.84e9), (150.0, 45.0, 0.81e9), (100.0, 45.0, 0.64e9)]
 """Speed, angle and peak stress of the paper's body as a solid, by two independent programs. [m/s, °, Pa]"""
 SAME = 0.05
-"""Relative tolerance of these peak stresses: the programs end their runs at different instants and use other panels."""
+"""Relative tolerance of these stresses, because the programs end their runs at other instants and use other panels."""
 CONVERGED = 0.01
 """Largest relative change of the peak with ten times as many cross-sections and every instant evaluated. [1]"""
 
@@ -92,7 +92,7 @@ NEEDLE = Projectile(nose=Conical(length_to_diameter=0.5), diameter=0.02, length=
 
 @pytest.mark.parametrize("route", ROUTES)
 def test_moment_in_a_beam_struck_at_its_end_equals_the_closed_form(route: str) -> None:
-    """A force F and a couple C at the end of a free beam cause F x (1 - x/L)² + C (1 - 3 (x/L)² + 2 (x/L)³)."""
+    """A force F and a couple C at the end cause the moment F x (1 - x/L)² + C (1 - 3 (x/L)² + 2 (x/L)³)."""
     impact = Impact(velocity=100.0, oblique_angle=math.radians(20.0))
     nose_only = replace(ROUTES[route], termination_time=1e-4)
     run = simulate(

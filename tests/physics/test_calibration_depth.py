@@ -71,7 +71,7 @@ def test_depths_of_the_model_return_its_strength_factor(strength_factor: float) 
 
 
 def test_depths_of_the_closed_form_without_inertia_return_its_strength_factor() -> None:
-    """The energy, ½ m V², is S f'c (π a² (z - nose length) + nose volume) if B = 0, but for what is left at the end."""
+    """If B = 0, ½ m V² is S f'c (π a² (z - nose length) + nose volume), apart from the energy at the end of the run."""
     strength_factor, area = 9.0, math.pi * PAPER_PROJECTILE.radius**2
     shank = area * (PAPER_PROJECTILE.length - PAPER_PROJECTILE.nose_length)
     entry = PAPER_PROJECTILE.nose_length - (solid_properties(PAPER_PROJECTILE).volume - shank) / area

@@ -310,7 +310,7 @@ def test_two_processes_may_compile_at_the_same_time(little: Little) -> None:
 
 
 def test_solver_is_found_in_a_copy_that_can_only_be_read(tmp_path: Path) -> None:
-    """Such a copy is an installation by root for other users, with complete compiled code."""
+    """An example is an installation by root for other users, with complete compiled code."""
     solver.warm_up()
     progress = compilation.compilation_progress()
     assert progress.functions > 0

@@ -58,7 +58,7 @@ def test_critical_angles_are_those_of_an_independent_program(held: float, veloci
 
 @pytest.mark.parametrize("velocity", [238.0, 400.0, 600.0])
 def test_equation_9_is_held_from_60_degrees_unless_told_otherwise(velocity: float) -> None:
-    """The result is the same with the default written out, and equals that of a constant S if it is above 60°."""
+    """The angle is the same with the defaults given explicitly; above 60° it is that of the constant S = 4.683."""
     plain = angle_of(ObliquityPolynomial(), velocity)
     assert plain == angle_of(ObliquityPolynomial(coefficients=EQUATION_9_COEFFICIENTS), velocity)
     assert plain == angle_of(ObliquityPolynomial(held_from=math.radians(60.0)), velocity)

@@ -1,4 +1,4 @@
-"""Both routes follow twelve histories of an independent brute-force program (`tests/reference/SOURCES.md`)."""
+"""Both methods follow twelve histories of an independent brute-force program (`tests/reference/SOURCES.md`)."""
 
 import numpy as np
 

@@ -26,7 +26,7 @@ from solver.prepared import integrate, prepare
 from .strikes import known, mirrored, strikes
 
 few = settings(max_examples=20, deadline=None, derandomize=True, database=None)
-"""Hypothesis settings: 20 examples, the same in every run, because one that slides to rest takes up to a second."""
+"""Hypothesis settings: the same 20 examples in every run; no more, because one that slides to rest takes a second."""
 
 
 def transit(strike: dict[str, Any]) -> float:
@@ -95,7 +95,7 @@ def test_motion_does_not_depend_on_units(strike: dict[str, Any], length: int, sp
     """A strike scaled in size and mass, or in speed and strength, has the same motion.
 
     The model has no built-in length, time or mass. Scaling by powers of two keeps all digits, so results agree to
-    rounding. Lengths are scaled by up to 64, speeds and densities by up to 4, within the bounds of the inputs.
+    rounding. Lengths are scaled by 1/8 to 8, speeds and densities by 1/2 to 2, within the bounds of the inputs.
     """
     units = {"length": 2.0**length, "time": 2.0 ** (length - speed), "mass": 2.0 ** (3 * length + density)}
     one, other = run(strike), run(in_other_units(strike, **units))
@@ -112,7 +112,7 @@ def test_motion_does_not_depend_on_units(strike: dict[str, Any], length: int, sp
 @few
 @given(strikes())
 def test_kinetic_energy_never_increases(strike: dict[str, Any]) -> None:
-    """From one output time to the next it may grow by 10⁻⁶ of the initial energy, the accuracy of a run."""
+    """From one output time to the next the energy may grow by 10⁻⁶ of its initial value, the accuracy of a run."""
     energy = history(run(strike, samples_a_transit=200)).kinetic_energy
     assert np.diff(energy).max(initial=0.0) < 1e-6 * energy[0]
 
@@ -120,7 +120,7 @@ def test_kinetic_energy_never_increases(strike: dict[str, Any]) -> None:
 @few
 @given(strikes())
 def test_work_of_the_resistance_equals_the_energy_lost(strike: dict[str, Any]) -> None:
-    """They agree to 10⁻⁶ of the initial energy.
+    """The work and the lost energy agree to 10⁻⁶ of the initial energy.
 
     The power is integrated by Gauss points within each step, because it jumps between steps.
     """

@@ -67,7 +67,7 @@ def deviation_past_the_nose(run: Trajectory) -> tuple[FloatArray, FloatArray]:
 
 
 def test_depth_past_the_nose_equals_the_closed_form() -> None:
-    """They agree to 10⁻⁶ of the depth until the speed is a hundredth of the impact speed."""
+    """The depths agree to 10⁻⁶ of the greatest depth until the speed is a hundredth of the impact speed."""
     run = strike_of_the_paper()
     deviation, speed = deviation_past_the_nose(run)
     assert speed[-1] < 0.0101
@@ -112,7 +112,7 @@ def energy_left(depth: FloatArray, *, inertia_factor: float) -> FloatArray:
 
 @pytest.mark.parametrize("inertia_factor", [0.0, 1.0])
 def test_energy_over_depth_equals_the_integrated_resistance(inertia_factor: float) -> None:
-    """They agree to 10⁻⁶ of the initial energy from first contact to rest, entry of the nose included."""
+    """The energies agree to 10⁻⁶ of the initial energy from first contact to rest, entry of the nose included."""
     run = li_chen_strike(inertia_factor=inertia_factor)
     assert run.history is not None
     energy = run.history.kinetic_energy

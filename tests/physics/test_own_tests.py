@@ -49,7 +49,10 @@ def shot_of(factor: float, *, velocity: float = 300.0) -> Shot:
 
 
 def by_grid(shots: Sequence[Shot]) -> tuple[float, tuple[float, float]]:
-    """Return median, 5 % and 95 % quantile of ln S of the next shot, by Bayes' rule on a grid of mean and variance."""
+    """Return the median of S of the next shot, and the 5 and 95 % quantiles of ln S.
+
+    They are computed by Bayes' rule on a grid of mean and variance.
+    """
     prior = math.log(PublishedTests().polynomial(**CASE)[0])
     values = np.array(
         [

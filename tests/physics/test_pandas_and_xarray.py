@@ -43,7 +43,7 @@ TESTS = [DepthTest(velocity=200.0, depth=0.20), DepthTest(velocity=250.0, depth=
 
 
 def held(values: Sequence[Any]) -> Any:
-    """Return values as an array, of objects unless they are numbers or tuples of them."""
+    """Return values as an array, which has the type object unless they are floats or tuples of floats."""
     return np.array(values, None if isinstance(values[0], float | tuple) else object)
 
 

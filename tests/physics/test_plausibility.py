@@ -106,7 +106,7 @@ def test_walls_that_no_energy_explains_are_named(impact: Impact, first: float, s
 
 
 def test_no_answer_of_the_model_is_implausible() -> None:
-    """These are random strikes of every kind; `test_blunt_bodies` and the comparison of routes check theirs too."""
+    """The strikes are random, of every kind; `test_blunt_bodies` and `test_route_agreement` check theirs too."""
     for strike in random_strikes(600, 21):
         given = {name: getattr(strike, name) for name in ("projectile", "target", "impact", "resistance")}
         run = simulate(**given, sample_interval=None)
@@ -114,7 +114,7 @@ def test_no_answer_of_the_model_is_implausible() -> None:
 
 
 def test_wall_without_resistance_causes_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A wall without resistance causes the warning; an error in the loads once made such walls."""
+    """An error in the loads once gave walls without resistance, as simulated here."""
     lost = PreparedCase.law_at
 
     def without_resistance(case: PreparedCase, impact: Impact) -> object:
@@ -141,7 +141,7 @@ apart than a wall is thick, and the resulting errors rightly cause the warning."
 
 
 def odd_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, Impact, Resistance]]:
-    """Yield random strikes with inputs anywhere within their bounds, evenly in the logarithm."""
+    """Yield random valid strikes whose diameter, mass, concrete and velocity are log-uniform within their bounds."""
     random = np.random.default_rng(seed)
 
     def drawn(name: str) -> float:

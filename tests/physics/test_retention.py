@@ -45,7 +45,7 @@ TOLERANCE_DEG = 0.02
 
 SPEEDS, STRENGTHS = np.linspace(60.0, 450.0, 60), np.linspace(20e6, 60e6, 60)
 LINE = 12
-"""Distance of the tested rows and columns of the map, which cross any line of jumps."""
+"""Spacing of the tested rows and columns of the map, in cells; they would cross any line of jumps."""
 STEEPEST_DEG = 2.5
 """Largest difference of neighbouring angles on the map; jumps of the angle would be larger. [°]"""
 

@@ -1,4 +1,4 @@
-"""Both routes give the same end of random strikes over the whole input space: noses, walls, laws, attack and spin."""
+"""Both methods agree on the end of random strikes over the whole input space: noses, walls, laws, attack and spin."""
 
 import itertools
 import math

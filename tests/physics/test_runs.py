@@ -136,7 +136,7 @@ def test_nose_that_is_pushed_to_the_face_accelerates_the_body_that_way() -> None
 
 @pytest.mark.parametrize(("degrees", "until"), [(30.0, 1.2e-3), (55.0, math.inf)])
 def test_accelerations_of_both_routes_agree(degrees: float, until: float) -> None:
-    """They agree to 5 % in the root mean square and 1 % in the maximum, at 30° only as long as the body turns."""
+    """The methods agree to 5 % in the root mean square and 1 % in the maximum, at 30° only while the body turns."""
     found, other = (
         history(paper_run(degrees, numerics=Numerics(method=method), sample_interval=1e-5))
         for method in ("adaptive", "panels")

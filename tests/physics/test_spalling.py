@@ -104,7 +104,7 @@ def test_plug_is_at_most_nine_tenths_of_a_wall_with_a_warning() -> None:
 @pytest.mark.parametrize("spalling", [{}, {"crater": Crater()}])
 @pytest.mark.parametrize("thickness", [0.15, 0.24, 0.25])
 def test_limit_speed_with_a_plug_rises_with_the_strength_factor(spalling: dict[str, Any], thickness: float) -> None:
-    """The body has 168.3 mm, 47.5 kg and a hemispherical nose; S is its 5, 50 and 95 % quantile, and 14.5."""
+    """S has its 5, 50 and 95 % quantiles for this body of 168.3 mm and 47.5 kg with a hemispherical nose, and 14.5."""
     body = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.1683, length=0.64, mass=47.5)
     wall = Target(compressive_strength=60e6, density=2350.0, thickness=thickness)
     speeds = []

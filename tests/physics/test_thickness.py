@@ -247,7 +247,7 @@ TUMBLING: dict[str, Any] = {
         strength_factor=ObliquityPolynomial(held_from=math.radians(90.0)), free_surface=MohrCoulomb()
     ),
 }
-"""A strike with an S of nearly zero at grazing angles, as by eq. 9 where it is not held."""
+"""A strike whose S is nearly zero at grazing angles, because eq. 9 is not held."""
 
 
 def test_tumbling_in_a_wall_causes_a_warning() -> None:
@@ -263,7 +263,7 @@ def test_tumbling_in_a_wall_causes_a_warning() -> None:
 
 
 def test_run_ends_in_motion_after_a_full_turn_in_the_target() -> None:
-    """The warning is `tumbling` on both routes, not the one about the termination time."""
+    """With either method the warning is `tumbling`, not the one about the termination time."""
     impact = Impact(velocity=598.15, oblique_angle=math.radians(84.5), angle_of_attack=0.03895949452329724)
     for numerics in (None, Numerics(method="panels", panels=4000, time_step=4e-6)):
         run = simulate(**TUMBLING, impact=impact, numerics=numerics, sample_interval=None)

@@ -54,7 +54,7 @@ STRIKES: dict[str, tuple[dict[str, Any], Impact]] = {
         Impact(velocity=238.0, oblique_angle=0.8),
     ),
 }
-"""Strikes with a warning that has quantities, by its code."""
+"""Strikes that cause a warning with quantities, by the code of the warning."""
 
 
 @pytest.mark.parametrize("code", STRIKES)

@@ -183,7 +183,7 @@ def test_an_endless_device_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def valid_files(folder: Path) -> dict[Path, Reader]:
-    """Return a valid file of each kind and the function that reads it, by name."""
+    """Write a valid file of each kind; return the function that reads each file, by path."""
     time, zero = np.linspace(0.0, 4.0, 9), np.zeros(9)
     bodies = {7: np.column_stack([120.0 * time, zero, -200.0 * np.sin(time / 3.0), zero, zero, zero])}
     write_rbdout(folder / "rbdout", time, bodies)

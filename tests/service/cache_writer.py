@@ -1,4 +1,4 @@
-"""Script: store batches of results in a folder, evicting the oldest, until the process is killed."""
+"""Script: store 10,000 batches of results in a folder, evicting the oldest, unless the process is killed before."""
 
 import os
 import sys

@@ -1,6 +1,6 @@
 """Script: run the jobs of a folder until they are done, or until the process is killed; if there is none, submit one.
 
-The worker is a separate process, as in the service, and each run of a case creates a file.
+Workers are separate processes, as in the service, and each run of a case creates a file.
 """
 
 import asyncio

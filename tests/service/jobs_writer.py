@@ -15,7 +15,7 @@ from tests.service.questions import PROBLEM, Question
 CASES = 450
 KILLS = 8
 JOBS_BEFORE = 2
-"""Number of jobs that a process has accepted before it is killed, however slow the machine is."""
+"""Smallest number of jobs that a process has accepted before it is killed, however slow the machine is."""
 
 
 def write_for_ever(folder: Path, accepted: int) -> None:

@@ -1,4 +1,4 @@
-"""Script: start a pool with a busy and an idle worker, print the process ids, and wait to be killed."""
+"""Script: start a pool with a busy and an idle worker, print the process ids of both, and wait to be killed."""
 
 import asyncio
 import hashlib

@@ -138,7 +138,7 @@ async def test_pool_recovers_from_the_death_of_its_template(pool: ProcessPool) -
 async def test_workers_are_replaced_after_the_folder_for_temporary_files_was_emptied(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """`systemd-tmpfiles --clean` empties it, for example."""
+    """`systemd-tmpfiles --clean` empties that folder, for example."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     program = f"""
 import asyncio, os, shutil, signal
@@ -266,7 +266,7 @@ async def test_chunks_finish_however_their_workers_are_killed(pool: ProcessPool)
     sums: list[Call] = [(operator.add, (number, 1)) for number in range(20)]
     chunks = [asyncio.ensure_future(pool.run([nap(0.005), *sums])) for _ in range(200)]
     for kills in range(1, 7):
-        await asyncio.sleep(instants.uniform(0.03, 0.1))  # This is enough for the call whose worker was killed last.
+        await asyncio.sleep(instants.uniform(0.03, 0.1))  # The call whose worker was killed last ends in that time.
         os.kill(pool.worker_pids[kills % 2], signal.SIGKILL)
         await until(lambda: pool.restarts == kills)  # noqa: B023 (called at once)
     for chunk in chunks:

@@ -38,7 +38,7 @@ ENDLESS: Call = (hashlib.pbkdf2_hmac, ("sha256", b"", b"", 10**9))
 
 Make: TypeAlias = Callable[..., Awaitable[Executor]]
 with_processes = pytest.mark.parametrize("kind", ["pool", DASK], indirect=True)
-"""Mark of tests that kill processes, without the executor that computes in the process of the tests."""
+"""Runs a test with the executors that have processes which a test can kill."""
 
 
 @pytest.fixture(params=["in-process", "pool", DASK])

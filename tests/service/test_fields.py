@@ -1,4 +1,4 @@
-"""Answers and tables are built from results of the solver, as declared by the fields of their models."""
+"""Answers and tables are built from results of the solver, as the fields of the models declare."""
 
 import math
 from dataclasses import dataclass

@@ -336,7 +336,7 @@ async def test_no_owner_can_fill_the_queue(pool: ProcessPool, tmp_path: Path) ->
         jobs.append(await accepted(manager, cases(range(1000, 1200), seconds=0.2), "bert"))
         with pytest.raises(QueueFullError):
             manager.run_now("square", cases(range(1200, 1250)), owner="bert")
-        found = await collect(manager, cases(range(2000, 2100)))  # as they finish
+        found = await collect(manager, cases(range(2000, 2100)))  # in the order in which they finish
         assert sorted(squares(found)) == [i**2 for i in range(2000, 2100)]
         for job in jobs:
             await manager.cancel(job.id, job.owner)

@@ -1,4 +1,4 @@
-"""Spans of a job belong to the trace of the request that submitted it; the SDK exports them to memory."""
+"""Spans of a job belong to the trace of the request that submitted it. OpenTelemetry exports them to memory here."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Statements in docs/operating.md that no other test covers: upgrades, power failures, changes of the clock."""
+"""Statements in docs/operating.md about upgrades, power failures and changes of the clock."""
 
 import shutil
 import time

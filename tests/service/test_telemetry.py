@@ -107,7 +107,7 @@ def test_each_request_is_a_span_in_the_trace_of_its_client(
             assert client.get(job["links"]["self"], headers={"X-Request-ID": "job"}).json()["status"] == "successful"
             for probe in ("/livez", "/readyz", "/metrics"):
                 assert client.get(probe).is_success
-        # When the service ends, it has sent all remaining spans.
+        # The service sends all remaining spans before it ends.
     chunks = [span for span in collector.spans if span.name == "chunk"]
     requests = [span for span in collector.spans if span.name != "chunk"]
     by_id = {attributes(span)["ricochet.request_id"]: span for span in requests}
@@ -137,7 +137,7 @@ def test_each_request_is_a_span_in_the_trace_of_its_client(
 def test_unreachable_collector_delays_neither_answers_nor_the_end(
     tmp_path: Path, service_on: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nor is the key of the collector logged."""
+    """The key of the collector is not logged either."""
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", "http://127.0.0.1:9")
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_HEADERS", "authorization: Bearer hush")
     with service_on(tmp_path, telemetry="true") as service:

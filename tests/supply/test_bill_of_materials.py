@@ -14,7 +14,7 @@ PINNED = re.compile(r"^([\w.-]+)==(\S+)", re.MULTILINE)
 
 
 def made(image: str) -> dict[str, Any]:
-    """The bill of materials of an image."""
+    """Run `make sbom` for an image; return the bill of materials."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
     done = subprocess.run(
         ["make", "--old-file=setup", "sbom", f"IMAGES={image}"],  # noqa: S607

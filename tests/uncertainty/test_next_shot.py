@@ -1,4 +1,4 @@
-"""The value of own shots: the range of the critical angle that a study predicts after one and after two."""
+"""The value of own shots: the range of the critical angle that a study predicts after one and after two shots."""
 
 import math
 from collections.abc import Sequence

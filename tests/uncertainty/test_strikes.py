@@ -114,7 +114,10 @@ def test_residual_scatters_the_angle() -> None:
 
 
 def test_surrogate_follows_a_widely_scattered_strength_factor() -> None:
-    """S varies by a factor of five, beside the usual scatter and both theories; compared with 6,000 random searches."""
+    """S varies by a factor of five, in addition to the usual scatter and both theories.
+
+    The expected values are from 6,000 random searches.
+    """
     theories = Discrete(values=[ElasticPlastic(), MohrCoulomb()], weights=[0.8, 0.2])
     uncertain = [
         Uncertain("impact.velocity", Normal(mean=238.0, coefficient_of_variation=0.02)),

@@ -50,7 +50,7 @@ def test_surrogate_admits_the_share_that_its_samples_cannot_show() -> None:
 
 @pytest.mark.parametrize("half_width", [0.1, 0.01])
 def test_samples_correct_a_surrogate_with_a_persistent_error(half_width: float) -> None:
-    """The function has a small step, whose error in the surrogate more samples do not reduce."""
+    """The function has a small step, where more samples do not reduce the error of the surrogate."""
 
     class Stepped(Linear):
         def __call__(self, x: FloatArray) -> FloatArray:

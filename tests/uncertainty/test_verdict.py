@@ -219,7 +219,10 @@ def verdict_of(velocity: float, **changes: Any) -> Verdict:
 def test_warning_is_a_standing_note_if_it_moves_the_angle_little(
     velocity: float, scatter: str, special: set[str]
 ) -> None:
-    """At 500 m/s S beyond 45° moves the angle by 3.2°: much beside the range by 4 tests, little beside that by 255."""
+    """At 500 m/s the extrapolation of S beyond 45° shifts the angle by 3.2°.
+
+    That is much compared with the range from the scatter of 4 tests, but little compared with that of 255 tests.
+    """
     strike = CASE | {"velocity": velocity}
     found = verdict_of(velocity, strength_scatter=scatter)
     assert found.angle is not None

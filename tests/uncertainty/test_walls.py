@@ -120,7 +120,7 @@ def test_wall_with_a_nose_out_of_its_rear_face_is_not_enough() -> None:
     [(0.6, 45.0, "enough at this angle only"), (0.7, 45.0, "enough"), (0.7, 0.0, "enough")],
 )
 def test_wall_that_is_enough_at_its_angle_only_is_said_to_be(thickness: float, degrees: float, words: str) -> None:
-    """The design value against scabbing is 511 mm at 45°, and 672 mm in normal impact, which design practice takes."""
+    """The design value against scabbing is 511 mm at 45°, and 672 mm in normal impact, the case of design practice."""
     found = judge(PAPER_PROJECTILE, replace(PAPER_TARGET, thickness=thickness), 238.0, degrees)
     assert found.enough is True
     assert f"Wall of {1e3 * thickness:.0f} mm at {degrees:g}° from the normal: {words}." in str(found)

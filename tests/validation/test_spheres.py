@@ -19,7 +19,7 @@ from validation.spheres import (
 
 @pytest.mark.parametrize("strength", DEPTHS)
 def test_printed_depths_are_within_the_speeds_of_the_series_to_three_percent(strength: float) -> None:
-    """In the strong concrete the model needs speeds at the upper end of the series; with a crater it needs less."""
+    """In the strong concrete the model needs speeds at the upper end of the series, and lower ones with a crater."""
     slow, fast = VELOCITIES
     assert model_depth(strength, slow, LAW) < min(DEPTHS[strength])
     for needed, cratered in zip(needed_speeds(strength, LAW), needed_speeds(strength, CRATERED), strict=True):

@@ -4,7 +4,7 @@ import { address, caseOf, caseQuery, readAddress, readCase, replaceAddress } fro
 import { lawsFold } from "../alternatives.js";
 import { Compare, readPins, writePins } from "../compare.js";
 import { copyButtons, linkButton } from "../copy-as.js";
-import { caseActions, element } from "../elements.js";
+import { caseActions, element, showText } from "../elements.js";
 import { drawFlight, flightWords, requestFlight } from "../flight.js";
 import { CaseForm } from "../form.js";
 import { drawHistories, moveInstant } from "../histories.js";
@@ -96,7 +96,7 @@ class Explore {
     this.row = rowAt(run, this.instant);
     this.scrubber.setTimes(run.history.time_s, this.row);
     parts.scrubber.hidden = false;
-    parts.outcome.replaceChildren(describeRun(run));
+    showText(parts.outcome, describeRun(run));
     this.verdict.setRun(run);
     this.showDifferences();
     this.drawSide();
@@ -127,7 +127,7 @@ class Explore {
     flight.parentElement.hidden = !found;
     if (!flight.querySelector(".drawing")) flight.replaceChildren(); // else words on a field that was not accepted stay
     if (found) {
-      landing.textContent = flightWords(found);
+      showText(landing, flightWords(found));
       await drawFlight(flight, run, found);
     }
     if (!signal.aborted) markFresh(landing, flight);

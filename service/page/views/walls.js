@@ -12,7 +12,7 @@ import { request } from "../service.js";
 import { markFresh, markStale } from "../stale.js";
 import { inUnits, unitOf } from "../units.js";
 import { sentencesOf, showCard, verdictSection } from "../verdict.js";
-import { endingShown, unbroken, warningList } from "../words.js";
+import { endingShown, warningList } from "../words.js";
 
 const THICKNESS = "target.thickness_m";
 const SPEED = "impact.velocity_m_s";
@@ -39,7 +39,7 @@ export async function show(root, query) {
     const [first, ...others] = sentencesOf(judged.sentence);
     const ends = isWall ? `The strike ends by this model: ${endingShown(judged)}.` : "Fill in the thickness of the target.";
     showCard(parts.card, { first, second: [...others, ends].join(" ") });
-    const sentences = [thickness, speed].filter(Boolean).map(({ sentence }) => element("p", {}, unbroken(sentence)));
+    const sentences = [thickness, speed].filter(Boolean).map(({ sentence }) => element("p", {}, sentence));
     parts.warnings.replaceChildren(...warningList(judged.warnings, thickness.warnings));
     parts.thicknesses.replaceChildren(...sentences, tableOf(thickness, table));
     markFresh(...shown);
@@ -87,7 +87,7 @@ function tableOf({ variants }, { formulas, scabbing_margin: scabbing, perforatio
 function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: outside, note }) {
   const reasons = outside.map(({ detail }) => detail).join("; ");
   const range = isWithin ? "within" : isKnown ? `outside: ${reasons}` : `not known${reasons && `; ${reasons}`}`;
-  return unbroken(note ? `${range}; ${note}` : range);
+  return note ? `${range}; ${note}` : range;
 }
 
 /** Return a length without its unit, in whole millimetres or tenths of an inch; a limit is rounded up, as in the sentences. */
