@@ -19,10 +19,7 @@ def rows(page: Page) -> dict[str, list[str]]:
     expect(page.get_by_role("table")).to_be_visible()
     expect(page.locator("[aria-busy=true]")).to_have_count(0)
     lines = page.get_by_role("table").locator("tbody tr")
-    cells = [
-        [text.replace("\N{NO-BREAK SPACE}", " ") for text in line.locator("td").all_inner_texts()]
-        for line in lines.all()
-    ]
+    cells = [[" ".join(text.split()) for text in line.locator("td").all_inner_texts()] for line in lines.all()]
     return {first: rest for first, *rest in cells}
 
 
