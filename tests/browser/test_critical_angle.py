@@ -27,7 +27,7 @@ def open_view(page: Page, query: str = "") -> None:
 
 def cells(page: Page, caption: str) -> list[list[str]]:
     rows = page.get_by_role("table", name=caption).locator("tbody tr")
-    return [row.locator("td").all_inner_texts() for row in rows.all()]
+    return [[" ".join(text.split()) for text in row.locator("td").all_inner_texts()] for row in rows.all()]
 
 
 def drawn(page: Page, plot: int) -> list[list[float]]:

@@ -106,8 +106,8 @@ def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
     assert re.findall(r"[\d.]+", headline) == [f"{quantiles[level]:.0f}" for level in (0.5, 0.05, 0.95)]
     table = page.get_by_role("table", name="Sobol indices of the critical angle")
     for row, each in zip(table.locator("tbody tr").all(), answer["sensitivity"], strict=True):
-        value, *ends = (f"{each['total'][name]:.2f}" for name in ("value", "lower", "upper"))
-        whole = value if ends == [value, value] else f"{value} ({' to '.join(ends)})"
+        index, *ends = (f"{each['total'][name]:.2f}" for name in ("value", "lower", "upper"))
+        whole = index if ends == [index, index] else f"{index} ({' to '.join(ends)})"
         expect(row.locator("td").nth(1)).to_have_text(whole)
 
     other = new_page(theme="dark")
