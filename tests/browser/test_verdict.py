@@ -138,7 +138,7 @@ def test_labels_of_the_strip_are_apart_and_inside(new_page: NewPage, width: int,
 def test_line_on_the_map_begins_with_the_answer(page: Page) -> None:
     page.goto("/#/map")
     line = page.locator(f"{HEAD} .line")
-    expect(line).to_have_text(re.compile(r"^Embedded at 45° \(ricochet \d+ %\), critical angle 48\.\d+°$"))
+    expect(line).to_have_text(re.compile(r"^Embedded at 45° \(ricochet \d+\s%\), critical angle 48\.\d+°$"))
     for width, height in SIZES:
         page.set_viewport_size({"width": width, "height": height})
         answer_ends, line_ends = line.evaluate(
