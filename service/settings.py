@@ -111,7 +111,7 @@ class AccessSettings(SettingsGroup):
     cors_origins: Names = ()
     """Other origins whose pages may send requests from a browser, such as `https://a.example`, separated by commas."""
     metrics_open: bool = False
-    """Serve `/metrics` without a key. The metrics are counts and contain no case."""
+    """Serve `/metrics` without a key. The metrics are totals, sizes and times, and show no case."""
     audit_log: Path | None = None
     """File of the audit log, reopened after log rotation has moved it. Without a file the entries go to standard
     error."""

@@ -27,7 +27,7 @@ NO_LIMIT = 2**62
 # the main thread free for signals.
 QUICK_STEPS = 20_000
 """Largest number of steps of a computation in the main thread."""
-# The loads on this number of panels take about as long as one step by Gauss points.
+# Evaluating the loads on this number of panels takes about as long as one step of the Gauss-point method.
 PANELS_PER_STEP = 100
 """Number of panels that count as one step."""
 

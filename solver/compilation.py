@@ -290,7 +290,7 @@ def _can_repair(error: Exception) -> bool:
     if _is_damaged():
         shutil.rmtree(FOLDER, ignore_errors=True)
         Compiled.keeping = not os.path.exists(FOLDER)  # noqa: PTH110 (never raises)
-    elif isinstance(error, OSError) and error.errno is not None:  # a full disk, or a folder that can only be read
+    elif isinstance(error, OSError) and error.errno is not None:  # a full disk, or a read-only folder
         Compiled.keeping = False
     else:
         return False

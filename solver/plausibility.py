@@ -39,7 +39,8 @@ MARGIN = 4.0
 # little.
 RAMP = 0.01
 """Depth over the diameter below which a strike is not checked against its energy. [1]"""
-# Near the limit the exit speed has a large error, as its slope over the thickness is infinite there.
+# Near the perforation limit the exit speed has a large error, because its derivative with respect to the thickness is
+# infinite there.
 MOST_RISE = 0.01
 """Largest rise of the exit speed from one wall to a thicker one, over the striking speed. [1]"""
 

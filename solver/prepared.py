@@ -66,8 +66,8 @@ class Exit:
     speed: float
     """Speed of the centre of gravity as the projectile leaves. [m/s]"""
     direction: float
-    """Angle of the exit velocity from the outward normal of the face through which the projectile leaves; positive in
-    the direction in which it travelled along the face. [rad]"""
+    """Angle of the exit velocity from the outward normal of the face through which the projectile leaves; positive on
+    the side toward which the impact velocity points along the face. [rad]"""
     elevation: float
     """Angle of the exit velocity above the face through which the projectile leaves. [rad]"""
     axis_angle: float

@@ -214,7 +214,7 @@ def build_panels(projectile: Projectile, properties: MassProperties, count: int)
     ParameterError
         If there are fewer rings than pieces of the outline.
     """
-    # The number around is even, since one half of the body is the mirror image of the other.
+    # The number of panels around the axis is even, since one half of the body is the mirror image of the other.
     around = max(4, 2 * round(math.sqrt(AROUND_PER_AXIAL * count) / 2.0))
     rings = count // around
     outline = tuple(sections(projectile.outline(), projectile.radius))

@@ -96,11 +96,11 @@ class Crater:
 
     Notes
     -----
-    All forces are those of the cavity expansion times ``x / (k d)``, where ``x`` is the depth of the deepest point of
-    the surface, up to the crater depth ``k d``. In both publications (Forrestal, Altman, Cargile and Hanchak 1994; Li
-    and Chen 2003) the axial force rises in proportion to depth alone, up to its value at the end of the crater. In this
-    model it also depends on the velocity at each instant. Both publications are about normal impact; the effect of a
-    crater on an oblique strike has not been tested.
+    All forces are those of the cavity expansion times ``min(x / (k d), 1)``, where ``x`` is the depth of the deepest
+    point of the projectile and ``k d`` that of the crater. In both publications (Forrestal, Altman, Cargile and Hanchak
+    1994; Li and Chen 2003) the axial force rises in proportion to depth alone, up to its value at the end of the
+    crater. In this model it also depends on the velocity at each instant. Both publications are about normal impact;
+    the effect of a crater on an oblique strike has not been tested.
     """
 
     depth_diameters: float = 2.0

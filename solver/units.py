@@ -1,7 +1,8 @@
 """Units of the quantities in texts: SI, or US customary units.
 
-The solver computes in SI. A text names the SI unit of a quantity, such as ``mm`` for a thickness, and the functions of
-this module write the value in the units in use, which `written_in` chooses.
+The solver computes in SI. Code that composes a text passes each value with the SI unit in which to show it, such as
+``mm`` for a thickness. The functions of this module format it in that unit or in its US counterpart, depending on the
+system that `written_in` has set.
 """
 
 import math

@@ -305,7 +305,7 @@ def _path_columns(path: TipPath) -> dict[str, Column]:
 
 REPEATS: dict[SearchMethod, int] = {"bisection": 2, "secant": 2, "outcome": 15}
 PAPER_RUNS, PAPER_CORES = 5, 4
-"""Smallest number of finite element runs that the paper's critical angle required, and cores per run."""
+"""Lower bound on the number of finite element runs behind the paper's critical angle, and cores per run."""
 NEAR = 45.0
 """Smallest oblique angle of the finite element runs whose CPU time is counted. [°]"""
 

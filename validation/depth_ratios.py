@@ -96,8 +96,8 @@ def _ratio(axes: Axes, assessment: Assessment, velocities: FloatArray, ratios: F
 
 
 SERIES = "forrestal-1994"
-"""Series for which a mean ratio and coefficient of variation by the closed form with S = 82.6 f'c^−0.544 were expected
-before the comparison."""
+"""Series for which the mean and the coefficient of variation of predicted over measured depth were set beforehand, for
+the closed form with S = 82.6 f'c^−0.544."""
 MEAN_RATIO, MEAN_RATIO_TOLERANCE = 1.02, 0.03
 VARIATION, VARIATION_TOLERANCE = 0.08, 0.02
 FIGURE_NAMES = ("power-law-82.6", "power-law-72", "constant-8.52", "leave-one-out")

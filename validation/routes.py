@@ -46,7 +46,8 @@ BODIES = (
     "ogive", "cone", "cap", "flat", "pointed profile", "truncated profile",
     "sphere", "boat-tail", "tapering profile",
 )  # fmt: skip
-"""Shapes of bodies, named after the nose or, for the last three, after the part behind the widest point."""
+"""Shapes of bodies. The first six are named after the nose, the last two after the part behind the widest point; the
+sphere is a whole body."""
 DECAYS: dict[str, FreeSurface] = {
     "elastic-plastic": ElasticPlastic(),
     "elastic-plastic, inertia": ElasticPlastic(inertia=True),
@@ -88,7 +89,7 @@ FINEST = Resolution(256_000, 640.0)
 
 
 class Combination(NamedTuple):
-    """The combination of choices in a strike."""
+    """Options of a strike: shape and decay law, and whether it has a wall, crater, plug, angle of attack and spin."""
 
     body: str
     wall: bool

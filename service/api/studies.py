@@ -125,8 +125,9 @@ async def judge_strike(request: Request, strike: ReportRequest) -> Response:
     """Judge a strike in one sentence: outcome, probability of ricochet, critical angle with its 90 % range.
 
     Page, report and command line print the same sentence. A verdict costs some 530 cases, most of them samples of the
-    usual scatter, and twice as many if the request has a law of its own, since the theories are then judged as well.
-    Each case is stored and counted like any other. A target with a thickness is also judged as a wall.
+    usual scatter. It costs twice as many if the request chooses another decay law than `elastic_plastic`, or gives S as
+    a value or coefficients, because a second study then covers both decay theories with their usual S. Each case is
+    stored and counted like any other. A target with a thickness is also judged as a wall.
     """
     limit = 2.0 * services_of(request).settings.study_seconds
     answers = await unless_left(request, in_time(verdict_answers(request, strike), limit))

@@ -22,7 +22,7 @@ TIMEOUT = httpx.Timeout(120.0, connect=10.0)
 """Timeouts of a request [s], longer than those of a single query, which waits at most 30 s and runs at most 60 s."""
 RETRY_PAUSES = (1.0, 2.0, 4.0, 8.0, 10.0, 10.0, 10.0)
 """Backoff before a request is repeated after a lost connection, 45 s in all: a restart of the service takes seconds, or
-half a minute if the solver has to be compiled. [s]"""
+a minute if the solver has to be compiled. [s]"""
 LONGEST_PAUSE = 60.0
 """Longest `Retry-After` that is obeyed, so that a wrong value cannot stop the command for hours. [s]"""
 BUSY = frozenset({429, 503})
@@ -213,7 +213,7 @@ class Client:
         # The last attempt has no pause after it, and its error is final.
         for pause in (*RETRY_PAUSES, None):
             try:
-                # A repeated request is safe: computations have no side effects, and jobs have an idempotency key.
+                # A request may be repeated: a computation gives the same answer, and jobs have an idempotency key.
                 response = self._http.request(method, path, content=content() if content else None, headers=headers)
             except httpx.TransportError as error:
                 # A service that has never answered is more likely absent than restarting, so that it is not waited for.

@@ -134,12 +134,12 @@ def with_usual_scatter(body: RequestBody) -> None:
 
 
 def next_shot_advice(answer: Mapping[str, Any]) -> str:
-    """Return one sentence of advice on the value of further shots by the user.
+    """Return a sentence on how much further shots into the same concrete would narrow the range of the critical angle.
 
     Raises
     ------
     CommandError
-        If S is not an uncertain input of the study.
+        If the study has no factor on S with a lognormal or log-Student distribution.
     """
     from service.schemas.verdict import next_shot_advice_in
 

@@ -1,7 +1,7 @@
 """Jobs and their cases, in memory and as they are stored.
 
-Stored values may be damaged by the disk or by manual changes. A job with a damaged row has the status `damaged`; a
-damaged case has a problem.
+Stored values may be damaged by the disk or by manual changes. A job with a damaged row has the status `damaged`. The
+cases of a damaged block count as failed, with a problem that states the damage.
 """
 
 import itertools

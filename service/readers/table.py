@@ -271,12 +271,14 @@ def _with_numbers(lines: list[str]) -> list[str]:
 
 
 def _of_length(path: str | Path, line: int, row: Sequence[str], count: int, *, gaps: bool) -> list[str]:
-    """Return a row with as many cells as the header. With gaps, missing cells at its end are filled in as empty.
+    """Return a row with exactly as many cells as the header.
+
+    Surplus empty cells at its end are dropped. If `gaps` is true, missing cells at its end are filled in as empty.
 
     Raises
     ------
     FileError
-        If the row has another number of cells.
+        If the row still has more or fewer cells than the header.
     """
     cells = list(row)
     while len(cells) > count and not cells[-1]:

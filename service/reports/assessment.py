@@ -208,7 +208,7 @@ def _groups(numbers: Numbers, strike: Assessed) -> Mapping[str, list[Row]]:
 
 
 def _probability_at(strike: Assessed, study: Mapping[str, Any] | None) -> int | None:
-    """Return the index of the angle to judge among the angles of the uncertainty study."""
+    """Return the index of the oblique angle of the strike among those of the study; None if it is not among them."""
     angle = lookup(strike.case, "/impact/oblique_angle_deg")
     if study is None or angle is None:
         return None

@@ -62,7 +62,7 @@ class Calibration(Part):
     compare_strength_factors: (
         Annotated[list[StrengthFactorValue], Field(min_length=1, max_length=MOST_COMPARED)] | MISSING
     ) = MISSING
-    """Further strength factors with which the answer contains predictions. [1]"""
+    """Further strength factors for which the answer also contains predictions. [1]"""
 
     def canonical(self) -> dict[str, Any]:
         """Return the request as JSON data, with defaults filled in."""

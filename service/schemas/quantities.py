@@ -174,7 +174,7 @@ def _plain(value: Any, *, angle: bool) -> Any:
 
 
 class SolverPart(Part, Generic[Solved]):
-    """Base of the models that correspond to a class of the solver, the type argument, with the same fields."""
+    """Base of the models that have the same fields as a class of the solver. That class is the type argument."""
 
     def to_solver(self) -> Solved:
         """Return the object of the solver."""

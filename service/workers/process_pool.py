@@ -77,7 +77,7 @@ class ProcessPool(Executor):
     async def start(self) -> None:
         """Start all workers, and wait until they have loaded the compiled solver."""
         # If the solver is not compiled yet, the first worker alone compiles it and the others load the result:
-        # compiling takes half a minute of a core, and all workers would otherwise do it at the same time.
+        # compiling takes about a minute of CPU time, and otherwise every worker would do it at once.
         first = 1 if compilation_progress().left else len(self._servers)
         try:
             for servers in (self._servers[:first], self._servers[first:]):

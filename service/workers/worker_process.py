@@ -19,7 +19,7 @@ from service.workers.worker import BEGUN, LENGTH, NUMBER, STOP, VERSIONS, Hello
 
 START_SECONDS = 600.0
 """Timeout for the start of a worker [s]. A start takes seconds, but the first one of an installation compiles the
-solver, which takes half a minute on two quiet cores and longer on a busy machine."""
+solver, which takes about a minute on two quiet cores and longer on a busy machine."""
 CANCEL_SECONDS = 0.3
 """Time allowed for a call to stop before its worker is killed [s]. The compiled code of most calls returns to Python
 within milliseconds. Including the kill, a cancelled call ends within the 0.5 s that `Executor.submit` promises."""

@@ -215,7 +215,7 @@ class ObliquityFit(ComparedByFields):
 
     @property
     def model(self) -> ObliquityPolynomial:
-        """Strength factor over the angle, for `Resistance`."""
+        """Fitted polynomial, as the `strength_factor` of a `Resistance`."""
         return ObliquityPolynomial(coefficients=self.coefficients, covariance=self.covariance)
 
 

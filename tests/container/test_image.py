@@ -56,7 +56,10 @@ def image(tmp_path_factory: pytest.TempPathFactory, wheels: Path) -> Iterator[Co
 
 @contextmanager
 def started(image: Container, log: Path) -> Iterator[tuple[str, int]]:
-    """Start the command of the image with its variables on a free port; return its address and process."""
+    """Run the command of the image with the image's environment variables on a free port, and stop it afterwards.
+
+    Yields the address of the service and its process id.
+    """
     settings = {"RICOCHET_HOST": "127.0.0.1", "RICOCHET_PORT": str(free_port()), "RICOCHET_WORKERS": "2"}
     command, environment = image.entered([*ENTRY_POINT, *STAGES[-1].last("CMD").command()], **settings)
     with log.open("wb") as output, subprocess.Popen(command, env=environment, stderr=output) as process:

@@ -17,7 +17,8 @@ from .cases import jsonl, searches
 from .server import UNFINISHED, RestartableServer
 
 SIGNALS = {"SIGTERM": signal.SIGTERM, "SIGKILL": signal.SIGKILL, "closed nanny": signal.SIGTERM}
-"""Ways to end a worker and the signal for each. SIGTERM ends a worker cleanly; if it has a nanny, the nanny gets it."""
+"""Ways to end a worker, with the signal for each. `closed nanny` sends it to the nanny, which then ends its worker; the
+other two send it to the worker itself, which with SIGTERM has no nanny."""
 POOL_WORKERS = "3"
 """Number of worker processes of the service, more than Dask workers, so that metrics show which of them are used."""
 WAIT_SECONDS = 60.0

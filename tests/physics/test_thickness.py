@@ -251,7 +251,7 @@ TUMBLING: dict[str, Any] = {
 
 
 def test_tumbling_in_a_wall_causes_a_warning() -> None:
-    """From 84.2 to 84.9°, between two angles of the search, the projectile would turn without end."""
+    """From 84.2 to 84.9°, between two trial angles of the search, the projectile would tumble in the wall."""
     attack, velocity = 0.03895949452329724, 598.1511893212602
     found = critical_angle(**TUMBLING, velocity=velocity, angle_of_attack=attack)
     assert "tumbling" in [each.code for each in found.warnings]
