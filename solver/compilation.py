@@ -15,6 +15,7 @@ import hashlib
 import os
 import pickle
 import shutil
+import signal
 import sys
 import threading
 import traceback
@@ -24,7 +25,7 @@ from functools import lru_cache, update_wrapper
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
@@ -237,19 +238,54 @@ class Compiled:
     def _prepare(self, arguments: tuple[object, ...]) -> None:
         with _LOCK:
             if self._ready is None:
-                with _no_exception_ignored():
-                    types = tuple(map(_numba().typeof, arguments))
-                    try:
+                types = tuple(map(_numba().typeof, arguments))
+                try:
+                    with _handlers_deferred() if self.is_kept else _no_exception_ignored():
                         self.dispatcher.compile(types)
-                    except Exception as error:
-                        if not _can_repair(error):
-                            raise
+                except Exception as error:
+                    if not _can_repair(error):
+                        raise
+                    with _no_exception_ignored():
                         self.dispatcher.compile(types)
                 self.dispatcher.disable_compile()
                 self._ready = self.dispatcher
 
 
 _LOCK = threading.RLock()
+
+
+@contextmanager
+def _handlers_deferred() -> Iterator[None]:
+    """Call Python's signal handlers at the end of the block instead of within it.
+
+    llvmlite frees some memory twice if the exception of a handler, such as that of Ctrl-C, interrupts it while it frees
+    it, which ends the process. Loading a function takes milliseconds, so the delay is not noticed.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # handlers run in the main thread only
+        return
+    arrived: list[int] = []
+    is_deferring = True
+    handlers: dict[int, Callable[..., object]] = {
+        each: found for each in signal.valid_signals() if callable(found := signal.getsignal(each))
+    }
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        if is_deferring:
+            arrived.append(number)
+        else:  # an exception of another handler has kept this one from being restored
+            handlers[number](number, frame)
+
+    try:
+        for each in handlers:
+            signal.signal(each, handle)
+        yield
+    finally:
+        is_deferring = False
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number in arrived:
+            handlers[number](number, None)
 
 
 @contextmanager

@@ -57,7 +57,7 @@ def survives(script: str, *arguments: str) -> None:
     done = subprocess.run(
         [sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=False, timeout=TIMEOUT_S
     )
-    assert done.stdout.split() == ["survived"], (done.returncode, done.stderr[-2000:])
+    assert (done.returncode, done.stdout.split()) == (0, ["survived"]), done.stderr[-2000:]
 
 
 @pytest.mark.parametrize("signal_name", ["SIGINT", "SIGALRM"])
@@ -95,6 +95,38 @@ except KeyboardInterrupt if sys.argv[1] == "SIGINT" else Ended:
 @pytest.mark.parametrize("signal_name", ["SIGINT", "SIGALRM"])
 def test_exception_of_a_signal_handler_is_not_ignored_while_code_is_loaded(signal_name: str) -> None:
     survives(IN_CALLBACK, signal_name)
+
+
+WHILE_FREEING = """
+import os, signal, sys
+from solver import least_thickness, warm_up
+from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, paper_impact
+
+freed = 0
+
+def interrupt(frame, event, argument):
+    global freed
+    names = frame.f_code.co_name, frame.f_back and frame.f_back.f_code.co_name
+    if event == "return" and names == ("__call__", "close") and "llvmlite" in frame.f_code.co_filename:
+        freed += 1
+        os.kill(os.getpid(), signal.SIGINT)
+
+warm_up()
+sys.setprofile(interrupt)
+try:
+    least_thickness(
+        projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=paper_impact(oblique_angle_degrees=45.0)
+    )
+except KeyboardInterrupt:
+    sys.setprofile(None)
+    if freed:
+        print("survived")
+"""
+"""Script that is interrupted where llvmlite frees memory. It loads the functions that `warm_up` does not call."""
+
+
+def test_interrupt_while_functions_are_loaded_does_not_free_memory_twice() -> None:
+    survives(WHILE_FREEING)
 
 
 LONG = """
