@@ -4,7 +4,7 @@ import { valueAt } from "./case.js";
 import { nodeAt } from "./contract.js";
 import { element, showText, takeFiles } from "./elements.js";
 import { readValue } from "./field-value.js";
-import { shownNumber, shownValue } from "./fields.js";
+import { openShown, shownNumber, shownValue } from "./fields.js";
 import { unitOf } from "./units.js";
 import { lengthShown, quantityShown } from "./words.js";
 
@@ -104,7 +104,7 @@ const INPUTS = {
       inputmode: "decimal",
       autocomplete: "off",
       spellcheck: "false",
-      placeholder: field.optional && (field.open ?? (usual === undefined ? "auto" : shownNumber(field, usual))),
+      placeholder: field.optional && (openShown(field) ?? (usual === undefined ? "auto" : shownNumber(field, usual))),
       value: shownValue(field, values) ?? "",
       oninput: ({ target }) => read(target.value),
     });

@@ -63,7 +63,7 @@ export const GROUPS = [
       number("projectile.center_of_gravity_m", "mm", OPTIONAL),
       number("projectile.moment_of_inertia_kg_m2", "kg m²", OPTIONAL),
       number("projectile.inner_diameter_m", "mm", { ...OPTIONAL, open: "solid" }),
-      number("projectile.yield_strength_pa", "MPa", { ...OPTIONAL, open: "1200", note: "for bending" }),
+      number("projectile.yield_strength_pa", "MPa", { ...OPTIONAL, open: 1.2e9, note: "for bending" }),
     ],
   },
   {
@@ -173,11 +173,14 @@ export function shownValue(field, values) {
   return typeof value === "number" ? shownNumber(field, value) : value;
 }
 
+/** Return what a field shows that is empty: words, or the number in SI that it then is. */
+export const openShown = (field) => (typeof field.open === "number" ? shownNumber(field, field.open) : field.open);
+
 /** Return the value of a field as text, without its unit. */
 export function fieldShown(field, values) {
   if (!isThere(field, values)) return "-";
   const value = shownValue(field, values);
-  if (value === undefined || value === "") return field.open ?? "auto";
+  if (value === undefined || value === "") return openShown(field) ?? "auto";
   if (field.choices) return field.choices[value];
   return Array.isArray(value) ? JSON.stringify(value) : String(value);
 }

@@ -15,8 +15,6 @@ import { caseAt, hasAngle, isStudied, numbers, OPERATIONS } from "./sweep.js";
 import { valueAt } from "./case.js";
 import { unitOf } from "./units.js";
 
-const YIELD_PA = 1.2e9; // of a body whose yield strength is not given, as the service takes it
-
 /** The panels of a map. */
 export class MapPicture {
   #map;
@@ -149,7 +147,7 @@ export class MapPicture {
   #yieldOf(index) {
     const { x } = this.#map;
     const { projectile } = caseAt(this.#map, { column: index % x.count, row: Math.floor(index / x.count) });
-    return projectile.yield_strength_pa ?? YIELD_PA;
+    return projectile.yield_strength_pa ?? fieldAt("projectile.yield_strength_pa").open;
   }
 
   #placeOf(values) {

@@ -6,6 +6,7 @@ import httpx
 from playwright.sync_api import Page, expect
 
 from service.schemas.strike import PAPER
+from solver.units import PSI
 from tests.quantities_in_texts import SI
 
 from .conftest import NewPage
@@ -47,6 +48,14 @@ def test_verdict_on_a_strike_is_in_the_units_shown(page: Page) -> None:
     expect(page.locator(".outcome")).to_contain_text("Lands about")
     expect(page.locator(".outcome")).to_contain_text(" ft at any elevation")
     assert SI.findall(page.get_by_role("region", name="Verdict").inner_text()) == []
+
+
+def test_usual_value_in_an_empty_field_is_in_the_units_shown(page: Page) -> None:
+    page.goto("/#/explore")
+    field = page.get_by_label("Yield strength of the body")
+    expect(field).to_have_attribute("placeholder", "1200")
+    page.get_by_label("Units").select_option("US")
+    expect(field).to_have_attribute("placeholder", f"{1.2e9 / PSI:.0f}")
 
 
 def test_a_link_keeps_the_units_of_its_sender(new_page: NewPage) -> None:
