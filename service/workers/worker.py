@@ -81,7 +81,7 @@ NICENESS = 5
 
 
 class Hello(NamedTuple):
-    """First message on the socket of a worker: it is ready for calls, or could not be started.
+    """First message that a worker sends: it is ready for calls, or it could not be started.
 
     Parameters
     ----------

@@ -169,7 +169,7 @@ def forks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Forks]:
 
 @pytest.fixture(scope="module")
 def undisturbed(forks: Forks, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], int]:
-    """Answers of an undisturbed service, by name of the request, and the number of its counted calls."""
+    """Answers of a service without faults, by name of the request, and the number of calls that were counted in it."""
     with forks.service(tmp_path_factory.mktemp("undisturbed") / "data") as service:
         history = service.session()
     assert service.status == 0, service.log.read_text()

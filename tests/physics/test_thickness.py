@@ -263,7 +263,7 @@ def test_tumbling_in_a_wall_causes_a_warning() -> None:
 
 
 def test_run_ends_in_motion_after_a_full_turn_in_the_target() -> None:
-    """With either method the warning is `tumbling`, not the one about the termination time."""
+    """The warning is `tumbling` with either method, not the one about the termination time."""
     impact = Impact(velocity=598.15, oblique_angle=math.radians(84.5), angle_of_attack=0.03895949452329724)
     for numerics in (None, Numerics(method="panels", panels=4000, time_step=4e-6)):
         run = simulate(**TUMBLING, impact=impact, numerics=numerics, sample_interval=None)
