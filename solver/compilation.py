@@ -240,7 +240,7 @@ class Compiled:
             if self._ready is None:
                 types = tuple(map(_numba().typeof, arguments))
                 try:
-                    with _handlers_deferred() if self.is_kept else _no_exception_ignored():
+                    with _handlers_deferred() if self.keeping and self.is_kept else _no_exception_ignored():
                         self.dispatcher.compile(types)
                 except Exception as error:
                     if not _can_repair(error):
