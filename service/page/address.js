@@ -1,4 +1,4 @@
-// Addresses that can be shared: `#/<view>?<query>`, where the query holds what differs from the paper's case.
+// Addresses that can be shared: `#/<view>?<query>`, where the query holds the differences from the paper's case.
 
 import { valueAt, withValue } from "./case.js";
 import { isVariant, nodeAt, paperCase, requiredOf, tagOf } from "./contract.js";
@@ -10,7 +10,7 @@ const LEAST_MS = 250;
 let pending;
 let replaced = -LEAST_MS;
 
-/** Return the case of a query; what cannot be read is left as in the paper's case. */
+/** Return the case that a query describes, ignoring parameters that cannot be read. */
 export function readCase(query) {
   let values = paperCase();
   const given = [...caseOf(query)];
@@ -28,13 +28,13 @@ export function readCase(query) {
   return values;
 }
 
-/** Return the value of a parameter of a case; undefined if the case has none such, or it cannot be read. */
+/** Parse one parameter of a case; undefined if the case has no such field, or the text is not valid for it. */
 export function readParameter(path, text, values) {
   const node = PARTS.includes(path.split(".")[0]) ? nodeAt(path, values) : undefined;
   return node && parse(text, node);
 }
 
-/** Return the query of a case. */
+/** Return the query that describes a case by its differences from the paper's case. */
 export function caseQuery(values) {
   const query = new URLSearchParams();
   const usual = paperCase();
@@ -48,21 +48,21 @@ export function caseQuery(values) {
   return query;
 }
 
-/** Return the address of a view, with the units shown unless they are SI. */
+/** Return the address of a view, with the units shown if they are not SI. */
 export function address(view, query) {
   const text = new URLSearchParams([...query].filter(([name]) => name !== "units").concat(areUs() ? [["units", "us"]] : [])).toString();
   return text ? `#/${view}?${text}` : `#/${view}`;
 }
 
 /**
- * Put the address of a view into the address bar; the view is not shown anew.
+ * Put the address of a view into the address bar without showing the view again.
  *
- * At once, or while it changes quickly after a moment: browsers refuse more than some 200 changes in 30 s.
+ * Quick changes are throttled, because browsers refuse more than about 200 changes in 30 s.
  */
 export function replaceAddress(view, query) {
   clearTimeout(pending);
   const replace = () => {
-    if (readAddress(location.hash).view !== view) return; // left meanwhile
+    if (readAddress(location.hash).view !== view) return; // the user has left the view
     replaced = performance.now();
     history.replaceState(null, "", address(view, query));
   };
@@ -71,12 +71,12 @@ export function replaceAddress(view, query) {
   else replace();
 }
 
-/** Return the part of a query with the case, which goes along from view to view. */
+/** Return the parameters of a query that describe the case; links between views keep them. */
 export function caseOf(query) {
   return new URLSearchParams([...query].filter(([path]) => PARTS.includes(path.split(".")[0])));
 }
 
-/** Return the view and the query that an address (`location.hash`) names. */
+/** Split an address (`location.hash`) into its view and its query. */
 export function readAddress(hash) {
   const [path, query = ""] = hash.replace(/^#\/?/, "").split("?");
   return { view: path, query: new URLSearchParams(query) };

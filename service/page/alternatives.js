@@ -1,4 +1,4 @@
-// The same case under other laws: how much the choice of model decides.
+// The same case under other laws, which shows how much depends on the choice of model.
 
 import { angleRequest, trajectoryRequest } from "./case.js";
 import { element, table } from "./elements.js";
@@ -8,7 +8,7 @@ import { request } from "./service.js";
 import { inUnits } from "./units.js";
 import { degreesShown, outcomeShown, statusShown } from "./words.js";
 
-/** Return a folded section with the critical angle of a case and, with `hasStrike`, its outcome under other laws. */
+/** Return a collapsed section with the critical angle under other laws and, with `hasStrike`, the outcome of the strike. */
 export function lawsFold(onError, { hasStrike }) {
   const content = element("div.laws-table");
   const show = async (values, signal) => {

@@ -1,11 +1,11 @@
-// A case is a plain object like a request; fields are named by dotted paths.
+// A case is a plain object with the structure of a request; its fields are named by dotted paths.
 
-/** Return the value at a path; undefined if it is not there. */
+/** Return the value at a path; undefined if there is none. */
 export function valueAt(values, path) {
   return path.split(".").reduce((part, name) => part?.[name], values);
 }
 
-/** Return a copy with this value there; `undefined` takes it away, and what holds nothing else with it. */
+/** Return a copy with the value at a path replaced; `undefined` removes it, and the objects that this leaves empty. */
 export function withValue(values, path, value) {
   const [name, ...rest] = path.split(".");
   const inner = rest.length ? withValue(values?.[name] ?? {}, rest.join("."), value) : value;
@@ -15,13 +15,13 @@ export function withValue(values, path, value) {
   return copy;
 }
 
-/** Return the body of `/trajectory`, with a history at this interval if one is given. [s] */
+/** Return the body for `/trajectory`; with `interval` [s] it requests a history sampled at this interval. */
 export function trajectoryRequest(values, interval) {
   const { search, ...rest } = values;
   return interval ? { ...rest, output: { history: true, sample_interval_s: interval } } : rest;
 }
 
-/** Return the body of `/cra`, with another search if one is given. */
+/** Return the body for `/cra`; `search` replaces the search of the case. */
 export function angleRequest(values, search) {
   const { oblique_angle_deg, ...impact } = values.impact;
   return { ...values, impact, search: search ?? values.search };

@@ -1,4 +1,4 @@
-// Compare: strikes that are pinned, beside the one that the fields have. They are in the address.
+// Compares the current strike with pinned strikes, which are kept in the address.
 
 import { address, caseQuery, readCase } from "./address.js";
 import { angleRequest } from "./case.js";
@@ -10,13 +10,13 @@ import { markFresh, markStale } from "./stale.js";
 import { unitOf } from "./units.js";
 import { outcomeShown, statusShown } from "./words.js";
 
-/** With the strike of the fields four are compared. */
+/** Largest number of pinned strikes; with the current one, four are compared. */
 export const MOST_PINS = 3;
 const OWN = "This strike";
 const ABOUT =
   "Change a field, or take another preset: this strike then differs from those that are pinned. In brackets is how far each differs from this strike.";
 const LETTERS = ["A", "B", "C"];
-/** What became of a strike, as the table has it: a number with its decimals and its unit where SI is shown, or a word. */
+/** Rows of results in the table: label, value (a number or a word) and, for a number, its decimals and its unit in SI. */
 const RESULTS = [
   ["Outcome", ({ run }) => outcomeShown(run.outcome)],
   ["Critical angle", ({ found }) => found.critical_angle_deg ?? statusShown(found.status), 2, "°"],
@@ -28,12 +28,12 @@ const RESULTS = [
   ["Strength factor S at its oblique angle", ({ run }) => run.strength_factor, 2],
 ];
 
-/** Return the strikes that a query pins. */
+/** Return the pinned strikes of a query. */
 export function readPins(query) {
   return query.getAll("pin").slice(0, MOST_PINS).map((text) => readCase(new URLSearchParams(text)));
 }
 
-/** Add strikes that are pinned to a query. */
+/** Add pinned strikes to a query. */
 export function writePins(query, pins) {
   for (const values of pins) query.append("pin", caseQuery(values));
   return query;
@@ -43,7 +43,7 @@ export function writePins(query, pins) {
 export class Compare {
   /**
    * @param {object[]} pins cases
-   * @param {{currentCase: () => object, onChange: () => void}} listeners `onChange` is called when others are pinned
+   * @param {{currentCase: () => object, onChange: () => void}} listeners `onChange` is called when the pinned strikes change
    */
   constructor(pins, { currentCase, onChange }) {
     Object.assign(this, { currentCase, onChange });
@@ -55,12 +55,12 @@ export class Compare {
     this.#refresh();
   }
 
-  /** The cases that are pinned. */
+  /** The cases of the pinned strikes. */
   get cases() {
     return this.pinned.map(({ values }) => values);
   }
 
-  /** Compute those that are pinned; one that the service does not accept is left out. */
+  /** Compute the pinned strikes; one that the service does not accept is unpinned. */
   async load(signal) {
     const load = async (pin) => {
       try {
@@ -75,13 +75,13 @@ export class Compare {
     await Promise.all(this.pinned.map(load));
   }
 
-  /** Return the runs to draw: the strike of the fields, and those that are pinned. */
+  /** Return the runs to draw: the current strike and the pinned ones. */
   withRuns(run) {
     const others = this.pinned.filter((pin) => pin.run).map((pin, i) => ({ run: pin.run, name: LETTERS[i] }));
     return [{ run, name: others.length ? OWN : "Strike" }, ...others];
   }
 
-  /** Show how the strike of the fields differs from those that are pinned. */
+  /** Show how the pinned strikes differ from the current one; false if not all of them are computed. */
   show(own) {
     const others = this.pinned.filter(({ run, found }) => run && found);
     if (others.length < this.pinned.length) return false;

@@ -1,4 +1,4 @@
-// The fields in the contract (the schemas of openapi.json): examples, bounds, choices; and their names. Nothing is repeated here.
+// Examples, bounds, choices and display names of fields, fetched from the contract (the schemas of openapi.json), so none is repeated here.
 
 import { request } from "./service.js";
 
@@ -6,21 +6,21 @@ const TAGS = ["shape", "model"];
 const ROOTS = { search: "CriticalAngleRequest", sampling: "CriticalAngleUncertaintyRequest" };
 
 let schemas;
-/** Names for people: `choices` of a field by value, as in a sentence, `quantities` by path, `formulas`. */
+/** Display names: `choices` by field and value, worded as inside a sentence; `quantities` by path; `outcomes`, `formulas` and others. */
 export let names;
-/** Distributions of the inputs that usually scatter, by field: without the parameter that is the case's value. */
+/** Usual distributions of the inputs that scatter, by field, without the parameter that the value of the case provides. */
 export let usualScatter;
 
-/** Fetch the contract; the rest of this module needs it. */
+/** Fetch the contract, on which every other function of this module depends. */
 export async function loadContract() {
   if (!schemas) ({ schemas, usual_scatter: usualScatter, names } = (await request("page/contract.json")).data);
 }
 
 /**
- * Return the paper's case at 45°: the first example of a trajectory, and its models by name.
+ * Return the paper's case at 45°: the first example of a trajectory, with its models named explicitly.
  *
- * A case of the page is a body of `/trajectory` and one of `/cra` in one: `impact.oblique_angle_deg` and `search` are
- * both in it; `trajectoryRequest` and `angleRequest` of case.js separate them.
+ * A case of the page combines a body for `/trajectory` and one for `/cra`: it has both `impact.oblique_angle_deg` and
+ * `search`, which `trajectoryRequest` and `angleRequest` of case.js separate.
  */
 export function paperCase() {
   return structuredClone({
@@ -41,14 +41,14 @@ export function isVariant(path, tag) {
   return Object.hasOwn(nodeAt(path, {})?.discriminator?.mapping ?? {}, tag);
 }
 
-/** Return what a variant needs as its first example has it, but for shots: they would count as evidence. */
+/** Return the required fields of a variant from its first example, except shots, which would count as evidence. */
 export function requiredOf(path, tag) {
   const { required = [] } = resolved({ $ref: nodeAt(path, {}).discriminator.mapping[tag] });
   return Object.fromEntries(Object.entries(exampleOf(path, tag)).filter(([name]) => required.includes(name) && name !== "shots"));
 }
 
 /**
- * Return the schema of the field at a dotted path, in a case that says which variants it is in.
+ * Return the schema of the field at a dotted path; the variants that a case has decide which fields there are.
  *
  * @returns {{type: string, minimum?: number, maximum?: number, exclusiveMinimum?: number, exclusiveMaximum?: number,
  *   default?: any, description?: string, enum?: string[]}|undefined} undefined if the case has no such field
@@ -67,7 +67,7 @@ export function nodeAt(path, values) {
   return node;
 }
 
-/** Return what names the variant of an object, `shape` or `model`; undefined if nothing does. */
+/** Return the field that names the variant of an object, `shape` or `model`; undefined if it has neither. */
 export function tagOf(part) {
   return TAGS.find((tag) => tag in part);
 }

@@ -6,15 +6,15 @@ import { axis, colour, csvOf, draw, heading } from "./plots.js";
 import { unitOf } from "./units.js";
 import { degreesShown, numberShown, outcomeShown, statusShown } from "./words.js";
 
-/** Return the names of the searches, in the order they are shown. */
+/** Return the display names of the searches by method, in the order in which they are shown. */
 export const searches = () => fieldAt("search.method").choices;
 
 const NARROW = 640; // px
-/** What is drawn of trials; `short` names it where there is no room. The depth is drawn downwards: what is outside is above. */
+/** Quantities plotted by trial, with a `short` title for narrow plots. Depth increases downwards: outside the face is above. */
 export const POSITIONS = { column: "final_position_m", si: "mm", title: "Final depth of the nose tip", short: "Tip depth", part: "final-positions" };
 export const ANGLES = { column: "oblique_angle_deg", si: "°", title: "Oblique angle", short: "Angle", part: "trial-angles" };
 
-/** Return a table of what the searches found. */
+/** Return a table of the results of the searches. */
 export function summary(answers) {
   const rows = Object.entries(answers).map(([method, found]) => [
     searches()[method],
@@ -36,7 +36,7 @@ export function trialTable(method, { iterations }) {
   return table("table", { caption: searches()[method], heads: ["Trial", "Angle [°]", `Final depth [${unitOf("mm").unit}]`, "Outcome"], rows });
 }
 
-/** Draw the trials, a panel for each search that was answered. */
+/** Draw the trials, with a panel for each search in `answers`. */
 export function drawTrials(root, answers, values, what) {
   const methods = Object.keys(searches()).filter((method) => method in answers);
   const isNarrow = root.clientWidth < NARROW;
@@ -98,7 +98,7 @@ function layoutOf(answers, methods, { title, short, si, column }, isNarrow) {
   return layout;
 }
 
-/** The critical angle, or the face. */
+/** Return a line at the critical angle or, among positions, at the face. */
 function levelLine({ critical_angle_deg: angle }, column, panel) {
   const level = column === POSITIONS.column ? 0 : angle;
   const line = { color: colour("path"), width: 1.5, dash: "dash" };

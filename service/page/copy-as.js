@@ -1,4 +1,4 @@
-// The current case as a command and as a program.
+// Copies the current case as a curl command or a Python program.
 
 import { angleRequest, trajectoryRequest } from "./case.js";
 import { announce, element } from "./elements.js";
@@ -26,9 +26,9 @@ print(answer["status"], answer.get("critical_angle_deg"))
 }
 
 /**
- * Return buttons that copy the case that `read` returns, and show what was copied.
+ * Return buttons that copy the case returned by `read`, and show the copied text.
  *
- * @returns {{root: HTMLElement, clear: () => void}} `clear` hides what was copied, as the case has changed
+ * @returns {{root: HTMLElement, clear: () => void}} `clear` hides the copied text, for when the case changes
  */
 export function copyButtons(read) {
   const shown = element("pre", { hidden: true, tabindex: 0, "aria-label": "What was copied" });
@@ -53,14 +53,14 @@ async function copy(text, what, shown) {
   shown[shown.matches("input") ? "value" : "textContent"] = text;
   shown.hidden = false;
   try {
-    await navigator.clipboard.writeText(text); // only from https or this machine
+    await navigator.clipboard.writeText(text); // browsers allow it only over https or on localhost
     announce(`Copied ${what}.`);
   } catch {
     announce("The browser does not let the page copy; the text is shown beside the buttons.");
   }
 }
 
-/** JSON, but for the names of three constants. */
+/** Return a value as a Python literal, which is JSON except for the names of three constants. */
 function literal(value) {
   return JSON.stringify(value, null, 4).replace(/: (true|false|null)\b/g, (_, word) => `: ${WORDS[word]}`);
 }

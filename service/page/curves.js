@@ -1,4 +1,4 @@
-// Small multiples: the critical angle over the speed and over the strength, each a sweep around the case.
+// Small multiples of the critical angle over the speed and over the strength, each from a sweep around the case.
 
 import { angleRequest, valueAt } from "./case.js";
 import { boundsOf, fieldAt, labelWithUnit, shownNumber } from "./fields.js";
@@ -6,14 +6,14 @@ import { axis, colour, csvOf, draw } from "./plots.js";
 import { request } from "./service.js";
 
 const FIELDS = ["impact.velocity_m_s", "target.compressive_strength_pa"];
-const RATIOS = Array.from({ length: 13 }, (_, i) => 0.4 + 0.1 * i); // of the value of the case
+const RATIOS = Array.from({ length: 13 }, (_, i) => 0.4 + 0.1 * i); // multiples of the value in the case
 const NARROW = 640; // px
 
 /**
  * Compute the curves of a case.
  *
- * @returns {Promise<{field: object, values: number[], angles: (number|null)[], status: string[]}[]>} values in SI, null
- *   where there is no angle [°]
+ * @returns {Promise<{field: object, values: number[], angles: (number|null)[], status: string[]}[]>} `values` in SI, and
+ *   `angles` in degrees, null where there is no critical angle
  */
 export function requestCurves(values, signal) {
   return Promise.all(
@@ -30,7 +30,7 @@ export function requestCurves(values, signal) {
   );
 }
 
-/** Draw the curves of a case, with the critical angle that `/cra` found for it in each. */
+/** Draw the curves of a case, each with a mark at the critical angle that `/cra` found for the case. */
 export function drawCurves(root, curves, values, { critical_angle_deg: angle, key }) {
   const isNarrow = root.clientWidth < NARROW;
   root.classList.toggle("tall", isNarrow);

@@ -1,4 +1,4 @@
-// The results of a job as files.
+// Buttons that download the results of a job.
 
 import { announce, save, taskButton } from "./elements.js";
 import { slug } from "./exports.js";
@@ -11,10 +11,10 @@ const FORMS = {
 };
 
 /**
- * Return buttons that download what is ready of a job. Not links: the form is requested by a header, as is the key.
+ * Return buttons that download the results so far of a job. Links could not send the headers with the format and the API key.
  *
  * @param {string} id of the job
- * @param {() => string} readTitle returns its title as it is now
+ * @param {() => string} readTitle returns its current title
  * @param {(error: Error) => void} onError
  */
 export function downloadButtons(id, readTitle, onError) {
@@ -29,7 +29,7 @@ export function downloadButtons(id, readTitle, onError) {
   });
 }
 
-/** Return the beginning of a job's name, enough to distinguish jobs. */
+/** Return the beginning of a job's ID, which is enough to distinguish jobs. */
 export function shortId(id) {
   return id.slice(0, 8);
 }

@@ -1,14 +1,14 @@
-// Elements of the page.
+// Helpers that build elements, and the status line.
 
 import { isAbort } from "./service.js";
 
 const BEFORE_UNIT = /(?<=\d) (?=%|°|kg|m\/s|rad\/s|g₀|(?:[km]?m|m?s|[MG]?Pa|k?N|k?J|in|ft|lbf?|[pk]si|kip)\b)/g;
 
 /**
- * Return a new element.
+ * Create an HTML element.
  *
  * @param {string} name tag, with classes as in `p.warning`
- * @param {object} attributes `on...` are listeners; true and false set or leave out an attribute
+ * @param {object} attributes `on...` are listeners; true sets an attribute without a value, false and undefined omit it
  * @param {...(Node|string)} children
  */
 export function element(name, attributes = {}, ...children) {
@@ -24,15 +24,15 @@ export function element(name, attributes = {}, ...children) {
   return made;
 }
 
-/** Show text in an element. */
+/** Set the text of an element, with no-break spaces before units. */
 export function showText(root, text) {
   root.textContent = unbroken(text);
 }
 
-/** Return text whose numbers keep to a line with their units. */
+/** Return text with no-break spaces between numbers and their units. */
 const unbroken = (text) => text.replace(BEFORE_UNIT, "\u00a0");
 
-/** Return a new SVG element; attributes that are undefined are left out. */
+/** Create an SVG element; attributes that are undefined are omitted. */
 export function svg(name, attributes = {}, ...children) {
   const made = document.createElementNS("http://www.w3.org/2000/svg", name);
   for (const [key, value] of Object.entries(attributes)) if (value !== undefined) made.setAttribute(key, value);
@@ -41,12 +41,12 @@ export function svg(name, attributes = {}, ...children) {
 }
 
 /**
- * Return a table that scrolls by itself.
+ * Return a table in an element that scrolls horizontally.
  *
  * @param {string} name `table` with its classes
  * @param {{heads: (string|Node)[], rows: (string|Node)[][], caption?: string, label?: string, isNamed?: boolean,
- *   isNumber?: (column: number) => boolean, classes?: string[]}} content `isNamed` if the first cell of a row names it, `label` if
- *   it can be scrolled by keys, `classes` by row
+ *   isNumber?: (column: number) => boolean, classes?: string[]}} content with `isNamed` the first cell of each row is its header; with
+ *   a `label` the table can be scrolled by keyboard; `isNumber` tells which columns are right-aligned; `classes` has one for each row
  */
 export function table(name, { heads, rows, caption, label, isNamed = false, isNumber = () => false, classes = [] }) {
   const cell = (tag, i, attributes, content) => element(isNumber(i) ? `${tag}.number` : tag, attributes, content);
@@ -62,12 +62,12 @@ export function table(name, { heads, rows, caption, label, isNamed = false, isNu
   return element("div.wide", label ? { tabindex: 0, role: "group", "aria-label": label } : {}, made);
 }
 
-/** Return a group of buttons that act on the case, which a form disables while it has none. */
+/** Return a group of buttons that act on the case; a form disables them while one of its fields is not accepted. */
 export function caseActions(name, ...children) {
   return element("fieldset.of-case", { "aria-label": name }, ...children);
 }
 
-/** Return a button that is disabled while what it does goes on; `onError` is called with what goes wrong. */
+/** Return a button that is disabled while its action runs; `onError` receives the error if the action fails. */
 export function taskButton(text, attributes, act, onError) {
   const onclick = async () => {
     button.disabled = true;
@@ -83,7 +83,7 @@ export function taskButton(text, attributes, act, onError) {
   return button;
 }
 
-/** Let a file that is dropped on a text area take the place of its text, as if it were typed; text it takes by itself. */
+/** Let a file that is dropped on a text area replace its text, as if typed; browsers handle dropped text themselves. */
 export function takeFiles(area) {
   area.addEventListener("dragover", (event) => event.preventDefault());
   area.addEventListener("drop", async (event) => {
@@ -95,7 +95,7 @@ export function takeFiles(area) {
   });
 }
 
-/** Offer content as a file. */
+/** Download content as a file. */
 export function save(content, name, type) {
   const url = URL.createObjectURL(new Blob([content], { type }));
   element("a", { href: url, download: name }).click();
@@ -104,17 +104,17 @@ export function save(content, name, type) {
 
 let [said, away, isState] = ["", "", true];
 
-/** Show text in the status line, which is read aloud: the state of the view, or an answer to what the user did. */
+/** Show text in the status line, which is read aloud: the state of the view (`ofState`), or the response to a user's action. */
 export function announce(text, ofState = !text) {
   [said, isState] = [text, ofState];
   const status = document.getElementById("status");
   if (status.textContent !== (away || said)) status.textContent = away || said;
 }
 
-/** Show a state that nobody waits for, which leaves an answer to what the user did. */
+/** Show a state of the view, unless the status line shows the response to a user's action. */
 export const announceQuietly = (text) => isState && announce(text, true);
 
-/** Show in place of any other text that the service is away, until it is called with an empty one. */
+/** Show `text`, that the service does not answer, instead of any other status until called with an empty text. */
 export function announceAway(text) {
   away = text;
   announce(said, isState);

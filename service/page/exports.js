@@ -1,4 +1,4 @@
-// The description of a downloaded file: its name, its title, the case and the key of the result.
+// Descriptions of downloaded files: the name, the title, the case and the key of the result.
 
 import { withValue } from "./case.js";
 import { names } from "./contract.js";
@@ -8,11 +8,11 @@ const [SPEED, STRENGTH, ANGLE] = ["impact.velocity_m_s", "target.compressive_str
 const MPA = { factor: 1e6 };
 
 /**
- * Return a file name without its ending, as in `ricochet-238mps-39MPa-45deg-histories`.
+ * Return a file name without its extension, such as `ricochet-238mps-39MPa-45deg-histories`.
  *
- * @param {{values: object, part?: string, hasAngle?: boolean, others?: object[], varied?: string[]}} about `part` is what
- *   the file shows of the case; without `hasAngle` it is at no oblique angle; `others` are cases it is compared with, each
- *   with a `name`; `varied` are the fields that vary, whose values in the case are left out
+ * @param {{values: object, part?: string, hasAngle?: boolean, others?: object[], varied?: string[]}} about `part` names
+ *   the content; with `hasAngle` the content is for the oblique angle of the case; `others` are cases compared with it, each
+ *   with a `name`; `varied` are fields that vary, so that their values in the case are left out
  */
 export function fileName({ values, part, hasAngle, others = [], varied = [] }) {
   const parts = [
@@ -23,12 +23,12 @@ export function fileName({ values, part, hasAngle, others = [], varied = [] }) {
   return ["ricochet", ...parts, part, others.length && "compared"].filter(Boolean).join("-");
 }
 
-/** Return text as a part of a file name: letters, digits and points, with hyphens between. */
+/** Return text as part of a file name: letters, digits and full stops, with hyphens in place of all else. */
 export function slug(text) {
   return text.replaceAll(/[^\p{L}\p{N}.]+/gu, "-").replaceAll(/^[-.]+|[-.]+$/g, "");
 }
 
-/** Return the description of pictures of one run and of those it is compared with. */
+/** Return the description of a picture of one run and of the runs compared with it. */
 export function aboutRuns([{ run }, ...others]) {
   return {
     values: run.values,
@@ -38,7 +38,7 @@ export function aboutRuns([{ run }, ...others]) {
   };
 }
 
-/** Return a case in a line in the units shown, without the fields that vary. */
+/** Describe a case in one line, in the units shown and without the fields that vary. */
 export function caseLine({ values, hasAngle, varied = [] }) {
   const shown = (path, words) => {
     const field = fieldAt(path);
@@ -62,14 +62,14 @@ export function caseLine({ values, hasAngle, varied = [] }) {
   return parts.filter(Boolean).join(", ");
 }
 
-/** Return CSV text below a header of comments: title, case without the fields that vary, and key. */
+/** Return CSV text below comment lines with the title, the case without the fields that vary, and the key. */
 export function withHeader(csv, { title, values, key, others = [], varied = [] }) {
   const fixed = varied.reduce((rest, path) => withValue(rest, path), values);
   const lines = [title, `case: ${JSON.stringify(fixed)}`, ...others.map((each) => `${each.name}: ${JSON.stringify(each.values)}`)];
   return [...lines, ...(key ? [`key: ${key}`] : [])].map((line) => `# ${line}`).concat(csv).join("\r\n");
 }
 
-/** Return the lines above a picture by itself: the title, the cases and the keys. */
+/** Return the lines above a downloaded picture: the title, the cases and the keys. */
 export function titleLines(about) {
   const others = (about.others ?? []).map(({ name, values }) => `${name}: ${caseLine({ ...about, values })}`);
   return [about.title, caseLine(about), ...others, ...(about.key ? about.key.split(", ").map((key) => `key ${key}`) : [])];

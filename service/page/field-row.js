@@ -1,4 +1,4 @@
-// One field of the form: its label, input, slider, unit, and what is wrong with it.
+// One field of the form: its label, input, slider, unit and error message.
 
 import { valueAt } from "./case.js";
 import { nodeAt } from "./contract.js";
@@ -8,19 +8,19 @@ import { openShown, shownNumber, shownValue } from "./fields.js";
 import { unitOf } from "./units.js";
 import { lengthShown, quantityShown } from "./words.js";
 
-const REST_MS = 1500; // without a key before what is typed is taken to be meant
+const REST_MS = 1500; // pause in typing after which a value that is not accepted is refused
 
 const SI_UNIT = / ?\[(?:1|°|m|m\/s|rad\/s|kg|kg m²|kg\/m³|Pa)\]/g;
 
 /**
  * Build the row of a field.
  *
- * @param {object} field of fields.js
+ * @param {object} field as `fieldOf` of fields.js returns it
  * @param {object} values the case
- * @param {{accept: (value: any) => void, hold: () => void, refuse: (problem: string) => void}} listener called on each change;
- *   `currentOf` returns the case as it is then; `hold` while a value that is not accepted may be on the way to one that is, `refuse` once it is left or rests
+ * @param {{accept: (value: any) => void, hold: () => void, refuse: (problem: string) => void}} listener `accept` is called with
+ *   each valid value, `hold` while an invalid one may still be being typed, `refuse` once the field is left or typing pauses; `currentOf` returns the current case
  * @returns {{field: object, root: HTMLElement, input: HTMLElement, problem: HTMLElement, described: string, later: (act?: () => void) => void}}
- *   `later` does something once what is typed is left or rests, unless it is changed
+ *   `later` calls a function once the field is left or typing pauses, unless the text changes first
  */
 export function buildRow(field, values, { accept, hold, refuse, currentOf = () => values }) {
   const id = `field-${field.path.replaceAll(".", "-")}`;
@@ -44,7 +44,7 @@ export function buildRow(field, values, { accept, hold, refuse, currentOf = () =
     later();
     if (field.kind !== "number" || Number.isFinite(Number(input.value))) return;
     const { value, wrong } = readValue(field, input.value, values);
-    if (!wrong) input.value = value === undefined ? "" : shownNumber(field, value); // as it was understood
+    if (!wrong) input.value = value === undefined ? "" : shownNumber(field, value); // the number that was understood
   });
   input.id = id;
   const understood = element("output.note.understood", { id: `${id}-understood`, for: id });
@@ -64,14 +64,14 @@ export function buildRow(field, values, { accept, hold, refuse, currentOf = () =
   return row;
 }
 
-/** Fill in a field as if it were typed. */
+/** Fill in a field as if the value were typed. */
 function fillIn(input, value) {
   input.value = value;
   input.dispatchEvent(new Event("input"));
   input.dispatchEvent(new Event("change"));
 }
 
-/** Show what is wrong with a field, or that nothing is. */
+/** Show an error message at a field; an empty text removes it. */
 export function showProblem({ root, input, problem, described }, text) {
   problem.hidden = !text;
   showText(problem, text);
@@ -83,7 +83,7 @@ export function showProblem({ root, input, problem, described }, text) {
   if (text) open(root);
 }
 
-/** Return the description of a field in the contract, without its unit there. */
+/** Return the description of a field from the contract, without the unit in brackets. */
 function helpOf({ path, kind }, values) {
   const isTyped = kind === "number" || kind === "numbers" || kind === "shots";
   return isTyped ? nodeAt(path, values)?.description?.replaceAll(SI_UNIT, "").trim() : undefined;
@@ -135,7 +135,7 @@ function buildArea(text, read, attributes) {
   return element("textarea", { spellcheck: "false", oninput: ({ target }) => read(target.value), ...attributes }, text);
 }
 
-/** Shots as text, in the units shown; a file that is dropped takes their place. */
+/** Build the input of shots, which shows them as text in the units shown; a dropped file replaces them. */
 function buildShots(field, values, read) {
   const shown = (value, si) => shownNumber(unitOf(si), value);
   const lines = (valueAt(values, field.path) ?? []).map((shot) => `${shown(shot.velocity_m_s, "m/s")}, ${shown(shot.depth_m, "mm")}`);

@@ -1,15 +1,15 @@
-// From what is typed into a field to its value in SI.
+// Converts the text of a field to its value in SI.
 
 import { boundsOf, withUnit } from "./fields.js";
 import { readQuantity, unitOf } from "./units.js";
 
-const WORDS = ["∞", "none", "auto"]; // that an empty field shows
+const WORDS = ["∞", "none", "auto"]; // shown in empty fields, and accepted as input
 
 /**
- * Read a field.
+ * Read the content of a field.
  *
- * @returns {{value?: any, wrong?: string, note?: string}} the value, undefined if the field is left open, or what is wrong with
- *   it; `note` says how it was understood where that may be a surprise
+ * @returns {{value?: any, wrong?: string, note?: string}} the value, undefined if the field is left empty, or a message on
+ *   what is wrong; `note` says how an ambiguous text was understood
  */
 export function readValue(field, given, values) {
   if (field.kind === "flag" || field.kind === "choice") return { value: given };
@@ -28,16 +28,16 @@ function readNumber(text, field, values) {
   return broken ? { wrong: `${field.label} must be ${broken[0]} ${withUnit(broken[1], field.unit)}.` } : { value, note };
 }
 
-/** Return how a value in the unit shown is beyond bounds of fields.js, as in ["at least", 5]; undefined if it is not. */
+/** Return the bound (of `boundsOf`) that a value in the unit shown violates, as in ["at least", 5]; undefined if it violates none. */
 export function outside(value, { least, most, above, below }) {
-  const isBeyond = (bound) => Math.abs(value - bound) > 1e-9 * Math.abs(bound); // else what a conversion adds
+  const isBeyond = (bound) => Math.abs(value - bound) > 1e-9 * Math.abs(bound); // ignores rounding errors of unit conversions
   if (value < least && isBeyond(least)) return ["at least", least];
   if (value > most && isBeyond(most)) return ["at most", most];
   if (value <= above) return ["more than", above];
   return value >= below ? ["less than", below] : undefined;
 }
 
-/** Read lines of speed and depth in the units shown, or as the header of a CSV has them: `velocity_m_s,depth_m`. */
+/** Read lines of speed and depth, in the units shown or, below the CSV header `velocity_m_s,depth_m`, in SI. */
 function readShots(text, { label }) {
   const lines = text.split("\n").filter((line) => line.trim() && !line.startsWith("#"));
   const hasHead = /^\s*"?[a-z]/i.test(lines[0]);

@@ -1,4 +1,4 @@
-// Where a body lands that is turned away: side view and plan of its flight over level ground.
+// Where a body lands after a ricochet: side view and plan of its flight over level ground.
 
 import { trajectoryRequest } from "./case.js";
 import { aboutRuns } from "./exports.js";
@@ -7,11 +7,11 @@ import { clipped, requestStrike } from "./run.js";
 import { unitOf } from "./units.js";
 import { digits, quantityShown } from "./words.js";
 
-const [GRAVITY, STEPS, HALVINGS] = [9.81, 400, 40]; // m/s²; steps of a flight, and tries for its drag
+const [GRAVITY, STEPS, HALVINGS] = [9.81, 400, 40]; // gravity [m/s²]; time steps of a flight, and bisections for its drag
 const ARC_POINTS = 49;
-const [HEIGHT_PX, PLAN_SHARE] = [480, 0.58]; // of the picture, and what the plan has of it
+const [HEIGHT_PX, PLAN_SHARE] = [480, 0.58]; // height of the picture, and the share of it that the plan takes
 
-/** Return a run with its flight from a face that is level with the ground; undefined if it is not turned away. */
+/** Compute the flight after a ricochet from a face level with the ground; undefined if the run is not a ricochet. */
 export async function requestFlight(run, signal) {
   if (run.outcome !== "ricochet") return undefined;
   const body = { ...trajectoryRequest(clipped(run.values)), flight: {}, output: { history: false } };
@@ -19,7 +19,7 @@ export async function requestFlight(run, signal) {
   return exit.flight && { ...exit.flight, ...pathTo(exit), elevation: exit.elevation_deg, speed: exit.speed_m_s };
 }
 
-/** Say how a body flies; the verdict says how far. */
+/** Describe the flight; the verdict gives its distance. */
 export function flightWords(flight) {
   return (
     `From a face level with the ground it rises ${quantityShown(flight.apex_m, "m", 2)} and lands after ${digits(flight.flight_time_s, 2)} s at ` +
@@ -27,12 +27,12 @@ export function flightWords(flight) {
   );
 }
 
-/** Draw the flight from the side, and from above the distances that it may reach. */
+/** Draw the flight from the side and, from above, the distances that it may reach. */
 export function drawFlight(root, run, flight) {
   const { unit, factor } = unitOf("m");
   const shown = (values) => values.map((value) => value / factor);
   const farthest = (1.05 * flight.range_without_drag_m) / factor;
-  const beside = (farthest * PLAN_SHARE * HEIGHT_PX) / (root.clientWidth || HEIGHT_PX) / 2; // to scale in the room that there is
+  const beside = (farthest * PLAN_SHARE * HEIGHT_PX) / (root.clientWidth || HEIGHT_PX) / 2; // draws the plan to scale in the width available
   const reaches = [
     { name: "as computed", radius: flight.range_m, color: "accent" },
     { name: "any elevation", radius: flight.farthest_range_m, color: "path" },
@@ -74,7 +74,7 @@ export function drawFlight(root, run, flight) {
   });
 }
 
-/** Return the way of a body to where it lands: of the drag with which it lands there, since an answer has its end alone. */
+/** Reconstruct the flight path with the drag that leads to the range of the answer, which has only the end of the flight. */
 function pathTo({ speed_m_s: speed, elevation_deg: elevation, flight }) {
   let [least, most] = [0, 10 / flight.range_m];
   for (let i = 0; i < HALVINGS; i += 1) {
@@ -85,7 +85,7 @@ function pathTo({ speed_m_s: speed, elevation_deg: elevation, flight }) {
   return fly(speed, elevation, flight.flight_time_s, least);
 }
 
-/** Return a flight with a drag over the square of the speed [1/m], by the midpoint rule. */
+/** Integrate a flight by the midpoint rule; `drag` is the deceleration over the square of the speed [1/m]. */
 function fly(speed, elevation, time, drag) {
   const step = time / STEPS;
   const angle = (elevation * Math.PI) / 180;
@@ -102,7 +102,7 @@ function fly(speed, elevation, time, drag) {
   return { along, height };
 }
 
-/** Return a distance as text as the verdict has it: rounded up, in tens above 100 m. */
+/** Format a distance as in the verdict: rounded up to whole metres, above 100 m to tens of metres. */
 function up(distance) {
   const step = distance > 100 ? 10 : 1;
   const { unit, factor } = unitOf("m");

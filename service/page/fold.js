@@ -1,20 +1,20 @@
-// A folded section whose content is computed only while it is open, and given up when the input moves on.
+// A collapsible section whose content is computed only while it is open, and cancelled when the case changes.
 
 import { element } from "./elements.js";
 import { latest } from "./latest.js";
 import { clearParts, markFresh, markStale } from "./stale.js";
 
-const REST_MS = 300; // without a change before anything is computed: these are many cases
+const REST_MS = 300; // pause without a change before computing, because the content takes many cases
 
 /**
- * Build a section.
+ * Build a collapsed section.
  *
  * @param {string} title
  * @param {HTMLElement} content
  * @param {(values: object, signal: AbortSignal) => Promise<void>} work computes and shows the content for a case
  * @param {(error: Error) => void} onError
  * @returns {{root: HTMLElement, setCase: (values: object) => void, hold: () => void, clear: () => void, stop: () => void}} `setCase`
- *   makes the content that of another case, `clear` that of none
+ *   changes the case of the content, `hold` cancels its computation, `clear` empties it
  */
 export function buildFold(title, content, work, onError) {
   let [wanted, shown] = [undefined, undefined];
@@ -46,7 +46,7 @@ export function buildFold(title, content, work, onError) {
     hold: compute.cancel,
     clear() {
       wanted = undefined;
-      if (shown) clearParts(content); // else there is nothing to clear, and what is shown later needs its parts
+      if (shown) clearParts(content); // without a result there is nothing to clear, and `work` still needs the parts of the content
     },
     stop: compute.stop,
   };

@@ -1,13 +1,13 @@
-// Time histories of a run, and what they mean for the body, with the instant that the side view shows.
+// Time histories of runs, with a line at the instant that the side view shows.
 
 import { aboutRuns } from "./exports.js";
 import { axis, colour, csvOf, draw, heading, relayout } from "./plots.js";
 import { unitOf } from "./units.js";
 
 const NARROW = 640; // px
-const [NOISE, DIGITS] = [1e-6, 9]; // in units shown, and of values that are drawn
+const [NOISE, DIGITS] = [1e-6, 9]; // smaller histories are drawn as zero [unit shown]; significant digits of values drawn
 const DASHES = ["solid", "dash"];
-/** Room for labels of seven digits and a title. [px] Where Plotly fits margins to the labels, it draws all of them twice. */
+/** Margins for labels of seven digits and a title [px]. They are fixed because Plotly draws all labels twice to fit its margins. */
 const MARGIN = { l: 58, r: 8, t: 8, b: 42 };
 const PANELS = [
   { title: "Depth", si: "mm", columns: { center_of_gravity_depth_m: "centre of gravity", nose_tip_depth_m: "tip" } },
@@ -24,7 +24,7 @@ const PANELS = [
  *
  * @param {HTMLElement} root
  * @param {{run: object, name: string}[]} runs as `computeRun` returns them
- * @param {number} row of the first run's history at which there is a line
+ * @param {number} row index into the first run's history, where the line is
  */
 export function drawHistories(root, runs, row) {
   const traces = runs.flatMap((each, index) => tracesOf(each, index, runs.length > 1));
@@ -43,7 +43,7 @@ export function drawHistories(root, runs, row) {
   });
 }
 
-/** Lines of a run: in two colours by itself, in one where it is compared. */
+/** Return the lines of a run: in two colours if it is the only run, else in one. */
 function tracesOf({ run, name }, index, isCompared) {
   return PANELS.flatMap(({ columns, si, of = () => run.history }, panel) => {
     const history = of(run);
@@ -62,7 +62,7 @@ function tracesOf({ run, name }, index, isCompared) {
   });
 }
 
-/** Return values as they are drawn: what rounding leaves of a constant would stretch its axis over 1e-11°. */
+/** Round values for drawing: otherwise rounding errors in a constant would stretch its axis over 1e-11°. */
 function withoutNoise(values) {
   const isNothing = values.every((value) => Math.abs(value) < NOISE);
   return values.map((value) => (isNothing ? 0 : Number(value.toPrecision(DIGITS))));
@@ -85,7 +85,7 @@ function layoutOf(run, row, isNarrow, isCompared) {
   if (isCompared) layout.legend = { orientation: "h", y: isNarrow ? -0.045 : -0.09, yanchor: "top" };
   PANELS.forEach(({ title, si, columns: lines }, panel) => {
     const [across, down] = [panel % columns, Math.floor(panel / columns)];
-    const isAlone = panel === PANELS.length - 1 && !across; // in its row, which it fills
+    const isAlone = panel === PANELS.length - 1 && !across; // in its row, whose whole width it takes
     const x = [across / columns + (across ? 0.05 : 0), isAlone ? 1 : (across + 1) / columns - (across + 1 < columns ? 0.03 : 0)];
     const y = [1 - (down + 1) / rows + 0.12 / rows, 1 - down / rows - 0.14 / rows];
     const isLast = down === rows - 1;

@@ -1,4 +1,4 @@
-// The case of a job: what its cases have in common, and what varies.
+// The base case of a sweep job: the fields that its cases share, and the ranges of those that vary.
 
 import { valueAt } from "./case.js";
 import { element } from "./elements.js";
@@ -6,7 +6,7 @@ import { GROUPS, fieldAt, fieldShown, shownNumber, withUnit } from "./fields.js"
 import { request } from "./service.js";
 
 /**
- * Return a folded list of the base case of a sweep, which is fetched when it is opened.
+ * Return a collapsed list of the base case of a sweep, which is fetched when the list is opened.
  *
  * @param {object} job
  * @param {(error: Error) => void} onError

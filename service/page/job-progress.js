@@ -1,18 +1,18 @@
-// A job as it goes: submitted, followed to its end, its results read as they become ready.
+// Submits a job, follows it to its end, and reads its results as they become ready.
 
 import { markAnswered, markLost, pause, untilAnswered } from "./lost.js";
 import { isAbort, isLost, request } from "./service.js";
 import { digits } from "./words.js";
 
 const PAGE = 1000; // results requested at once
-const PAUSE_MS = 1000; // before a broken stream is opened anew
+const PAUSE_MS = 1000; // before a broken stream is reopened
 
 /** Return whether a job has ended. */
 export function isFinal(job) {
   return !["accepted", "running"].includes(job.status);
 }
 
-/** Say how far a job is, how fast it goes and how long it takes. */
+/** Describe the progress of a job, its rate and the time left. */
 export function progressWords({ counts, status, started }) {
   const { total, done, cached = 0, failed } = counts;
   const rate = (1e3 * (done - cached)) / (Date.now() - Date.parse(started)); // [1/s]
@@ -28,17 +28,17 @@ export function progressWords({ counts, status, started }) {
 }
 
 /**
- * Make a job.
+ * Submit a job.
  *
- * The request is repeated until the service answers; all tries have one key, so they make one job. A job that is accepted
- * after the request was given up is cancelled: nothing shows it.
+ * The request is repeated until the service answers; all attempts share one idempotency key, so they create one job. A job that
+ * is accepted after `signal` was aborted is cancelled, because nothing would show it.
  *
  * @returns {Promise<object>} the job
  */
 export async function submit(path, body, signal) {
   const key = Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0"));
   const headers = { Prefer: "respond-async", "Idempotency-Key": key.join("") };
-  const isTemporary = (error) => isLost(error) || error.status === 409; // while an earlier try is being accepted
+  const isTemporary = (error) => isLost(error) || error.status === 409; // an earlier attempt is still being accepted
   const { data: job } = await untilAnswered(() => request(path, { body, headers }), signal, isTemporary);
   if (!signal.aborted) return job;
   request(`jobs/${job.id}/cancel`, { method: "POST" }).catch(() => {});
@@ -46,9 +46,9 @@ export async function submit(path, body, signal) {
 }
 
 /**
- * Yield a job as it is and whenever it changes, until it has ended.
+ * Yield the state of a job now and whenever it changes, until it has ended.
  *
- * Server-sent events report it, read with fetch because an EventSource sends no key; while they fail it is polled.
+ * Changes arrive as server-sent events, read with `fetch` because an EventSource cannot send a key; while these fail, the job is polled.
  *
  * @throws {Problem} if the service does not know the job
  */
@@ -95,7 +95,7 @@ export function resultsOf(id, signal) {
   };
 }
 
-/** Yield the events of a stream: their `id` and `data`. */
+/** Yield the events of a stream, each with its `id` and `data`. */
 async function* eventsOf(stream) {
   const reader = stream.pipeThrough(new TextDecoderStream()).getReader();
   let text = "";

@@ -1,4 +1,4 @@
-// A row of the table of jobs, brought up to date in place so that the focus stays where it is.
+// A row of the table of jobs, which is updated in place so that the focus does not move.
 
 import { names } from "./contract.js";
 import { downloadButtons, shortId } from "./downloads.js";
@@ -7,11 +7,11 @@ import { baseCase } from "./job-case.js";
 import { isFinal, progressWords } from "./job-progress.js";
 import { isMap } from "./sweep.js";
 
-/** The columns; the table may show a row as a card, where each cell has its name. */
+/** Names of the columns; in a narrow window a row becomes a card, where each cell shows the name of its column. */
 export const COLUMNS = ["Job", "Computation", "Status", "Cases", "Created", "Finished", "Kept until", "Results", "Actions"];
 const TIME = new Intl.DateTimeFormat(undefined, { dateStyle: "short", timeStyle: "medium" });
 
-/** A job in the table. */
+/** The row of one job. */
 export class JobRow {
   /**
    * @param {object} job
@@ -40,7 +40,7 @@ export class JobRow {
     this.update(job);
   }
 
-  /** Show what has changed. */
+  /** Show a new state of the job. */
   update(job) {
     this.job = job;
     const { total, done } = job.counts;
@@ -57,7 +57,7 @@ export class JobRow {
   }
 }
 
-/** Return the title of a job: what it was given, or what it computes. */
+/** Return the title that a job was given, or else what it computes. */
 export function titleOf({ title, counts, operation }) {
   return title ?? `${counts.total.toLocaleString("en")} × ${names.operations[operation]}`;
 }

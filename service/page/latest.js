@@ -1,4 +1,4 @@
-// While values keep changing, at most one request runs, and the latest value is requested next.
+// Works on the latest of values that keep changing, with at most one request at a time.
 
 import { untilAnswered } from "./lost.js";
 import { isAbort } from "./service.js";
@@ -6,24 +6,24 @@ import { isAbort } from "./service.js";
 /**
  * Return a function that runs `work(value, signal)` for the latest value it was called with.
  *
- * Work that fails because the service does not answer is repeated with the latest value until it does (lost.js).
+ * Work that fails because the service does not answer is repeated with the latest value until it answers (lost.js).
  *
- * @param {(value: any, signal: AbortSignal) => Promise<void>} work it shows nothing once its signal is aborted
- * @param {(error: Error) => void} onError called on other failures, not on requests given up
- * @param {{supersede?: boolean, restMs?: number}} options `supersede` gives up the running work for a newer value;
- *   `restMs` is how long a value has to be the latest before it is worked on; the first one, with which a view opens, has not to
- * @returns {((value: any) => void) & {cancel: () => void, stop: () => void, isBehind: () => boolean}} `cancel` gives up
- *   the value, `stop` the function too; `isBehind` returns whether a newer value waits
+ * @param {(value: any, signal: AbortSignal) => Promise<void>} work must show nothing once its signal is aborted
+ * @param {(error: Error) => void} onError called on other failures, except aborted requests
+ * @param {{supersede?: boolean, restMs?: number}} options with `supersede` a newer value aborts the running work;
+ *   `restMs` is the pause without a newer value before work starts; the first value, with which a view opens, starts at once
+ * @returns {((value: any) => void) & {cancel: () => void, stop: () => void, isBehind: () => boolean}} `cancel` aborts
+ *   the work and drops a waiting value; `stop` also ignores later values; `isBehind` returns whether a newer value waits
  */
 export function latest(work, onError, { supersede = false, restMs = 0 } = {}) {
   let waiting = [];
-  let running; // of the running work
-  let timer; // while a value has to rest
+  let running; // AbortController of the running work
+  let timer; // set during the pause before work starts
   let [isFirst, isStopped] = [true, false];
 
   const run = async () => {
     timer = undefined;
-    if (running) return; // the running work is followed by what waits
+    if (running) return; // the loop of the running work takes the value that waits
     while (waiting.length && !timer) {
       running = new AbortController();
       const { signal } = running;
@@ -35,7 +35,7 @@ export function latest(work, onError, { supersede = false, restMs = 0 } = {}) {
       try {
         await untilAnswered(send, signal);
       } catch (error) {
-        const isOfBefore = isAbort(error) || signal.aborted || waiting.length; // of a value that is no longer there
+        const isOfBefore = isAbort(error) || signal.aborted || waiting.length; // the failure concerns an earlier value
         if (!isOfBefore) onError(error);
       }
     }

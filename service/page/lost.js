@@ -1,38 +1,38 @@
-// Requests that the service does not answer: shown beside the picture while they are repeated.
+// Repeats requests that the service does not answer, and says so beside the picture.
 
 import { announceAway, element } from "./elements.js";
 import { isLost } from "./service.js";
 
-const RETRY_MS = [1000, 2000, 5000]; // before a request is repeated; the last from then on
+const RETRY_MS = [1000, 2000, 5000]; // delays before the first retries; the last one applies to all further ones
 
-const lost = new Map(); // messages by what waits for its answer
+const lost = new Map(); // messages by task that waits for the service
 let note = element("p.problem", { role: "alert" });
 
-/** Return the note of a view, which is empty unless something waits for an answer. */
+/** Return the note of a view, which is empty unless a task waits for the service. */
 export function lostNote() {
   note = element("p.problem", { role: "alert" });
   show();
   return note;
 }
 
-/** Note that a task waits for the service, until it is answered or given up. */
+/** Record that a task waits for the service, until `markAnswered` is called. */
 export function markLost(task, { message }) {
   lost.set(task, message);
   show();
 }
 
-/** Note that a task does not wait for the service any more. */
+/** Record that a task no longer waits for the service. */
 export function markAnswered(task) {
   if (lost.delete(task)) show();
 }
 
-/** Return how long to wait before a request is repeated. [ms] */
+/** Return the delay before a request is repeated [ms]. */
 export function retryDelay(failures, { retryAfter }) {
   return retryAfter ? 1000 * retryAfter : RETRY_MS[Math.min(failures, RETRY_MS.length - 1)];
 }
 
 /**
- * Send a request again and again until the service answers.
+ * Send a request, and repeat it until the service answers.
  *
  * @param {() => Promise<any>} send
  * @param {AbortSignal} signal
@@ -56,7 +56,7 @@ export async function untilAnswered(send, signal, isTemporary = isLost) {
   }
 }
 
-/** Wait; rejects when given up. */
+/** Wait; rejects when `signal` is aborted. */
 export function pause(milliseconds, signal) {
   return new Promise((resolve, reject) => {
     const timer = setTimeout(resolve, milliseconds);
@@ -68,7 +68,7 @@ export function pause(milliseconds, signal) {
   });
 }
 
-/** Wait until a part is in the window, for a time at most; rejects when given up. */
+/** Wait until a part is visible in the window, or for `milliseconds` at most; rejects when `signal` is aborted. */
 export async function untilSeen(part, milliseconds, signal) {
   const { promise: seen, resolve } = Promise.withResolvers();
   const observer = new IntersectionObserver((entries) => entries.at(-1).isIntersecting && resolve());

@@ -56,7 +56,7 @@ async function show() {
   }
 }
 
-/** Show the view as soon as the service answers; a browser may remember that a module could not be loaded. */
+/** Show the view as soon as the service answers; reload the page if a module failed, since browsers may remember the failure. */
 async function showOnceBack(turn, words, isModule) {
   announceAway(words);
   await untilAnswered(() => request("livez"), new AbortController().signal);
@@ -72,7 +72,7 @@ function markCurrent(view) {
     if (readAddress(link.hash).view !== view) link.removeAttribute("aria-current");
     else {
       link.setAttribute("aria-current", "page");
-      link.scrollIntoView({ block: "nearest", inline: "nearest" }); // on a phone the views do not fit beside each other
+      link.scrollIntoView({ block: "nearest", inline: "nearest" }); // on a small phone the links may not all fit
     }
   }
 }
@@ -96,7 +96,7 @@ function offerKey() {
 }
 
 document.querySelector(".skip").addEventListener("click", (event) => {
-  event.preventDefault(); // the hash is the address of the view
+  event.preventDefault(); // following the link would replace the address of the view in the hash
   main.focus();
 });
 followTheme(document.getElementById("theme"));
@@ -109,8 +109,8 @@ followPrinting();
 offerKey();
 document.querySelector("nav").addEventListener("click", ({ target }) => {
   const { query } = readAddress(location.hash);
-  if (target.hash) target.hash = address(readAddress(target.hash).view, caseOf(query)); // the case goes along
+  if (target.hash) target.hash = address(readAddress(target.hash).view, caseOf(query)); // the next view shows the same case
 });
 addEventListener("hashchange", show);
 show();
-showVersions().catch(() => {}); // the view shows what is wrong
+showVersions().catch(() => {}); // the view itself reports that the service fails

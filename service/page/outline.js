@@ -1,13 +1,13 @@
-// The outline of the projectile in a meridian plane, from its fields; as solver/projectile.py defines the noses.
+// The outline of the projectile in a meridian plane, with noses as solver/projectile.py defines them.
 
 const ARC_POINTS = 24;
-const MATCH = 1e-5; // relative; how closely a profile ends at the radius of the shank
+const MATCH = 1e-5; // relative tolerance of the radius at which a profile ends
 
 /**
  * Return the upper half of the outline, from the nose tip to the rear edge.
  *
  * @param {object} projectile as in a request
- * @returns {[number, number][]} distance behind the tip and from the axis. [m]
+ * @returns {[number, number][]} distances behind the tip and from the axis [m]
  */
 export function upperOutline({ nose, diameter_m: diameter, length_m: length, boat_tail: tail }) {
   const radius = diameter / 2;
@@ -17,25 +17,25 @@ export function upperOutline({ nose, diameter_m: diameter, length_m: length, boa
   return [...ahead, [length - tail.length_m, radius], [length, tail.base_diameter_m / 2]];
 }
 
-/** Return the outline once around, closed. [m] */
+/** Return the whole outline as a closed polygon [m]. */
 export function closedOutline(projectile) {
   const upper = upperOutline(projectile);
   const lower = upper.map(([x, r]) => [x, -r]).reverse();
   return [...upper, ...lower, upper[0]];
 }
 
-/** Return how far behind the tip the centre of gravity is: as given, else that of the homogeneous solid. [m] */
+/** Return the distance of the centre of gravity behind the tip [m]: as given, or else that of a homogeneous solid. */
 export function centreOfGravity(projectile) {
   const { volume, moment } = integrals(upperOutline(projectile));
   return projectile.center_of_gravity_m ?? moment / volume;
 }
 
 /**
- * Return an outline where the projectile is at an instant.
+ * Move an outline to where the projectile is at an instant.
  *
- * @param {[number, number][]} outline distance behind the tip and from the axis. [m]
- * @param {{lateral: number, depth: number, angle: number}} tip where its tip is, and the axis angle. [m, rad]
- * @returns {{x: number[], y: number[]}} along the face, and depth. [m]
+ * @param {[number, number][]} outline distances behind the tip and from the axis [m]
+ * @param {{lateral: number, depth: number, angle: number}} tip position of the tip [m] and axis angle [rad]
+ * @returns {{x: number[], y: number[]}} distances along the face, and depths [m]
  */
 export function placed(outline, { lateral, depth, angle }) {
   const [cosine, sine] = [Math.cos(angle), Math.sin(angle)];
@@ -76,12 +76,12 @@ function fractions(at) {
   return Array.from({ length: ARC_POINTS + 1 }, (_, i) => at(i / ARC_POINTS));
 }
 
-/** Return the volume of the body as a solid. [m³] */
+/** Return the volume of the body without a cavity [m³]. */
 export function solidVolume(projectile) {
   return (Math.PI / 3) * integrals(upperOutline(projectile)).volume;
 }
 
-/** Volume of a solid of revolution, a chain of frustums, and its moment about the tip, both over π / 3. */
+/** Return the volume of a chain of frustums and its first moment about the tip, both divided by π / 3. */
 function integrals(upper) {
   let [volume, moment] = [0, 0];
   for (let i = 1; i < upper.length; i += 1) {

@@ -1,17 +1,17 @@
-// Cases in a table of comma-separated values: a header of fields, and a case in each row.
+// Cases pasted as a table: a header with field names, and one case in each row.
 
 import { readParameter } from "./address.js";
 import { angleRequest, trajectoryRequest, withValue } from "./case.js";
 import { nodeAt } from "./contract.js";
 
-const PARTS = ["", "impact.", "projectile.", "projectile.nose.", "target."]; // where a field is that a header names by its last name
+const PARTS = ["", "impact.", "projectile.", "projectile.nose.", "target."]; // parts searched for a field that the header names by its last name only
 const ID = "custom_id";
 const REQUESTS = { trajectory: trajectoryRequest, cra: angleRequest };
 
 /**
- * Return the requests of a table; a field without a column or with an empty cell is that of `base`.
+ * Return a request for each row of a table; fields without a column and empty cells take the value of `base`.
  *
- * @throws {Error} that names the column, or the cell, which is not right
+ * @throws {Error} naming the column or the cell that cannot be read
  */
 export function casesOf(text, base, operation) {
   const lines = text.split(/\r?\n/).filter((line) => line.trim() && !line.startsWith("#"));

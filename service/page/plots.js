@@ -1,4 +1,4 @@
-// A thin layer over Plotly: colours of the theme, downloads, words for those who do not see the picture.
+// A thin layer over Plotly: theme colours, downloads, and descriptions for screen readers.
 
 import { element, save, svg } from "./elements.js";
 import { fileName, titleLines, withHeader } from "./exports.js";
@@ -11,19 +11,19 @@ const colours = new Map();
 let loading;
 
 /**
- * Draw a plot, or draw it anew, into an element; buttons for its picture and its data are put below it.
+ * Draw or redraw a plot in an element, with buttons below it that download the picture and its data.
  *
  * @param {HTMLElement} root
  * @param {object[]} traces as Plotly takes them
- * @param {object} layout as Plotly takes it; it takes precedence over the theme
+ * @param {object} layout as Plotly takes it; it overrides the theme
  * @param {{title: string, values: object, key?: string, part?: string, hasAngle?: boolean, csv: () => string, label: string,
- *   again?: () => any}} about names and description of the files (exports.js), the data, the description of the
- *   picture, and what draws it again in the colours of another theme, if the traces hold any
+ *   again?: () => any}} about the description of the files (exports.js); `csv` returns the data, and `label` describes
+ *   the picture; `again` redraws it after a change of theme, and is needed if the traces contain colours
  * @returns {Promise<HTMLElement|undefined>} the element that Plotly drew into, for its events
  */
 export async function draw(root, traces, layout, about) {
   const Plotly = await loadPlotly();
-  if (!root.isConnected) return undefined; // the view was left meanwhile
+  if (!root.isConnected) return undefined; // the view was left in the meantime
   const plot = drawingOf(root);
   drawn.set(root, { traces, layout, about, plot });
   plot.setAttribute("aria-label", about.label);
@@ -32,11 +32,11 @@ export async function draw(root, traces, layout, about) {
 }
 
 /**
- * Put a picture that is SVG already into an element, in place of the one before; buttons as below a plot.
+ * Show an SVG picture in an element in place of the previous one, with the same buttons as a plot.
  *
  * @param {HTMLElement} root
  * @param {SVGElement} picture
- * @param {object} about as `draw` takes it
+ * @param {object} about as for `draw`
  */
 export function place(root, picture, about) {
   const plot = drawingOf(root);
@@ -45,18 +45,18 @@ export function place(root, picture, about) {
   plot.replaceChildren(picture);
 }
 
-/** Return the element within one of a view that is drawn into. */
+/** Return the element inside `root` that holds the drawing; it is created at the first call. */
 export function drawingOf(root) {
   return root.querySelector(".drawing") ?? frame(root);
 }
 
-/** Change the layout of what is drawn, as `Plotly.relayout` does. */
+/** Change the layout of a plot, as `Plotly.relayout` does. */
 export function relayout(root, change) {
   const plot = drawn.get(root)?.plot;
   return plot && window.Plotly.relayout(plot, change);
 }
 
-/** Forget a plot, and what it listened to. */
+/** Forget a plot, and remove its event listeners. */
 export function purge(root) {
   const { plot, picture } = drawn.get(root) ?? {};
   drawn.delete(root);
@@ -70,17 +70,17 @@ export function colour(name) {
   return colours.get(name);
 }
 
-/** Return the name of an axis of a panel as Plotly counts them: x, x2, x3 ... */
+/** Return Plotly's name for an axis of a panel: x, x2, x3 ... */
 export function axis(name, panel) {
   return panel ? `${name}${panel + 1}` : name;
 }
 
-/** Return a heading over a panel, which begins at a place of the whole picture. */
+/** Return a heading above a panel; `x` and `y` are fractions of the whole picture. */
 export function heading(text, x, y) {
   return { text, x, y, xref: "paper", yref: "paper", xanchor: "left", yanchor: "bottom", showarrow: false };
 }
 
-/** Return CSV text of columns of equal length, by name, or of rows that all have them, in the units shown. */
+/** Return CSV text in the units shown, from columns of equal length by name, or from rows that all have the same columns. */
 export function csvOf(given) {
   const columns = inShownColumns(Array.isArray(given) ? columnsOf(given) : given);
   const names = Object.keys(columns);
@@ -106,7 +106,7 @@ function loadPlotly() {
   return loading;
 }
 
-/** Plotly sets `style` attributes, which the policy of the page forbids; through the object model it allows them. */
+/** Set `style` attributes, which Plotly uses and the content security policy forbids, through the object model, which it allows. */
 function setStylesByObject() {
   const { setAttribute } = Element.prototype;
   Element.prototype.setAttribute = function set(name, value) {
@@ -135,7 +135,7 @@ function frame(root) {
   return plot;
 }
 
-/** Save a picture below its title. */
+/** Download a picture with its title above it. */
 async function savePicture(root, format) {
   const { plot, picture, traces, about } = drawn.get(root);
   const own = picture ? asText(picture) : await textOf(plot, traces);
@@ -148,7 +148,7 @@ async function savePicture(root, format) {
   const font = getComputedStyle(document.body).fontFamily;
   const whole = svg("svg", { width, height, viewBox: `0 0 ${width} ${height}`, "font-family": font, fill: colour("text") });
   whole.append(svg("rect", { width, height, fill: colour("panel") }), ...title);
-  // Joined as text: the styles of Plotly's elements are none that the policy of the page lets it parse.
+  // Joined as text, because the content security policy would drop the styles of Plotly's elements if they were parsed.
   const text = asText(whole).replace("</svg>", () => `${own.replace("<svg", `<svg y="${head}"`)}</svg>`);
   if (format === "svg") return save(text, `${fileName(about)}.svg`, "image/svg+xml");
   const image = element("img", { src: URL.createObjectURL(new Blob([text], { type: "image/svg+xml" })) });
@@ -174,8 +174,8 @@ function themed(layout) {
     linecolor: edge,
     automargin: true,
     tickangle: 0,
-    exponentformat: "none", // with a unit there is no room for k and M
-    ticklabeloverflow: "allow", // each label that might be hidden is measured, a millisecond or more
+    exponentformat: "none", // the suffixes k and M would conflict with the unit
+    ticklabeloverflow: "allow", // otherwise each label that might be hidden is measured, which takes 1 ms or more
   };
   const made = {
     margin: { l: 8, r: 8, t: 8, b: 8 },

@@ -1,4 +1,4 @@
-// Cases to begin with: those that are given, and those that are kept by name in this browser.
+// Cases to start from: presets, and cases that the user saved by name in this browser.
 
 import { address, caseOf, caseQuery, readAddress } from "./address.js";
 import { paperCase } from "./contract.js";
@@ -7,8 +7,8 @@ import { keep, kept } from "./storage.js";
 
 const STORED = "ricochet-cases";
 /**
- * Each as it differs from the paper's case. Of its own strike the paper has four tests, from which its preset takes the
- * scatter of S; the masses of rod and cone are those of solid steel.
+ * Differences of each preset from the paper's case. The paper reports four tests of its own strike, which give the scatter of S
+ * in its preset; the rod and the cone have the mass of solid steel.
  */
 const PRESETS = {
   "The paper's strike": { strength_scatter: "paper_table_1" },
@@ -30,7 +30,7 @@ const PRESETS = {
   },
 };
 
-/** Return links that show a view with each of the cases, and what keeps the case of the address by a name. */
+/** Return links that show a view with each of these cases, and a form that saves the case of the address by name. */
 export function presetLinks(view) {
   const links = Object.entries(PRESETS).map(([name, parts]) =>
     element("a", { href: address(view, caseQuery({ ...paperCase(), ...parts })) }, name),
@@ -67,7 +67,7 @@ export function presetLinks(view) {
   return element("div", {}, element("p.presets", { role: "group", "aria-label": "Start from" }, "Start from: ", ...links), saved);
 }
 
-/** Return the queries of the cases that are kept, by name; what is damaged is left out. */
+/** Return the queries of the saved cases by name, without damaged entries. */
 function read() {
   try {
     const cases = JSON.parse(kept(STORED) ?? "{}");

@@ -1,8 +1,8 @@
-// Printing: plots shrink to the sheet as a whole, in light colours.
+// Printing: plots are scaled to fit the sheet, in light colours.
 
 import { themeChanges } from "./theme.js";
 
-/** Prepare every plot before the page is printed, and bring the theme back afterwards. */
+/** Prepare every plot before the page is printed, and restore the plots and the theme afterwards. */
 export function followPrinting() {
   const root = document.documentElement;
   let theme;

@@ -1,4 +1,4 @@
-// The report of a strike in a new tab, and its button.
+// A button that opens the report of a strike in a new tab.
 
 import { announce, element, save, taskButton } from "./elements.js";
 import { fileName } from "./exports.js";
@@ -9,14 +9,14 @@ const WAIT = "The report is being computed: about 550 cases, half a minute to a 
 const POLL_MS = 100;
 
 /**
- * Return a button that opens the report of the case that `read` returns.
+ * Return a button that opens the report of the case returned by `read`.
  *
  * @param {() => object} read
  * @param {(error: Error) => void} onError
  */
 export function reportButton(read, onError) {
   const report = async () => {
-    const tab = open("", "_blank"); // only a click may open one, so it is opened before the report is there
+    const tab = open("", "_blank"); // browsers allow this only during a click, so the tab opens before the report arrives
     if (tab) {
       tab.document.title = "Report";
       tab.document.body.textContent = WAIT;
@@ -35,7 +35,7 @@ export function reportButton(read, onError) {
   return taskButton("Report", {}, report, onError);
 }
 
-/** Show a report in a tab, below a bar that is not printed: back to the case, and the report as a file or as PDF. */
+/** Show a report in a tab, below a bar that leads back to the case and saves the report as a file or PDF; it is not printed. */
 function showIn(tab, report, values, back) {
   const url = URL.createObjectURL(report);
   tab.location.replace(url);
@@ -60,7 +60,7 @@ function showIn(tab, report, values, back) {
   }, POLL_MS);
 }
 
-/** Return the body of `/report` and `/verdict`: the case with the oblique angle that it has; a report does not take the paper's searches. */
+/** Return the body for `/report` and `/verdict`: the case with its oblique angle, and `outcome` as the only method that they accept. */
 export function reportRequest({ output, ...values }) {
   return { ...values, search: { ...values.search, method: "outcome" } };
 }

@@ -1,4 +1,4 @@
-// One run: its request, and columns that the pictures need besides those of the answer.
+// Computes a run, and adds the columns that the pictures need to those of the answer.
 
 import { trajectoryRequest, valueAt, withValue } from "./case.js";
 import { nodeAt } from "./contract.js";
@@ -6,32 +6,32 @@ import { centreOfGravity } from "./outline.js";
 import { request } from "./service.js";
 import { inUnits } from "./units.js";
 
-const INSTANTS = 100; // at least, mostly
-const [FEWEST, MOST] = [60, 600];
-const MOST_ROWS = 20_000; // of a history, over the termination time
-const TERMINATION_S = 0.05; // when the case leaves it open
+const INSTANTS = 100; // least number in a history, if its duration was predicted well
+const [FEWEST, MOST] = [60, 600]; // a history outside this range is computed again
+const MOST_ROWS = 20_000; // most rows of a history that lasts until the termination time
+const TERMINATION_S = 0.05; // used if the case does not set one
 const RADIAN = Math.PI / 180;
 
-const CLIP_DEG = 0.1; // as the slider of the oblique angle moves
+const CLIP_DEG = 0.1; // step of the slider for the oblique angle
 const ANGLE = "impact.oblique_angle_deg";
 const STRENGTH = "resistance.strength_factor";
-const EQUATION_9 = [8.469, 0.0149, -0.0013]; // of 1, θ, θ² in degrees: what a polynomial without coefficients has
+const EQUATION_9 = [8.469, 0.0149, -0.0013]; // of 1, θ, θ² in degrees: the default coefficients of the polynomial
 
-const HELD_FROM_DEG = 60; // from where S of eq. 9 stays what it is there
+const HELD_FROM_DEG = 60; // S of eq. 9 is held constant from this angle on
 
-let latest = {}; // speed and duration of the latest run, which the next is taken to be like. [m/s, s]
+let latest = {}; // speed [m/s] and duration [s] of the latest run, from which the duration of the next is predicted
 
 /**
  * Compute a trajectory with a history of 100 to 250 instants.
  *
- * @returns {Promise<object>} the answer, with `path`, columns of the nose tip and the speed, and what was given of
- *   `projectile`, `target` and all `values`
+ * @returns {Promise<object>} the answer, with `path` (columns of the nose tip and the speed) and with the `projectile`,
+ *   the `target` and all `values` of the case
  */
 export async function computeRun(values, signal) {
   const given = clipped(values);
   const most = given.numerics?.termination_time_s ?? TERMINATION_S;
   const requestRun = async (time) => {
-    const interval = Math.min(Math.max(nice(time / INSTANTS), most / MOST_ROWS), most); // few intervals, so that results are found again
+    const interval = Math.min(Math.max(nice(time / INSTANTS), most / MOST_ROWS), most); // round intervals, so that similar runs find results in the cache
     return requestStrike(trajectoryRequest(given, interval), signal);
   };
   const speed = given.impact.velocity_m_s;
@@ -45,14 +45,14 @@ export async function computeRun(values, signal) {
   return { ...run, warnings, path, projectile: given.projectile, target: given.target, values };
 }
 
-/** Return the end of a strike, without its history. */
+/** Compute a strike without its history. */
 export function requestEnd(values, signal) {
   return requestStrike({ ...trajectoryRequest(clipped(values)), output: { history: false } }, signal);
 }
 
 /**
- * Request a trajectory: with fewer instants if its termination time is long, as a slow one's is, and up to where its steps end if
- * it takes too many; it is in motion then.
+ * Request a trajectory. If the sampling interval is refused as too short for the termination time, the least one accepted is used;
+ * if the step limit is reached, the trajectory is computed up to there, and ends in motion.
  */
 export async function requestStrike(body, signal) {
   const send = async (given) => (await request("trajectory", { body: inUnits(given), signal })).data;
@@ -71,9 +71,9 @@ export async function requestStrike(body, signal) {
 }
 
 /**
- * Return a case at the nearest oblique angle below at which its strength factor is positive, as searches clip their range.
+ * Return a case with its oblique angle lowered to where the strength factor is positive, just as searches clip their range.
  *
- * Only the polynomial falls to zero; a case that the service would refuse whatever the angle is returned as it is.
+ * Only the polynomial can fall to zero. A case that the service would refuse at any angle is returned unchanged.
  */
 export function clipped(values) {
   const { model, coefficients = EQUATION_9, held_from_deg: given, obliquity_shape: shape } = valueAt(values, STRENGTH) ?? {};
@@ -92,7 +92,7 @@ function clipWarning({ impact }) {
   return { code: "range_clipped", detail };
 }
 
-/** Return the row of a history that is nearest to an instant. [s] */
+/** Return the row of a history that is nearest to an instant [s]. */
 export function rowAt({ history: { time_s: time } }, instant) {
   const later = time.findIndex((each) => each >= instant);
   if (later < 0) return time.length - 1;
@@ -111,7 +111,7 @@ function pathOf(history, projectile) {
   };
 }
 
-/** Return the next 1, 2 or 5 times a power of ten at or below. */
+/** Round down to 1, 2 or 5 times a power of ten. */
 export function nice(value) {
   const power = 10 ** Math.floor(Math.log10(value));
   return Number(([5, 2, 1].find((step) => step * power <= value * (1 + 1e-9)) * power).toPrecision(3));

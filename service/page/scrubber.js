@@ -1,9 +1,9 @@
-// Plays and scrubs through the instants of a run.
+// Controls that play a run, or move through its instants.
 
 import { element, showText } from "./elements.js";
 
 const PLAY_MS = 4000;
-const STEPS = 6; // for those who want no motion
+const STEPS = 6; // instants shown to users who prefer reduced motion
 
 /**
  * Build the controls.

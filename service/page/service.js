@@ -1,10 +1,10 @@
-// Requests to the service: relative addresses, the key if there is one, problems as errors.
+// Requests to the service: they use relative addresses, send the API key if there is one, and throw problems as errors.
 
 import { keep, kept } from "./storage.js";
 
 const KEY = "ricochet-key";
 
-/** Fires `needed` when an answer was 401. */
+/** Fires `needed` when the service answers 401. */
 export const keyNeeds = new EventTarget();
 
 /** A problem that the service returns instead of an answer (RFC 9457). */
@@ -15,7 +15,7 @@ export class Problem extends Error {
   }
 }
 
-/** Return the absolute address of a path of the service, also behind a prefix. */
+/** Return the absolute address of a path of the service, including the prefix that a proxy may add. */
 export function locate(path) {
   return new URL(path.replace(/^\//, ""), document.baseURI).href.split("#")[0];
 }
@@ -30,10 +30,10 @@ export function useKey(key) {
  *
  * @param {string} path
  * @param {{method?: string, body?: object, headers?: object, signal?: AbortSignal, as?: "data"|"blob"|"stream"}} options
- *   `body` is sent as JSON, by POST unless said otherwise; `as` is what `data` shall be: JSON or text, a Blob, or
- *   the stream of the body.
+ *   `body` is sent as JSON, by POST unless `method` is given; `as` selects the type of `data`: JSON or text, a Blob,
+ *   or the stream of the body
  * @returns {Promise<{status: number, headers: Headers, data: any}>}
- * @throws {Problem} for a status from 400 on, or if there is no answer (status 0)
+ * @throws {Problem} for a status of 400 or above, or if there is no answer (status 0)
  */
 export async function request(path, { method, body, headers = {}, signal, as = "data" } = {}) {
   const key = kept(KEY, "sessionStorage");
@@ -48,12 +48,12 @@ export async function request(path, { method, body, headers = {}, signal, as = "
   return { status: response.status, headers: response.headers, data: await contentOf(response, as) };
 }
 
-/** Return whether an error only says that its request was given up. */
+/** Return whether an error only means that its request was aborted. */
 export function isAbort(error) {
   return error?.name === "AbortError";
 }
 
-/** Return whether an error says that the service is away or busy, so that the same request may succeed later. */
+/** Return whether an error means that the service is unreachable or busy, so that the same request may succeed later. */
 export function isLost({ status }) {
   return [0, 429, 502, 503, 504].includes(status);
 }

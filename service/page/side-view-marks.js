@@ -1,5 +1,5 @@
-// What the side view names: the angles at first contact, the critical one, the hole, the exit, the forces, the faces. A mark has
-// `points` of a line, or a `text` at a place, in the lower left corner without one, where no body goes; places are along the face and depth. [m]
+// Marks of the side view: angles at first contact, critical angle, hole, exit, forces and faces. A mark has `points` of a line, or a `text` at
+// a position `at` or, without one, in the lower left corner, where no body goes. Positions are along the face and depth [m].
 
 import { closedOutline, centreOfGravity, placed } from "./outline.js";
 import { colour } from "./plots.js";
@@ -7,14 +7,14 @@ import { rowAt } from "./run.js";
 import { degreesShown, lengthShown, quantityShown } from "./words.js";
 
 const RADIAN = Math.PI / 180;
-const SWEPT = 48; // instants whose outlines together are the hole
-const THINNED = 20; // points of an outline, above which the hole takes every fourth of its nose
+const SWEPT = 48; // instants whose outlines together form the hole
+const THINNED = 20; // number of outline points from which the hole uses only every fourth one of the nose
 const ARC_POINTS = 16;
 const LEAST_DEG = 0.05; // smaller angles of attack have no mark of their own
-/** Distances from the point of contact, in lengths of the projectile. */
+/** Distances from the point of contact, in projectile lengths. */
 const RADII = { theta: 0.6, delta: 0.82, phi: 0.42, normal: 0.95, critical: 1.12, criticalBeside: 0.68, exit: 0.3, force: 0.45 };
 
-/** Return the concrete that the projectile went through, as polygons with gaps between them. */
+/** Return the concrete that the projectile passed through, as polygons separated by `null`. */
 export function hole({ path, projectile, target }) {
   const whole = closedOutline(projectile);
   const radius = projectile.diameter_m / 2;
@@ -30,16 +30,16 @@ export function hole({ path, projectile, target }) {
   });
 }
 
-/** Return the names of the faces; that of the rear face is below it, but where the picture ends there. */
+/** Return the names of the faces; the name of the rear face is below it, unless the picture ends there. */
 export function faceNames(thickness, { box, origin, scale }) {
   const right = (box.x + box.width - origin[0]) / scale;
   const name = (text, depth, below) => ({ at: [right, depth + (below ? 11 : -7) / scale], text, side: "left" });
-  if (!(origin[1] + thickness * scale < box.y + box.height)) return [name("face", 0)]; // a rear face beyond the picture, or none
+  if (!(origin[1] + thickness * scale < box.y + box.height)) return [name("face", 0)]; // there is no rear face in the picture
   const isLast = origin[1] + thickness * scale > box.y + box.height - 24;
   return [name("face", 0), name("rear face", thickness, !isLast)];
 }
 
-/** The normal, and arcs from it: θ to the velocity, φ to the axis, and δ between them where there is an angle of attack. */
+/** Return the normal, the arcs of θ to the velocity and φ to the axis and, if there is an angle of attack, δ between them. */
 export function arcMarks({ values, history, projectile: { length_m: length } }, isNarrow) {
   const theta = values.impact.oblique_angle_deg;
   const phi = history.axis_angle_deg[0];
@@ -47,7 +47,7 @@ export function arcMarks({ values, history, projectile: { length_m: length } }, 
   const arc = (begin, end, radius) =>
     line(Array.from({ length: ARC_POINTS + 1 }, (_, i) => from(begin + (i / ARC_POINTS) * (end - begin), radius * length)));
   const word = (text, radius) => ({ at: besideNormal(radius * length), text });
-  const top = isNarrow ? RADII.normal : RADII.theta; // above the words on the exit
+  const top = isNarrow ? RADII.normal : RADII.theta; // above the label of the exit
   if (Math.abs(phi - theta) < LEAST_DEG) return [ray(0), arc(0, theta, RADII.theta), word(`θ = φ = ${shown(theta)}`, top)];
   return [
     ...[ray(0), ray(theta), arc(0, theta, RADII.theta), arc(0, phi, RADII.phi), arc(theta, phi, RADII.delta)],
@@ -57,7 +57,7 @@ export function arcMarks({ values, history, projectile: { length_m: length } }, 
   ];
 }
 
-/** The critical angle: named at its outer end, away from the projectile; in a narrow picture beside the normal. */
+/** Return a line at the critical angle, with its label at the outer end, away from the projectile, or beside the normal in a narrow picture. */
 export function criticalMark({ values, projectile: { length_m: length } }, critical, isNarrow) {
   if (critical === undefined) return [];
   const color = colour("path");
@@ -70,7 +70,7 @@ export function criticalMark({ values, projectile: { length_m: length } }, criti
   ];
 }
 
-/** An arrow in the direction in which a projectile leaves. */
+/** Return an arrow in the direction in which the projectile leaves, with its label. */
 export function exitMark({ exit, final, path, projectile: { length_m: length } }, isNarrow) {
   if (!exit) return [];
   const tip = [path.lateral.at(-1), path.depth.at(-1)];
@@ -78,18 +78,18 @@ export function exitMark({ exit, final, path, projectile: { length_m: length } }
   const direction = [reach * final.lateral_velocity_m_s, reach * final.depth_velocity_m_s];
   const text = `exit ${quantityShown(exit.speed_m_s, "m/s")}${isNarrow ? "" : `\n${quantityShown(exit.elevation_deg, "°")} from the face`}`;
   const side = final.depth_velocity_m_s < 0 ? "above" : isNarrow ? "left" : "right";
-  const end = tip.map((value, i) => value + direction[i] - (i && side === "above" ? 0.05 * length : 0)); // of the words
+  const end = tip.map((value, i) => value + direction[i] - (i && side === "above" ? 0.05 * length : 0)); // position of the label
   return [arrow(tip, direction, colour("accent"), "exit"), { at: end, text, side, color: colour("accent") }];
 }
 
-/** How far a body at rest stands out of the rear face of a wall, beside its nose tip. */
+/** Return a label beside the nose tip with how far a body at rest stands out of the rear face of a wall. */
 export function protrusionMark({ outcome, protrusion, path, projectile: { diameter_m: diameter } }) {
   if (outcome !== "embedded" || !protrusion?.final_m) return [];
   const at = [path.lateral.at(-1) + diameter, path.depth.at(-1)];
   return [{ at, text: `nose ${lengthShown(protrusion.final_m)} out`, color: colour("bad") }];
 }
 
-/** The cross-section with the largest bending stress, where it is then. */
+/** Return a line across the body at the largest bending stress, at the instant when it occurs, with its label. */
 export function bendingMark({ bending, history, path, projectile: { diameter_m: diameter } }) {
   if (!bending) return [];
   const row = rowAt({ history }, bending.time_s);
@@ -104,15 +104,15 @@ export function bendingMark({ bending, history, path, projectile: { diameter_m: 
   ];
 }
 
-/** The force of the concrete on the projectile at an instant, where it acts on the axis; its length is in the greatest of the run. */
+/** Return an arrow for the force on the projectile at an instant, where it acts on the axis, to the scale of the greatest force of the run. */
 export function forceMarks({ history, path, projectile }, row) {
   const force = [history.lateral_force_n[row], history.depth_force_n[row]];
   const size = Math.hypot(...force);
   const most = Math.max(...history.depth_force_n.map((each, i) => Math.hypot(each, history.lateral_force_n[i])));
-  if (!(size > 0.01 * most)) return []; // nor without any force
+  if (!(size > 0.01 * most)) return []; // also if there is no force at all
   const angle = path.angle[row];
   const across = force[0] * Math.cos(angle) - force[1] * Math.sin(angle);
-  const ahead = across ? history.moment_n_m[row] / across : 0; // of the centre of gravity, along the axis
+  const ahead = across ? history.moment_n_m[row] / across : 0; // distance ahead of the centre of gravity, along the axis
   const behind = Math.min(Math.max(centreOfGravity(projectile) - ahead, 0), projectile.length_m);
   const place = [path.lateral[row] - behind * Math.sin(angle), path.depth[row] - behind * Math.cos(angle)];
   const reach = (RADII.force * projectile.length_m) / most;
@@ -124,19 +124,19 @@ function line(points, attributes = {}) {
   return { points, stroke: colour("quiet"), "stroke-width": 1, ...attributes };
 }
 
-/** A line with a head, whose size goes with its length. */
+/** Return a line with an arrowhead in proportion to its length. */
 function arrow(start, direction, color, name) {
   const end = start.map((value, i) => value + direction[i]);
   const wing = (sign) => [0, 1].map((i) => end[i] - 0.22 * direction[i] + (i ? -sign : sign) * 0.1 * direction[1 - i]);
   return line([start, end, null, wing(1), end, wing(-1)], { class: name, stroke: color, "stroke-width": 2.5 });
 }
 
-/** A place beside the normal at a distance from the contact, on the side where no outline is. */
+/** Return a position beside the normal at a distance from the point of contact, on the side without outlines. */
 function besideNormal(distance) {
   return [0.05 * distance, from(0, distance)[1]];
 }
 
-/** Where a body comes from at an angle from the normal: along the face and depth, at a distance from the contact. */
+/** Return the position from which a body comes at an angle from the normal, at a distance from the point of contact. */
 function from(angle, distance) {
   return [-distance * Math.sin(angle * RADIAN), -distance * Math.cos(angle * RADIAN)];
 }

@@ -1,5 +1,5 @@
 // The side view: the path of the nose tip through the face, to scale, with the projectile's outline at some instants. It is
-// plain SVG, so that it is there before Plotly is.
+// plain SVG, so that it appears before Plotly has loaded.
 
 import { VIRIDIS, viridis } from "./colours.js";
 import { svg } from "./elements.js";
@@ -11,28 +11,28 @@ import { nice, rowAt } from "./run.js";
 import { unitOf } from "./units.js";
 import { digits, endingShown, lengthShown } from "./words.js";
 
-const OUTLINES = [6, 3]; // of a run by itself, and of each that is compared
+const OUTLINES = [6, 3]; // of a single run, and of each run in a comparison
 const SEGMENTS = 36; // of the first path, each in the colour of its speed
 const [NARROW, CAPTIONED] = [640, 490]; // px
-const NEAR = 2; // a rear face is in view up to this many times the depth that is reached
-const GRID_M = 0.1; // ends of the picture, so that it does not tremble while a slider moves
+const NEAR = 2; // a rear face is in view if it is at less than this many times the greatest depth
+const GRID_M = 0.1; // the picture ends at multiples of this, so that it does not jitter while a slider moves
 const MARGIN = { left: 54, right: 12, top: 10, bottom: 38 }; // px
-const MOST_TICK_PX = 225; // between grid lines: 90 or more
+const MOST_TICK_PX = 225; // largest distance between grid lines; the least is 90
 const LINE_PX = 14;
 const LETTER_PX = 7;
 
-const scenes = new WeakMap(); // what is drawn, by the element it is drawn into
+const scenes = new WeakMap(); // scenes by the elements in which they are drawn
 
 /**
  * Draw one or more runs.
  *
  * @param {HTMLElement} root
- * @param {{run: object, name: string}[]} runs as `computeRun` returns them; the first has a movable outline and the colours of
- *   its speed, the others a colour each
- * @param {number} row of the first run's history at which its outline is emphasised
+ * @param {{run: object, name: string}[]} runs as `computeRun` returns them; the first has a movable outline, and is coloured by
+ *   its speed; the others have one colour each
+ * @param {number} row index into the first run's history, at which its outline is emphasised
  * @param {{critical?: number, turns?: boolean, isHeld?: boolean, beside?: object[], caption?: string}} options `critical` is the critical angle to mark
- *   [°]; with `turns` there is room for every oblique angle, so that the scale stays while it changes; `isHeld` keeps the frame;
- *   `caption` stands above the picture; `beside` are runs of a picture beside this one, for which there is room too, so that both have one scale
+ *   [°]; `turns` leaves room for every oblique angle, so that the scale is the same for all of them; `isHeld` keeps the previous frame;
+ *   `caption` is shown above the picture; `beside` are the runs of an adjacent picture, for which there is room too, so that both have the same scale
  */
 export function drawSideView(root, runs, row, options = {}) {
   if (!root.isConnected) return;
@@ -42,14 +42,14 @@ export function drawSideView(root, runs, row, options = {}) {
   render(root, scene);
 }
 
-/** Move the emphasised outline to another row of the history, the compared ones to the same time. */
+/** Move the emphasised outline to another row of the history, and those of compared runs to the same time. */
 export function moveOutline(root, row) {
   const scene = scenes.get(root);
   scene.row = row;
   render(root, scene);
 }
 
-/** Mark another critical angle, or none. */
+/** Mark another critical angle or, with undefined, none. */
 export function markCritical(root, critical) {
   const scene = scenes.get(root);
   if (!scene) return;
@@ -57,13 +57,13 @@ export function markCritical(root, critical) {
   render(root, scene);
 }
 
-/** Return where the point of contact is in a drawing, and the scale. [px, px/m] */
+/** Return the position of the point of contact in a drawing [px], and the scale [px/m]. */
 export function contactOf(root) {
   const { origin, scale } = scenes.get(root).frame;
   return [origin, scale];
 }
 
-/** Return the row of the history whose place on the path is nearest to a place in the drawing; undefined if none is near. [px] */
+/** Return the row of the history whose point on the path is nearest to a position in the drawing [px]; undefined if none is near. */
 export function rowNear(root, [x, y], most = 40) {
   const { runs, frame } = scenes.get(root);
   const { lateral, depth } = runs[0].run.path;
@@ -127,7 +127,7 @@ function render(root, scene) {
   });
 }
 
-/** Return the size of a picture, and where the key of its colours ends: beside the names above it, or below them where there is no room. */
+/** Return the size of a picture, and the baseline of its colour key: beside the legend or, if there is no room, below it. */
 function sizeOf(root, roomy) {
   const { clientWidth: width, clientHeight: height } = drawingOf(root);
   return { width: Math.max(width, 240), height: Math.max(height, 200), key: width < roomy ? 16 + LINE_PX : 16 };
@@ -146,7 +146,7 @@ function pathOf({ path }) {
   return path.lateral.map((along, row) => [along, path.depth[row]]);
 }
 
-/** A shape in metres: its strokes keep their width in pixels. `null` points are gaps; `end` closes each part. */
+/** Return a path in metres whose strokes keep their width in pixels. `null` points separate its parts; `end` closes each part. */
 function shape(points, attributes, end = "Z") {
   let d = "";
   let isOpen = false;
@@ -158,7 +158,7 @@ function shape(points, attributes, end = "Z") {
   return svg("path", { d: isOpen ? d + end : d, fill: "none", "vector-effect": "non-scaling-stroke", ...attributes });
 }
 
-/** The path as segments in the colour of the speed. */
+/** Return the path as segments coloured by the speed. */
 function speedSegments(run, range) {
   const points = pathOf(run);
   const rows = evenRows(run, Math.min(SEGMENTS, points.length));
@@ -167,7 +167,7 @@ function speedSegments(run, range) {
   );
 }
 
-/** What is in view: every point, to scale, in the middle of the picture. */
+/** Return the frame that shows every point to scale, in the middle of the picture. */
 function frameOf({ width, height, key }, points, { target: { thickness_m: wall = Infinity } }, room) {
   const ends = (axis) => {
     const values = points.filter(Boolean).map((point) => point[axis]);
@@ -183,7 +183,7 @@ function frameOf({ width, height, key }, points, { target: { thickness_m: wall =
   return { box, scale, origin, at };
 }
 
-/** The concrete, and its faces. */
+/** Return the concrete and its faces. */
 function solid({ target: { thickness_m: wall } }, { box, origin, scale }) {
   const [left, right] = [(box.x - origin[0]) / scale, (box.x + box.width - origin[0]) / scale];
   const end = wall ?? (box.y + box.height - origin[1]) / scale;
@@ -194,7 +194,7 @@ function solid({ target: { thickness_m: wall } }, { box, origin, scale }) {
 
 function axes({ box, origin, scale }) {
   const { unit, factor } = unitOf("m");
-  const step = nice(Math.min(MOST_TICK_PX, box.width / 2.5) / scale / factor) * factor; // two lines at least
+  const step = nice(Math.min(MOST_TICK_PX, box.width / 2.5) / scale / factor) * factor; // at least two lines
   const ticks = (from, to) => {
     const first = Math.ceil(from / step);
     return Array.from({ length: Math.max(Math.floor(to / step) - first + 1, 0) }, (_, i) => (first + i) * step);
@@ -217,7 +217,7 @@ function axes({ box, origin, scale }) {
   ];
 }
 
-/** The colours of the speed, and the names of what is compared. */
+/** Return the colour key of the speed, and the names of the compared runs. */
 function legend(runs, range, { width, key }, caption) {
   const { unit, factor } = unitOf("m/s");
   const stops = VIRIDIS.map(([offset, stop]) => svg("stop", { offset, "stop-color": stop }));
@@ -236,13 +236,13 @@ function legend(runs, range, { width, key }, caption) {
   ];
 }
 
-/** Words at their places; one that would be written over another is moved below it, in the corner above it. */
+/** Return the labels at their positions; one that would overlap another is moved below it or, in the corner, above it. */
 function labels(marks, { at, box }) {
   const taken = [];
   return marks.map(({ at: point, text, side = "right", color = colour("quiet") }) => {
     const rows = text.split("\n");
     const length = Math.max(...rows.map((row) => row.length)) * LETTER_PX;
-    let [x, y] = point === undefined ? [box.x, box.y + box.height - 18] : at(point); // above a rear face there
+    let [x, y] = point === undefined ? [box.x, box.y + box.height - 18] : at(point); // the corner, above a rear face
     x += { right: 5, left: -5, above: 0 }[side] - { right: 0, left: length, above: length / 2 }[side];
     x = Math.min(Math.max(x, box.x), box.x + box.width - length);
     y = Math.min(Math.max(y + (side === "above" ? -6 : 4), box.y + LINE_PX), box.y + box.height - 4 - (rows.length - 1) * LINE_PX);

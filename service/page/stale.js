@@ -1,16 +1,16 @@
-// A mark on what is shown but does not belong to the inputs: greyed, and busy for those who hear the page.
+// Marks results that do not belong to the current inputs: they are greyed, and busy for screen readers.
 
 import { announce, announceQuietly, element } from "./elements.js";
 
 const stale = new Set();
 
-/** Mark parts of a view as those of inputs before; said in the status line. */
+/** Mark parts of a view as results of previous inputs, and say so in the status line. */
 export function markStale(...parts) {
   mark(parts);
   announce("Out of date. Computing ...", true);
 }
 
-/** Mark parts of a view that are computed only when they are run; said in the status line. */
+/** Mark parts of a view that are computed only on request, and say so in the status line. */
 export function markUntilRun(...parts) {
   mark(parts);
   announce("Out of date. Run again.", true);
@@ -24,23 +24,23 @@ function mark(parts) {
   }
 }
 
-/** Files of a picture are offered only while it is of the inputs. */
+/** Enable or disable the downloads of a picture, which are offered only while it belongs to the inputs. */
 function setDownloads(part, isOffered) {
   for (const button of part.querySelectorAll(".downloads button")) button.disabled = !isOffered;
 }
 
-/** Note that a view waits for a study or a job, which a part of it stands for: it is not up to date, whatever else is. */
+/** Record that a view waits for a study or a job, represented by one of its parts; until that ends, the view is not up to date. */
 export function markPending(part) {
   stale.add(part);
 }
 
-/** Note that a study or a job has ended, or was given up. */
+/** Record that a study or a job has ended or was cancelled. */
 export function markSettled(part, words = "Up to date.") {
   stale.delete(part);
   if (!stale.size) announceQuietly(words);
 }
 
-/** Take the marks away: the parts are of the inputs that are shown. */
+/** Remove the marks of parts that belong to the current inputs. */
 export function markFresh(...parts) {
   for (const part of parts) {
     part.removeAttribute("aria-busy");
@@ -48,11 +48,11 @@ export function markFresh(...parts) {
     setDownloads(part, true);
     stale.delete(part);
   }
-  for (const part of stale) if (!part.isConnected) stale.delete(part); // of a view that was left
+  for (const part of stale) if (!part.isConnected) stale.delete(part); // the view was left
   if (!stale.size) announceQuietly("Up to date.");
 }
 
-/** Take away the words of parts, as the inputs have no result; the pictures before stay, greyed and named as such. */
+/** Remove the text of parts, because the inputs have no result; previous pictures stay, greyed and labelled as such. */
 export function clearParts(...parts) {
   for (const part of parts) {
     part.classList.add("cleared");

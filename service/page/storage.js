@@ -1,8 +1,8 @@
-// What the browser keeps for the page. Where it keeps nothing, as with cookies blocked, it is kept until the page is closed.
+// Storage in the browser. If the browser blocks it, as it does together with cookies, texts are kept until the page is closed.
 
 const memory = new Map();
 
-/** Return text that is kept by a name; undefined if there is none. */
+/** Return the text stored under a name; undefined if there is none. */
 export function kept(name, area = "localStorage") {
   try {
     return window[area].getItem(name) ?? memory.get(name);
@@ -11,12 +11,12 @@ export function kept(name, area = "localStorage") {
   }
 }
 
-/** Keep text by a name, in this browser or, in the area `sessionStorage`, in this tab. */
+/** Store text under a name, in this browser or, in the area `sessionStorage`, in this tab. */
 export function keep(name, text, area = "localStorage") {
   memory.set(name, text);
   try {
     window[area].setItem(name, text);
   } catch {
-    // blocked or full: the memory has it
+    // Storage is blocked or full; `memory` has the text.
   }
 }

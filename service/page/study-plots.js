@@ -1,4 +1,4 @@
-// What a study shows: the probability with its band, the swing of each input, and tables of them.
+// Results of a study: the probability with its band, the swing of each input, and a table of sensitivities.
 
 import { element, table } from "./elements.js";
 import { colour, csvOf, draw, drawingOf } from "./plots.js";
@@ -6,7 +6,7 @@ import { inputField } from "./scatter.js";
 import { headline, probabilityAt } from "./study.js";
 import { degreesShown, digits, withInterval } from "./words.js";
 
-const MARGIN_DEG = 4; // shown besides where the probability changes
+const MARGIN_DEG = 4; // shown on both sides of the range in which the probability changes
 const ABOUT_MEAN = "Mean and median are of the samples, which reach further to one side; the verdict has the angle with the inputs as given.";
 const [ROW_PX, AXIS_PX] = [38, 70];
 
@@ -58,9 +58,9 @@ export function drawCurve(root, study, values) {
   });
 }
 
-/** Draw how far each input moves the critical angle, the furthest on top. */
+/** Draw how far each input moves the critical angle, the largest swing on top. */
 export function drawTornado(root, study, values) {
-  const bars = swings(study).reverse(); // Plotly begins at the bottom
+  const bars = swings(study).reverse(); // Plotly draws the first bar at the bottom
   drawingOf(root).style.height = `${bars.length * ROW_PX + AXIS_PX}px`;
   const trace = {
     type: "bar",
@@ -90,7 +90,7 @@ export function drawTornado(root, study, values) {
   });
 }
 
-/** Return a table of the sensitivities. */
+/** Return a table of Sobol indices and swings, with a note that explains them. */
 export function sensitivityTable(study) {
   const spans = new Map(swings(study).map(({ field, span }) => [field, span]));
   const rows = study.sensitivity.map(({ field, first_order: first, total }) => {
@@ -108,7 +108,7 @@ export function sensitivityTable(study) {
   return element("div", {}, indices, element("p.quiet", {}, note));
 }
 
-/** Return a sentence or two on a study. */
+/** Return two paragraphs that summarize a study. */
 export function describeStudy(study) {
   const { mean_deg: mean, standard_deviation_deg: deviation, share_without_angle: without } = study.critical_angle;
   const angle = headline(study);

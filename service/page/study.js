@@ -1,4 +1,4 @@
-// A study of how sure a critical angle is: computed as jobs, the answers kept by case and inputs.
+// Computes a study of the uncertainty of a critical angle as jobs.
 
 import { angleRequest } from "./case.js";
 import { nodeAt } from "./contract.js";
@@ -10,15 +10,15 @@ import { inUnits } from "./units.js";
 import { degreesShown, withInterval } from "./words.js";
 
 /**
- * Compute a study as a job, with few samples and, if those do not suffice, with all.
+ * Compute a study as a job with few samples and, if these do not suffice, as another job with all samples.
  *
- * @param {{values: object, inputs: object[], sampling: object, key?: string}} study `key` is that of a result with few samples
+ * @param {{values: object, inputs: object[], sampling: object, key?: string}} study `key` names a stored result with few samples
  * @param {AbortSignal} signal cancels the job too
- * @yields {object} answers of `/cra/uncertainty`; before each what its job reports: `samples`, and at times the curve so far
+ * @yields {object} answers of `/cra/uncertainty`, each after the progress of its job: `samples`, and sometimes the curve so far
  */
 export async function* computeStudy({ values, inputs, sampling, key }, signal) {
   const { minimum, default: usual } = nodeAt("sampling.max_samples", {});
-  const few = 2 * minimum; // the minimum leaves no room to change each input alone
+  const few = 2 * minimum; // the minimum leaves no samples for changing each input alone
   const most = sampling.max_samples ?? usual;
   const uncertain = inputs.map((input) => uncertainInput(input, values));
   if (key) {
@@ -41,21 +41,21 @@ export async function* computeStudy({ values, inputs, sampling, key }, signal) {
   }
 }
 
-/** Return the answer of a job that has ended, and delete it: a list of jobs is no place for each change of an input. */
+/** Return the answer of a job that has ended, and delete the job, so that the list of jobs does not grow with each change of an input. */
 async function answerOf(id, signal) {
   const [item] = (await untilAnswered(() => request(`jobs/${id}/results`, { signal }), signal)).data.results;
   if (!item) throw new Error("The job of the study was cancelled.");
-  request(`jobs/${id}`, { method: "DELETE" }).catch(() => {}); // its result is kept in the cache
+  request(`jobs/${id}`, { method: "DELETE" }).catch(() => {}); // its result stays in the cache
   if (item.problem) throw new Problem(item.problem);
   return item.result;
 }
 
-/** Return a quantile of the critical angle, if it is known. [°] */
+/** Return a quantile of the critical angle [°]; undefined if it is not known. */
 export function quantileOf({ critical_angle: angle }, level) {
   return angle?.quantiles.find((each) => each.level === level)?.value;
 }
 
-/** Return the probability of ricochet at an angle with half of its interval, which is of the sampling. [°] */
+/** Return the probability of ricochet at an angle [°], and half the width of its interval, which is the sampling error. */
 export function probabilityAt({ probability }, angle) {
   const { oblique_angle_deg: angles, ricochet_probability: values, lower, upper } = probability;
   const next = angles.findIndex((each) => each >= angle);

@@ -1,10 +1,10 @@
-// Light or dark: as the system has it, or as chosen.
+// The light or dark theme, as the system or the user prefers.
 
 import { keep, kept } from "./storage.js";
 
 const STORED = "ricochet-theme";
 
-/** Fires `change` when the colours are others. */
+/** Fires `change` when the colours change. */
 export const themeChanges = new EventTarget();
 
 /** Follow the system until another theme is chosen in this <select>. */

@@ -4,19 +4,19 @@ import { element } from "./elements.js";
 import { contactOf } from "./side-view.js";
 
 const RADIAN = Math.PI / 180;
-const [LEAST_DEG, MOST_DEG] = [0, 89.9]; // as the slider of the form
+const [LEAST_DEG, MOST_DEG] = [0, 89.9]; // range of the slider in the form
 const STEPS = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 5, PageDown: -5, Home: -Infinity, End: Infinity };
 
-/** The handle. */
+/** A slider that is moved by dragging or by keys. */
 export class TurnHandle {
   isHeld = false;
   #run;
-  #angle; // of the velocity from the normal, as it was last turned to or drawn [°]
+  #angle; // between velocity and normal, as last turned or drawn [°]
 
   /**
-   * @param {HTMLElement} root of the side view
-   * @param {{onTurn: (angle: number) => void, onHold: (isHeld: boolean) => void}} listeners `onHold` is called as the handle is
-   *   taken and let go
+   * @param {HTMLElement} root element of the side view
+   * @param {{onTurn: (angle: number) => void, onHold: (isHeld: boolean) => void}} listeners `onHold` is called when the handle
+   *   is grabbed and when it is released
    */
   constructor(root, { onTurn, onHold }) {
     Object.assign(this, { plotRoot: root, onTurn });
@@ -46,12 +46,12 @@ export class TurnHandle {
     });
   }
 
-  /** Go along with what is drawn. */
+  /** Adapt the handle to the run that is drawn; `words` describe its outcome. */
   follow(run, words) {
     this.#run = run;
     if (!this.isHeld) this.#angle = run.values.impact.oblique_angle_deg;
     this.root.setAttribute("aria-valuetext", `${run.values.impact.oblique_angle_deg}° from the normal: ${words}`);
-    if (!this.root.isConnected) this.plotRoot.append(this.root); // below the drawing, which comes first
+    if (!this.root.isConnected) this.plotRoot.append(this.root); // after the drawing, which comes first
     this.place();
   }
 

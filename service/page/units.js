@@ -1,4 +1,4 @@
-// Units: those shown, SI or US customary, and those understood where a number is typed.
+// Units: those in which the page shows quantities, SI or US customary, and those that may be typed.
 
 import { keep, kept } from "./storage.js";
 
@@ -16,17 +16,17 @@ const KINDS = {
   force: { N: 1, kN: 1e3, MN: 1e6, lbf: 4.4482216152605, kip: 4448.2216152605 },
   energy: { J: 1, kJ: 1e3, MJ: 1e6, "ft lbf": 1.3558179483314 },
 };
-/** What is shown in US customary units instead. */
+/** US customary units that replace units of SI. */
 const US = { "m/s": "ft/s", m: "ft", mm: "in", kg: "lb", MPa: "psi", GPa: "ksi", "kg/m³": "lb/ft³", "kg m²": "lb ft²", kN: "kip", kJ: "ft lbf", J: "ft lbf", N: "lbf", Pa: "psi" };
 const COLUMN = /_(m_s|kg_m3|kg_m2|m|kg|pa|n_m|n|j)$/;
 const COLUMNS = { m_s: ["ft_s", 0.3048], kg_m3: ["lb_ft3", 16.018463373960142], kg_m2: ["lb_ft2", 0.042140110093804], m: ["in", 0.0254], kg: ["lb", 0.45359237], pa: ["psi", 6894.757293168], n_m: ["ft_lbf", 1.3558179483314], n: ["lbf", 4.4482216152605], j: ["ft_lbf", 1.3558179483314] };
 
-/** Systems of units by their names in addresses and requests. */
+/** Names of the systems of units in addresses and requests. */
 export const SYSTEMS = ["si", "us"];
 
 let isUs = kept(STORED) === "us";
 
-/** Follow a <select> of the units; `onChange` is called when others are chosen. */
+/** Follow a <select> of the units; `onChange` is called when the user chooses other units. */
 export function followUnits(select, onChange) {
   select.value = isUs ? "us" : "si";
   select.addEventListener("change", () => {
@@ -36,7 +36,7 @@ export function followUnits(select, onChange) {
   });
 }
 
-/** Show the units of an address, if it names any; they are not kept for others. */
+/** Show the units that an address names, if any, without storing them as the user's choice. */
 export function showUnits(name, select) {
   if (!SYSTEMS.includes(name)) return;
   isUs = name === "us";
@@ -48,12 +48,12 @@ export function areUs() {
   return isUs;
 }
 
-/** Return the body of a request with the units shown, in which the texts of its answer are. */
+/** Add the units shown to the body of a request, so that the texts of its answer use them. */
 export function inUnits(body) {
   return isUs ? { ...body, units: "us" } : body;
 }
 
-/** Return the unit shown instead of one of SI, and what it is in the unit of SI without prefix: mm gives 1e-3. */
+/** Return the unit shown for a unit of SI, and its factor to the unit without prefix: 1e-3 for mm. */
 export function unitOf(si) {
   const unit = isUs ? (US[si] ?? si) : si;
   return { unit, factor: kindOf(si)?.[unit] ?? 1 };
@@ -62,16 +62,16 @@ export function unitOf(si) {
 /**
  * Read a number with a decimal point or comma and, if it has one, a unit: `250,5`, `5656 psi`, `1,200.5 mm`.
  *
- * A comma before three digits, as in `2,500`, divides thousands; any other by itself is a decimal one.
+ * A comma before three digits, as in `2,500`, separates thousands; any other single comma is a decimal comma.
  *
- * @returns {{value?: number, wrong?: string, note?: string}} in SI; without a unit it is in the one shown; `note` says how what
- *   may be read in two ways was read
+ * @returns {{value?: number, wrong?: string, note?: string}} `value` in SI; a number without a unit is in the one shown;
+ *   `note` says how an ambiguous number was read
  */
 export function readQuantity(text, si) {
   const [, digits, name] = text.replaceAll("−", "-").trim().match(/^([-+]?[\d.,'\s]*(?:e[-+]?\d+)?)\s*(.*)$/i);
   const bare = digits.replace(/['\s]/g, "");
   const isThousands = /^[-+]?[1-9]\d{0,2},\d{3}$/.test(bare);
-  const isGrouped = isThousands || /,.*[,.]/.test(bare); // as 1,200.5 is
+  const isGrouped = isThousands || /,.*[,.]/.test(bare); // such as 1,200.5
   const value = Number(isGrouped ? bare.replaceAll(",", "") : bare.replace(/,(?=\d*(e|$))/i, "."));
   if (!bare || !Number.isFinite(value)) return { wrong: `${JSON.stringify(text)} is not a number` };
   const known = kindOf(si) ?? {};
@@ -82,7 +82,7 @@ export function readQuantity(text, si) {
   return { value: Number((value * (known[found] ?? 1)).toPrecision(15)), note };
 }
 
-/** Return columns of SI, whose names end with their unit, in the units shown. */
+/** Convert columns in SI, whose names end with their unit, to the units shown. */
 export function inShownColumns(columns) {
   if (!isUs) return columns;
   const entries = Object.entries(columns).map(([name, values]) => {

@@ -1,4 +1,4 @@
-// Parameters of an address that the page does not understand: named, so that nobody takes the case for another.
+// Names the parameters of an address that the page cannot read, so that nobody mistakes the case for another.
 
 import { readCase, readParameter } from "./address.js";
 import { MOST_PINS } from "./compare.js";
@@ -8,7 +8,7 @@ import { OPERATIONS, readAxis } from "./sweep.js";
 import { SYSTEMS } from "./units.js";
 
 const isNumber = (text) => text !== "" && Number.isFinite(Number(text));
-/** A pinned strike is a query within the query; those after the last that is taken are left out. */
+/** Return whether a pinned strike, which is a query within the query, can be read and is within the limit. */
 const isPin = (text, query) => {
   const pinned = [...new URLSearchParams(text)];
   const values = readCase(new URLSearchParams(text));
@@ -16,7 +16,7 @@ const isPin = (text, query) => {
   return isTaken && pinned.every(([name, given]) => readParameter(name, given, values) !== undefined);
 };
 const isAxis = (text) => readAxis(text) !== undefined;
-/** Parameters of views beside those of the case, each with what can be read. */
+/** Parameters of each view besides those of the case, with functions that return whether a text can be read. */
 const OWN = {
   explore: { time_ms: isNumber, pin: isPin },
   "critical-angle": { offset_deg: isNumber },

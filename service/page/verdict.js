@@ -1,5 +1,5 @@
-// The verdict on a case: the sentence of the service, what happens at its oblique angle, how probable that is, the critical angle with
-// its range, and the range over the theories on one strip with the angle of the case.
+// The verdict on a case: the sentences of the service with the outcome, its probability and the critical angle, and a strip with the
+// oblique angle of the case, the critical angles of the theories and the 90 % range.
 
 import { address, caseQuery } from "./address.js";
 import { angleRequest, valueAt, withValue } from "./case.js";
@@ -14,22 +14,22 @@ import { clearParts, markFresh, markStale } from "./stale.js";
 import { inUnits } from "./units.js";
 import { capital, degreesShown, describeAngle, digits, endingShown, lengthShown, quantityShown, statusShown, warningList, withInterval } from "./words.js";
 
-const REST_MS = 300; // without a change before the spread and the theories are computed: they are hundreds of searches
+const REST_MS = 300; // pause without a change before the spread and the theories are computed, which takes hundreds of searches
 const STRENGTH = "resistance.strength_factor";
-const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2 }; // px and °; rows of labels, at least
+const STRIP = { edge: 14, margin_deg: 4, row: 13, rows: 2 }; // lengths in px, the margin in °; `rows` is the least number of rows of labels
 
 /**
- * Return the verdict on a strike: in a line what decides, in another what it means, and the design values of a wall.
+ * Return the verdict on a strike: the deciding sentence, the sentences that explain it, and the design values of a wall.
  *
- * Together they are the sentence of the service; until that is known, the first says how the strike ends.
+ * Together they are the `sentence` of the service; until that arrives, `first` says how the strike ends.
  *
  * @param {{values: object, run: object, found: object, judged?: object}} known the answers to `/trajectory`, `/cra` and
- *   `/verdict` for a case; the range of `judged` may be that of another oblique angle
- * @returns {{first: string, second: string, end: string, design: string, angle?: string, line: string}} `angle` is the critical one,
- *   as `second` has it, `end` where the strike ends with the inputs as given, and `line` is for a line: the end comes first
+ *   `/verdict` for a case; `judged` may be for another oblique angle, which does not change its range
+ * @returns {{first: string, second: string, end: string, design: string, angle?: string, line: string}} `angle` is the critical angle as
+ *   written in `second`, `end` says where the strike ends with the inputs as given, and `line` is a summary in one line
  */
 function verdictOf({ values, run, found, judged }) {
-  const mine = `${clipped(values).impact.oblique_angle_deg}°`; // of the strike that is computed; a warning names it
+  const mine = `${clipped(values).impact.oblique_angle_deg}°`; // angle of the strike that is computed; if it was clipped, a warning says so
   const angle = found.critical_angle_deg && degreesShown(found.critical_angle_deg, decimalsOf(judged));
   const range = judged?.range_text ? `, 90 % range ${judged.range_text}` : "";
   const isJudged = judged?.oblique_angle_deg === values.impact.oblique_angle_deg;
@@ -40,17 +40,17 @@ function verdictOf({ values, run, found, judged }) {
     return { first: `At ${mine} from the normal, with the inputs as given: ${endingShown(run)}.`, second, end: endOf(run), design: "", angle, line };
   }
   const [first, ...others] = sentencesOf(judged.sentence);
-  const last = others.findIndex((each) => each.startsWith("Wall ")) + 1 || others.length; // the values of a wall follow
+  const last = others.findIndex((each) => each.startsWith("Wall ")) + 1 || others.length; // the design values of a wall follow
   const end = range && judged.probability_text === undefined ? `${mine} is not in the range searched. ${endOf(run)}` : endOf(run);
   return { first, second: others.slice(0, last).join(" "), end, design: others.slice(last).join(" "), angle, line };
 }
 
-/** Return the sentences of a text: each ends with a full stop before a capital. */
+/** Split a text into sentences, which end with a full stop before a capital letter. */
 export function sentencesOf(text) {
   return text.split(/(?<=\.) (?=[A-Z])/);
 }
 
-/** Put a verdict into an element: what decides, and in a second line what it means. */
+/** Show a verdict in an element: the deciding sentence, and the sentences that explain it. */
 export function showCard(root, { first, second, end = "", angle, line = "" }, outcome) {
   const [before, ...after] = second.split(angle);
   const rest = after.length ? [before, element("strong.angle", {}, angle), after.join(angle)] : [before];
@@ -58,7 +58,7 @@ export function showCard(root, { first, second, end = "", angle, line = "" }, ou
   root.replaceChildren(element("p.outcome.figures", { "data-outcome": outcome }, ...parts));
 }
 
-/** Return the section of a verdict: its first part stays at the upper edge of the window, beside the form or above it. */
+/** Return the section of a verdict, whose first part stays at the upper edge of the window. */
 export function verdictSection(...parts) {
   const setHeight = () => document.documentElement.style.setProperty("--verdict", `${parts[0].offsetHeight}px`);
   new ResizeObserver(setHeight).observe(parts[0]);
@@ -67,16 +67,16 @@ export function verdictSection(...parts) {
 
 /** The panel with the verdict. */
 export class Verdict {
-  #key; // of the case whose angle is shown
+  #key; // `keyOf` the case whose angle is shown
   #values;
   #run; // of the case at its oblique angle
   #judged; // the answer to `/verdict`, perhaps for another oblique angle
 
   /**
    * @param {{onError: (error: Error) => void, onAngle?: (found: object, values: object) => void, onJudged?: (judged: object) => void, hasRun?: boolean, isLine?: boolean}} options
-   *   `onAngle` is called with the answer of `/cra` for the inputs shown, whenever these change, `onJudged` with that of `/verdict`
-   *   once it is known what usually scatters; with `hasRun` the view computes the run and gives it to `setRun`; with `isLine` the
-   *   verdict is a line that unfolds to the rest
+   *   `onAngle` is called with the answer of `/cra` whenever the inputs shown change, `onJudged` with the answer of `/verdict` once
+   *   scatter.js has its usual scatter; with `hasRun` the view computes the run and passes it to `setRun`; with `isLine` the verdict
+   *   is one line that expands
    */
   constructor({ onError, onAngle = () => {}, onJudged = () => {}, hasRun = false, isLine = false }) {
     Object.assign(this, { onAngle, onJudged, hasRun });
@@ -108,19 +108,19 @@ export class Verdict {
     this.updateAngle(values);
   }
 
-  /** Return whether the angle that is shown is that of a case. */
+  /** Return whether the critical angle shown belongs to a case. */
   isOf(values) {
     return keyOf(values) === this.#key;
   }
 
-  /** Take the run of the case, which the view has computed. */
+  /** Accept the run of the case from the view, which has computed it. */
   setRun(run) {
     if (run.values !== this.#values) return;
     this.#run = run;
     if (this.isOf(run.values)) this.#show();
   }
 
-  /** Show that the inputs are about to change. */
+  /** Mark the verdict as out of date, because the inputs are being changed. */
   hold() {
     this.updateAngle.cancel();
     this.updateJudged.cancel();
@@ -128,16 +128,16 @@ export class Verdict {
     markStale(this.card, this.warnings, this.strip, this.design, this.spread, this.fit);
   }
 
-  /** Show none, as a field is not accepted. */
+  /** Remove the verdict, because a field is not accepted. */
   clear() {
     this.hold();
     const others = [this.warnings, this.strip, this.design, this.spread, this.fit];
     for (const part of others) part.replaceChildren();
     markFresh(...others);
-    clearParts(this.card); // says so once
+    clearParts(this.card); // the message is needed only once
   }
 
-  /** Keep the height that it has, or take what its words need: a picture below must not move under the pointer that drags in it. */
+  /** Fix the current height, or release it, so that a picture below does not move under a pointer that drags in it. */
   keepHeight(isKept) {
     for (const part of this.parts) {
       const kept = { height: `${part.offsetHeight}px`, overflow: "clip" };
@@ -185,8 +185,8 @@ export class Verdict {
   }
 
   /**
-   * Return the warnings of the search and of the verdict that belong beside those of the run: not one that the run has of its own
-   * angle, and those of the search with a word on that.
+   * Return the warnings of the search and of the verdict to show beside those of the run: without codes that the run has itself,
+   * and those of the search prefixed with "at the critical angle".
    */
   #warningsBeside(run) {
     const own = new Set(run.warnings.map(({ code }) => code));
@@ -204,24 +204,24 @@ export class Verdict {
     this.fit.replaceChildren(...(this.#judged?.own_tests ? [changesOf(this.#judged)] : []));
     showText(this.spread, [describeAngle(this.found, decimalsOf(this.#judged)), this.#judged ? describeRange(this.#judged) : ""].join(" "));
     this.warnings.replaceChildren(...warningList(run.warnings, this.#warningsBeside(run)));
-    // One card shows one critical angle: beside that of a law of one's own, the theories stand in words alone.
+    // The strip must not show several critical angles for a law of the user's own, so there the theories appear only in the text.
     const theories = (this.#judged?.own_law ? [] : this.#judged?.theories ?? []).filter((each) => each.critical_angle_deg !== undefined);
     const { lower_deg: lower, upper_deg: upper } = this.#judged?.range ?? {};
     const range = lower === undefined ? [] : [lower, upper];
     const { oblique_angle_deg: mine } = values.impact;
     this.strip.replaceChildren(stripOf(mine, this.found.critical_angle_deg, theories, range, this.strip.clientWidth, decimalsOf(this.#judged)));
     markFresh(this.card, this.strip, this.design, this.fit);
-    // Until the verdict is there, a warning may turn out to be a standing note.
+    // Until the verdict arrives, a warning may turn out to be a standing note.
     if (this.#judged?.oblique_angle_deg === mine) markFresh(this.warnings);
   }
 }
 
-/** Return the decimals of a critical angle as the sentence of a verdict has them: one more than its range, at most 2; 1 without. */
+/** Return the decimals of a critical angle, as in the sentences of a verdict: one more than its range has, or 1 without a range. */
 function decimalsOf(judged) {
   return judged?.range_text?.includes(".") ? 2 : 1;
 }
 
-/** Return where a run has ended in a sentence. */
+/** Describe in a sentence where a run ended. */
 function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
   const given = "With the inputs as given it";
   if (outcome === "perforated") return `${given} goes on at ${quantityShown(exit?.speed_m_s ?? final.depth_velocity_m_s, "m/s")}.`;
@@ -230,7 +230,7 @@ function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
   return `${given} ${outcome === "embedded" ? "stops" : "is in motion"} ${after}`;
 }
 
-/** Return what the range stands for in words. */
+/** Explain in words what the range covers. */
 function describeRange(judged) {
   const { usual_scatter: scatter, strength_factor_dispersion: dispersion, theories, share_without_angle: without, theory_range: range } = judged;
   const inputs = scatter.map(({ field }) => inputField(field).label.toLowerCase()).join(", ");
@@ -246,7 +246,7 @@ function describeRange(judged) {
   ].filter(Boolean).join(" ");
 }
 
-/** A strip of angles: the theories as strokes, the 90 % range as a band, the angle of the case as a pointer; each has its label. */
+/** Draw a strip of angles: the theories as strokes, the 90 % range as a band and the angle of the case as a pointer, each with a label. */
 function stripOf(mine, critical, theories, range, width, decimals) {
   const shown = (angle) => degreesShown(angle, decimals);
   const ends = theories.map((each) => each.critical_angle_deg).sort((a, b) => a - b);
@@ -272,7 +272,7 @@ function stripOf(mine, critical, theories, range, width, decimals) {
     { angle: range[1], name: "band", text: "90 % range" },
   ].filter(({ angle }) => angle !== undefined);
   const pen = document.createElement("canvas").getContext("2d");
-  pen.font = `600 11px ${getComputedStyle(document.body).fontFamily}`; // of the widest labels
+  pen.font = `600 11px ${getComputedStyle(document.body).fontFamily}`; // the font of the widest labels
   const rows = inRows(marks.map(({ angle, text }) => ({ x: at(angle), length: pen.measureText(text).width })), size);
   const top = STRIP.row * Math.max(STRIP.rows, ...rows.map(({ row }) => row + 1)); // the lower end of the labels
   const stroke = ({ angle, name }, begin, end) => svg("line", { class: name, x1: at(angle), x2: at(angle), y1: begin, y2: end });
@@ -291,9 +291,9 @@ function stripOf(mine, critical, theories, range, width, decimals) {
 }
 
 /**
- * Return the places of labels whose leaders run down at `x`: some on the left end there, the others begin there, each in a row above
- * all that it would touch, so that no leader runs through a label. Those moved into the picture may cover leaders beside theirs, and
- * may be placed last, above these. Of all ways the one that crosses none, moves least and takes the fewest rows is taken.
+ * Place labels whose leaders run down at `x`. Labels left of a cut end at their leader, the others begin there, and each is in a row above
+ * all labels that it would touch, so that no leader crosses a label. A label that is moved into the picture may cover leaders beside its
+ * own, so such labels may be placed last, above the others. The best placing has no crossings, the smallest moves and the fewest rows.
  */
 function inRows(labels, size) {
   const order = [...labels.keys()].sort((one, other) => labels[one].x - labels[other].x);
@@ -313,7 +313,7 @@ function inRows(labels, size) {
   return placings.reduce((best, each) => (each.cost < best.cost ? each : best)).placed;
 }
 
-/** Return what own tests change: S in normal impact and, once `before` is known, the verdict by the published tests alone. */
+/** Return a table of what the user's own tests change: S at normal impact and, once `before` is known, the verdict. */
 function changesOf({ before, ...judged }) {
   const { own_tests: tests, oblique_angle_deg: mine } = judged;
   const angleOf = ({ critical_angle_deg: angle, status }) => (angle === undefined ? statusShown(status) : degreesShown(angle, decimalsOf(judged)));
@@ -329,7 +329,7 @@ function percent(share) {
   return `${value > 0 && value < 10 ? digits(value, 2) : value.toFixed(0)} %`;
 }
 
-/** Return what a critical angle depends on, as text. */
+/** Return a text that identifies the inputs of a critical angle. */
 function keyOf(values) {
   return JSON.stringify(angleRequest(values));
 }

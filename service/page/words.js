@@ -1,4 +1,4 @@
-// Outcomes, statuses and warnings in words.
+// Texts for quantities, outcomes, statuses and warnings.
 
 import { names } from "./contract.js";
 import { element } from "./elements.js";
@@ -10,10 +10,10 @@ const STATUSES = {
   not_converged: "The search did not converge.",
 };
 
-/** Quantities below these are noise of the computation, not results: a tenth of the unit that SI shows. */
+/** Smaller values are numerical noise and shown as 0: a tenth of the unit shown in SI. */
 const NOISE = { mm: 1e-4, "m/s": 0.1, "°": 0.1 };
 
-/** Return a number as text with so many significant digits, without a trailing exponent where it can be. */
+/** Format a number with `count` significant digits, without an exponent if possible. */
 export function digits(value, count = 3) {
   if (value === 0) return "0";
   const size = Math.floor(Math.log10(Math.abs(value)));
@@ -21,57 +21,57 @@ export function digits(value, count = 3) {
   return value.toFixed(Math.max(0, Math.min(12, count - 1 - size)));
 }
 
-/** Return a quantity in SI as text, as in `238 m/s`; `si` is the unit in which SI shows it. What is given has 4 digits and more. */
+/** Format a quantity given in SI, such as `238 m/s`; `si` is its unit when SI is shown. With a `count` above 3, trailing zeros are dropped. */
 export function quantityShown(value, si, count = 3) {
   const { unit } = unitOf(si);
   return `${numberShown(value, si, count)}${unit === "°" ? "" : " "}${unit}`;
 }
 
-/** Return the number of a quantity in SI as text, in the unit shown, as a column has it whose head names the unit. */
+/** Format the number of a quantity given in SI, in the unit shown but without it, for a column whose head names the unit. */
 export function numberShown(value, si, count = 3) {
   if (Math.abs(value) < NOISE[si]) return "0";
   const shown = value / unitOf(si).factor;
   return count > 3 ? String(Number(shown.toPrecision(count))) : digits(shown, count);
 }
 
-/** Return a length in SI as text: in millimetres, or inches. */
+/** Format a length given in SI, in millimetres or inches. */
 export function lengthShown(value, count = 3) {
   return quantityShown(value, "mm", count);
 }
 
-/** Return how a run ended in a few words, with how far the body stands out of the rear face of a wall. */
+/** Describe in a few words how a run ended, including how far the body stands out of the rear face of a wall. */
 export function endingShown({ outcome, protrusion }) {
   const out = outcome === "embedded" && protrusion?.final_m;
   return out ? `${outcomeShown(outcome)}, its nose ${lengthShown(out)} out of the rear face` : outcomeShown(outcome);
 }
 
-/** Return a value with its interval, as in "0.76 (0.7 to 0.8)"; by itself where both ends read as it does. */
+/** Format a value with its interval, as in "0.76 (0.7 to 0.8)"; without it if both ends look like the value. */
 export function withInterval(value, lower, upper, shown) {
   const [middle, ...ends] = [value, lower, upper].map((each) => shown(each));
   return ends.every((end) => end === middle) ? middle : `${middle} (${ends.join(" to ")})`;
 }
 
-/** Return a critical angle as text. */
+/** Format an angle given in degrees. */
 export function degreesShown(value, decimals = 2) {
   return `${value.toFixed(decimals)}°`;
 }
 
-/** Return the outcome of a run in a word or two. */
+/** Return the display name of an outcome. */
 export function outcomeShown(outcome) {
   return names.outcomes[outcome];
 }
 
-/** Return how a search without an angle ended in a word or two. */
+/** Return the display name of the status of a search. */
 export function statusShown(status) {
   return names.statuses[status];
 }
 
-/** Return what a warning is about in a few words. */
+/** Return the short name of a warning. */
 export function warningShown(code) {
   return names.warnings[code] ?? code.replaceAll("_", " ");
 }
 
-/** Return how a run ended in a sentence or two; the verdict has its depth and its speed. */
+/** Describe in a few sentences how a run ended; its depth and its speed are in the verdict. */
 export function describeRun(run) {
   const { final, target } = run;
   return (
@@ -80,7 +80,7 @@ export function describeRun(run) {
   );
 }
 
-/** Return what the outcome of a run means for the wall that Walls judges. */
+/** Say what the outcome of a run means for a wall, on which the Walls view and the verdict say more. */
 function wallOf({ outcome, protrusion, target: { thickness_m: thickness } }) {
   if (outcome === "in_motion") return "";
   if (thickness === undefined) return outcome === "embedded" ? " This concrete has no rear face: Walls says how thick a wall must be." : "";
@@ -89,7 +89,7 @@ function wallOf({ outcome, protrusion, target: { thickness_m: thickness } }) {
   return ` The wall of ${lengthShown(thickness, 6)} is ${word} by this model,${out} which is unconservative: the verdict says whether it is enough.`;
 }
 
-/** Return what a search found besides the angle, in sentences; how it ended if there is none. */
+/** Describe the results of a search besides its angle or, if there is no angle, how the search ended. */
 export function describeAngle(found, decimals) {
   const outcomes = found.outcomes ? outcomesShown(found.outcomes, decimals) : "";
   if (found.critical_angle_deg === undefined) return [STATUSES[found.status], outcomes].filter(Boolean).join(" ");
@@ -104,7 +104,7 @@ export function describeAngle(found, decimals) {
   ].filter(Boolean).join(" ");
 }
 
-/** Return the outcomes of a wall by oblique angle, as in "Perforated from 5.0° to 41.0°, ricochet from 41.0° to 85.0°." */
+/** Describe the outcomes for a wall by oblique angle, as in "Perforated from 5.0° to 41.0°, ricochet from 41.0° to 85.0°." */
 function outcomesShown(outcomes, decimals) {
   const shown = (angle) => degreesShown(angle, decimals);
   const intervals = outcomes.map(({ outcome, lower_deg: lower, upper_deg: upper }, i) => {
@@ -115,12 +115,12 @@ function outcomesShown(outcomes, decimals) {
   return sentence(intervals.join(", "));
 }
 
-/** Codes of warnings, the worst first; what is not here comes after, but before those at the end. */
+/** Codes of warnings, the worst first; all others follow, `strength_fit_extrapolated` last. */
 const WORST = ["implausible", "base_strikes_first", "velocity_beyond_rigid", "bends", "undecided", "tumbling", "range_clipped", "rear_face_unconservative", "retention_decides", "shallow_penetration"];
 
 /**
- * Return warnings in a line, with how many there are and the worst, and the standing notes in another; both unfold to all of
- * theirs. A warning that another one repeats with more to say is left out; of the same ones the last counts.
+ * Return two collapsed lists: the warnings, below their number and the worst of them, and the standing notes. A warning whose text
+ * begins another, longer one is left out; the last of identical warnings counts.
  */
 export function warningList(...lists) {
   const all = [...new Map(lists.flat().map((each) => [each.detail, each])).values()];

@@ -24,12 +24,12 @@ import { outcomeShown } from "../words.js";
 const OFFSET = "offset_deg";
 const OFFSETS = [0.01, 0.1, 0.5, 1, 2, 5];
 const LARGEST_DEG = 89.9;
-const REST_MS = 300; // without a change before the curves are computed: they are 26 searches
+const REST_MS = 300; // pause without a change before the curves are computed, which takes 26 searches
 
 /** Show the view. */
 export async function show(root, query) {
   const fail = (error) => form.fail(error);
-  let [found, foundFor] = [undefined, undefined]; // of the user's own search, and its case
+  let [found, foundFor] = [undefined, undefined]; // the answer for the search of the case, and this case
   const laws = lawsFold(fail, { hasStrike: false });
   const searches = buildFold("How it was found", searchParts(), (values, signal) => showSearches(searches.root, values, signal), fail);
   const verdict = new Verdict({
@@ -113,7 +113,7 @@ export async function show(root, query) {
   };
 }
 
-/** Return the search of a case by a method: with the settings of the case if that is its method. */
+/** Return the search by a method, with the settings of the case if it uses this method. */
 function searchOf(values, method) {
   return method === values.search?.method ? values.search : { method };
 }
@@ -135,7 +135,7 @@ function searchParts() {
   );
 }
 
-/** Show how the three searches converge, the user's own first. */
+/** Show how the three searches converge. */
 async function showSearches(root, values, signal) {
   const part = (name) => root.querySelector(name);
   const answers = {};

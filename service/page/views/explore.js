@@ -1,4 +1,4 @@
-// Explore: one strike, as its fields are changed.
+// Explore: one strike, computed again whenever its fields change.
 
 import { address, caseOf, caseQuery, readAddress, readCase, replaceAddress } from "../address.js";
 import { lawsFold } from "../alternatives.js";
@@ -21,7 +21,7 @@ import { TurnHandle } from "../turn-handle.js";
 import { Verdict } from "../verdict.js";
 import { describeRun, outcomeShown } from "../words.js";
 
-const REST_MS = 1000; // without a change before histories out of sight are drawn: that takes as long as several steps of a slider
+const REST_MS = 1000; // delay before histories out of view are drawn, which takes as long as several steps of a slider
 const ABOUT = "A rigid projectile strikes concrete at an angle from the normal; above the critical angle it ricochets.";
 
 /** Show the view. */
@@ -31,7 +31,7 @@ export async function show(root, query) {
 }
 
 class Explore {
-  changed = performance.now(); // when a field was
+  changed = performance.now(); // time of the latest change of a field
 
   constructor(root, query) {
     const fail = (error) => this.form.fail(error);
@@ -40,14 +40,14 @@ class Explore {
     this.compare = new Compare(readPins(query), { currentCase: () => this.form.currentCase(), onChange: () => this.changePins() });
     const parts = build(root, this.verdict.root, this.compare.root, this.laws.root);
     this.parts = parts;
-    this.instant = query.has("time_ms") ? Number(query.get("time_ms")) / 1e3 : Infinity; // the last unless chosen
+    this.instant = query.has("time_ms") ? Number(query.get("time_ms")) / 1e3 : Infinity; // the last one unless another is chosen
     this.updatePicture = latest((values, signal) => this.showPicture(values, signal), fail);
     this.updateHistories = latest((start, signal) => this.showHistories(start, signal), fail, { supersede: true });
     this.handle = new TurnHandle(parts.side, {
       onTurn: (angle) => this.form.setField("impact.oblique_angle_deg", angle),
       onHold: (isHeld) => {
-        this.verdict.keepHeight(isHeld); // it stands above the picture
-        if (!isHeld && !this.form.isHeld) this.updatePicture(this.form.currentCase()); // the frame fits again
+        this.verdict.keepHeight(isHeld); // it is above the picture, which must not move
+        if (!isHeld && !this.form.isHeld) this.updatePicture(this.form.currentCase()); // fits the frame to the picture again
       },
     });
     this.scrubber = buildScrubber(parts.scrubber, (row) => this.showInstant(row));
@@ -71,7 +71,7 @@ class Explore {
     this.change(this.form.currentCase());
   }
 
-  /** What belongs to this strike. */
+  /** The parts that belong to this strike. */
   get ofStrike() {
     const { outcome, side, histories, landing, flight } = this.parts;
     return [outcome, side, histories, landing, flight, ...(this.compare.pinned.length ? [this.compare.table] : [])];
@@ -107,7 +107,7 @@ class Explore {
     this.updateHistories(start);
   }
 
-  /** Show what is below the side view once it is seen, so that a slider above it does not wait for what nobody sees. */
+  /** Show the histories once they are in view, so that a slider above them does not wait for plots that nobody sees. */
   async showHistories(start, signal) {
     const { parts, run } = this;
     await untilSeen(parts.histories, REST_MS, signal);
@@ -119,13 +119,13 @@ class Explore {
     await this.showFlight(run, signal);
   }
 
-  /** Show where a body lands that is turned away. */
+  /** Show where a body lands after a ricochet. */
   async showFlight(run, signal) {
     const { landing, flight } = this.parts;
     const found = await requestFlight(run, signal);
     if (signal.aborted) return;
     flight.parentElement.hidden = !found;
-    if (!flight.querySelector(".drawing")) flight.replaceChildren(); // else words on a field that was not accepted stay
+    if (!flight.querySelector(".drawing")) flight.replaceChildren(); // removes the message on a field that was not accepted
     if (found) {
       showText(landing, flightWords(found));
       await drawFlight(flight, run, found);
@@ -140,23 +140,23 @@ class Explore {
 
   showAngle(values) {
     this.angleOf = values;
-    if (this.run?.values === values) markCritical(this.parts.side, this.criticalOf(values)); // else it is drawn with it
+    if (this.run?.values === values) markCritical(this.parts.side, this.criticalOf(values)); // otherwise the next drawing includes it
     this.showDifferences();
   }
 
-  /** Let a pointer over the path choose the instant. */
+  /** Let a pointer near the path choose the instant. */
   point({ offsetX, offsetY, target, buttons }) {
     if (buttons || !this.run || !target.closest(".drawing svg")) return;
     const row = rowNear(this.parts.side, [offsetX, offsetY]);
     if (row !== undefined && row !== this.row) this.scrubber.move(row);
   }
 
-  /** Return the critical angle of a case, if it is known: it is the same at every oblique angle. */
+  /** Return the critical angle of a case if it is known; it does not depend on the oblique angle. */
   criticalOf(values) {
     return this.verdict.isOf(values) ? this.verdict.found.critical_angle_deg : undefined;
   }
 
-  /** Show the table once it can be of the inputs: run and critical angle come by themselves. */
+  /** Show the table of differences once both the run and the critical angle of the inputs have arrived. */
   showDifferences() {
     const values = this.form.currentCase();
     if (!this.compare.pinned.length || this.run?.values !== values || this.angleOf !== values) return;
@@ -165,13 +165,13 @@ class Explore {
 
   changePins() {
     this.readdress();
-    if (this.form.isHeld) return; // what is pinned is compared once the fields have a case
+    if (this.form.isHeld) return; // the comparison follows once all fields are accepted
     markStale(this.parts.side, this.parts.histories, this.parts.scrubber);
     this.updateHistories.cancel();
     this.updatePicture(this.form.currentCase());
   }
 
-  /** Take what is pinned along to another case of this view. */
+  /** Keep the pinned strikes in a link to another case of this view. */
   keepPins(link) {
     if (link.hash) link.hash = address("explore", writePins(caseOf(readAddress(link.hash).query), this.compare.cases));
   }
@@ -241,7 +241,7 @@ function listen({ histories }, move) {
   const plot = histories.querySelector(".drawing");
   plot.removeAllListeners("plotly_hover");
   plot.on("plotly_hover", ({ points }) => {
-    const own = points.find(({ data }) => !data.meta); // not of a strike that is compared
+    const own = points.find(({ data }) => !data.meta); // not a compared strike
     if (own) move(own.pointIndex);
   });
 }

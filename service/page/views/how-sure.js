@@ -1,4 +1,4 @@
-// How sure: the probability of ricochet of a case whose inputs scatter, and what it is sensitive to.
+// How sure: the probability of ricochet of a case whose inputs scatter, and its sensitivity to them.
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { nodeAt } from "../contract.js";
@@ -16,17 +16,17 @@ import { describeStudy, drawCurve, drawTornado, sensitivityTable } from "../stud
 import { Verdict } from "../verdict.js";
 import { warningList } from "../words.js";
 
-const REST_MS = 800; // without a change before the study is run again
+const REST_MS = 800; // pause without a change before the study runs again
 
-/** Show the view; the study runs by itself, and again when its inputs change. */
+/** Show the view; the study starts automatically, and again when its inputs change. */
 export async function show(root, query) {
   const view = new HowSure(root, query);
   return () => view.leave();
 }
 
 class HowSure {
-  #work; // given up when the form changes
-  #timer; // until it is run again
+  #work; // AbortController of the study, aborted when the form changes
+  #timer; // of the pause before the study runs again
   #refused = new Set(); // forms with a field that is not accepted
 
   constructor(root, query) {
@@ -46,7 +46,7 @@ class HowSure {
     const inputs = readInputs(query);
     const values = readCase(query);
     this.sampling = readSampling(query);
-    this.isUsual = !inputs; // until an input is edited
+    this.isUsual = !inputs; // whether the usual scatter is used, until an input is edited
     const onChange = () => {
       this.isUsual = false;
       this.#change();
@@ -96,7 +96,7 @@ class HowSure {
     this.#change();
   }
 
-  /** Show the probability at another oblique angle: the study is of all of them. */
+  /** Show the probability at another oblique angle; the study covers all angles. */
   #turn(values) {
     this.verdict.setCase(values);
     if (this.study) drawCurve(this.parts.curve, this.study, values);
@@ -113,12 +113,12 @@ class HowSure {
     const isRight = Boolean(this.scatter.inputs?.length) && !this.#refused.size;
     parts.run.disabled = !isRight;
     if (!isRight) announce("A field is not accepted. Nothing is computed.", true);
-    if (!isRight) parts.results.hidden = parts.toResults.hidden = true; // nothing belongs to a field that is not accepted
+    if (!isRight) parts.results.hidden = parts.toResults.hidden = true; // there are no results for a field that is not accepted
     if (!parts.results.hidden) {
       parts.progress.textContent = "Results are for the previous inputs.";
       markStale(parts.results);
     }
-    this.isDue = isRight && this.isUsual && !this.isJudged; // the verdict says what usually scatters, and has a study of it
+    this.isDue = isRight && this.isUsual && !this.isJudged; // the verdict gives the usual scatter, and the key of a study with it
     if (this.isDue) parts.progress.textContent = "Computing ...";
     else if (isRight) this.#timer = setTimeout(() => this.#run(), REST_MS);
     this.#readdress();
@@ -128,13 +128,13 @@ class HowSure {
     const inputs = this.scatter.inputs;
     if (!inputs || this.#refused.size) return;
     const query = caseQuery(this.form.currentCase());
-    const isKnown = !this.isUsual || this.isJudged; // else what scatters is that of another case, perhaps
+    const isKnown = !this.isUsual || this.isJudged; // otherwise the inputs may be those of another case
     for (const input of isKnown ? inputs : []) query.append("scatter", writeInput(input));
     for (const [name, value] of Object.entries(this.sampling)) query.set(`sampling.${name}`, value);
     replaceAddress("how-sure", query);
   }
 
-  /** Compute the study; `key` is that of the one of the verdict, if it is of these inputs. */
+  /** Compute the study; `key` names the study of the verdict, if that has the same inputs. */
   async #run(key) {
     const inputs = this.scatter.inputs;
     if (!inputs?.length || this.#refused.size) return;
@@ -163,7 +163,7 @@ class HowSure {
     }
   }
 
-  /** Show an answer, or the curve so far. */
+  /** Show an answer, or the number of samples and the curve so far. */
   async #show(study, values, signal) {
     const { parts } = this;
     parts.progress.textContent = `${study.samples.toLocaleString("en")} samples ...`;
@@ -178,11 +178,11 @@ class HowSure {
       parts.warnings.replaceChildren(...warningList(study.warnings));
       parts.table.replaceChildren(sensitivityTable(study));
       await drawTornado(parts.tornado, study, values);
-    } // else of a job that goes on
+    } // otherwise the job is still running
     if (this.#work?.signal === signal) markFresh(parts.results);
   }
 
-  /** Bring the results into the window: the form is long. */
+  /** Scroll to the results, which may be far below in a long form. */
   #showResults() {
     this.parts.results.scrollIntoView();
     this.parts.results.focus({ preventScroll: true });

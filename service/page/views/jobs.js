@@ -1,4 +1,4 @@
-// The jobs: how far they are, their results, their end.
+// Jobs: their progress and results, and the submission of new ones.
 
 import { readCase } from "../address.js";
 import { names } from "../contract.js";
@@ -10,8 +10,8 @@ import { pause } from "../lost.js";
 import { casesOf } from "../pasted-cases.js";
 import { isAbort, request } from "../service.js";
 
-const [BUSY_MS, IDLE_MS] = [1000, 10_000]; // between two looks, while a job runs and while none does
-const PAGE = 50; // jobs that are looked at each time
+const [BUSY_MS, IDLE_MS] = [1000, 10_000]; // polling intervals while a job runs, and while none does
+const PAGE = 50; // jobs in each request
 
 /** Show the table of jobs, and keep it up to date. */
 export async function show(root, query) {
@@ -23,10 +23,10 @@ export async function show(root, query) {
 class JobsView {
   #life = new AbortController();
   #rows = new Map();
-  #older; // cursor of the jobs that are not shown; undefined if all are
+  #older; // cursor of the older jobs that are not shown; undefined if all are shown
 
   constructor(root, base) {
-    this.base = base; // what the columns of a table leave out
+    this.base = base; // gives the fields for which a pasted table has no column
     this.problem = element("p.problem", { role: "alert", hidden: true });
     this.empty = element("p.quiet", { hidden: true }, "No jobs. Paste a table of cases above, or run a map.");
     const heads = COLUMNS.map((name) => element("th", { role: "columnheader", scope: "col" }, name));
@@ -45,7 +45,7 @@ class JobsView {
     );
   }
 
-  /** Build the form that makes a job of a table of cases. */
+  /** Build the form that submits a table of cases as a job. */
   #tableForm() {
     const text = element("textarea", { id: "cases", rows: 5, required: true, spellcheck: "false", placeholder: "velocity_m_s,oblique_angle_deg\n238,45\n300,50" });
     const options = ["trajectory", "cra"].map((value) => element("option", { value }, names.operations[value]));
@@ -88,7 +88,7 @@ class JobsView {
     }
   }
 
-  /** Look at the newest jobs, and at older ones that are shown and have not ended; return all that are shown. */
+  /** Request the newest jobs, and older ones that are shown and have not ended; return all jobs shown. */
   async #look(signal) {
     const { jobs: newest, next } = (await request(`jobs?limit=${PAGE}`, { signal })).data;
     if (!this.#rows.size) this.#older = next;
@@ -103,7 +103,7 @@ class JobsView {
     return jobs;
   }
 
-  /** Return a job as it is now; undefined if it is gone. */
+  /** Return the current state of a job; undefined if it no longer exists. */
   async #stateOf({ id }, signal) {
     try {
       return (await request(`jobs/${id}`, { signal })).data;
@@ -119,7 +119,7 @@ class JobsView {
     this.#showJobs([...[...this.#rows.values()].map(({ job }) => job), ...jobs.filter(({ id }) => !this.#rows.has(id))]);
   }
 
-  /** Show what goes wrong with an action. */
+  /** Run an action, and show its error if it fails. */
   async #try(action) {
     try {
       await action();
@@ -168,10 +168,10 @@ class JobsView {
     await request(`jobs/${job.id}`, { method: "DELETE" });
     this.#showJobs([...this.#rows.values()].map((row) => row.job).filter(({ id }) => id !== job.id));
     announce(`Job ${shortId(job.id)} is deleted.`);
-    document.getElementById("view").focus(); // the button that had it is gone
+    document.getElementById("view").focus(); // the button that had the focus was removed
   }
 
-  /** Let a job be given another title. */
+  /** Ask for a new title of a job. */
   async #rename(job) {
     const input = element("input", { value: titleOf(job), required: true, maxlength: 200, autofocus: true, onfocus: () => input.select() });
     if (!(await this.#ask(`Rename job ${shortId(job.id)}`, element("p", {}, element("label", {}, "Title ", input)), "Rename", "Cancel"))) return;
@@ -180,7 +180,7 @@ class JobsView {
     announce(`Job ${shortId(job.id)} has another title.`);
   }
 
-  /** Return whether a question is answered with yes; Escape is no. The focus is on `no`, unless the content takes it. */
+  /** Ask a question, and return whether the answer is yes; Escape means no. The focus is on `no`, unless the content has an input. */
   #ask(title, content, yes, no) {
     const isFocused = !content.querySelector("input");
     this.dialog.replaceChildren(

@@ -1,4 +1,4 @@
-// Walls: whether a wall is thick enough against perforation and scabbing, and what the formulas and the model say of it.
+// Walls: whether a wall is thick enough against perforation and scabbing, and the thicknesses by formula and by model.
 
 import { caseQuery, readCase, replaceAddress } from "../address.js";
 import { withValue } from "../case.js";
@@ -16,7 +16,7 @@ import { endingShown, warningList } from "../words.js";
 
 const THICKNESS = "target.thickness_m";
 const SPEED = "impact.velocity_m_s";
-/** The model with different rear and front faces. */
+/** Names of the variants of the model, which differ in how they treat the faces. */
 const MODELS = { plain: "This model", rear_plug: "With a plug at the rear", rear_plug_and_crater: "With a plug and a crater" };
 const COLUMNS = ["By", "Perforation limit", "Scabbing limit", "Penetration", "Range of the tests behind it"];
 
@@ -50,7 +50,7 @@ export async function show(root, query) {
   };
   const form = new CaseForm(parts.form, {
     case: readCase(query),
-    include: ["What strikes", "What it strikes", "How it strikes", "Laws"], // the thickness, which is judged here, in sight
+    include: ["What strikes", "What it strikes", "How it strikes", "Laws"], // keeps the thickness, which this view judges, in view
     open: matchMedia("(min-width: 60rem)").matches ? undefined : ["What it strikes", "How it strikes"],
     onChange(values) {
       refresh(values);
@@ -90,7 +90,7 @@ function rangeShown({ in_range: isWithin, range_known: isKnown, out_of_range: ou
   return note ? `${range}; ${note}` : range;
 }
 
-/** Return a length without its unit, in whole millimetres or tenths of an inch; a limit is rounded up, as in the sentences. */
+/** Format a length without its unit, in whole millimetres or tenths of an inch; limits are rounded up, as in the sentences. */
 function bare(value, round) {
   const { unit, factor } = unitOf("mm");
   const step = unit === "mm" ? 1 : 0.1;
