@@ -151,15 +151,22 @@ def _stacked(motions: Sequence[Mapping[str, list[Any]]]) -> dict[str, list[Any]]
 
 
 def residual_table(records: Sequence[Record | None], first: int) -> Table:
-    """Return the detailed table of the only record that has one, with its row in the summary; empty if none has."""
+    """Return the detailed tables of records with their rows in the summary; empty if none has one.
+
+    All records are of one operation, whose tables have the same columns, unless there is only one of them.
+    """
     found = [
         (row, columns) for row, record in enumerate(records, first) if record and (columns := residuals_of(record))
     ]
     if not found:
         return {}
-    ((row, columns),) = found
-    table = {column.name: fill(column, columns[column.name]) for column in RESIDUALS if column.name in columns}
-    return {CASE.name: np.full(len(next(iter(table.values()))), row)} | table
+    tables = [
+        {column.name: fill(column, columns[column.name]) for column in RESIDUALS if column.name in columns}
+        for _, columns in found
+    ]
+    lengths = [len(next(iter(table.values()))) for table in tables]
+    rows = np.repeat([row for row, _ in found], lengths)
+    return {CASE.name: rows} | {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 
 def histories_of(records: Sequence[Record | None], first: int = 0) -> Table:
