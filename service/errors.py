@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from service.schemas.explanations import explained
 from service.schemas.problems import pointer_of_location, pointer_of_parameter
+from service.schemas.requests import Case
 from service.schemas.sweeps import AxisError, Grid, Outline
 from service.schemas.wording import UNKNOWN
 from solver import IntegrationError, ParameterError, StepLimitError
@@ -504,7 +505,7 @@ def validated_as(model: type[Model], content: Any, pointer: str = "") -> Model:
         raise InvalidBodyError(validation_errors(errors_found(error), pointer)) from error
 
 
-def grid_of(model: type[BaseModel], outline: Outline) -> Grid:
+def grid_of(model: type[Case], outline: Outline) -> Grid:
     """Return the grid of a sweep.
 
     Parameters
@@ -517,7 +518,12 @@ def grid_of(model: type[BaseModel], outline: Outline) -> Grid:
     InvalidBodyError
         If the base or an axis is not valid.
     """
-    validated_as(model, outline.base, "/base")
+    base = validated_as(model, outline.base, "/base")
+    try:
+        base.check_fields()
+    except ParameterError as error:
+        errors = [{**each, "pointer": f"/base{each['pointer']}"} for each in field_errors(error)]
+        raise InvalidBodyError(errors) from error
     try:
         return Grid(model, outline)
     except AxisError as error:

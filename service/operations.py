@@ -58,12 +58,13 @@ from service.schemas.fields import columns_of, walk
 from service.schemas.flight import flight_of
 from service.schemas.perforation import SPEED, THICKNESS, WALL
 from service.schemas.quantities import Part
-from service.schemas.requests import Case, TrajectoryFields, alternatives_in
+from service.schemas.requests import Case, alternatives_in
 from service.schemas.resistance import FreeSurfaceModel
 from service.schemas.strike import PAPER, PAPER_AT_45
 from service.schemas.sweeps import ANGLES, EVEN, LISTED
 from service.schemas.uncertain_inputs import with_values
-from service.schemas.uncertainty import MOST_SAMPLES_OF_A_REQUEST, UncertainCase, crossings_in, ending_in
+from service.schemas.uncertainty import FEW_SAMPLES, MOST_SAMPLES_OF_A_REQUEST, crossings_in, ending_in
+from service.schemas.uncertainty_answers import ANGLE_STUDY, STRIKE_STUDY
 from solver import ENGINE_VERSION
 from solver.arrays import FloatArray
 from solver.calibration import fit_decay_laws, fit_depth, fit_obliquity, penetration_depths, predict_motion
@@ -240,6 +241,20 @@ class Operation:
         once = max(self.weight, math.ceil(self.runs * request.panel_steps() / PANEL_STEPS))
         return once * request.searches
 
+    def samples(self, request: bytes) -> int:
+        """Return the largest number of samples of a study, from its canonical request; 1 for other operations.
+
+        A study that is a case of a job counts as so many cases in queues and estimates.
+        """
+        if self.study is None:
+            return 1
+        samples: int = orjson.loads(request)["sampling"]["max_samples"]
+        return samples
+
+    def cost(self, request: KeyedRequest) -> int:
+        """Return the cost of a case in a queue, as if it were computed with the adaptive method. [ordinary cases]"""
+        return self.weight * self.samples(request.json)
+
     def charge(self, request: Any) -> int:
         """Return the cost of a request against a quota; each alternative costs as much as the case. [ordinary cases]"""
         if self.cases is not None:
@@ -376,8 +391,6 @@ class StudyOperation:
     ----------
     sample
         Operation of the samples.
-    model
-        Model of a request of that operation in a batch.
     finding
         Function from the answer to a sample to the result that the study needs.
     failed, outside
@@ -387,23 +400,18 @@ class StudyOperation:
     """
 
     sample: str
-    model: type[Case]
     finding: Callable[[Mapping[str, Any]], Any]
     failed: Any
     outside: Any
     answer: Callable[[Any], dict[str, Any]]
 
-    def base(self, request: Any) -> Case:
-        """Return the request that the samples vary."""
-        return self.model.model_validate(request.base)
-
     def sampler(self, request: Any) -> Callable[[Sequence[Any]], KeyedRequest | None]:
         """Return a function from the values of a sample to its request; None outside the accepted range."""
-        base, fields = request.base, [each.field for each in request.uncertain]
+        model, base, fields = request.sample_model, request.base, [each.field for each in request.uncertain]
 
         def sample(point: Sequence[Any]) -> KeyedRequest | None:
             try:
-                case: Any = self.model.model_validate(with_values(base, fields, point))
+                case: Any = model.model_validate(with_values(base, fields, point))
                 return KeyedRequest.of(self.sample, case)
             except (ValidationError, solver.ParameterError):
                 return None
@@ -477,11 +485,6 @@ def cases_of_a_fit(request: Calibration) -> int:
 def cases_of_motions(request: MotionCalibrationRequest) -> int:
     """Return the cost of a calibration by motion: one fit for each run and decay law. [ordinary cases]"""
     return len(FreeSurfaceModel) * request.run_count * cases_of_a_fit(request)
-
-
-def cases_of_a_study(request: UncertainCase) -> int:
-    """Return the largest possible cost of a study, which may end before it has taken all samples. [ordinary cases]"""
-    return request.sampling.max_samples
 
 
 SEARCH_NOTE = (
@@ -575,10 +578,28 @@ CRITICAL_ANGLE_UNCERTAINTY = Operation(
     "respond-async` makes a job, which counts as `max_samples` cases until it ends, then as the samples it has taken. "
     "A\nsample outside the accepted range counts as not known and widens the intervals.",
     tag="critical ricochet angle",
-    cases=cases_of_a_study,
+    runs=SEARCH_RUNS,
+    many=Many(
+        CaseModels.of(
+            "CriticalAngleUncertainty",
+            CriticalAngleUncertaintyRequest,
+            CriticalAngleUncertaintyAnswer,
+            one="study of a critical angle",
+            many="studies of critical angles",
+            verb="compute",
+            example=PAPER | FEW_SAMPLES,
+            custom_id="paper",
+            axes=[LISTED],
+            result=ANGLE_STUDY,
+        ),
+        batch=(
+            "estimate_critical_angles",
+            "Estimate the probability of ricochet of many strikes over the oblique angle",
+        ),
+        sweep=("sweep_critical_angle_uncertainty", "Estimate the probability of ricochet over the oblique angle"),
+    ),
     study=StudyOperation(
         "cra",
-        CriticalAngleBase,
         crossings_in,
         Crossings(problem="failed"),
         Crossings(problem="outside"),
@@ -595,10 +616,24 @@ TRAJECTORY_UNCERTAINTY = Operation(
     description="Estimate the probability of each outcome of one strike, with quantiles of depth, exit speed and exit "
     "angle.\n\nWhether the answer comes at once or as a job is decided as for critical angles.",
     tag="trajectory",
-    cases=cases_of_a_study,
+    many=Many(
+        CaseModels.of(
+            "TrajectoryUncertainty",
+            TrajectoryUncertaintyRequest,
+            TrajectoryUncertaintyAnswer,
+            one="study of the outcome of a strike",
+            many="studies of the outcomes of strikes",
+            verb="compute",
+            example=PAPER_AT_45 | FEW_SAMPLES,
+            custom_id="shot-1",
+            axes=[EVEN],
+            result=STRIKE_STUDY,
+        ),
+        batch=("estimate_trajectories", "Estimate the probability of each outcome of many strikes"),
+        sweep=("sweep_trajectory_uncertainty", "Estimate the probability of each outcome"),
+    ),
     study=StudyOperation(
         "trajectory",
-        TrajectoryFields,
         ending_in,
         Ending(problem="failed"),
         Ending(problem="outside"),

@@ -26,7 +26,7 @@ from service.cache.tables import residuals_of
 from service.columns import csv_cells, summarize, trial_columns
 from service.errors import ProblemType, problem_of, validated_as
 from service.jobs.scheduler import problem_name
-from service.operations import OPERATIONS, KeyedRequest, Operation, study_of
+from service.operations import OPERATIONS, KeyedRequest, Operation
 from service.queries import Answered, CacheStatus, check_work
 from service.schemas.requests import alternatives_in, answered_alternative, with_alternatives
 from service.telemetry import BEGUN
@@ -166,7 +166,6 @@ async def _answer_study(request: Request, operation: Operation, case: Any, query
     status: CacheStatus = "hit"
     record = await services.queries.result(query.key)
     if record is None:
-        check_work(await run_sync(study_of(operation.name).base, case), services.settings.max_panel_steps)
         with services.owner_queries.held(context.principal.owner) if context.principal.key else nullcontext():
             study = services.jobs.answer_study(
                 operation.name, query, case, owner=context.queue_owner, take=context.take, limiter=services.reading

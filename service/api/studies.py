@@ -35,7 +35,7 @@ from service.assessment import (
 from service.auth.dependencies import RUN, context_in
 from service.errors import ProblemType, problem_of
 from service.jobs.models import JobCase
-from service.operations import OPERATIONS, KeyedRequest, Operation, study_of
+from service.operations import OPERATIONS, KeyedRequest, Operation
 from service.queries import check_work
 from service.schemas import ReportRequest, VerdictAnswer, verdict_answer
 from service.telemetry import BEGUN, path_of
@@ -57,18 +57,12 @@ def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
         form = form_of(request)
         query = KeyedRequest.of(operation.name, case)
         read = time.perf_counter()
-        most = case.sampling.max_samples
         # A study in the cache is answered at once, whatever its size.
-        large = most > services.settings.small_samples and await services.queries.result(query.key) is None
-        if preference.respond_async or large:
-            study = study_of(operation.name)
-            base = await run_sync(study.base, case)
-            check_work(base, services.settings.max_panel_steps)
+        large = case.sampling.max_samples > services.settings.small_samples
+        if preference.respond_async or (large and await services.queries.result(query.key) is None):
             digest = hashlib.sha256(f"{path_of(request.scope)} {JSON}\n".encode() + await request.body()).hexdigest()
             job = JobResponse(request, operation.name, preference, idempotency_key)
-            return await answer_with_job(
-                job, request, operation, case, digest, most * OPERATIONS[study.sample].work(base)
-            )
+            return await answer_with_job(job, request, case, query, digest)
         found = await resolve(request, operation, case, query)
         return await reply(form, found.record, found.status, request.scope[BEGUN], read)
 
@@ -76,19 +70,18 @@ def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
 
 
 async def answer_with_job(
-    response: JobResponse, request: Request, operation: Operation, case: Any, digest: str, most: int
+    response: JobResponse, request: Request, case: Any, query: KeyedRequest, digest: str
 ) -> Response:
     """Create the job of a study, and return the job, or the answer if it is ready while the client waits.
 
-    The job is charged with `most`, the cost of all samples that it may take; the unused rest is given back at its end.
+    The job is charged with the cost of all samples that it may take; the unused rest is given back at its end.
     """
     services, context = services_of(request), context_in(request.scope)
-    query = KeyedRequest.of(operation.name, case)
     await run_sync(case.study)  # Raises an error for inconsistent inputs now, so that no job is created for them.
     read = time.perf_counter()
     try:
         # All samples are charged beforehand, so that two simultaneous studies cannot exceed the quota together.
-        charge = context.charge(most)
+        charge = context.charge(query.work)
         state = await response.accept(one_block(JobCase(query)), digest, charge=charge)
     # Not `Exception`: the charge is given back after a cancellation too.
     except BaseException:

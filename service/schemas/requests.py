@@ -123,6 +123,15 @@ class Case(Part):
     def resolved(self) -> Self:
         """Return the request with all defaults filled in."""
 
+    def check_fields(self) -> None:
+        """Check that the fields named in the request exist, which a sweep does once, for its base.
+
+        Raises
+        ------
+        ParameterError
+            If a field does not exist.
+        """
+
     def adaptive(self, **numerics: float) -> Self:
         """Return the request with defaults for its numerics, and the adaptive method unless another one is given."""
         return self.model_copy(update={"numerics": filled(self.numerics, method=Method.ADAPTIVE, **numerics)})

@@ -1,8 +1,9 @@
 """Models of uncertain inputs and their distributions, and functions that build the request for each sample."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal, cast
 
 from pydantic import MISSING, BaseModel, Field, StringConstraints, ValidationError
 from typing_extensions import TypeAliasType
@@ -14,11 +15,11 @@ from service.schemas.resistance import STRENGTH_FACTORS, FreeSurface, Resistance
 from service.schemas.sweeps import check_field, put
 from service.schemas.wording import worded
 from solver import ParameterError
+from solver.projectile import mass_properties
 from solver.resistance import StrengthFactor
 from solver.uncertainty import (
     RESIDUAL,
     Discrete,
-    Distribution,
     Lognormal,
     LogStudentT,
     Normal,
@@ -28,7 +29,7 @@ from solver.uncertainty import (
     Uniform,
     scaled,
 )
-from solver.uncertainty.sampling import check_values
+from solver.uncertainty.sampling import check_inputs, check_values
 from solver.uncertainty.strikes import THEORY, by_theory
 
 MODELS = ("resistance.free_surface.model", "resistance.strength_factor.model", THEORY)
@@ -50,13 +51,35 @@ SCATTER = [
     {"field": THEORY, "distribution": THEORIES},
 ]
 
+CENTRED = [
+    {"field": "impact.velocity_m_s", "distribution": {"type": "normal", "coefficient_of_variation": 0.02}},
+    {"field": "target.compressive_strength_pa", "distribution": {"type": "lognormal", "dispersion": 0.12}},
+    {"field": THEORY, "distribution": THEORIES},
+]
+"""The inputs of `SCATTER` about the values of any case."""
+
 Finite = Annotated[Num, Field(ge=-1e300, le=1e300)]
 
 
-class Spread(Part):
+class Centred(Part):
+    """Base of the distributions whose centre may be omitted; it is then the value that the case has for the field."""
+
+    centre: ClassVar[str]
+    """Name of the parameter that is the centre."""
+
+    @property
+    def open_centre(self) -> str:
+        """Name of the centre if it is omitted, else an empty text."""
+        return self.centre if getattr(self, self.centre) is MISSING else ""
+
+
+class Spread(Centred):
     """Mean with a standard deviation or a coefficient of variation."""
 
-    mean: Finite
+    centre: ClassVar = "mean"
+
+    mean: Finite | MISSING = MISSING
+    """Mean in the unit of the field. By default the value of the case."""
     standard_deviation: Finite | MISSING = MISSING
     """Standard deviation, in the unit of the field."""
     coefficient_of_variation: Finite | MISSING = MISSING
@@ -83,23 +106,35 @@ class TruncatedNormalDistribution(Spread, SolverPart[TruncatedNormal]):
     upper: Finite | MISSING = MISSING
 
 
-class LognormalDistribution(SolverPart[Lognormal]):
+class LognormalDistribution(Centred, SolverPart[Lognormal]):
     """Lognormal distribution, given by median and dispersion, or by mean and deviation of the number itself."""
 
     model_config = with_examples(STRENGTHS)
 
+    centre: ClassVar = "median"
+
     type: Literal["lognormal"]
     median: Finite | MISSING = MISSING
+    """Median in the unit of the field. By default, unless a mean or a deviation is given, the value of the case."""
     dispersion: Finite | MISSING = MISSING
     """Standard deviation of the natural logarithm. [1]"""
     mean: Finite | MISSING = MISSING
+    """Mean in place of the median. By default, with a deviation, the value of the case."""
     standard_deviation: Finite | MISSING = MISSING
     """Standard deviation, in the unit of the field."""
     coefficient_of_variation: Finite | MISSING = MISSING
     """Standard deviation divided by the mean, instead of `standard_deviation`. [1]"""
 
+    @property
+    def open_centre(self) -> str:
+        """Name of the centre if it is omitted, else an empty text: the mean if the deviation is given."""
+        if self.median is not MISSING or self.mean is not MISSING:
+            return ""
+        by_mean = any(each is not MISSING for each in (self.standard_deviation, self.coefficient_of_variation))
+        return "mean" if by_mean and self.dispersion is MISSING else "median"
 
-class LogStudentTDistribution(SolverPart[LogStudentT]):
+
+class LogStudentTDistribution(Centred, SolverPart[LogStudentT]):
     """Distribution of a number whose logarithm has Student's distribution: lognormal with heavier tails."""
 
     model_config = with_examples(
@@ -107,8 +142,11 @@ class LogStudentTDistribution(SolverPart[LogStudentT]):
         RESIDUALS,
     )
 
+    centre: ClassVar = "median"
+
     type: Literal["log_student_t"]
-    median: Finite
+    median: Finite | MISSING = MISSING
+    """Median in the unit of the field. By default the value of the case."""
     scale: Finite
     """Scale of the natural logarithm. [1]"""
     degrees_of_freedom: Finite
@@ -128,14 +166,17 @@ class UniformDistribution(SolverPart[Uniform]):
     upper: Finite
 
 
-class TriangularDistribution(SolverPart[Triangular]):
+class TriangularDistribution(Centred, SolverPart[Triangular]):
     """Triangular distribution, whose density rises from the lower bound to the mode and falls to the upper bound."""
 
     model_config = with_examples({"type": "triangular", "lower": 12.9, "mode": 13.0, "upper": 13.2})
 
+    centre: ClassVar = "mode"
+
     type: Literal["triangular"]
     lower: Finite
-    mode: Finite
+    mode: Finite | MISSING = MISSING
+    """Mode in the unit of the field. By default the value of the case."""
     upper: Finite
 
 
@@ -196,6 +237,70 @@ class UncertainInput(Part):
     distribution: DistributionOf
 
 
+def with_centres(uncertain: Sequence[UncertainInput], case: Case) -> list[UncertainInput]:
+    """Return uncertain inputs whose omitted centres are the values that the case has for their fields.
+
+    Raises
+    ------
+    ParameterError
+        If the case has no value for such a field.
+    """
+    content = case.resolved().model_dump(mode="json")
+    found = []
+    for index, each in enumerate(uncertain):
+        distribution: Any = each.distribution
+        if name := open_centre(each):
+            value = _centre(index, name, each.field, uncertain, case, content)
+            each = each.model_copy(update={"distribution": distribution.model_copy(update={name: value})})  # noqa: PLW2901
+        found.append(each)
+    return found
+
+
+def open_centre(uncertain: UncertainInput) -> str:
+    """Return the name of the centre of a distribution if it is omitted, else an empty text."""
+    distribution = uncertain.distribution
+    return distribution.open_centre if isinstance(distribution, Centred) else ""
+
+
+NATURAL: Mapping[str, Callable[[Case], float]] = {
+    RESIDUAL: lambda _: 1.0,
+    "projectile.center_of_gravity_m": lambda case: mass_properties(case.projectile.to_solver()).center_of_gravity,
+    "projectile.moment_of_inertia_kg_m2": lambda case: mass_properties(case.projectile.to_solver()).moment_of_inertia,
+    "target.youngs_modulus_pa": lambda case: case.target.to_solver().elastic_modulus,
+    "resistance.strength_factor.held_from_deg": lambda case: math.degrees(case.resistance.to_solver().held_from),
+}
+"""Functions that return the value in use of a field that the case leaves open."""
+
+
+def _centre(
+    index: int, name: str, field: str, uncertain: Sequence[UncertainInput], case: Case, content: dict[str, Any]
+) -> float:
+    """Return the value that a case has for a field."""
+    if field in MODELS:
+        raise _not_discrete(index, field)
+    path, value = field.split("."), cast("Any", content)
+    for part in path:
+        value = value.get(part, {}) if isinstance(value, dict) else {}
+    if isinstance(value, float | int) and not isinstance(value, bool):
+        return value
+    # A field of an uncertain model need not be one of the model in the case.
+    chosen = any(each.field in MODELS and field.startswith(each.field.removesuffix("model")) for each in uncertain)
+    if field != RESIDUAL and not chosen:
+        try:
+            check_field(type(case), content, path)
+        except LookupError as error:
+            raise ParameterError(f"uncertain.{index}.field", f"{field!r} {error.args[0]}") from None
+    if field in NATURAL:
+        return NATURAL[field](case)
+    raise ParameterError(
+        f"uncertain.{index}.distribution.{name}", f"must be given, since the case has no value of {field!r}"
+    )
+
+
+def _not_discrete(index: int, field: str) -> ParameterError:
+    return ParameterError(f"uncertain.{index}.distribution", f"of {field!r} must be discrete, with names of models")
+
+
 def inputs_of(uncertain: Sequence[UncertainInput], model: type[BaseModel], base: dict[str, Any]) -> list[Uncertain]:
     """Convert uncertain inputs to those of the solver, and check them against the request `base`.
 
@@ -216,7 +321,9 @@ def inputs_of(uncertain: Sequence[UncertainInput], model: type[BaseModel], base:
         if names and each.field not in MODELS:
             raise ParameterError(f"{place}.distribution.values", f"must be numbers, but for {' and '.join(MODELS)}")
         if each.field in MODELS:
-            _check_models(model, base, place, each.field, distribution, names=names)
+            if not isinstance(distribution, Discrete) or not names:
+                raise _not_discrete(index, each.field)
+            _check_models(model, base, place, each.field, distribution)
         found.append(Uncertain(each.field, distribution))
     for index, number in enumerate(found):
         if number.field not in MODELS:
@@ -225,8 +332,27 @@ def inputs_of(uncertain: Sequence[UncertainInput], model: type[BaseModel], base:
     return found
 
 
+def check_fields(uncertain: Sequence[UncertainInput], model: type[BaseModel], base: dict[str, Any]) -> None:
+    """Check that the fields of uncertain inputs exist, and that no two inputs have the same.
+
+    Raises
+    ------
+    ParameterError
+        If a field does not exist, or two inputs have the same.
+    """
+    check_inputs(cast("Any", uncertain))  # It reads the names of the fields only.
+    for index, each in enumerate(uncertain):
+        if each.field in MODELS:
+            if not isinstance(each.distribution, DiscreteDistribution):
+                raise _not_discrete(index, each.field)
+            _check_models(model, base, f"uncertain.{index}", each.field, each.distribution)
+    for index, each in enumerate(uncertain):
+        if each.field not in MODELS:
+            _bases_of(model, base, uncertain, index)
+
+
 def _bases_of(
-    model: type[BaseModel], base: dict[str, Any], uncertain: Sequence[Uncertain], index: int
+    model: type[BaseModel], base: dict[str, Any], uncertain: Sequence[Uncertain | UncertainInput], index: int
 ) -> list[dict[str, Any]]:
     """Return the requests in which an input is set: the base or, for a parameter of an uncertain model, one per model.
 
@@ -241,7 +367,7 @@ def _bases_of(
     bases, chosen = [base], ""
     for number, each in enumerate(uncertain):
         if each.field in MODELS and field.startswith(each.field.removesuffix("model")):
-            assert isinstance(each.distribution, Discrete)  # noqa: S101 (checked)
+            assert isinstance(each.distribution, Discrete | DiscreteDistribution)  # noqa: S101 (checked)
             bases = [with_values(base, [each.field], [name]) for name in each.distribution.values]
             chosen = f"; it must be a number of every model of uncertain.{number}"
     for request in bases:
@@ -279,11 +405,13 @@ def accepts(
 
 
 def _check_models(
-    model: type[BaseModel], base: dict[str, Any], place: str, field: str, distribution: Distribution, *, names: bool
+    model: type[BaseModel],
+    base: dict[str, Any],
+    place: str,
+    field: str,
+    distribution: Discrete | DiscreteDistribution,
 ) -> None:
     """Check that the values of an uncertain model are names of models that the contract accepts there."""
-    if not isinstance(distribution, Discrete) or not names:
-        raise ParameterError(f"{place}.distribution", f"of {field!r} must be discrete, with names of models")
     for number, name in enumerate(distribution.values):
         try:
             model.model_validate(with_values(base, [field], [name]))

@@ -1,10 +1,11 @@
 """Models of the requests of uncertainty studies, and the results that a study needs from its samples."""
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping
 from enum import StrEnum
 from functools import partial
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import MISSING, Field, model_validator
@@ -16,7 +17,17 @@ from service.schemas.numerics import Search
 from service.schemas.quantities import WHOLE, Count, Flag, Num, Part, SolverPart, Units, with_examples
 from service.schemas.requests import Case, CriticalAngleBase, TrajectoryFields
 from service.schemas.strike import PAPER, PAPER_AT_45, Impact, Strike
-from service.schemas.uncertain_inputs import SCATTER, UncertainInput, accepts, inputs_of, without_shots
+from service.schemas.uncertain_inputs import (
+    CENTRED,
+    SCATTER,
+    UncertainInput,
+    accepts,
+    check_fields,
+    inputs_of,
+    open_centre,
+    with_centres,
+    without_shots,
+)
 from solver import Exit
 from solver.arrays import FloatArray
 from solver.uncertainty import (
@@ -35,6 +46,9 @@ from solver.warnings import body_warnings
 SAMPLING = Sampling()
 MOST_SAMPLES_OF_A_REQUEST = 131_072
 """Largest number of samples of one study, some minutes on two cores."""
+
+FEW_SAMPLES = {"uncertain": CENTRED, "sampling": {"max_samples": 512, "half_width": 0.05}}
+"""Uncertain inputs and sampling for the examples of sweeps and batches, about a second of work per study."""
 
 
 class AngleRange(Part):
@@ -92,19 +106,73 @@ Inputs = Annotated[list[UncertainInput], Field(min_length=1, max_length=24)]
 class UncertainCase(Case):
     """Base of the requests of uncertainty studies."""
 
+    sample_model: ClassVar[type[Case]]
+    """Model of the requests of the samples."""
+
     uncertain: Inputs
     sampling: Annotated[SamplingSettings, Field(default_factory=SamplingSettings)]
     units: Units = UnitSystem.SI
 
     def resolved(self) -> Self:
-        """Return the request unchanged, since the request of each sample fills in its own defaults."""
-        return self
+        """Return the request with omitted centres filled in. Samples fill in all other defaults.
+
+        Raises
+        ------
+        ParameterError
+            If the case has no value for the centre of a distribution.
+        """
+        if not any(map(open_centre, self.uncertain)):
+            return self
+        return self.model_copy(update={"uncertain": with_centres(self.uncertain, self.central)})
+
+    @property
+    @abstractmethod
+    def base(self) -> dict[str, Any]:
+        """Request of a sample before its values are set."""
+
+    def check_fields(self) -> None:
+        """Check that the fields of the uncertain inputs exist, and that no two inputs have the same.
+
+        Raises
+        ------
+        ParameterError
+            If a field does not exist, or two inputs have the same.
+        """
+        check_fields(self.uncertain, self.sample_model, self.base)
+
+    @abstractmethod
+    def study(self) -> Any:
+        """Return the study of the solver.
+
+        Raises
+        ------
+        ParameterError
+            If values contradict each other.
+        """
+
+    @property
+    def central(self) -> Case:
+        """Case that the samples vary."""
+        shared = self.sample_model.model_fields.keys() & type(self).model_fields.keys()
+        # The parts have been validated with this request.
+        return self.sample_model.model_construct(**{name: getattr(self, name) for name in shared})
+
+    @property
+    def searches(self) -> int:
+        """Largest number of samples."""
+        return self.sampling.max_samples
+
+    def panel_steps(self) -> float:
+        """Return the largest product of panels and time steps of one run; 0 with the adaptive method. [1]"""
+        return self.central.panel_steps()
 
 
 class CriticalAngleUncertaintyRequest(UncertainCase):
     """Study of the critical angle of strikes with uncertain inputs."""
 
     model_config = with_examples({**PAPER, "uncertain": SCATTER})
+
+    sample_model: ClassVar = CriticalAngleBase
 
     impact: Strike
     search: Annotated[Search, Field(default_factory=Search)]
@@ -129,7 +197,7 @@ class CriticalAngleUncertaintyRequest(UncertainCase):
         """
         lower, upper = self.search.to_solver().bounds
         base, arguments = self.base, self.shared_arguments()
-        inputs = inputs_of(self.uncertain, CriticalAngleBase, base)
+        inputs = inputs_of(self.resolved().uncertain, CriticalAngleBase, base)
         with written_in(self.units):
             warnings = body_warnings(self.projectile.to_solver())
         return AngleStudy(
@@ -149,6 +217,8 @@ class TrajectoryUncertaintyRequest(UncertainCase):
 
     model_config = with_examples({**PAPER_AT_45, "uncertain": SCATTER})
 
+    sample_model: ClassVar = TrajectoryFields
+
     impact: Impact
     flight: FlightInput | MISSING = MISSING
     """Position of the face. If it is given, the answer has quantiles of the distance of flight."""
@@ -167,7 +237,7 @@ class TrajectoryUncertaintyRequest(UncertainCase):
         ParameterError
             If values contradict each other.
         """
-        inputs = inputs_of(self.uncertain, TrajectoryFields, self.base)
+        inputs = inputs_of(self.resolved().uncertain, TrajectoryFields, self.base)
         with written_in(self.units):
             warnings = body_warnings(self.projectile.to_solver())
         return TrajectoryStudy(inputs, self.sampling.to_solver(), warnings=warnings)

@@ -27,6 +27,23 @@ SAMPLED = {
     "seed": 7,
     "warnings": [WARNING],
 }
+ANGLE_STUDY = (
+    {
+        "probability": {
+            "oblique_angle_deg": [48.0],
+            "ricochet_probability": [0.31],
+            "lower": [0.30],
+            "upper": [0.32],
+        },
+        "critical_angle": {"quantiles": [], "share_without_angle": ESTIMATE},
+        "method": "surrogate",
+        "polynomial_order": 3,
+        "surrogate_error_deg": 0.009,
+    }
+    | SAMPLED
+    | VERSIONED
+)
+STRIKE_STUDY = {"outcomes": [{"outcome": "ricochet"} | ESTIMATE], "maximum_depth_m": []} | SAMPLED | VERSIONED
 
 TABLED = ("samples", "samples_failed", "samples_outside", "converged")
 """Last columns of the tables of both answers."""
@@ -207,22 +224,7 @@ class UncertaintyMethod(StrEnum):
 class CriticalAngleUncertaintyAnswer(UncertaintyAnswer):
     """Answer to an uncertainty study of a critical angle."""
 
-    model_config = with_examples(
-        {
-            "probability": {
-                "oblique_angle_deg": [48.0],
-                "ricochet_probability": [0.31],
-                "lower": [0.30],
-                "upper": [0.32],
-            },
-            "critical_angle": {"quantiles": [], "share_without_angle": ESTIMATE},
-            "method": "surrogate",
-            "polynomial_order": 3,
-            "surrogate_error_deg": 0.009,
-        }
-        | SAMPLED
-        | VERSIONED
-    )
+    model_config = with_examples(ANGLE_STUDY)
 
     answered_last: ClassVar = ("sensitivity", *SAMPLED)
     tabled = ("critical_angle", "method", *TABLED)
@@ -299,9 +301,7 @@ def _by_contract(model: type[Part], found: QuantilesByName) -> dict[str, Any]:
 class TrajectoryUncertaintyAnswer(UncertaintyAnswer):
     """Answer to an uncertainty study of the outcome of one strike."""
 
-    model_config = with_examples(
-        {"outcomes": [{"outcome": "ricochet"} | ESTIMATE], "maximum_depth_m": []} | SAMPLED | VERSIONED
-    )
+    model_config = with_examples(STRIKE_STUDY)
 
     tabled = ("outcomes", *TABLED)
 

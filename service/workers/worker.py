@@ -19,6 +19,7 @@ from service.cache.segments import Segment, encode_segments
 from service.errors import field_errors
 from service.operations import SCHEMA_VERSION
 from service.schemas.quantities import Part
+from service.schemas.uncertainty import UncertainCase
 from service.workers.template import LIMIT_HINT
 from solver import ENGINE_VERSION, ParameterError, warm_up
 
@@ -57,7 +58,8 @@ def check_requests(model: type[Part], requests: Sequence[bytes]) -> dict[int, li
     wrong = {}
     for number, request in enumerate(requests):
         try:
-            model.model_validate_json(request).arguments()  # type: ignore[attr-defined] # all requests have it
+            case: Any = model.model_validate_json(request)
+            case.study() if isinstance(case, UncertainCase) else case.arguments()
         except ParameterError as error:
             wrong[number] = field_errors(error)
     return wrong
