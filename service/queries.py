@@ -295,7 +295,7 @@ class QueryService:
         compute, chunk = self.operations[operation].compute, secrets.token_hex(8)
         calls: list[Call] = [(compute_case, (compute, operation, case.key, case.json, chunk)) for case in cases]
         calls.append((close_chunk, (chunk,)))
-        cost = len(cases) * self.operations[operation].weight
+        cost = sum(map(self.operations[operation].cost, cases))
 
         def taken() -> None:
             if longest is not None:

@@ -32,7 +32,7 @@ from service.jobs.models import JobCase, StoredSweep
 from service.operations import KeyedRequest
 from service.queries import check_work
 from service.schemas.batches import MOST_LINES, Cases
-from service.schemas.quantities import Part
+from service.schemas.requests import Case
 from service.schemas.sweeps import Grid, Outline
 from service.telemetry import path_of
 from service.workers.worker import check_requests
@@ -88,7 +88,7 @@ class BatchReader:
         Model that every case is validated with.
     """
 
-    def __init__(self, request: Request, operation: str, model: type[Part]) -> None:
+    def __init__(self, request: Request, operation: str, model: type[Case]) -> None:
         self._request = request
         self._operation = operation
         self._model = model

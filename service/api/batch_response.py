@@ -6,6 +6,7 @@ from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, 
 from contextlib import aclosing, suppress
 from dataclasses import dataclass
 from http import HTTPStatus
+from operator import attrgetter
 from typing import Annotated, Any, TypeVar
 
 import orjson
@@ -21,7 +22,7 @@ from service.auth.dependencies import context_in
 from service.cache.record import CaseResult
 from service.jobs.manager import JobManager
 from service.jobs.models import Charge, Idempotency, JobCase, JobState, StoredSweep
-from service.operations import OPERATIONS, Many, Operation
+from service.operations import OPERATIONS, KeyedRequest, Many, Operation
 
 FORMS = (JSON, JSONL, CSV)
 VARY = {"Vary": "Prefer, Accept"}
@@ -206,8 +207,11 @@ class BatchResponse(JobResponse):
         try:
             # Only as many cases are read here as are needed to choose between results and a job. The rest is read by
             # the job manager, which refuses too many cases early.
-            most = self._settings.small_cases // OPERATIONS[self.operation].weight
-            small, rest = await take(self._charged(body.blocks), most)
+            operation, blocks = OPERATIONS[self.operation], self._charged(body.blocks)
+            if operation.study is None:
+                small, rest = await take(blocks, self._settings.small_cases, operation.cost)
+            else:
+                small, rest = await take(blocks, self._settings.small_samples, attrgetter("work"))
             if rest is None and not self.preference.respond_async:
                 return await self._answer_now(small, body.sweep)
             state = await self.accept(
@@ -272,13 +276,15 @@ def sweep_route(operation: Operation, many: Many) -> Callable[..., Awaitable[Res
 
 
 async def take(
-    blocks: AsyncIterator[list[JobCase]], count: int
+    blocks: AsyncIterator[list[JobCase]], most: int, cost: Callable[[KeyedRequest], int]
 ) -> tuple[list[JobCase], AsyncIterator[list[JobCase]] | None]:
-    """Read blocks until there are more than `count` cases; return the cases read, and the remaining blocks or None."""
+    """Read blocks until the cases cost more than `most`; return the cases read, and the remaining blocks or None."""
     taken: list[JobCase] = []
+    total = 0
     async for cases in blocks:
         taken += cases
-        if len(taken) > count:
+        total += sum(cost(case.request) for case in cases)
+        if total > most:
             return taken, blocks
     return taken, None
 

@@ -67,7 +67,7 @@ else:
     JobRequest = union_of(
         "JobRequest",
         (SweepRequest, *(each.request for each in LISTED_OPERATIONS if each.study is not None)),
-        "Request of the job, absent in lists of jobs: a sweep as the client sent it, or a study of uncertainty with "
+        "Request of the job, absent in lists of jobs: a sweep as the client sent it, or one study of uncertainty with "
         "all defaults filled in.",
     )
     """Type of the request of a job."""
@@ -89,7 +89,7 @@ JobOperation = StrEnum(  # type: ignore[misc] # mypy wants the names here
     },
 )
 JobOperation.__doc__ = (
-    "Operation of every case of a job; `unknown` if its name is damaged. A study of uncertainty is one case."
+    "Operation of every case of a job; `unknown` if its name is damaged. Each study of uncertainty is one case."
 )
 
 
@@ -187,9 +187,9 @@ class Job(Part):
     """Fields that a sweep varies."""
     request: JobRequest | MISSING = MISSING
     progress: StudyProgress | MISSING = MISSING
-    """Progress of a study of uncertainty that has begun."""
+    """Progress of a job of one study of uncertainty that has begun."""
     partial: PartialUncertainty | MISSING = MISSING
-    """Answer so far of a study that has not succeeded; absent in lists of jobs."""
+    """Answer so far of a job of one study that has not succeeded; absent in lists of jobs."""
     links: JobLinks
 
 

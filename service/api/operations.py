@@ -23,7 +23,14 @@ ANSWERED = (
     "`/jobs/{job_id}/results`. A search for perforation counts as 20 cases, and a service may be configured to another "
     f"number than 100. {PREFERENCES}"
 )
-"""Paragraph in the descriptions of batch and sweep routes that states when the answer is a job."""
+"""Paragraph in the descriptions of most batch and sweep routes that states when the answer is a job."""
+STUDIES_ANSWERED = (
+    "\n\nEach study counts as its `max_samples`, against a quota too. Up to 16,384 samples are answered at once with "
+    "200. More become a job: the answer is 202, and the results are at `/jobs/{job_id}/results`. A service may be "
+    "configured to another number than 16,384. The answer to each study is stored, but not its samples. "
+    f"{PREFERENCES}"
+)
+"""The same paragraph for batches and sweeps of studies."""
 STUDY_ANSWERED = (
     "\n\nThe answer is 200 once the samples are computed. A study whose `max_samples` exceeds 16,384, unless the "
     "service is configured otherwise, becomes a job and is answered with 202, unless its answer is stored. "
@@ -37,15 +44,21 @@ def add_routes(router: APIRouter, operations: Mapping[str, Operation]) -> None:
 
     `router` is the application's own, because FastAPI matches the routes of an included router twice.
     """
-    single = [each for each in operations.values() if each.study is None]
-    many = [(each, each.many) for each in sorted(single, key=lambda each: each.runs) if each.many is not None]
-    for each in single:
-        add(router, each, single_route(each), responses=COMPUTED)
+    # The routes of studies come last.
+    in_order = sorted(operations.values(), key=lambda each: each.study is not None)
+    many = [
+        (each, each.many)
+        for each in sorted(in_order, key=lambda each: (each.study is not None, each.runs))
+        if each.many is not None
+    ]
+    for each in in_order:
+        if each.study is None:
+            add(router, each, single_route(each), responses=COMPUTED)
     for each, found in many:
-        add_many(router, each, found, "batch", found.batch, batch_description(found), batch_route(each, found))
+        add_many(router, each, found, "batch", found.batch, batch_description(each), batch_route(each, found))
     for each, found in many:
-        add_many(router, each, found, "sweep", found.sweep, SWEEP_DESCRIPTION, sweep_route(each, found))
-    for each in operations.values():
+        add_many(router, each, found, "sweep", found.sweep, sweep_description(each), sweep_route(each, found))
+    for each in in_order:
         if each.study is not None:
             add(router, each, study_route(each), responses=STUDIED)
 
@@ -100,22 +113,29 @@ def add_many(
     )
 
 
-def batch_description(many: Many) -> str:
+def answered(operation: Operation) -> str:
+    """Return the paragraph in the descriptions of batch and sweep routes that states when the answer is a job."""
+    return ANSWERED if operation.study is None else STUDIES_ANSWERED
+
+
+def batch_description(operation: Operation) -> str:
     """Return the description of a batch route without its first words, which name the operation."""
+    note = operation.many.note if operation.many else ""
     return (
         ": up to 1,000 as JSON, up to 100,000 as JSON lines.\n\n"
-        f"{many.note}{' ' * bool(many.note)}"
+        f"{note}{' ' * bool(note)}"
         "One invalid case refuses the whole batch, and the problem names it: `/cases/17/...` in JSON, counted from 0; "
         "the line in JSONL, counted from 1 in the text and from 0 in the pointer. An error that only the solver finds "
         "in a line is the problem of that case alone."
-        f"{ANSWERED}"
+        f"{answered(operation)}"
     )
 
 
-SWEEP_DESCRIPTION = (
-    " for every combination of the values of the axes, the last axis fastest."
-    "\n\nUp to 100,000 points. The first point that is no valid request refuses the sweep, and the problem names the "
-    "values of its axes. An error that only the solver finds at a point is the problem of that point alone."
-    f"{ANSWERED}"
-)
-"""Description of a sweep route without its first words, which name the operation."""
+def sweep_description(operation: Operation) -> str:
+    """Return the description of a sweep route without its first words, which name the operation."""
+    return (
+        " for every combination of the values of the axes, the last axis fastest."
+        "\n\nUp to 100,000 points. The first point that is no valid request refuses the sweep, and the problem names "
+        "the values of its axes. An error that only the solver finds at a point is the problem of that point alone."
+        f"{answered(operation)}"
+    )

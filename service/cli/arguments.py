@@ -25,7 +25,7 @@ exit status:
   {INTERRUPTED}  interrupted (Ctrl-C)"""
 INPUT_STATUSES = frozenset({400, 404, 405, 406, 413, 415})
 """HTTP statuses of errors in the request, after which the command ends with `WRONG`."""
-MANY = ("cra", "trajectory", "thickness", "limit-speed")
+MANY = ("cra", "trajectory", "thickness", "limit-speed", "cra_uncertainty", "trajectory_uncertainty")
 """Operations of batches and sweeps, the default first."""
 INVALID = "urn:ricochet:problem:invalid-request"
 

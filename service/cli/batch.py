@@ -155,8 +155,8 @@ def _run_lines(args: argparse.Namespace, read: "Content") -> int:
         raise _explain_lines(args, error, read) from None
 
 
-def _path(args: argparse.Namespace) -> str:
-    return f"/{args.operation}/batch"
+def _path(args: argparse.Namespace, kind: str = "batch") -> str:
+    return f"/{args.operation.replace('_', '/')}/{kind}"
 
 
 def _request(args: argparse.Namespace, cases: Sequence[bytes], inputs: Inputs) -> BatchRequest:
@@ -336,7 +336,7 @@ def _compute_sweep(args: argparse.Namespace, content: dict[str, Any], writers: S
     from service.cli.client import JSON, dumps
 
     body = dumps(content)
-    return run_batch(args, BatchRequest(f"/{args.operation}/sweep", lambda: body, JSON, writers))
+    return run_batch(args, BatchRequest(_path(args, "sweep"), lambda: body, JSON, writers))
 
 
 def read_axis(text: str) -> SweepAxis:

@@ -20,7 +20,8 @@ def is_small(operation: str, count: int) -> bool:
     """Return True if `count` cases are few enough to be computed in this process."""
     from service.operations import OPERATIONS
 
-    return count * OPERATIONS[operation].weight <= SMALL_CASES
+    # Studies take long, and their progress is shown by a service only.
+    return OPERATIONS[operation].study is None and count * OPERATIONS[operation].weight <= SMALL_CASES
 
 
 @contextmanager
@@ -190,6 +191,7 @@ def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
         Before the first result, if the base, an axis or a point is invalid.
     """
     from service.errors import case_problem
+    from service.operations import OPERATIONS
     from solver import RicochetError
 
     with refusals():
@@ -200,7 +202,7 @@ def compute_sweep(operation: str, content: dict[str, Any]) -> Iterator[Item]:
         try:
             yield item | {"result": json.loads(_solve(operation, request).json)}
         except RicochetError as error:
-            yield item | {"problem": case_problem(error) | {"instance": f"/{operation}/sweep"}}
+            yield item | {"problem": case_problem(error) | {"instance": f"{OPERATIONS[operation].path}/sweep"}}
 
 
 def _solve(name: str, request: Any, report: Callable[[int, float | None], None] | None = None) -> Any:

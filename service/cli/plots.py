@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from service.cli.arguments import FAILED, CommandError
 from service.cli.outputs import OutputFile
 from service.cli.writers import Item, Writer, heading
+from service.columns import summarize
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Panel
@@ -25,7 +26,10 @@ PLOTTED = {
     "trajectory": "maximum_depth_m",
     "thickness": "least_thickness_m",
     "limit-speed": "limit_speed_m_s",
+    "cra_uncertainty": "mean_deg",
+    "trajectory_uncertainty": "ricochet",
 }
+"""Column that a plot of a sweep shows, by operation."""
 ERROR = "critical_angle_standard_error_deg"
 COLORS = {"ricochet": "#c8102e", "embedded": "#123f73", "in_motion": "#8a8378", "perforated": "#2e7d32"}
 
@@ -118,7 +122,7 @@ class SweepPlot(Writer):
     def write(self, items: Sequence[Item]) -> None:
         """Collect the values to plot."""
         for item in items:
-            answer = item.get("result", {})
+            answer = summarize(item["result"]) if "result" in item else {}
             point = tuple(item["point"][field] for field in self._fields)
             self._values[point] = {name: answer[name] for name in (self._name, ERROR) if name in answer}
 

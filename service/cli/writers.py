@@ -29,6 +29,8 @@ SHOWN = {
     "cra": ("status", "critical_angle_deg", "critical_angle_standard_error_deg"),
     "thickness": ("status", "least_thickness_m"),
     "limit-speed": ("status", "limit_speed_m_s"),
+    "cra_uncertainty": ("mean_deg", "standard_deviation_deg", "samples", "converged"),
+    "trajectory_uncertainty": ("ricochet", "embedded", "perforated", "samples", "converged"),
 }
 """Columns of the table on a terminal, by operation."""
 MINUS = "\N{MINUS SIGN}"

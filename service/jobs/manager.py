@@ -24,7 +24,7 @@ from service.jobs.runner import CaseRunner
 from service.jobs.scheduler import GiveBack, Scheduler, problem_name
 from service.jobs.store import JobStore
 from service.jobs.studies import StudyService
-from service.operations import KeyedRequest, is_study
+from service.operations import KeyedRequest
 from service.queries import Answered, Count, QueryService, Rate
 from service.telemetry import NO_TRACER, current_traceparent
 
@@ -307,7 +307,7 @@ class JobManager:
 
     async def request(self, job: JobState) -> dict[str, Any] | None:
         """Return the request of a sweep or a study; None for other jobs, and for a damaged request."""
-        if not is_study(job.operation):
+        if not job.is_study:
             sweep = await self.sweep(job)
             return None if sweep is None else sweep.request
         [case] = await run_sync(self._jobs.rows, job, 0, 1)
@@ -433,6 +433,7 @@ class JobManager:
         traceparent = current_traceparent()
         job = await run_sync(lambda: self._jobs.create(operation, owner, sweep, traceparent=traceparent))
         received = 0
+        first: bytes | None = None
 
         def append(number: int, cases: Sequence[JobCase]) -> None:
             """Compress and store a block. Both take long, so this runs in a thread."""
@@ -444,6 +445,7 @@ class JobManager:
             async for cases in blocks:
                 self._admit(queue, len(cases), max(0, estimate() - received - len(cases)))
                 received += len(cases)
+                first = first or cases[0].request.json
                 self._received[queue] += len(cases)
                 waiting += cases
                 while len(waiting) >= BLOCK_SIZE:
@@ -459,7 +461,7 @@ class JobManager:
             raise
         finally:
             self._received -= Counter({queue: received})
-        self._scheduler.add(state, queue)
+        self._scheduler.add(state, first, queue)
         return state
 
     async def _counted(
@@ -491,7 +493,8 @@ class JobManager:
                 return
             removed = await run_sync(partial(self._jobs.expire, at_start=True))
             for state in await run_sync(self._jobs.unfinished):
-                self._scheduler.add(state)
+                [first] = await run_sync(self._jobs.rows, state, 0, 1)
+                self._scheduler.add(state, first.request)
             self._going_on = True
             if self._jobs.was_missing and self._queries.cache.found_results:
                 self.warning = (

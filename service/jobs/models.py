@@ -20,7 +20,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from service.errors import DamagedCasesError, DamagedJobError, problem_of
 from service.names import QUANTITIES, TITLES, named
-from service.operations import KeyedRequest, result_key
+from service.operations import KeyedRequest, is_study, result_key
 from service.schemas.problems import Problem
 from service.schemas.uncertainty_answers import StudyProgress
 
@@ -188,6 +188,14 @@ class JobState:
     def final(self) -> bool:
         """True if the job has ended."""
         return self.status in FINAL
+
+    @property
+    def is_study(self) -> bool:
+        """True if the job is one study of uncertainty, whose samples are computed and stored like cases.
+
+        A sweep, and a batch of several studies, has a study as each of its cases, which a worker computes as a whole.
+        """
+        return is_study(self.operation) and not self.axes and self.total == 1
 
     @property
     def engine_version(self) -> str:

@@ -18,7 +18,7 @@ from service.jobs.models import UNKNOWN, CaseRow, CaseState, JobCase, JobState, 
 from service.jobs.runner import CaseRunner
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService
-from service.operations import OPERATIONS, KeyedRequest, is_study, result_key
+from service.operations import OPERATIONS, KeyedRequest, result_key
 from service.queries import QueryService
 
 MOST_CASES = 200
@@ -140,7 +140,7 @@ class ResultReader:
         found = {row.number: damaged(row) for row, case in zip(rows, cases, strict=True) if case is None}
         places = [(row, case) for row, case in zip(rows, cases, strict=True) if case is not None]
         try:
-            if is_study(state.operation):
+            if state.is_study:
                 run = partial(self._runner.results, owner=state.owner)
                 for row, case in places:  # Only samples that have been evicted too are computed again.
                     record, _ = await self._studies.answer(state.operation, case.request, run, take=take)

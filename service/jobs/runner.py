@@ -15,6 +15,7 @@ from anyio.to_thread import run_sync
 from service.cache.record import CaseResult, Record
 from service.errors import ComputationCancelled, PoolUnavailableError, QueueFullError, case_problem
 from service.jobs.models import JobCase
+from service.operations import Operation
 from service.queries import Answered, QueryService, Rate
 
 URGENT_SECONDS = 0.1
@@ -37,7 +38,8 @@ TEMPORARY = (ComputationCancelled, PoolUnavailableError, QueueFullError)
 """Errors that are not caused by the case, and after which it is retried. A case whose worker died is not among them,
 because the executor has already retried it (`DEATHS` in `service/workers/worker_process.py`)."""
 FIRST_CASES = 4
-"""Number of cases in chunks before any time has been measured. It is small, as the slowest cases take a minute each."""
+"""Number of cases in chunks before any time has been measured. It is small, as the slowest cases take a minute each.
+Studies of uncertainty, each of at least 256 samples, begin with single cases."""
 MOST_CASES = 256
 """Largest number of cases in a chunk. With cases of 1 ms such a chunk takes 0.25 s, the usual duration."""
 MOST_BYTES = 16 * 1024 * 1024
@@ -62,10 +64,13 @@ class ChunkSizer:
     ----------
     seconds
         Desired duration of a chunk. [s]
+    first
+        Number of cases in a chunk before any time has been measured.
     """
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, first: int = FIRST_CASES) -> None:
         self._target = seconds
+        self._first = first
         self._seconds: float | None = None
         self._nbytes = 0.0
         self._most = MOST_CASES
@@ -74,7 +79,7 @@ class ChunkSizer:
     def cases(self) -> int:
         """Number of cases for the next chunk."""
         if self._seconds is None:
-            return FIRST_CASES
+            return self._first
         by_time = self._target / max(self._seconds, 1e-6)
         by_bytes = MOST_BYTES / max(self._nbytes, 1.0)
         return max(1, int(min(by_time, by_bytes, self._most)))
@@ -98,7 +103,7 @@ class ChunkSizer:
 class Run:
     """State of one call of `CaseRunner.run`. The first fields are its parameters."""
 
-    operation: str
+    operation: Operation
     blocks: Blocks
     take: Take
     owner: str
@@ -133,7 +138,8 @@ class Run:
         return len(self.queued) <= self.capacity // AHEAD_SHARE and self.underway < 2 * self.capacity + CHUNKS_KEPT
 
     def __post_init__(self) -> None:
-        self.sizer = ChunkSizer(URGENT_SECONDS if self.urgent else CHUNK_SECONDS)
+        first = FIRST_CASES if self.operation.study is None else 1
+        self.sizer = ChunkSizer(URGENT_SECONDS if self.urgent else CHUNK_SECONDS, first)
 
     async def next_chunk(self) -> list[JobCase]:
         """Remove and return the cases of the next chunk, one for each key; none if no case is waiting."""
@@ -151,6 +157,10 @@ class Run:
             self.share = max(self.share, math.ceil(len(self.waiting) / self.capacity))
             size = min(size, self.share)
         return [next(iter(self.cases[self.waiting.popleft()].values())) for _ in range(size)]
+
+    def samples(self, key: str) -> int:
+        """Return the number of samples as which each case with a key counts."""
+        return self.operation.samples(next(iter(self.cases[key].values())).request.json)
 
     def results(self, key: str, record: Record | None, error: Exception | None, *, own: bool) -> list[CaseResult]:
         """Return the results of all cases with a key. `own` is True if the result was computed by this run."""
@@ -209,7 +219,7 @@ class CaseRunner:
                 )
                 missing = {number: case for number, case in enumerate(cases) if case.request.key not in known}
                 if missing:
-                    weight = self._queries.operations[operation].weight
+                    weight = self._queries.operations[operation].cost(cases[0].request)
                     await self.run(
                         operation,
                         only(missing),
@@ -274,7 +284,17 @@ class CaseRunner:
         try:
             with self._rate.working():
                 async with aclosing(blocks), create_task_group() as group:
-                    run = Run(operation, blocks, take, owner, urgent, traced, group, remaining, capacity)
+                    run = Run(
+                        self._queries.operations[operation],
+                        blocks,
+                        take,
+                        owner,
+                        urgent,
+                        traced,
+                        group,
+                        remaining,
+                        capacity,
+                    )
                     self._begin_chunk(run)
         except ExceptionGroup as errors:  # The first error has cancelled the other chunks, and is the cause.
             raise errors.exceptions[0] from None
@@ -323,7 +343,7 @@ class CaseRunner:
             # A chunk of one case cannot be split, and has the timeout of a call.
             longest = OVERLONG_SECONDS if len(own) > 1 else None
             chunk = await self._queries.compute(
-                run.operation, own, owner=run.owner, remaining=run.remaining(), begun=begun, longest=longest
+                run.operation.name, own, owner=run.owner, remaining=run.remaining(), begun=begun, longest=longest
             )
             if chunk.late:
                 run.sizer.shrink(len(own))
@@ -337,9 +357,11 @@ class CaseRunner:
         await asyncio.wait(futures.values())
         results: list[CaseResult] = []
         again: list[str] = []
+        count = 0
         unavailable: Exception | None = None
         for key, future in futures.items():
             error = ComputationCancelled() if future.cancelled() else future.exception()
+            before, samples = len(results), run.samples(key)
             if error is None:
                 results += run.results(key, future.result()[0], None, own=own)
             elif isinstance(error, TEMPORARY) or not isinstance(error, Exception):
@@ -347,8 +369,9 @@ class CaseRunner:
                 unavailable = error if isinstance(error, PoolUnavailableError) else unavailable
             else:
                 results += run.results(key, None, error, own=own)
+            count += samples * (len(results) - before)
         if results:
-            self._rate.add(len(results))
+            self._rate.add(count)
             await run.take(results)
         if unavailable is not None:
             if run.urgent:

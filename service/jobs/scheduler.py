@@ -25,7 +25,7 @@ from service.jobs.models import BLOCK_SIZE, CaseRow, CaseState, JobCase, JobStat
 from service.jobs.runner import Blocks, CaseRunner
 from service.jobs.store import VERSIONS, JobStore
 from service.jobs.studies import StudyService
-from service.operations import KeyedRequest, is_study
+from service.operations import KeyedRequest
 from service.queries import Count, QueryService
 from service.telemetry import span_within
 
@@ -48,6 +48,8 @@ class ActiveJob:
     state: JobState
     queue: str
     """Owner whose share of the workers the cases count against."""
+    samples: int = 1
+    """Number of samples as which each case counts: the largest of the first case of a sweep or batch of studies."""
     ended: Callable[[JobState], object] = lambda _: None
     """Function called once, with the final state."""
     scope: CancelScope = field(default_factory=CancelScope)
@@ -59,11 +61,11 @@ class ActiveJob:
 
     @property
     def left(self) -> int:
-        """Number of unfinished cases or, for a study, of samples it may still take; 0 before its first report."""
-        if is_study(self.state.operation):
+        """Number of unfinished cases or, for studies, of samples that they may take; 0 before one study has begun."""
+        if self.state.is_study:
             progress = self.state.progress or {"max_samples": 0, "samples": 0}
             return int(progress["max_samples"] - progress["samples"])
-        return self.state.total - self.state.done
+        return self.samples * (self.state.total - self.state.done)
 
     def update(self, state: JobState) -> None:
         """Set a newer state, and wake the followers of the job."""
@@ -125,11 +127,21 @@ class Scheduler:
         self._handing_out: set[ActiveJob] = set()
         """Jobs that have begun and still have cases to hand to the runner."""
 
-    def add(self, state: JobState, queue: str = "") -> None:
-        """Queue a job; `queue` overrides the owner whose share of the workers it counts against."""
+    def add(self, state: JobState, first: bytes | None, queue: str = "") -> None:
+        """Queue a job.
+
+        Parameters
+        ----------
+        first
+            Canonical request of its first case; None if that is damaged.
+        queue
+            Owner whose share of the workers the job counts against, if other than its own.
+        """
         if state.final:
             return
-        job = self.active[state.id] = ActiveJob(state, queue or state.owner, self._settle_charge)
+        operation = self._queries.operations.get(state.operation)
+        samples = 1 if operation is None or first is None else operation.samples(first)
+        job = self.active[state.id] = ActiveJob(state, queue or state.owner, samples, self._settle_charge)
         self._begin_jobs(job.queue)
 
     def ahead(self, state: JobState) -> list[ActiveJob]:
@@ -220,7 +232,7 @@ class Scheduler:
         state = job.state
         try:
             with job.scope:
-                if is_study(state.operation):
+                if state.is_study:
                     with self._span("study", state, 1):
                         await self._run_study(job)
                 else:

@@ -9,11 +9,10 @@ from typing import Any
 import httpx
 import pytest
 
-from service import cli
+from service import cli, operations
 from service.api.app import create_app
 from service.api.contract import components_in
 from service.cli import serve
-from service.cli.arguments import MANY
 from service.schemas.problems import TAGGED
 
 COMMITTED = Path(__file__).parents[2] / "openapi" / "openapi.json"
@@ -24,6 +23,8 @@ OPERATIONS: dict[str, dict[str, Any]] = {
     for path, methods in CONTRACT["paths"].items()
     for method, operation in methods.items()
 }
+
+MANY = [each for each in operations.OPERATIONS.values() if each.many is not None]
 
 
 def nodes(value: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
@@ -122,7 +123,7 @@ def test_requests_refuse_unknown_fields_and_bound_every_number() -> None:
         assert schema.get("type") != "object" or schema["additionalProperties"] is False, name
     for name, operation in OPERATIONS.items():
         # Discrete values of an uncertain input have no bounds.
-        if "requestBody" not in operation or name.endswith("/uncertainty"):
+        if "requestBody" not in operation or "/uncertainty" in name:
             continue
         schema = operation["requestBody"]["content"]["application/json"]["schema"]
         for place, node in nodes_of_component(schema["$ref"].rpartition("/")[2]):
@@ -157,10 +158,11 @@ def test_every_number_has_a_format_of_64_bits() -> None:
             assert node["format"] == {"number": "double", "integer": "int64"}[node["type"]], place
 
 
-@pytest.mark.parametrize("path", [f"/{operation}/{kind}" for operation in MANY for kind in ("batch", "sweep")])
+@pytest.mark.parametrize("path", [f"{operation.path}/{kind}" for operation in MANY for kind in ("batch", "sweep")])
 def test_contract_says_when_many_cases_are_answered_and_what_preferences_do(path: str) -> None:
     text = OPERATIONS[f"POST {path}"]["description"]
-    for words in ("Up to 100 cases are answered at once with 200", "202", "respond-async", "wait=10"):
+    most = "16,384 samples" if "uncertainty" in path else "100 cases"
+    for words in (f"Up to {most} are answered at once with 200", "202", "respond-async", "wait=10"):
         assert words in text, words
 
 
@@ -179,7 +181,7 @@ def test_every_model_has_examples_and_every_field_a_description() -> None:
             assert schema["description"], name
 
 
-@pytest.mark.parametrize("path", [f"/{operation}/batch" for operation in MANY])
+@pytest.mark.parametrize("path", [f"{operation.path}/batch" for operation in MANY])
 def test_batches_are_declared_as_json_and_as_lines(path: str) -> None:
     operation = OPERATIONS[f"POST {path}"]
     assert list(operation["requestBody"]["content"]) == ["application/json", "application/jsonl"]
@@ -226,7 +228,7 @@ def test_errors_are_declared_as_problems() -> None:
         for status, response in errors.items():
             assert list(response["content"]) == ["application/problem+json"], (name, status)
     assert {"400", "413", "415", "422", "503"} <= OPERATIONS["POST /cra"]["responses"].keys()
-    for path in (f"/{operation}/{kind}" for operation in MANY for kind in ("batch", "sweep")):
+    for path in (f"{operation.path}/{kind}" for operation in MANY for kind in ("batch", "sweep")):
         assert {"202", "406", "409", "413", "415", "422", "429", "503"} <= OPERATIONS[f"POST {path}"][
             "responses"
         ].keys()

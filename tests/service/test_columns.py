@@ -1,5 +1,6 @@
 """Columns of tables have the units and descriptions of the contract."""
 
+from enum import Enum
 from typing import Any, get_origin
 
 import pytest
@@ -49,8 +50,15 @@ def filled(model: type[Part]) -> dict[str, Any]:
     for name, info in model.model_fields.items():
         kind, part = kind_of(info.annotation), part_of(model, name)
         value: Any = filled(part) if part else "x" if isinstance(kind, type) and issubclass(kind, str) else 1.0
-        found[name] = value if get_origin(kind) is not list else [value] if part else [1.0, 2.0]
+        found[name] = value if get_origin(kind) is not list else one_of_each(part, value) if part else [1.0, 2.0]
     return found
+
+
+def one_of_each(model: type[Part], value: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the items of a list of parts: one for each name if the parts have names, such as outcomes, else one."""
+    kinds = {name: kind_of(info.annotation) for name, info in model.model_fields.items()}
+    names = {name: kind for name, kind in kinds.items() if isinstance(kind, type) and issubclass(kind, Enum)}
+    return [value | {name: each.value} for name, kind in names.items() for each in kind] or [value]
 
 
 @pytest.mark.parametrize("operation", [each for each in OPERATIONS.values() if each.many], ids=lambda each: each.name)
