@@ -1,4 +1,4 @@
-"""Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle. SI units and radians.
+"""Oblique impact of rigid projectiles on concrete: motion and critical ricochet angle, in SI units and radians.
 
     projectile = Projectile(nose=Ogive(caliber_radius_head=3.0), diameter=0.08, length=0.53, mass=13.0)
     target = Target(compressive_strength=39e6, density=2250.0)
@@ -7,7 +7,7 @@
 
 simulate, simulate_many                motion of one strike or of many
 critical_angle, critical_angle_many    smallest oblique angle at which a projectile is turned away
-critical_angle_sweep                   that angle over a grid of speeds, strengths, noses or laws
+critical_angle_sweep                   critical angle over a grid of speeds, strengths, noses or laws
 least_thickness, limit_velocity        thinnest wall that is not perforated, lowest speed that perforates a wall
 formulas                               empirical formulas for penetration, scabbing and perforation
 flight, flight_after                   landing of a body that has left the target

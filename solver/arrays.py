@@ -1,8 +1,8 @@
 """Array types, Gauss-Legendre rules, and polynomials for the sine and the arc cosine.
 
-With a polynomial the compiler can process several points of a loop at once; with a call of a library function it
-cannot. The polynomials are interpolated at Chebyshev nodes when the package is imported. The errors stated are the
-largest found on a fine grid.
+The compiler vectorises a loop that evaluates a polynomial, but not a loop that calls a library function. The
+polynomials are interpolated at Chebyshev nodes when the package is imported. The stated errors are the largest found on
+a fine grid.
 """
 
 import math
@@ -20,7 +20,7 @@ IntArray: TypeAlias = npt.NDArray[np.int64]
 
 
 class ComparedByFields:
-    """Base of dataclasses with array fields; two objects are equal if all values of their fields are."""
+    """Base of dataclasses with array fields: two objects are equal if all their fields have equal values."""
 
     __slots__ = ()
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -46,12 +46,13 @@ def gauss_rule(count: int) -> FloatArray:
 
 
 def interpolation(degree: int) -> tuple[FloatArray, FloatArray]:
-    """Return Chebyshev nodes on [-1, 1], and the matrix from values there to polynomial coefficients.
+    """Return Chebyshev nodes on [-1, 1], and the matrix that turns values there into polynomial coefficients.
 
-    Coefficients begin with the constant term.
+    The coefficients begin with the constant term.
     """
-    # Interpolation at Chebyshev nodes comes close to the best polynomial of its degree, without searching for it. Going
-    # through the coefficients of Chebyshev polynomials avoids inverting an ill-conditioned Vandermonde matrix.
+    # Interpolation at Chebyshev nodes comes close to the best polynomial of its degree without a search for it. The
+    # Chebyshev coefficients are computed first, because inverting the Vandermonde matrix of the powers would be
+    # ill-conditioned.
     nodes = np.cos((np.arange(degree + 1) + 0.5) * np.pi / (degree + 1))
     series = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, degree))
     powers = np.zeros((degree + 1, degree + 1))
@@ -67,7 +68,7 @@ def fit(function: Callable[[FloatArray], FloatArray], degree: int) -> FloatArray
 
 
 def _sine_ratio(t: FloatArray) -> FloatArray:
-    # sin(x)/x is even, so it is a smooth function of x² and needs half the degree that the sine itself would.
+    # sin(x)/x is even, so it is a smooth function of x² and needs half the degree of a polynomial for the sine itself.
     x = np.sqrt((t + 1.0) / 2.0) * np.pi / 2.0
     return np.sin(x) / x
 
@@ -78,7 +79,7 @@ def _arc_ratio(t: FloatArray) -> FloatArray:
     return np.arccos(c) / np.sqrt(1.0 - c)
 
 
-# The lowest degrees with errors of 1e-10 and 1e-8, both below the 1e-7 of the decay polynomials.
+# These are the lowest degrees with errors of 1e-10 and 1e-8, both below the error of the decay polynomials, 1e-7.
 SINE = tuple(float(c) for c in fit(_sine_ratio, 5))
 ARC = tuple(float(c) for c in fit(_arc_ratio, 8))
 SINE_SCALE = 8.0 / math.pi**2
@@ -97,7 +98,7 @@ def sine(x: float) -> float:
 
 @exact
 def arc_cosine(c: float) -> float:
-    """Return the angle between 0 and π that has the cosine `c`, with an error of at most 1e-8. [rad]"""
+    """Return the angle between 0 and π whose cosine is `c`, with an error of at most 1e-8. [rad]"""
     # The polynomial covers 0 ≤ c ≤ 1; the angle of a negative cosine follows by symmetry.
     size = abs(c)
     t = 2.0 * size - 1.0

@@ -1,9 +1,9 @@
-"""Bending stress of a projectile during a run, from the loads of the model and the inertia of the body (D'Alembert).
+"""Bending stress of a projectile during a run, from the loads on its surface and its inertia (D'Alembert).
 
-The body is treated as a beam along its axis and cut across into slices. The part ahead of a cross-section moves with
-the whole body. Where the loads on that part differ from the force and moment that this motion requires, the
-cross-section carries the difference: a bending moment, and a normal force along the axis. The motion stays that of a
-rigid body; the stress shows whether a real body could follow it.
+The body is treated as a beam along its axis, cut into slices perpendicular to it. The part ahead of a cross-section
+moves with the whole body. Where the loads on that part differ from the force and moment that this motion requires, the
+cross-section carries the difference: a bending moment, and a normal force along the axis. The motion remains that of a
+rigid body; the stress shows whether a real body would stay rigid.
 """
 
 import math
@@ -21,7 +21,7 @@ from solver.motion import Model, accelerate
 from solver.projectile import Arc, MassProperties, Projectile, mass_properties
 from solver.surface import LINE, Body, Panels, build_body
 
-# The peak between two cross-sections is found by a parabola. For the paper's body it is within 0.5 % of the peak with
+# A parabola gives the peak between two cross-sections. For the paper's body it is within 0.5 % of the peak found with
 # 200 slices.
 SLICES = 16
 """Number of slices of a body."""
@@ -31,25 +31,25 @@ INSTANTS = 20
 """Largest number of instants in the first pass over a run."""
 INSTANTS_NEAR_PEAK = 10
 """Number of instants in the second pass, on both sides of the largest stress of the first; rounding may add one."""
-# In six strikes of the paper's body, from 0° to 75°, the peak is within 0.1 % of that with 16 points, less than the
-# slices and instants leave.
+# In six strikes of the paper's body, from 0° to 75°, the peak is within 0.1 % of the peak with 16 points, which is less
+# than the error due to slices and instants.
 STATIONS = 4
 """Number of Gauss points along each stretch of the outline within a slice."""
 # This number of points is exact for lines and accurate to 1e-10 for arcs.
 GAUSS_POINTS = 8
 """Number of Gauss points for the inertia of a slice."""
-# Near rest nearly all of the resistance is static, and its direction is that of a velocity close to zero, which depends
-# on the method of integration. Independent programs therefore disagree about the stress there.
+# Near rest nearly all of the resistance is static. Its direction follows a velocity close to zero, which depends on the
+# method of integration, so independent programs disagree about the stress.
 ENERGY_LEFT = 0.05
 """Share of the initial kinetic energy below which the stress is no longer computed. [1]"""
-# A part that touches the target after the release, mostly the tail, meets concrete that the nose has broken and that
-# the model treats as intact.
+# The part that touches the target after the release is mostly the tail. It meets concrete that the nose has broken, but
+# that the model treats as intact.
 FREE = 1e-6
-"""Acceleration, over the largest so far, up to which the projectile counts as released. [1]"""
-# The tolerances allow for values taken from a drawing, which are rounded to two or three digits.
+"""Ratio of the acceleration to the largest so far, up to which the projectile counts as released. [1]"""
+# The tolerances allow for values from a drawing, which are rounded to two or three digits.
 CENTER_WITHIN, INERTIA_WITHIN = 0.005, 0.02
-"""Largest deviations from the homogeneous solid of the shape at which the mass counts as distributed like in that
-solid: of the centre of gravity, over the length, and of the moment of inertia, over that of the solid. [1, 1]"""
+"""Largest deviations from a homogeneous solid of the same shape with which the mass still counts as evenly distributed:
+deviation of the centre of gravity over the length, and relative deviation of the moment of inertia. [1, 1]"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,9 +66,9 @@ class BendingHistory(ComparedByFields):
 class Bending:
     """Largest bending stress over a run, until the projectile is first released or has lost 95 % of its energy.
 
-    With panels the stress of a body that moves along its axis is too high, as its resistance changes sides from step to
-    step. For a body of the paper's size with a flat nose at 40° the stress is 0.23 GPa by the adaptive route, 0.9 GPa
-    with panels, and 0.4 GPa with panels in steps of 1 µs.
+    With panels the stress of a body that moves along its axis is too high, because its resistance alternates between
+    two sides from step to step. For a body of the paper's size with a flat nose at 40° the stress is 0.23 GPa by the
+    adaptive route, 0.9 GPa with panels, and 0.4 GPa with panels and a time step of 1 µs.
     """
 
     peak_stress: float
@@ -78,8 +78,8 @@ class Bending:
     distance_behind_tip: float
     """Distance behind the tip of the cross-section with the largest bending stress. [m]"""
     normal_force: float
-    """Force along the axis in the cross-section with the largest bending stress, at that time, positive for tension.
-    The largest bending stress does not include it. [N]"""
+    """Axial force in the cross-section with the largest bending stress, at the time of that stress; positive in
+    tension. The largest bending stress does not include it. [N]"""
     history: BendingHistory | None
     """Largest bending stress over time; None if the run has no history."""
 
@@ -89,12 +89,12 @@ class Bending:
 
 
 class _Beam(NamedTuple):
-    """A body cut into slices of equal length, from the tip to the base."""
+    """Body cut into slices of equal length, from the tip to the base."""
 
     outline: FloatArray
     """(m, 8) rows as in `Body.outline`, cut at the cross-sections between slices, in the order of the slices."""
     ends: IntArray
-    """(n + 1,) index of the first row of each slice, and the number of rows."""
+    """(n + 1,) index of the first row of each slice, then the number of rows."""
     places: FloatArray
     """(n - 1,) positions of the cross-sections between slices, ahead of the centre of gravity. [m]"""
     moments: FloatArray
@@ -105,7 +105,7 @@ class _Beam(NamedTuple):
 
 
 def has_inertia_of_shape(projectile: Projectile) -> bool:
-    """Return whether the mass properties agree with the homogeneous solid of the shape, as the beam model requires."""
+    """Return whether the mass properties agree with a homogeneous solid of the shape, as the beam model requires."""
     if projectile.center_of_gravity is None and projectile.moment_of_inertia is None:
         return True
     used, shape = mass_properties(projectile), _shape_properties(projectile)
@@ -143,7 +143,7 @@ def bending_of(
     Returns
     -------
     Bending | None
-        None if `has_inertia_of_shape` is false for the projectile, or the run has no steps.
+        Bending stress; None if `has_inertia_of_shape` is false for the projectile, or the run has no steps.
     """
     if len(steps) == 0 or not has_inertia_of_shape(projectile):
         return None
@@ -176,9 +176,9 @@ def bending_of(
 
 
 def _vertex(values: FloatArray, place: int) -> tuple[float, float]:
-    """Return place and value of the vertex of the parabola through the largest of some values and its neighbours.
+    """Return position and height of the vertex of the parabola through the largest value and its neighbours.
 
-    The place is relative to that of the largest value, in intervals.
+    The position is relative to the largest value, in intervals.
     """
     if not 0 < place < values.size - 1:
         return 0.0, float(values[place])
@@ -195,8 +195,8 @@ def _beam(projectile: Projectile, slices: int) -> _Beam:
     body, length, center = build_body(projectile, used), projectile.length, used.center_of_gravity
     edges = center - length * np.arange(slices + 1) / slices
     parts = _cut_outline(body, edges)
-    # The last row of an outline is its base, which is not evaluated where it faces out of the target. In the other
-    # slices a row of zero length takes its place.
+    # The last row of an outline is its base, which is skipped where it faces out of the target. Slices without a base
+    # end with a row of zero length instead.
     base = body.outline[-1]
     nothing = base.copy()
     nothing[3] = 0.0
@@ -210,7 +210,7 @@ def _beam(projectile: Projectile, slices: int) -> _Beam:
 
 
 def _is_hollow(projectile: Projectile, x: FloatArray) -> FloatArray:
-    """Return whether each distance behind the tip lies within the shank, the only part that may have a bore."""
+    """Return a mask of the distances behind the tip that lie within the shank, the only part that may have a bore."""
     return np.asarray((projectile.nose_length < x) & (x < projectile.shank_end))
 
 
@@ -256,7 +256,7 @@ def _radii(projectile: Projectile, x: FloatArray) -> FloatArray:
 
 
 def _inertia(projectile: Projectile, center: float, front: float, rear: float) -> tuple[float, float, float]:
-    """Return the volume of a slice, and its first and second moment about the centre of gravity. [m³, m⁴, m⁵]"""
+    """Return volume, first moment and second moment of a slice about the centre of gravity. [m³, m⁴, m⁵]"""
     begin, end = center - front, center - rear
     kinks = [piece.x_end if not isinstance(piece, Arc) else piece.x_center for piece in projectile.outline()]
     t, w = gauss_rule(GAUSS_POINTS).T
@@ -274,19 +274,20 @@ class _Slices(NamedTuple):
     """Slices of a body and work arrays for the compiled code."""
 
     first_panels: IntArray
-    """(n + 1,) index of the first panel of each slice, and the number of panels."""
+    """(n + 1,) index of the first panel of each slice, then the number of panels."""
     crater_depth: float
-    """Depth of the crater; the depth of the deepest point of the whole body decides how it weakens all slices. [m]"""
+    """Depth of the crater. It weakens all slices alike, by the depth of the deepest point of the whole body. [m]"""
     states: FloatArray
     """(6 `MOST_STATES`,) states, one after the other."""
     accelerations: FloatArray
     """(3 `MOST_STATES`,) accelerations of the states."""
     loads: FloatArray
-    """(`MOST_STATES`, n, 3) forces on the slices along depth and face, moments about the centre of gravity. [N, N m]"""
+    """(`MOST_STATES`, n, 3) forces on the slices along depth and face, and moments about the centre of gravity. [N, N
+    m]"""
     stages: FloatArray
     """(3, 6) state, rates and loads in the stages of a Runge-Kutta step."""
     change: FloatArray
-    """(steps,) sum of the magnitudes of the velocity changes up to the beginning of each step. [m/s]"""
+    """(steps,) sum of the magnitudes of all velocity changes before each step. [m/s]"""
 
 
 @lean
@@ -300,7 +301,7 @@ def _add_loads(
     accelerations: FloatArray,
     loads: FloatArray,
 ) -> None:
-    """Add the loads on the slices in some states, multiplied by `weight`, to `loads`.
+    """Add the loads on the slices in each state, multiplied by `weight`, to `loads`.
 
     Parameters
     ----------
@@ -309,7 +310,7 @@ def _add_loads(
     accelerations
         (3 n,) work array for the accelerations due to the loads on one slice.
     loads
-        (n, slices, 3) sums of the forces and moments. [N, N m]
+        (n, slices, 3) running sums of forces and moments. [N, N m]
     """
     body, panels, ends = model.body, model.panels, beam.ends
     for k in range(ends.size - 1):
@@ -353,10 +354,10 @@ def _add_mean_loads(
     accelerations: FloatArray,
     loads: FloatArray,
 ) -> None:
-    """Add the mean loads on the slices over a step of the given length [s] that begins in a state.
+    """Add the mean loads on the slices over a step of `length` [s] that begins at `state`.
 
-    The stress on panels is not ramped: where the body moves along its axis, the whole static load alternates between
-    its two sides. The mean over the stages of the Runge-Kutta step is the load that moves and bends the body.
+    The stress on panels has no ramp, so where the body moves along its axis the whole static load alternates between
+    its two sides. Only its mean over the stages of the Runge-Kutta step moves and bends the body.
     """
     body, stage, rates, total, before = model.body, cut.stages[0], cut.stages[1], cut.stages[2, :3], cut.stages[2, 3:]
     cut.stages[:] = 0.0
@@ -379,7 +380,7 @@ def _add_mean_loads(
 def _write_section_loads(
     state: FloatArray, beam: _Beam, loads: FloatArray, stress: FloatArray, force: FloatArray
 ) -> None:
-    """Write the bending stress and the normal force in each cross-section, from the (slices, 3) loads. [Pa, N]"""
+    """Write the bending stress and the normal force in each cross-section, given the (slices, 3) loads. [Pa, N]"""
     cosine, sine, spin = math.cos(state[2]), math.sin(state[2]), state[5]
     last, moments = loads.shape[0] - 1, beam.moments
     for k in range(last):
@@ -388,9 +389,9 @@ def _write_section_loads(
     along = loads[last, 0] * cosine + loads[last, 1] * sine
     across = loads[last, 1] * cosine - loads[last, 0] * sine
     turning = loads[last, 2]
-    # The acceleration of the whole body follows from the balances of force and moment. The first moment is not taken as
-    # zero, since a rounded centre of gravity may differ from that of the shape. With it, moment and shear vanish
-    # exactly at the base.
+    # The acceleration of the whole body follows from the balances of force and moment. The first moment is kept
+    # although it is nearly zero, because a rounded centre of gravity may differ from that of the shape. With it, moment
+    # and shear vanish exactly at the base.
     mass, first, second = moments[0, last], moments[1, last], moments[2, last]
     size = mass * second - first * first
     sideways = (across * second - turning * first) / size
@@ -416,7 +417,7 @@ def _write_stress(
     stress: FloatArray,
     force: FloatArray,
 ) -> None:
-    """Write the bending stresses and normal forces at the beginning of some steps, one row for each step. [Pa, N]"""
+    """Write the bending stresses and normal forces at the beginning of the steps in `rows`, one row each. [Pa, N]"""
     together = 1 if model.panels.area.size > 0 else MOST_STATES
     for begin in range(0, rows.size, together):
         count = min(together, rows.size - begin)
@@ -436,9 +437,9 @@ def _write_stress(
 
 @lean
 def _speed_change(steps: FloatArray, body: Body, change: FloatArray) -> int:
-    """Write the sum of the velocity changes before each step, and return the number of steps with a stress to compute.
+    """Write the sum of the velocity changes before each step, and return the number of steps to evaluate.
 
-    These end with the release, or with the step by which 95 % of the energy is lost. [m/s, 1]
+    The last of these steps is the release, or the step at which 95 % of the energy is lost. [m/s, 1]
     """
     left = greatest = 0.0
     for i in range(steps.shape[0]):
@@ -469,10 +470,9 @@ def _follow_stress(
     stress: FloatArray,
     force: FloatArray,
 ) -> int:
-    """Write the bending stresses over a run, first at spread-out instants, then at instants near the largest stress.
+    """Write the bending stresses over a run, first at instants spread over it, then near the largest stress.
 
-    Both passes are one compiled call: the arrays are so small that calls of NumPy would take longer than the
-    computation.
+    Both passes are one compiled call: the arrays are so small that NumPy calls would take longer than the computation.
 
     Parameters
     ----------
@@ -481,8 +481,8 @@ def _follow_stress(
     instants
         Largest number of instants in the first pass.
     rows, stress, force
-        (m,), (m, sections) and (m, sections) output: indices of the steps at whose beginning the stress was computed,
-        bending stresses and normal forces. [1, Pa, N]
+        (m,), (m, sections) and (m, sections) output: indices of the steps evaluated, and the bending stresses and
+        normal forces at their beginning. [1, Pa, N]
 
     Returns
     -------
@@ -490,9 +490,9 @@ def _follow_stress(
         Number of instants written.
     """
     change = cut.change
-    # The stress is computed at the ends of steps only: states inside are interpolated, and their loads scatter where
-    # the body moves along its axis. Times between which the velocity changes by equal amounts lie close together where
-    # the loads are large.
+    # The stress is computed at the ends of steps only: states within a step are interpolated, and their loads scatter
+    # where the body moves along its axis. The instants divide the change of velocity into equal parts, so they are
+    # close together where the loads are large.
     last = _speed_change(steps, model.body, change) - 1
     count = at = 0
     for k in range(instants):

@@ -1,7 +1,7 @@
 """Cancellation of computations, by a signal handler in the main thread or by another thread.
 
 Python runs signal handlers between two bytecode instructions, never during a compiled call. So every integration and
-every compiled search is called through `compute`, and reads two numbers, its control, before each of its steps.
+every compiled search is called through `compute`, and checks a control, an array of two numbers, before each step.
 """
 
 import threading
@@ -18,18 +18,18 @@ from solver.arrays import IntArray
 from solver.compilation import lean
 
 CANCELLED, STEPS_LEFT = range(2)
-"""Indices in a control: a flag that ends the computation if it is not zero, and the number of steps left."""
-# More steps than any computation takes, and far from the largest integer.
+"""Indices in a control: a flag that ends the computation unless it is zero, and the number of steps left."""
+# No computation takes that many steps, and counting down from it cannot overflow.
 NO_LIMIT = 2**62
-"""Number of steps that stands for no limit."""
-# A step takes 10 to 20 µs and a usual search 1,000 steps, so nearly all computations end in the main thread within
-# 0.4 s. A few in a thousand reach the limit and start again in another thread, which takes 0.3 ms to create and leaves
-# the main thread free for signals.
+"""Number of steps that means no limit."""
+# A step takes 10 to 20 µs and a usual search 1,000 steps, so nearly all computations end in the main thread within 0.4
+# s. A few in a thousand reach the limit and start again in another thread. Creating that thread takes 0.3 ms, and the
+# main thread is then free to handle signals.
 QUICK_STEPS = 20_000
-"""Largest number of steps of a computation in the main thread."""
+"""Largest number of steps that a computation takes in the main thread."""
 # Evaluating the loads on this number of panels takes about as long as one step of the Gauss-point method.
 PANELS_PER_STEP = 100
-"""Number of panels that count as one step."""
+"""Number of panels whose evaluation counts as one step."""
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -38,20 +38,20 @@ Result = TypeVar("Result")
 class CancelledError(Exception):
     """Raised in a computation that `Cancellation.cancel` has ended.
 
-    It is not a `RicochetError`, since it does not depend on the case.
+    It is not a `RicochetError`, since the inputs do not cause it.
     """
 
 
 @lean
 def may_step(control: IntArray) -> bool:
     """Count a step and return whether it may be taken."""
-    # Another thread may write to the control at any time. A flag of one machine word needs no lock.
+    # Another thread may set the flag at any time. Writing one machine word needs no lock.
     control[STEPS_LEFT] -= 1
     return bool(control[CANCELLED] == 0 and control[STEPS_LEFT] >= 0)
 
 
 class Cancellation:
-    """Handle with which one thread cancels the computations of another, both running and later ones.
+    """Handle with which one thread cancels the computations of another, whether running or not yet started.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class Cancellation:
 
         answer = cancellation.run(critical_angle, projectile=projectile, target=target, velocity=238.0)
 
-    In another thread; the first thread then raises `CancelledError` within a step::
+    In another thread, after which the first one raises `CancelledError` within a step::
 
         cancellation.cancel()
     """
@@ -71,7 +71,7 @@ class Cancellation:
         self._controls: dict[int, IntArray] = {}
 
     def run(self, function: Callable[Arguments, Result], *args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-        """Call a function whose computations in this thread `cancel` can end; return its result.
+        """Call a function, and return its result unless `cancel` ends its computations in this thread.
 
         Raises
         ------
@@ -93,7 +93,7 @@ class Cancellation:
 
     @contextmanager
     def covering(self, control: IntArray) -> Iterator[None]:
-        """Register the control of a computation during a block, so that `cancel` ends it."""
+        """Register the control of a computation for the duration of a block, so that `cancel` ends it."""
         with self._lock:
             self._controls[id(control)] = control
             control[CANCELLED] |= self._cancelled
@@ -110,7 +110,7 @@ _current: ContextVar[Cancellation | None] = ContextVar("cancellation", default=N
 
 
 class ComputingThreads(ThreadPoolExecutor):
-    """Thread pool whose computations are cancelled if its block is left by an exception, such as Ctrl-C."""
+    """Thread pool that cancels its computations if its block is left by an exception, such as Ctrl-C."""
 
     def __init__(self, count: int) -> None:
         super().__init__(count, "solver")
@@ -130,15 +130,15 @@ class ComputingThreads(ThreadPoolExecutor):
 
 
 def compute(function: Callable[[IntArray], Result], panels: int = 0) -> Result:
-    """Call a function that runs compiled code, so that it can be cancelled; return its result.
+    """Call a function that runs compiled code in such a way that it can be cancelled; return its result.
 
     Parameters
     ----------
     function
-        Function that passes the control to the compiled code. It may be called twice, so it allocates the arrays that
-        it writes to.
+        Function that passes the control to the compiled code. It may be called twice, so it must allocate the arrays
+        that it writes to.
     panels
-        Number of panels, each of which makes a step longer.
+        Number of panels, to which the time of a step is proportional.
 
     Raises
     ------

@@ -1,13 +1,13 @@
-"""Errors of the solver, and checks of inputs that raise them with the name of the field and its bound.
+"""Errors of the solver, and checks of inputs, whose errors name the field and its bound.
 
     RicochetError
     ├── ParameterError      an input is outside its range, or of another type
     └── IntegrationError    the motion could not be integrated
         └── StepLimitError  more steps than a run may take
 
-Outcomes of a run or a search (embedded, no ricochet, ...) are results, not errors. The bounds in `BOUNDS` are the same
-in Python and in the HTTP contract: wide enough for any strike, and narrow enough to detect most wrong units. The error
-for a number outside its bounds suggests the unit in which it may have been given.
+Outcomes of a run or a search (embedded, no ricochet, ...) are results, not errors. The bounds in `BOUNDS` apply in
+Python and in the HTTP contract alike. They are wide enough for any strike, and narrow enough to detect most wrong
+units. The error for a number outside its bounds suggests the unit that was probably meant.
 """
 
 import math
@@ -26,7 +26,7 @@ class RicochetError(Exception):
 
 
 class ParameterError(RicochetError, ValueError):
-    """Raised if an input is outside its range, or of a type that is not accepted.
+    """Raised if an input is outside its range, or its type is not accepted.
 
     Parameters
     ----------
@@ -59,12 +59,12 @@ def plain(value: Any) -> Any:
 
 
 def rows_of(field: str, rows: Any, kind: type[Row]) -> list[Row]:
-    """Return a list of dataclass objects, made from such objects or from a DataFrame with one row for each.
+    """Return a list of dataclass objects, given as such or as a DataFrame with a row for each.
 
     Parameters
     ----------
     rows
-        Sequence of objects, or a DataFrame whose columns are named as the fields of the dataclass.
+        Sequence of objects, or a DataFrame whose columns have the names of the fields.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def rows_of(field: str, rows: Any, kind: type[Row]) -> list[Row]:
         text = f"must have the columns {', '.join(needed)}, and may have {', '.join(others)}; got "
         require(set(needed) <= set(names) <= {*needed, *others}, field, text + ", ".join(map(str, names)))
         cells = [dict(zip(names, row, strict=True)) for row in zip(*(plain(rows[name]) for name in names), strict=True)]
-        # NaN and NA mark an optional value that a row does not have. Neither is equal to itself.
+        # NaN and NA mark a missing optional value. Neither is equal to itself.
         rows = [
             kind(**{name: value for name, value in row.items() if name in needed or (value == value) is True})  # noqa: PLR0124
             for row in cells
@@ -101,7 +101,7 @@ def require_number(field: str, value: object) -> float:
     Raises
     ------
     ParameterError
-        If the value is a bool, a text, an array with at least one dimension, or another object.
+        If the value is a bool, a string, an array with at least one dimension, or any other object.
     """
     if isinstance(value, float | int) and not isinstance(value, bool):
         return float(value)
@@ -116,7 +116,7 @@ def require_number(field: str, value: object) -> float:
 
 
 def require_kind(field: str, value: object, union: object) -> None:
-    """Check that a value is an instance of one of the classes of a union.
+    """Check that a value is an instance of a class in a union.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def require_between(field: str, value: float, lower: float, upper: float) -> Non
 
 
 class Bound(NamedTuple):
-    """Range of a number with its unit, and other units in which it is often given by mistake."""
+    """Range of a number with its unit, and the units in which it is often given by mistake."""
 
     lower: float
     """Lower end of the range, in `unit`."""
@@ -169,7 +169,7 @@ class Bound(NamedTuple):
     name: str
     """Name of the unit in error messages."""
     mistaken: tuple[tuple[str, float], ...] = ()
-    """Symbols of other units, each with its factor to `unit`."""
+    """Symbols of such units, each with its factor to `unit`."""
     above: bool = False
     """True if the lower end is excluded."""
     below: bool = False
@@ -205,8 +205,8 @@ BOUNDS: Mapping[str, Bound] = {
     "target.youngs_modulus": Bound(1e6, 1e12, "Pa", "pascals", (("GPa", 1e9), ("MPa", 1e6))),
     "target.poissons_ratio": Bound(0.0, 0.5, "", "a ratio"),
     "target.thickness": Bound(0.0, 1e3, "m", "metres", MILLIMETRES, above=True),
-    # Slabs of power plants have up to about 2 % in each direction at each face. Ten per cent include every wall that
-    # can be cast.
+    # Slabs of power plants have up to about 2 % in each direction at each face. No wall with more than ten per cent can
+    # be cast.
     "target.reinforcement_ratio_percent": Bound(0.0, 10.0, "%", "percent"),
     "shot.depth": Bound(1e-6, 100.0, "m", "metres", MILLIMETRES),
     "impact.velocity": Bound(0.1, 1e4, "m/s", "m/s"),
@@ -216,7 +216,7 @@ BOUNDS: Mapping[str, Bound] = {
     "flight.drag_coefficient": Bound(0.0, 10.0, "", "a ratio"),
     "flight.height": Bound(0.0, 1e4, "m", "metres", MILLIMETRES),
 }
-"""Bounds of inputs, by their dotted names."""
+"""Bounds of inputs, by dotted name."""
 
 
 def require_bounds(field: str, value: object, like: str = "") -> None:
@@ -227,13 +227,13 @@ def require_bounds(field: str, value: object, like: str = "") -> None:
     field
         Name of the field in the error.
     like
-        Name in `BOUNDS`, if it is not that of the field.
+        Key in `BOUNDS`, if it differs from `field`.
 
     Raises
     ------
     ParameterError
-        If the value is not a number, or outside the bounds. The message names the bounds, and the unit in which the
-        number may have been given.
+        If the value is not a number, or outside the bounds. The message states the bounds, and suggests the unit that
+        was probably meant.
     """
     bound, number = BOUNDS[like or field], require_number(field, value)
     if bound.holds(number):
@@ -250,7 +250,7 @@ def require_bounds(field: str, value: object, like: str = "") -> None:
 
 
 def require_one(field: str, value: object, kind: type) -> None:
-    """Check that a value is one object of a class, not a sequence of them.
+    """Check that a value is a single object of a class, not a sequence of them.
 
     Raises
     ------
@@ -263,7 +263,7 @@ def require_one(field: str, value: object, kind: type) -> None:
 
 
 def require_angle(field: str, value: object, *, below: bool) -> None:
-    """Check that a value is an angle of at most 90° to either side, or of less than 90° with `below`. [rad]
+    """Check that an angle is at most 90° to either side, or less than 90° if `below` is true. [rad]
 
     Raises
     ------
@@ -282,7 +282,7 @@ def require_angle(field: str, value: object, *, below: bool) -> None:
 
 
 def name_keywords(package: dict[str, Any]) -> None:
-    """Wrap the keyword-only functions and classes of a package, so that the error of a positional call lists them."""
+    """Make positional calls of the keyword-only functions and classes of a package raise an error with the keywords."""
     for name in package["__all__"]:
         public = package[name]
         own = int(isinstance(public, type))

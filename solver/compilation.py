@@ -1,14 +1,14 @@
-"""Compilation of the solver's functions by numba, and the cache of compiled code on disk.
+"""Compilation of the solver by numba, and the cache of compiled code on disk.
 
-`compiled` and the other decorators wrap `numba.njit`, but import numba only when the first function is called. The code
-of functions that Python calls is cached, each with the code of all functions that it calls. numba does not notice a
-change in a called function, so the cache folder is named by a digest of every source of the package, the versions of
-Python, numba and llvmlite, and the processor. Changed sources use another folder, and a copy of an installation finds
-its code.
+`compiled` and the other decorators wrap `numba.njit`, but import numba only when the first function is called.
+Functions that Python calls are cached, each together with all functions that it calls. numba does not notice a change
+in a called function, so the name of the cache folder is a digest of all sources of the package, the versions of Python,
+numba and llvmlite, and the processor. Changed sources therefore use a new folder, and a copied installation finds its
+code.
 
-The container image includes compiled code for x86-64-v3, that is for processors with AVX2 and FMA, and for the
-processors of AMD and of Intel with AVX-512 (`entry-point.sh`). It is as fast as code compiled on the machine itself
-(`benchmarks/NOTES.md`).
+The container image includes compiled code for x86-64-v3 (processors with AVX2 and FMA), and for AMD and Intel
+processors with AVX-512 (`entry-point.sh`). On processors with AVX-512 that code takes at most 2 % longer than code
+compiled on the machine itself (`benchmarks/results.md`).
 """
 
 import hashlib
@@ -30,23 +30,25 @@ from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
-# LLVM prefers 256 bits on Intel processors that have 512: there the wider registers gained nothing or cost up to 50 %.
+# LLVM prefers 256-bit registers on Intel processors that also have 512-bit ones. There the wider registers gained
+# nothing, or made loops up to 50 % slower.
 WITH_512_BITS = ("znver4", "znver5")
-"""Processors on which LLVM uses registers of 512 bits."""
+"""Processors on which LLVM uses 512-bit registers."""
 PACKAGE = Path(__file__).parent
 JIT = os.environ.get("NUMBA_DISABLE_JIT", "0") in {"", "0"}
 """False if the environment variable NUMBA_DISABLE_JIT turns compilation off."""
 CPU = os.environ.get("NUMBA_CPU_NAME") or get_host_cpu_name()
-# Batches of rings that are multiples of this width made searches 5 % faster on Intel and 9 to 12 % on Zen 4 and 5.
+# Filling batches of rings to a multiple of this width made searches 5 % faster on Intel, and 9 to 12 % on Zen 4 and 5.
 VECTOR_WIDTH = 8 if CPU.startswith((*WITH_512_BITS, "x86-64-v4")) else 4
 """Number of 64-bit numbers in a vector register."""
-# The whole solver takes about a minute. A few functions take seconds, for which a message would be noise.
+# Compiling the whole solver takes about a minute. A few functions take seconds, and a message about them would be
+# noise.
 LONG = 10
-"""Number of functions to compile above which a message is written to the terminal."""
+"""Number of functions to compile, above which a message is written to the terminal."""
 
 
 def _folder_name() -> str:
-    """Return the name of the cache folder, with a digest of everything that the compiled code depends on."""
+    """Return the name of the cache folder, which contains a digest of everything that compiled code depends on."""
     digest = hashlib.sha256()
     for source in sorted(PACKAGE.rglob("*.py")):
         digest.update(source.relative_to(PACKAGE).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
@@ -79,7 +81,7 @@ def _has_code(folder: Path) -> bool:
 def _choose_folder() -> Path:
     """Choose the cache folder: in NUMBA_CACHE_DIR or, if that is not set, beside the sources; else in the user's cache.
 
-    The first folder that is writable, or holds compiled code, is chosen. If neither is, every process compiles anew.
+    The first folder that is writable or holds compiled code is chosen. If there is none, every process compiles anew.
     """
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     bases = [Path(chosen) if chosen else PACKAGE / "__pycache__"]
@@ -93,7 +95,7 @@ def _choose_folder() -> Path:
 FOLDER = _choose_folder()
 """Cache folder of compiled code."""
 BEGUN = FOLDER / "begun.txt"
-"""File with the names of the functions whose compilation has begun, one on each line; the last may still be running."""
+"""File with the names of the functions whose compilation has begun, one per line; the last may be in progress."""
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -107,7 +109,7 @@ class Progress(NamedTuple):
     functions: int
     """Total number of functions."""
     left: list[str]
-    """Entry points that are not in the cache, and other functions whose compilation has not begun."""
+    """Entry points that are not in the cache, and inner functions whose compilation has not begun."""
     now: str = ""
     """Function whose compilation began last; empty if none has begun or the cache is complete."""
 
@@ -117,7 +119,7 @@ class Progress(NamedTuple):
 
 
 def compilation_progress() -> Progress:
-    """Return the progress of compilation from the files in the cache, without importing numba."""
+    """Read the progress of compilation from the cache folder, without importing numba."""
     if all(each.is_kept for each in FUNCTIONS if each.is_entry_point):
         return Progress(len(FUNCTIONS), [])
     try:
@@ -134,18 +136,18 @@ def can_keep() -> bool:
 
 
 class NumbaSettingsError(OSError):
-    """Raised if numba cannot be used with its settings in the working directory or in the environment."""
+    """Raised if numba's settings in the working directory or the environment prevent its use."""
 
 
 SETTINGS = ".numba_config.yaml in the working directory, NUMBA_... in the environment"
-"""Sources of numba's settings, as error messages name them."""
+"""Sources of numba's settings, for error messages."""
 
 
 class Locator:
     """Cache locator for numba's setting `NUMBA_CACHE_LOCATOR_CLASSES`.
 
-    numba's own locators refuse a read-only folder, and name folders by the path of the package, so that a copy of the
-    package would not find its code.
+    numba's own locators refuse a read-only folder. They also name folders after the path of the package, so a copy of
+    the package would not find its code.
     """
 
     def __init__(self, function: Any) -> None:
@@ -169,15 +171,15 @@ class Locator:
         return FOLDER.name
 
     def get_disambiguator(self) -> str:
-        """Return the line of the function, which tells functions of the same name apart."""
+        """Return the line number of the function, which distinguishes functions of the same name."""
         return self._line
 
 
 class Compiled:
     """Function that numba compiles, or loads from the cache, at the first call.
 
-    It accepts arguments of the types of the first call only: two processes that add code for other types to the same
-    cache files at the same time could overwrite each other's code.
+    It accepts only the argument types of the first call: if two processes added code for other types to the same cache
+    files at once, they could overwrite each other's code.
 
     Parameters
     ----------
@@ -188,15 +190,15 @@ class Compiled:
     """
 
     keeping: ClassVar[bool] = True
-    """False if the cache is not used, neither for reading nor for writing."""
+    """False if the cache is neither read nor written."""
 
     def __init__(self, function: Callable[..., object], options: dict[str, Any]) -> None:
         update_wrapper(self, function)
         self.name = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
-        """Module and function, as numba names its cache files."""
+        """Module and function, as in the names of numba's cache files."""
         self.is_entry_point = "no_cpython_wrapper" not in options
         """True if Python can call the function."""
-        # numba reads these two attributes, by these names, from a function that it may inline.
+        # numba reads these two attributes by name from a function that it may inline.
         self.py_func: Any = function
         self.targetoptions = options
         self._dispatcher: Any = None
@@ -210,15 +212,15 @@ class Compiled:
 
     @property
     def is_kept(self) -> bool:
-        """True if the cache has code of the function."""
-        # numba writes the index of a function, a file of this name, after its code.
+        """True if the cache has code for the function."""
+        # numba writes the code of a function first, and then its index, a file of this name.
         line = self.py_func.__code__.co_firstlineno
         python = f"{sys.version_info.major}{sys.version_info.minor}{sys.abiflags}"
         return (FOLDER / f"{self.name}-{line}.py{python}.nbi").exists()
 
     @property
     def dispatcher(self) -> Any:
-        """Dispatcher of numba for the function, created at the first use."""
+        """numba dispatcher of the function, created at first use."""
         if self._dispatcher is None:
             numba = _numba()
             settings = numba.config
@@ -258,8 +260,8 @@ _LOCK = threading.RLock()
 def _handlers_deferred() -> Iterator[None]:
     """Call Python's signal handlers at the end of the block instead of within it.
 
-    llvmlite frees some memory twice if the exception of a handler, such as that of Ctrl-C, interrupts it while it frees
-    it, which ends the process. Loading a function takes milliseconds, so the delay is not noticed.
+    If a handler raises an exception, as on Ctrl-C, while llvmlite frees memory, llvmlite frees it again and the process
+    crashes. Loading a function takes milliseconds, so nobody notices the delay.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # handlers run in the main thread only
@@ -273,7 +275,7 @@ def _handlers_deferred() -> Iterator[None]:
     def handle(number: int, frame: FrameType | None) -> None:
         if is_deferring:
             arrived.append(number)
-        else:  # an exception of another handler has kept this one from being restored
+        else:  # another handler raised an exception before this one was restored
             handlers[number](number, frame)
 
     try:
@@ -292,8 +294,8 @@ def _handlers_deferred() -> Iterator[None]:
 def _no_exception_ignored() -> Iterator[None]:
     """Raise, at the end of the block, exceptions of signal handlers that Python would otherwise ignore.
 
-    LLVM calls back into Python for each module that it compiles or loads. Python can only report an exception that is
-    raised in such a callback, so Ctrl-C at that instant would be lost.
+    LLVM calls back into Python for each module that it compiles or loads. Python prints an exception raised in such a
+    callback and continues, so Ctrl-C at that instant would be lost.
     """
     ignored: list[BaseException] = []
 
@@ -318,10 +320,10 @@ def _no_exception_ignored() -> Iterator[None]:
 
 
 def _can_repair(error: Exception) -> bool:
-    """Return whether compilation can be repeated after an error, and prepare for it.
+    """Return whether compilation can be repeated after an error; if so, prepare for it.
 
-    A damaged cache is deleted. If that fails, or the cache cannot be written, it is no longer used. Exceptions of
-    signal handlers, which may be raised here as anywhere, are not repaired.
+    A damaged cache is deleted. If that fails, or the cache cannot be written, it is no longer used. After other errors,
+    such as exceptions of signal handlers, compilation is not repeated.
     """
     if _is_damaged():
         shutil.rmtree(FOLDER, ignore_errors=True)
@@ -357,13 +359,13 @@ def _numba() -> ModuleType:
     NumbaSettingsError
         If settings of the user prevent the import or the compilation.
     """
-    try:  # numba is imported late, since that takes longer than importing the rest of the solver
+    try:  # importing numba takes longer than importing the rest of the solver
         numba, event = import_module("numba"), import_module("numba.core.event")
         typeof_impl: Any = import_module("numba.extending").typeof_impl
     except Exception as error:
         files = (Path(frame.filename).parts[-3:] for frame in traceback.extract_tb(error.__traceback__))
         if ("numba", "core", "config.py") not in files:
-            raise  # the error is not about settings, which numba reads in that file
+            raise  # only errors in that file, where numba reads them, concern the settings
         cause = f"{type(error).__name__}: {' '.join(str(error).split())}"
         raise NumbaSettingsError(f"numba cannot be used with the settings found ({SETTINGS}): {cause}") from error
     if numba.config.DISABLE_JIT:
@@ -390,7 +392,7 @@ def _numba() -> ModuleType:
 
 
 def _announce(function: Compiled) -> None:
-    """Record a function for `compilation_progress`; the first time, write to a terminal that compilation begins."""
+    """Record the beginning of a compilation for `compilation_progress`; the first call also announces it."""
     _announce_all()
     with suppress(OSError):
         FOLDER.mkdir(parents=True, exist_ok=True)
@@ -403,7 +405,7 @@ def _announce_all() -> None:
     with suppress(OSError):
         BEGUN.unlink(missing_ok=True)
     left = len(compilation_progress().left)
-    # A notebook shows the error stream in the cell, although that stream is not a terminal.
+    # A notebook shows the error stream below the cell, although the stream is not a terminal.
     read = sys.stderr is not None and (sys.stderr.isatty() or "ipykernel" in sys.modules)
     if left > LONG and read:
         sys.stderr.write(f"compiling the solver, once on a machine: {left} functions, about a minute\n")
@@ -420,12 +422,12 @@ def _decorator(**options: Any) -> Callable[[Function], Function]:
     return decorate
 
 
-# Code that converts arguments from Python takes longer to compile than the function itself for nested tuples of arrays,
+# For nested tuples of arrays, the code that converts Python arguments takes longer to compile than the function itself,
 # and would be compiled again in each caller.
 INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """Options of functions that Python does not call."""
-# These functions allocate nothing. With memory management the reference count of every array argument would go up and
-# down at each call. numba does not document the option `_nrt`.
+# These functions allocate nothing. With memory management, each call would increment and decrement the reference count
+# of every array argument. numba does not document the option `_nrt`.
 LEAN = {"_nrt": False, **INNER}
 """Options of functions that Python does not call and that allocate nothing."""
 
@@ -433,17 +435,17 @@ compiled = _decorator(no_cfunc_wrapper=True)
 """Decorator of compiled functions that Python calls; they release the interpreter lock."""
 lean = _decorator(**LEAN)
 """Decorator of functions that only compiled code calls."""
-# numba would otherwise also make separate machine code for such a function and all that it calls, which nothing uses.
+# Without inlining, numba also generates separate, unused machine code for such a function and everything that it calls.
 # Inlining saves seconds of compilation, but slowed a search by 8 % where such a function ran in every time step.
 once = _decorator(inline="always", **LEAN)
 """Decorator of functions that are inlined into the one or two functions that call them."""
-# Passing a hundred arguments took 7 % of the time of a search, and reading them another 7 %.
+# The hundred arguments of a force evaluation took 7 % of the time of a search to pass, and another 7 % to read.
 inlined = _decorator(forceinline=True, **LEAN)
 """Decorator of a function with many arguments that is inlined for speed."""
-# Reassociation must not reach these functions: the compiler would distribute a division over every term.
+# Reassociation is not allowed here, since the compiler would use it to distribute a division over every term.
 exact = _decorator(fastmath={"contract", "nsz"}, **LEAN)
 """Decorator of polynomials and quotients in loops over vectors."""
-# A sum in vector registers is evaluated in another order, which the compiler may do only with these flags. Inlining is
-# forced because LLVM stopped inlining the loops once the code for walls also called them, which cost 5 to 8 %.
+# A sum in vector registers adds its terms in another order, which these flags allow. Inlining is forced because LLVM
+# stopped inlining the loops once the code for walls also called them, which made runs 5 to 8 % slower.
 vectorised = _decorator(forceinline=True, fastmath={"contract", "nsz", "arcp", "reassoc"}, **LEAN)
 """Decorator of loops over vectors."""

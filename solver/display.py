@@ -1,7 +1,7 @@
-"""Tables of pandas, texts for consoles and notebooks, and figures of matplotlib for the answers of the solver.
+"""pandas tables, matplotlib figures, and texts for consoles and notebooks, for the answers of the solver.
 
-pandas and matplotlib are optional, and imported by the functions that need them. A plot is drawn into given axes, or
-into a new figure of pyplot, so that `savefig` and `show` of pyplot apply to it.
+pandas and matplotlib are optional, and imported by the functions that need them. A plot is drawn into the given axes,
+or into a new pyplot figure, so that `savefig` and `show` of pyplot apply to it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,12 +28,12 @@ DataFrame: TypeAlias = "pd.DataFrame"
 Columns: TypeAlias = dict[str, npt.NDArray[Any]]
 """Arrays of equal length by name."""
 Row: TypeAlias = Mapping[str, str | float | None]
-"""Texts and numbers of one answer by column name; None for a missing value."""
+"""Strings and numbers of one answer by column name; None for a missing value."""
 
-# More outlines of the body hide each other along a usual path; the value is a rough choice.
+# With more outlines, neighbouring ones overlap along a usual path; the value is a rough choice.
 INSTANTS = 5
 """Number of instants at which a side view shows the projectile."""
-# The chords of a quarter circle are then within 2e-4 of its radius, less than a pixel.
+# The chords of a quarter circle then deviate from it by 2e-4 of its radius, less than a pixel.
 ARC_POINTS = 40
 """Number of points of a drawn arc."""
 COLORS: Mapping[str, str] = {
@@ -47,19 +47,19 @@ BLUE, RED, GREY, CONCRETE = "#123f73", "#c8102e", "#5c6670", "#e4e1dc"
 
 
 def optional(module: str, needed_by: str, instead: str) -> Any:
-    """Import a module of an optional package.
+    """Import a module from an optional package.
 
     Parameters
     ----------
     module
         Name of the module.
     needed_by, instead
-        Function that needs the module, and an alternative without it, for the error message.
+        Function that needs the module, and an alternative that does not, for the error message.
 
     Raises
     ------
     ModuleNotFoundError
-        If the package is not installed. The message names the command to install it and the alternative.
+        If the package is not installed. The message gives the command that installs it, and the alternative.
     """
     package = module.partition(".")[0]
     try:
@@ -72,16 +72,16 @@ def optional(module: str, needed_by: str, instead: str) -> Any:
 
 
 def column_attributes(name: str, values: Any, *kinds: type) -> dict[str, str]:
-    """Return name, description and unit of a column as attributes of a table or dataset.
+    """Return the name, description and unit of a column, as attributes of a table or dataset.
 
     Parameters
     ----------
     name
         Name of a field, or a dotted name.
     values
-        Values of the column; texts get no unit.
+        Values of the column; only numbers get a unit.
     kinds
-        Classes that may have the field.
+        Classes in which to look for the field.
     """
     found = described(name, *kinds)
     numbers = bool(found.unit) and np.asarray(values).dtype.kind in "fi"
@@ -91,12 +91,12 @@ def column_attributes(name: str, values: Any, *kinds: type) -> dict[str, str]:
 
 
 def dataframe(columns: Mapping[str, npt.NDArray[np.generic]], *kinds: type, index: str | None = None) -> DataFrame:
-    """Return the columns as a ``pandas.DataFrame``, with the units of columns that have one in its `attrs`.
+    """Return the columns as a ``pandas.DataFrame``, with their units in its `attrs`.
 
     Parameters
     ----------
     kinds
-        Classes that have the columns as fields.
+        Classes whose fields the columns are.
     index
         Name of the column that becomes the index.
     """
@@ -124,21 +124,21 @@ class Warned(Protocol):
 
 
 def line(answer: object, *parts: str) -> str:
-    """Return the representation of an answer in one line: its class and some parts; empty parts are left out."""
+    """Return a one-line representation of an answer: its class and the parts that are not empty."""
     return f"<{type(answer).__name__}: {', '.join(filter(None, parts))}>"
 
 
 def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), more: str = "") -> str:
-    """Return the HTML of an answer, in the light or dark colours of the notebook that shows it.
+    """Return an answer as HTML, in the light or dark colours of the notebook that shows it.
 
     Parameters
     ----------
     title
-        Summary of the answer, as text.
+        Summary of the answer, as plain text.
     rows
-        Names and values, as text; empty values are left out.
+        Names and values, as plain text; empty values are left out.
     warnings
-        Warnings of the answer, shown folded. Those that most answers have are folded separately and not counted.
+        Warnings of the answer, shown folded. Standing notes are folded separately and not counted.
     more
         Further HTML, which is not escaped.
     """
@@ -162,7 +162,7 @@ def card(title: str, rows: Mapping[str, str], warnings: Iterable[Warned] = (), m
 
 
 def new_figure(width: float, height: float) -> Any:
-    """Return a new figure of pyplot of a given size in inches."""
+    """Return a new pyplot figure; its size is in inches."""
     pyplot = optional("matplotlib.pyplot", "plot()", "columns() gives what it shows as arrays")
     figure = pyplot.figure(figsize=(width, height), layout="constrained")
     figure._ipython_display_ = partial(_show_once, figure)
@@ -170,15 +170,15 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def _show_once(figure: Any) -> None:
-    """Close a figure so that a notebook, which shows it as the result of a cell, does not show it a second time."""
+    """Close a figure, so that a notebook that shows it as the result of a cell does not show it again."""
     pyplot = import_module("matplotlib.pyplot")
     if "inline" in pyplot.get_backend():
         pyplot.close(figure)
-    raise NotImplementedError  # makes IPython display the object in its usual way
+    raise NotImplementedError  # makes IPython fall back to its usual display
 
 
 def finished(panel: Any, title: str) -> Figure:
-    """Add title, grid and legend to a panel; return its figure."""
+    """Add a title, a grid and a legend to a panel; return its figure."""
     panel.set_title(title, loc="left", fontsize="medium")
     panel.grid(visible=True, alpha=0.3)
     panel.legend(frameon=False, fontsize="small")
@@ -187,7 +187,7 @@ def finished(panel: Any, title: str) -> Figure:
 
 
 def plot_motion(history: Columns, title: str, projectile: Projectile | None, ax: Any) -> Figure:
-    """Plot the side view of a motion and its histories; axes that are given show the side view only.
+    """Plot the side view of a motion and its histories; given axes show the side view only.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def plot_motion(history: Columns, title: str, projectile: Projectile | None, ax:
 
 
 def _draw_side(panel: Any, history: Columns, projectile: Projectile | None, title: str) -> None:
-    """Draw the projectile from the side, depth downwards, with the path of its nose tip."""
+    """Draw the projectile from the side, with the depth downwards, and the path of its nose tip."""
     time, angle = history["time"], history["axis_angle"]
     cosine = np.cos(angle)
     row = int(np.argmax(np.abs(cosine)))
@@ -268,7 +268,7 @@ def _silhouette(projectile: Projectile) -> FloatArray:
 
 
 def plot_search(trials: Columns, title: str, angle: float | None, ax: Any) -> Figure:
-    """Plot the final depth of the nose tip in each trial over its angle, and return the figure.
+    """Plot the final depth of the nose tip over the angle of each trial, and return the figure.
 
     Trials with coarse numerical settings have hollow marks.
     """
@@ -300,7 +300,7 @@ def plot_probability(curve: Columns, title: str, ax: Any) -> Figure:
 
 
 def plot_perforation(trials: Columns, title: str, label: str, bracket: tuple[float, float] | None, ax: Any) -> Figure:
-    """Plot the speed behind the wall of each trial and the limit; return the figure.
+    """Plot the speed behind the wall in each trial, and the limit; return the figure.
 
     Parameters
     ----------
@@ -309,7 +309,7 @@ def plot_perforation(trials: Columns, title: str, label: str, bracket: tuple[flo
     title
         Title of the figure.
     label
-        Name and unit of the value that was varied.
+        Name and unit of the quantity that was varied.
     bracket
         Values between which the outcome changes; None if it does not.
     """
@@ -383,7 +383,7 @@ def plot_endings(
 
 
 def _draw_quantiles(panel: Any, quantiles: Sequence[Sequence[float]], color: str, label: str) -> None:
-    """Draw a distribution through its quantiles: probability, value, and the ends of the value's interval."""
+    """Draw a distribution from rows of probability, quantile, and the ends of the interval of the quantile."""
     level, value, lower, upper = np.array(quantiles).reshape(-1, 4).T
     panel.fill_betweenx(level, lower, upper, color=color, alpha=0.2, linewidth=0.0)
     panel.plot(value, level, color=color, marker="o", markersize=3.0, label=label)

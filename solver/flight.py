@@ -14,15 +14,15 @@ AIR_DENSITY = 1.225
 """Density of air at sea level, International Standard Atmosphere (ISO 2533:1975). [kg/m³]"""
 GRAVITY = 9.80665
 """Standard gravity, 3rd CGPM (1901). [m/s²]"""
-# Blunt bodies have drag coefficients of about 1; the value is a rough choice.
+# Drag coefficients of blunt bodies are about 1; the value is a rough choice.
 TUMBLING_DRAG = 1.0
-"""Default drag coefficient, of a tumbling body on its mean projected area. [1]"""
-# With this tolerance distances are accurate to a millimetre in a kilometre, and vary smoothly enough with the elevation
-# for the search for the largest distance.
+"""Default drag coefficient: that of a tumbling body, for its mean projected area. [1]"""
+# With this tolerance distances are accurate to a millimetre in a kilometre, and smooth enough over the elevation for
+# the search for the greatest distance.
 TOLERANCE = 1e-10
 """Relative tolerance of the integration. [1]"""
-# The derivative of the distance is zero at its maximum, so the relative error of the distance is of the order of the
-# square of this tolerance.
+# The distance has zero slope at its maximum, so the relative error of the distance is of the order of the square of
+# this tolerance.
 ELEVATION_TOLERANCE = 1e-5
 """Tolerance of the elevation of the farthest flight. [rad]"""
 
@@ -32,7 +32,7 @@ IncidencePlane: TypeAlias = Literal["up", "level", "down"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flight:
-    """Landing of a body after its flight, and the farthest landing over all elevations."""
+    """Flight of a body and where it lands, with the farthest landing over all elevations."""
 
     range: float
     """Horizontal distance from launch to landing. [m]"""
@@ -53,7 +53,7 @@ class Flight:
     drag_coefficient: float
     """Drag coefficient in use. [1]"""
     projected_area: float
-    """Area that the drag coefficient refers to. [m²]"""
+    """Reference area of the drag coefficient. [m²]"""
 
     def __str__(self) -> str:
         return landing_sentence(self.range, self.farthest_range, self.range_without_drag)
@@ -61,7 +61,7 @@ class Flight:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightConditions:
-    """Tilt and height of the struck face and drag of the body, for its flight after it leaves the target.
+    """Tilt and height of the struck face, and drag of the body, for its flight after it leaves the target.
 
     Parameters
     ----------
@@ -70,9 +70,9 @@ class FlightConditions:
     incidence_plane
         Direction in which the body travels on the face: up, level or down. It has no effect on level ground.
     drag_coefficient
-        Drag coefficient on the mean projected area; 0 for no drag. [1]
+        Drag coefficient for the mean projected area; 0 for no drag. [1]
     height
-        Height of the point struck above level ground, on which the body lands. [m]
+        Height of the point of impact above the level ground on which the body lands. [m]
 
     Raises
     ------
@@ -92,7 +92,7 @@ class FlightConditions:
 
 
 def mean_projected_area(projectile: Projectile) -> float:
-    """Return the projected area of a body averaged over all directions: a quarter of its surface. [m²]
+    """Return the projected area of a body averaged over all directions, a quarter of its surface area. [m²]
 
     Notes
     -----
@@ -105,12 +105,13 @@ def mean_projected_area(projectile: Projectile) -> float:
 def launch_elevation(
     *, direction: float, face_tilt: float = 0.0, incidence_plane: IncidencePlane = "up", rear: bool = False
 ) -> float:
-    """Return the elevation above the horizontal of the velocity with which a body leaves a tilted face.
+    """Return the elevation above the horizontal at which a body leaves a tilted face.
 
     Parameters
     ----------
     direction
-        Angle of that velocity from the outward normal of the face through which the body leaves, as in `Exit`. [rad]
+        Angle of the exit velocity from the outward normal of the face through which the body leaves, as in `Exit`.
+        [rad]
     face_tilt
         Angle of the impact face from level ground, 0 to 90° for a vertical wall. [rad]
     incidence_plane
@@ -132,7 +133,7 @@ def launch_elevation(
     climb = {"up": 1.0, "level": 0.0, "down": -1.0}
     if incidence_plane not in climb:
         raise ParameterError("incidence_plane", f"must be one of {', '.join(climb)}, got {incidence_plane!r}")
-    # The outward normal of a face at tilt t has the vertical part cos t, the direction up the face sin t.
+    # At tilt t, the vertical component of the outward normal is cos t, and that of the direction up the face is sin t.
     normal, along = math.cos(direction) * (-1.0 if rear else 1.0), math.sin(direction)
     vertical = normal * math.cos(face_tilt) + climb[incidence_plane] * along * math.sin(face_tilt)
     return math.asin(max(-1.0, min(1.0, vertical)))  # rounding may exceed 1
@@ -158,7 +159,7 @@ def flight(
     mass
         Mass of the body. [kg]
     projected_area
-        Area that the drag coefficient refers to; `mean_projected_area` for a body that tumbles. [m²]
+        Reference area of the drag coefficient; `mean_projected_area` for a body that tumbles. [m²]
     drag_coefficient
         Drag coefficient; 0 for no drag. [1]
     height
@@ -175,9 +176,9 @@ def flight(
 
     Notes
     -----
-    Drag is ½ ρ c_D A v² against the velocity, in air of 1.225 kg/m³ at rest; lift, spin and wind are left out. The
+    Drag is ½ ρ c_D A v² against the velocity, in still air of 1.225 kg/m³; lift, spin and wind are left out. The
     direction in which a tumbling body leaves is the least certain input, so the farthest distance over all elevations
-    is returned beside that at the given elevation.
+    is returned too.
 
     Examples
     --------
@@ -222,7 +223,7 @@ def flight_after(
     exit
         State of the body as it leaves the target: `Trajectory.exit`.
     projectile
-        Body, whose mass and surface determine the drag.
+        Body that flies; its mass and surface determine the deceleration by drag.
     conditions
         Tilt and height of the face, and drag; a face level with the ground unless given.
     rear
@@ -259,7 +260,7 @@ def flight_after(
 
 def landing_sentence(distance: float, farthest: float, without_drag: float) -> str:
     """Return a sentence with three distances [m]: as computed, at any elevation, and without drag."""
-    # Distances are rounded up, as a danger zone that is too large is the safe side.
+    # Distances are rounded up, because a danger zone that is too large errs on the safe side.
     computed, any_elevation, no_drag = map(_rounded_up, (distance, farthest, without_drag))
     return (
         f"Lands about {computed} away if it tumbles as computed, up to {any_elevation} at any elevation, at most "
@@ -313,9 +314,9 @@ def _path(speed: float, elevation: float, drag: float, height: float) -> _Path:
         return [along, up, -resistance * along, -resistance * up - GRAVITY]
 
     ground, top = _Event(1, terminal=True), _Event(3, terminal=False)
-    # LSODA switches to an implicit method where a light body sinks at its terminal speed: the equations are stiff
+    # The equations are stiff where a light body sinks at its terminal speed; LSODA switches to an implicit method
     # there.
-    found: Any = solve_ivp(  # the declared type of the result allows for absent events
+    found: Any = solve_ivp(  # the declared result type allows for missing events
         rates,
         (0.0, _longest(climb, drag, height)),
         [0.0, height, speed * math.cos(elevation), climb],
@@ -330,10 +331,9 @@ def _path(speed: float, elevation: float, drag: float, height: float) -> _Path:
 
 
 def _longest(climb: float, drag: float, height: float) -> float:
-    """Return a time by which any flight has landed, as the end of the integration. [s]"""
-    # With drag the rise takes less time than in vacuum. The fall takes at most the sum of three times: that in vacuum,
-    # that at terminal speed, and a multiple of the time constant with which that speed is reached. The factor 2 is a
-    # margin.
+    """Return a time by which any flight has ended, to which it is integrated. [s]"""
+    # With drag the rise takes less time than in vacuum. The fall takes at most the sum of the time in vacuum, the time
+    # at terminal speed, and a multiple of the time constant with which that speed is reached. The factor 2 is a margin.
     rise = max(climb, 0.0) / GRAVITY
     top = height + 0.5 * GRAVITY * rise**2
     fall = math.sqrt(2.0 * top / GRAVITY)
@@ -342,16 +342,16 @@ def _longest(climb: float, drag: float, height: float) -> float:
 
 
 def _farthest(speed: float, drag: float, height: float, elevation: float, distance: float) -> tuple[float, float]:
-    """Return the greatest distance over all elevations, and its elevation. [m, rad]"""
+    """Return the greatest distance over all elevations, and the elevation that gives it. [m, rad]"""
     from scipy.optimize import minimize_scalar  # noqa: PLC0415 (as above)
 
-    # The distance has a single maximum over the elevation: at 45° without drag from the ground, lower with drag or
-    # height. So Brent's bounded minimisation, which needs no derivative, finds it.
+    # The distance has a single maximum over the elevation: at 45° from the ground without drag, lower with drag or from
+    # a height. Brent's bounded minimisation finds it without derivatives.
     found = minimize_scalar(
         lambda angle: -_path(speed, float(angle), drag, height).range,
         bounds=(-math.pi / 2.0, math.pi / 2.0),
         method="bounded",
         options={"xatol": ELEVATION_TOLERANCE},
     )
-    # The search ends within its tolerance of the maximum, so that the flight itself may go slightly farther.
+    # The search ends within its tolerance of the maximum, so the flight at the given elevation may go slightly farther.
     return max((-float(found.fun), float(found.x)), (distance, elevation))

@@ -1,10 +1,10 @@
 """Empirical formulas for a hard projectile on a concrete wall, each with its source and its range.
 
 The formulas give the depth in thick concrete, and the thicknesses below which the rear of a wall scabs and below which
-it is perforated. They were fitted to different tests and differ by 50 % and more, so that their spread tells more than
-any single result. No formula includes an angle. As is common practice, an oblique strike is represented by the normal
-component of its velocity. Some formulas were fitted to flat noses and have no factor for others. Their sources do not
-state the error for pointed noses, which therefore count as out of range.
+it is perforated. They were fitted to different tests and differ by 50 % and more, so their spread says more than any
+single result. No formula includes an angle; as is common practice, the normal component of the velocity represents an
+oblique strike. Some formulas were fitted to flat noses and have no factor for others. Their sources do not state the
+error for pointed noses, so such noses count as out of range.
 """
 
 import math
@@ -20,15 +20,15 @@ from solver.target import Target
 from solver.units import quantity
 
 NoseClass: TypeAlias = Literal["flat", "blunt", "hemispherical", "sharp"]
-"""Class of a nose, in the order of increasing penetration."""
+"""Class of a nose, in order of increasing penetration."""
 NDRC_NOSE: Mapping[NoseClass, float] = {"flat": 0.72, "blunt": 1.0, "hemispherical": 1.0, "sharp": 1.14}
 NDRC_NOSE_NOTE = "nose factor 1.0, the safe side; 0.84 is printed too"
 HUGHES_NOSE: Mapping[NoseClass, float] = {"flat": 1.0, "blunt": 1.12, "hemispherical": 1.26, "sharp": 1.39}
-# The form of the formula in US units, converted exactly, has the constant 3.8034e-5, which is 0.1 % more.
+# Exact conversion of the formula in US units gives the constant 3.8034e-5, which is 0.1 % larger.
 NDRC_CONSTANT = 3.8e-5
 """Constant of the NDRC formula in SI units."""
 SCABBING_MARGIN, PERFORATION_MARGIN = 1.1, 1.2
-"""Factors on the limit thicknesses that DOE-STD-3014-2006 requires in a design. [1]"""
+"""Safety factors that DOE-STD-3014-2006 requires on the limit thicknesses. [1]"""
 NAMES: Mapping[str, str] = {
     "modified_ndrc": "Modified NDRC",
     "degen": "Degen",
@@ -43,20 +43,20 @@ NAMES: Mapping[str, str] = {
     "whiffen": "Whiffen",
 }
 """Names of the formulas for display."""
-# A limit beyond the speeds that a strike may have would be of no use.
+# A limit speed that no strike may have would be of no use.
 LIMIT_SPEEDS = (BOUNDS["impact.velocity"].lower, BOUNDS["impact.velocity"].upper)
 """Range of the normal speed in the search for a limit speed. [m/s]"""
-# Half or twice this aggregate size changes the depth by Whiffen's formula by 7 %.
+# Half or twice this aggregate size changes the depth in Whiffen's formula by 7 %.
 AGGREGATE_SIZE = 0.02
 """Largest aggregate assumed for a concrete. [m]"""
-# The constants of the formulas have two to four digits, so that seven are enough for the pressure.
+# The constants of the formulas have two to four digits, so seven digits of the pressure unit are enough.
 POUND, INCH, FOOT, PSI = 0.45359237, 0.0254, 0.3048, 6894.757
 """US units in SI units. [kg, m, m, Pa]"""
 
 
 @dataclass(frozen=True, slots=True)
 class OutOfRange:
-    """Input or result outside the range of a formula."""
+    """Input or result of a formula that is outside its range."""
 
     field: str
     """Name of the input or result."""
@@ -87,7 +87,7 @@ class FormulaResult:
     source: str
     """Authors and year of the source."""
     verified: bool
-    """True if the constants were compared with the original, a standard or a published shot. Other formulas come from
+    """True if the constants were compared with the original, a standard or a published shot. False if they come from
     secondary sources only."""
 
     @property
@@ -104,7 +104,7 @@ LIMITS: tuple[Limit, ...] = get_args(Limit)
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Lowest and highest result for a quantity among the formulas that are within their range."""
+    """Lowest and highest result for a quantity among the formulas within their range."""
 
     lowest: float
     """Lowest value. [m]"""
@@ -123,18 +123,18 @@ def spread(results: Iterable[FormulaResult], limit: Limit) -> Spread | None:
 
 
 def nose_class(projectile: Projectile) -> NoseClass:
-    """Return the class of the nose in the sense of the formulas, by its length over the diameter.
+    """Return the class of the nose that the formulas use, from its length over the diameter.
 
     Notes
     -----
     The sources name nose classes without giving dimensions. Here a nose of length zero is flat, one shorter than a
-    hemisphere is blunt, one of up to one diameter is hemispherical, like that of a bullet with a spherical end, and a
-    longer one is sharp.
+    hemisphere is blunt, one of up to one diameter is hemispherical, such as that of a bullet with a spherical end, and
+    a longer one is sharp.
     """
     ratio = _nose_ratio(projectile)
     if ratio == 0.0:
         return "flat"
-    if ratio < 0.5 - 1e-9:  # the length of a hemisphere may be short by rounding
+    if ratio < 0.5 - 1e-9:  # rounding may make a hemisphere slightly shorter
         return "blunt"
     return "hemispherical" if ratio <= 1.0 else "sharp"
 
@@ -144,12 +144,11 @@ def modified_ndrc(*, projectile: Projectile, target: Target, impact: Impact) -> 
 
     Notes
     -----
-    NDRC (1946) with the limits of Kennedy (1976), as in DOE-STD-3014-2006, appendix C:
-    ``G = 3.8e-5 N M / (d sqrt(f'c)) (V/d)^1.8`` in SI units, ``x/d = 2 sqrt(G)`` up to G = 1 and ``G + 1`` beyond. The
-    form in US units, converted, is 0.1 % larger. With X = x/d, ``e/d = 3.19 X - 0.718 X²`` up to X = 1.35 and
-    ``1.32 + 1.24 X`` beyond, ``h/d = 7.91 X - 5.06 X²`` up to X = 0.65 and ``2.12 + 1.36 X`` beyond, each up to 18
-    diameters. The bound of 3 diameters that is often quoted is where the straight lines begin; the standard has the
-    parabolas below it.
+    NDRC (1946) with the limits of Kennedy (1976), as in DOE-STD-3014-2006, appendix C: ``G = 3.8e-5 N M / (d sqrt(f'c))
+    (V/d)^1.8`` in SI units, ``x/d = 2 sqrt(G)`` up to G = 1 and ``G + 1`` beyond. The converted form in US units is 0.1
+    % larger. With X = x/d, ``e/d = 3.19 X - 0.718 X²`` up to X = 1.35 and ``1.32 + 1.24 X`` beyond, ``h/d = 7.91 X -
+    5.06 X²`` up to X = 0.65 and ``2.12 + 1.36 X`` beyond, each up to 18 diameters. The often quoted bound of 3
+    diameters is where the straight lines begin; the standard uses the parabolas below it.
 
     N is 0.72 for flat and 1.14 for sharp noses. Between them sources disagree: the standard has 0.84 for hemispherical
     and 1.0 for blunt noses, others 0.84 for blunt and 1.0 for spherical ones. Both get 1.0 here, which is conservative:
@@ -166,7 +165,7 @@ def modified_ndrc(*, projectile: Projectile, target: Target, impact: Impact) -> 
 
 
 def kar(*, projectile: Projectile, target: Target, impact: Impact, stiffness_ratio: float = 1.0) -> FormulaResult:
-    """Compute penetration, scabbing and perforation by Kar's extension of the NDRC formula to bodies softer than steel.
+    """Compute penetration, scabbing and perforation by Kar's formula, which extends NDRC's to bodies softer than steel.
 
     Parameters
     ----------
@@ -175,8 +174,8 @@ def kar(*, projectile: Projectile, target: Target, impact: Impact, stiffness_rat
 
     Notes
     -----
-    Kar (1978): NDRC's G times ``(E/E_steel)^1.25``. The size of the aggregate, which Kar adds to the limit thicknesses,
-    is left out. The constants were not compared with the original.
+    Kar (1978): NDRC's G times ``(E/E_steel)^1.25``. The aggregate size, which Kar adds to the limit thicknesses, is
+    left out. The constants were not compared with the original.
     """
     require_positive("stiffness_ratio", stiffness_ratio)
     depth = _ndrc_depth(_ndrc_impact(projectile, target, impact) * stiffness_ratio**1.25)
@@ -230,7 +229,7 @@ def brl(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaRes
     Notes
     -----
     BRL (1941): ``x/d = 1.33e-3 / sqrt(f'c) (M/d³) d^0.2 V^1.33`` and ``e = 1.3 x``. Two secondary sources agree;
-    neither gives a range. Whether 1.33e-3 belongs to the penetration or to the perforation is open.
+    neither gives a range. It is uncertain whether 1.33e-3 belongs to the penetration or to the perforation.
     """
     d, v = projectile.diameter, _normal_velocity(impact)
     depth = d * 1.33e-3 / math.sqrt(target.compressive_strength) * (projectile.mass / d**3) * d**0.2 * v**1.33
@@ -304,7 +303,7 @@ def cea_edf_limit_speed(
     thickness
         Thickness of the wall. [m]
     oblique_angle
-        Angle from the inward normal of the face to the velocity; the formula is for the component along the normal.
+        Angle from the inward normal of the face to the velocity; the formula gives the component along the normal.
         [rad]
 
     Notes
@@ -330,7 +329,7 @@ def ukaea(*, projectile: Projectile, target: Target, impact: Impact) -> FormulaR
 
     Notes
     -----
-    Barr's formula for the perforation, which takes the reinforcement ratio, is left out: no open source was found that
+    Barr's formula for perforation, which includes the reinforcement ratio, is left out: no open source was found that
     states it with its range and a value to compare with.
 
     Barr (1990), with NDRC's G: ``x/d = 0.275 - sqrt(0.0756 - G)`` up to G = 0.0726, ``sqrt(4 G - 0.242)`` up to 1.0605
@@ -434,18 +433,18 @@ def li_chen(
 def whiffen(
     *, projectile: Projectile, target: Target, impact: Impact, aggregate_size: float | None = None
 ) -> FormulaResult:
-    """Compute penetration by Whiffen's formula, which agrees with its tests within 15 %.
+    """Compute penetration by Whiffen's formula, which fits its tests within 15 %.
 
     Parameters
     ----------
     aggregate_size
-        Largest aggregate of the concrete; 20 mm when not given. [m]
+        Largest aggregate size of the concrete; 20 mm when not given. [m]
 
     Notes
     -----
     Whiffen (1943): ``x = 870 / sqrt(f'c) (M/d²) (d/c)^0.1 (V/1750)^n`` with ``n = 10.7 / f'c^0.25`` in inches, pounds,
-    psi and ft/s, c the largest aggregate; from tests with 0.3 to 22,000 lb and 0.5 to 38 in, at up to 3,700 ft/s. The
-    constants were not compared with the original.
+    psi and ft/s, where c is the largest aggregate size; from tests with 0.3 to 22,000 lb and 0.5 to 38 in, at up to
+    3,700 ft/s. The constants were not compared with the original.
     """
     note = "within 15 % of its tests"
     if aggregate_size is None:
@@ -510,14 +509,14 @@ def formulas(*, projectile: Projectile, target: Target, impact: Impact) -> tuple
 def limit_speeds(
     *, projectile: Projectile, target: Target, thickness: float, oblique_angle: float = 0.0
 ) -> tuple[FormulaResult, ...]:
-    """Return the least speed that perforates a wall, by every formula that has a perforation thickness.
+    """Return the least speed that perforates a wall, by each formula that gives a perforation thickness.
 
     Parameters
     ----------
     thickness
         Thickness of the wall. [m]
     oblique_angle
-        Angle from the inward normal of the face to the velocity; the formulas are for the component along the normal.
+        Angle from the inward normal of the face to the velocity; the formulas give the component along the normal.
         [rad]
 
     Returns
@@ -532,9 +531,8 @@ def limit_speeds(
 
     Notes
     -----
-    CEA and EDF give their formula for the speed, see `cea_edf_limit_speed`; the others are solved for it numerically.
-    A formula that falls slightly where two of its branches meet has two solutions there, 0.2 % apart, of which one is
-    returned.
+    CEA-EDF has a formula for the speed, see `cea_edf_limit_speed`; the others are solved for it numerically. A formula
+    that falls slightly where two of its branches meet has two solutions there, 0.2 % apart; one of them is returned.
     """
     require_positive("thickness", thickness)
     cosine = _normal_velocity(Impact(velocity=1.0, oblique_angle=oblique_angle))
@@ -556,7 +554,7 @@ def _solved_for_speed(
 ) -> FormulaResult | None:
     """Solve a formula for the least speed that perforates a wall.
 
-    Return None if that speed is outside `LIMIT_SPEEDS`, or the formula has no perforation thickness.
+    The result is None if that speed is outside `LIMIT_SPEEDS`, or the formula gives no perforation thickness.
     """
 
     def at(velocity: float) -> FormulaResult:
@@ -569,8 +567,8 @@ def _solved_for_speed(
     lower, upper = LIMIT_SPEEDS
     if perforates(lower) or not perforates(upper):
         return None
-    # Bisection converges although a formula may fall where its branches meet. On a logarithmic scale it takes about 45
-    # trials; a smaller tolerance would be below the rounding error of the formula.
+    # Bisection converges even though a formula may fall where its branches meet. On a logarithmic scale it takes about
+    # 45 trials; a smaller tolerance would be below the rounding error of the formula.
     while upper - lower > 1e-12 * upper:
         middle = math.sqrt(lower * upper)
         if not lower < middle < upper:
@@ -606,7 +604,7 @@ def _nose_ratio(projectile: Projectile) -> float:
 
 
 def _ndrc_impact(projectile: Projectile, target: Target, impact: Impact) -> float:
-    """Return G of the NDRC formula. [1]"""
+    """Return the impact factor G of the NDRC formula. [1]"""
     d, nose = projectile.diameter, NDRC_NOSE[nose_class(projectile)]
     rate = math.pow(_normal_velocity(impact) / d, 1.8)
     return NDRC_CONSTANT * nose * projectile.mass / (d * math.sqrt(target.compressive_strength)) * rate
@@ -617,14 +615,14 @@ def _ndrc_note(projectile: Projectile) -> str:
 
 
 def _ndrc_depth(g: float) -> float:
-    """Return the penetration over the diameter by the NDRC formula, from G. [1]"""
+    """Return the penetration over the diameter by the NDRC formula, given G. [1]"""
     return 2.0 * math.sqrt(g) if g <= 1.0 else g + 1.0
 
 
 def _by_ndrc_limits(
     formula: str, projectile: Projectile, ratio: float, *, source: str, verified: bool
 ) -> FormulaResult:
-    """Return a result with the limit thicknesses of Kennedy (1976) for a penetration over the diameter."""
+    """Return a result with Kennedy's limit thicknesses (1976); `ratio` is the penetration over the diameter. [1]"""
     d = projectile.diameter
     scabbing = 7.91 * ratio - 5.06 * ratio**2 if ratio <= 0.65 else 2.12 + 1.36 * ratio
     perforation = 3.19 * ratio - 0.718 * ratio**2 if ratio <= 1.35 else 1.32 + 1.24 * ratio
@@ -654,9 +652,9 @@ def _outside(
     Parameters
     ----------
     unit
-        SI unit in which the value is written, such as ``mm``.
+        SI unit in which the message gives the value, such as ``mm``.
     of
-        Words after the range.
+        Words that follow the range in the message.
     """
     if lowest <= value <= highest:
         return ()

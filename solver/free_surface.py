@@ -1,17 +1,17 @@
 """Free-surface decay: the weakening of the resistance by a nearby face (eqs. 2-3).
 
-An element whose outward normal meets the face is resisted by a fraction f of the stress in an infinite target: the wall
-pressure of a spherical cavity in a sphere of finite outer radius, over that in an infinite solid. With k the outer
-radius over the cavity radius and y = 1/k its inverse (0 in an infinite solid, 1 at the face),
+The stress on an element whose outward normal meets the face is a fraction f of the stress in an infinite target. f is
+the wall pressure of a spherical cavity in a sphere of finite outer radius, over the pressure in an infinite solid. With
+k the outer radius over the cavity radius and y = 1/k its inverse (0 in an infinite solid, 1 at the face),
 
     f = (P(y) + ρ v² Q(y)) / (P(0) + ρ v² Q(0)),
 
-so a decay model consists of its static wall pressure P and its inertia coefficient Q.
+so a static wall pressure P and an inertia coefficient Q define a decay law.
 
-The compiled code evaluates a decay function by polynomials on either side of its corner, for P / P(0) and for Q. The
-corner is the ratio k at which the plastic zone first reaches the face. Beyond it a shell of the solid stays elastic,
-and both P and Q are polynomials of degree four in 1/k. Nearer to the face they are smooth functions of
-``x = (k - a) / (k + a)``, with a the square root of k at the corner, and polynomials in x approximate them to 1e-7.
+The compiled code evaluates P / P(0) and Q as polynomials, with different ones on either side of a corner. The corner is
+the ratio k at which the plastic zone first reaches the face. For larger k an outer shell stays elastic, and P and Q are
+exactly polynomials of degree four in 1/k. Nearer to the face they are smooth functions of ``x = (k - a) / (k + a)``,
+with a the square root of k at the corner, and polynomials in x approximate them to 1e-7.
 """
 
 import math
@@ -29,7 +29,7 @@ from solver.target import Target
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ElasticPlastic:
-    """Decay law of a perfectly plastic solid of yield strength f'c with an elastic shell around it (Hill 1950).
+    """Decay law of a perfectly plastic solid with yield strength f'c and an elastic shell around it (Hill 1950).
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class ElasticPlastic:
     inertia: bool = False
 
     def plastic_ratio(self, target: Target) -> float:
-        """Return the radius of the plastic zone over that of the cavity, in an infinite solid. [1]"""
+        """Return the radius of the plastic zone over the radius of the cavity, in an infinite solid. [1]"""
         strain_limit = 3.0 * (1.0 - target.poissons_ratio) * target.compressive_strength
         return _plastic_ratio(target, strain_limit)
 
@@ -87,7 +87,7 @@ class MohrCoulomb:
         return (3.0 - self.pressure_hardening) * target.compressive_strength / 3.0
 
     def plastic_ratio(self, target: Target) -> float:
-        """Return the radius of the plastic zone over that of the cavity, in an infinite solid. [1]"""
+        """Return the radius of the plastic zone over the radius of the cavity, in an infinite solid. [1]"""
         return _plastic_ratio(target, 1.5 * self.cohesion(target))
 
     def static_pressure(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
@@ -116,16 +116,16 @@ class MohrCoulomb:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoFreeSurface:
-    """No decay: every loaded element is resisted as in an infinite target, f = 1."""
+    """No decay: the stress on every loaded element is that in an infinite target, f = 1."""
 
     name: ClassVar[str] = "none"
 
     def static_pressure(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
-        """Return a wall pressure that is the same at every distance from the face. [Pa]"""
+        """Return a constant wall pressure, independent of the distance from the face. [Pa]"""
         return np.full_like(radius_ratio_inverse, target.compressive_strength, dtype=np.float64)
 
     def inertia_coefficient(self, radius_ratio_inverse: FloatArray, target: Target) -> FloatArray:
-        """Return an inertia coefficient of zero at every distance from the face. [1]"""
+        """Return zero, as this law has no inertia. [1]"""
         return np.zeros_like(radius_ratio_inverse, dtype=np.float64)
 
 
@@ -133,14 +133,14 @@ FreeSurface: TypeAlias = ElasticPlastic | MohrCoulomb | NoFreeSurface
 
 
 def decay_laws(*, inertia: bool = False) -> tuple[FreeSurface, ...]:
-    """Return all decay laws; with `inertia`, those with that option include the inertia of the expanding solid."""
+    """Return all decay laws; with `inertia`, those that can include the inertia of the expanding solid do so."""
     return ElasticPlastic(inertia=inertia), MohrCoulomb(inertia=inertia), NoFreeSurface()
 
 
 def decay_factor(
     *, model: FreeSurface, target: Target, radius_ratio: FloatArray, normal_velocity: float = 0.0
 ) -> FloatArray:
-    """Return the fraction f of the resistance of an infinite target that is left near a face.
+    """Return the fraction f of the resistance of an infinite target that remains near a face.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def decay_factor(
     radius_ratio
         (n,) ratios k of outer to cavity radius, from 1 at the face to infinity deep inside. [1]
     normal_velocity
-        Velocity of the element along its outward normal; used only by a model with inertia. [m/s]
+        Velocity of the element along its outward normal; only laws with inertia use it. [m/s]
 
     Returns
     -------
@@ -160,7 +160,7 @@ def decay_factor(
 
     Notes
     -----
-    Eqs. 2-3 of the source paper; the wall pressures are those of Hill (1950) and Warren et al. (2004).
+    Eqs. 2-3 of the source paper, with the wall pressures of Hill (1950) and Warren et al. (2004).
     """
     y = 1.0 / np.asarray(radius_ratio, dtype=np.float64)
     endless = np.zeros(1)
@@ -174,7 +174,7 @@ def decay_factor(
 
 
 def _plastic_ratio(target: Target, least_modulus: float) -> float:
-    """Return the radius of the plastic zone over that of the cavity, in an infinite solid. [1]
+    """Return the radius of the plastic zone over the radius of the cavity, in an infinite solid. [1]
 
     Parameters
     ----------
@@ -195,11 +195,11 @@ def _plastic_ratio(target: Target, least_modulus: float) -> float:
     return float((target.elastic_modulus / least_modulus) ** (1.0 / 3.0))
 
 
-# Degree 12 approximates the decay laws to 1e-7. A multiple of four lets terms be summed in groups of four (Estrin's
-# scheme), in a third of the time of Horner's scheme, where each term waits for the one before.
+# Degree 12 approximates the decay laws to 1e-7. With a multiple of four, terms are summed in groups of four (Estrin's
+# scheme), which takes a third of the time of Horner's scheme, where each term waits for the previous one.
 DEGREE = 12
 """Degree of the decay polynomials for k below the corner, where the plastic zone reaches the face."""
-# Beyond the corner the laws are exactly polynomials of degree four in 1/k.
+# Above the corner the laws are exactly polynomials of degree four in 1/k.
 SHELL_DEGREE = 4
 """Degree of the decay polynomials for k above the corner, where a shell stays elastic."""
 NODES, FROM_NODES = interpolation(DEGREE)
@@ -207,7 +207,7 @@ SHARES = np.arange(SHELL_DEGREE + 1) / SHELL_DEGREE
 """Interpolation nodes for k above the corner: 1/k over its value at the corner."""
 FROM_SHARES = np.linalg.inv(np.vander(SHARES, increasing=True))
 """Matrix that turns values at `SHARES` into coefficients, constant first."""
-# Added to a sum of lengths it avoids 0/0 and changes no other value.
+# Added to a sum of lengths, it avoids 0/0 and is too small to change any other value.
 TINY = 1e-300
 """Number added to a denominator that may be zero. [m]"""
 
@@ -216,7 +216,7 @@ class Near(NamedTuple):
     """Decay for k below the corner: polynomials in ``scale x``, coefficients from the constant upwards."""
 
     scale: float
-    """Inverse of the largest x for k below the corner. [1]"""
+    """Inverse of the largest x below the corner. [1]"""
     static: FloatArray
     """(DEGREE + 1,) coefficients of P / P(0)."""
     inertia: FloatArray
@@ -254,11 +254,11 @@ def build_decay(model: FreeSurface, target: Target) -> Decay:
         none, nothing = np.zeros(DEGREE + 1), np.zeros(SHELL_DEGREE + 1)
         return Decay(0.0, 1.0, 0.0, 0.0, Near(0.0, none, none), Deep(nothing, nothing))
     corner = float(model.plastic_ratio(target))
-    # The laws vary like ln k, and with this pivot x is an odd function of ln(k / a): the range of x is symmetric.
+    # The laws vary like ln k. With this pivot x is an odd function of ln(k / a), so its range is symmetric about zero.
     pivot = math.sqrt(corner)
     edge = (pivot - 1.0) / (pivot + 1.0)
     near = (1.0 - edge * NODES) / (1.0 + edge * NODES) / pivot
-    inverse_ratios = np.concatenate((SHARES / corner, near))  # the first is that of an infinite target
+    inverse_ratios = np.concatenate((SHARES / corner, near))  # the first one, 0, is that of an infinite target
     static = model.static_pressure(inverse_ratios, target)
     inertia = model.inertia_coefficient(inverse_ratios, target)
     endless, inertia_endless = float(static[0]), float(inertia[0])
@@ -274,7 +274,8 @@ def build_decay(model: FreeSurface, target: Target) -> Decay:
 
 @exact
 def _near_variable(inward: float, outward: float, decay: Decay) -> float:
-    # Here k = whole / outward. Multiplying out avoids the quotient, which has no value where outward is zero.
+    # Here k = whole / outward. Multiplying numerator and denominator by `outward` avoids a division by zero at the
+    # axis.
     whole = inward + outward + TINY
     return (whole - decay.pivot * outward) / (whole + decay.pivot * outward) * decay.near.scale
 
@@ -309,9 +310,9 @@ def static_factor(inward: float, outward: float, decay: Decay, deep: bool) -> fl
     Parameters
     ----------
     inward, outward
-        Distances along the normal to the face and to the axis, both on any common scale.
+        Distances along the normal to the face and to the axis, on any common scale.
     deep
-        Whether to use the polynomials beyond the corner.
+        Whether to use the polynomials above the corner.
     """
     if deep:
         return _deep_value(decay.deep.static, _deep_variable(inward, outward, decay))
@@ -338,7 +339,7 @@ def decay_at(inward: float, outward: float, speed: float, decay: Decay) -> float
     Parameters
     ----------
     inward, outward
-        Distances along the normal to the face and to the axis, both on any common scale.
+        Distances along the normal to the face and to the axis, on any common scale.
     speed
         Normal velocity of the element. [m/s]
     """

@@ -1,14 +1,14 @@
 """Compiled force and moment on the projectile at an instant (eqs. 1-5), and its accelerations (eq. 6).
 
-The route of the paper sums over panels. The adaptive route integrates: the outline is cut into stretches on which the
-loaded arc changes smoothly, and each loaded stretch gets Gauss-Legendre stations. The rings at all stations, of several
-states at a time, are then summed in one loop.
+The route of the paper sums over panels. The adaptive route integrates: it cuts the outline into stretches on which the
+loaded arc changes smoothly, places Gauss-Legendre stations on each loaded stretch, and sums the rings at all stations,
+of several states at a time, in one loop.
 
-In a wall, the rear face weakens the resistance to elements whose normals point to it, and the impact face that to all
-others, both by the same decay function of the distance to the face along the normal. Elements beyond the rear face
-carry no load, nor do those in a plug that shears out. A ring then has up to four arcs, in order of increasing cos β:
-near the rear face, far from it, far from the impact face, and near the impact face. Each ring is stored twice: once
-with the arcs that face the impact face, once with those that face the rear.
+In a wall, the rear face weakens the resistance to elements whose normals point toward it, and the impact face weakens
+the resistance to all others, both by the same decay function of the distance to the face along the normal. Elements
+beyond the rear face, or in a plug that shears out, carry no load. A ring then has up to four arcs, in order of
+increasing cos β: near the rear face, far from it, far from the impact face, and near the impact face. Each ring is
+stored twice: once with its arcs toward the impact face, once with its arcs toward the rear face.
 """
 
 import math
@@ -81,16 +81,16 @@ from solver.target import Target
 # A Jacobian needs five evaluations: one for each of depth, axis angle and three velocities.
 MOST_STATES = 5
 """Largest number of states evaluated in one call, so that their rings fill whole vectors."""
-# The integrand changes little on a short stretch. With half of its stations a search was 6 % faster and found the same
-# angles.
+# The integrand changes little along a short stretch. With half the stations there, a search was 6 % faster and found
+# the same angles.
 SHORT = 0.1
-"""Length of a stretch, over that of its outline piece, below which it gets half of the stations. [1]"""
+"""Length of a stretch over the length of its outline piece, below which it gets half the stations. [1]"""
 REAR = np.uint64(ROOM // 2)
-"""Index of the first ring with arcs that face the rear; rings with arcs that face the impact face begin at 0."""
+"""Index of the first ring with arcs toward the rear face; rings with arcs toward the impact face begin at 0."""
 
 
 class Rule(NamedTuple):
-    """A Gauss-Legendre rule on [0, 1] for loops over vectors."""
+    """Gauss-Legendre rule on [0, 1], padded for loops over whole vectors."""
 
     size: int
     """Number of stations."""
@@ -114,11 +114,11 @@ class Scratch(NamedTuple):
 
     cuts: FloatArray
     """(3 `MAX_CUTS`,) ends of the stretches of one outline piece. In a wall the first two thirds hold the cuts by both
-    faces, and the last third those by the rear face."""
+    faces, and the last third the cuts by the rear face before they are merged."""
     rows: FloatArray
     """(`ROW_COUNT` × `CAPACITY`,) rows of ring data, see `solver.surface_integration`."""
     attitudes: FloatArray
-    """(`MOST_STATES`, 3) cosine of the axis angle, absolute value of its sine, and the sign of the sine."""
+    """(`MOST_STATES`, 3) cosine of the axis angle, and absolute value and sign of its sine."""
     ends: IntArray
     """(`MOST_STATES`, 2) index after the last ring of each state, and after its last fully resisted ring."""
 
@@ -126,7 +126,7 @@ class Scratch(NamedTuple):
 def build_law(
     *, resistance: Resistance, target: Target, projectile: Projectile, strength_factor: float, ramp_velocity: float
 ) -> Law:
-    """Build the resistance of `target` with the strength factor of one strike."""
+    """Build the resistance of `target` for the strength factor of one strike."""
     thickness, crater = math.inf if target.thickness is None else float(target.thickness), resistance.crater
     return Law(
         static_stress=float(strength_factor * target.compressive_strength),
@@ -162,13 +162,13 @@ def make_scratch() -> Scratch:
 def accelerate_by_gauss(
     states: FloatArray, body: Body, law: Law, quadrature: Quadrature, scratch: Scratch, out: FloatArray
 ) -> None:
-    """Write the accelerations of depth, lateral position and axis angle for up to `MOST_STATES` states.
+    """Write the accelerations of depth, lateral position and axis angle in up to `MOST_STATES` states.
 
     Parameters
     ----------
     states
-        (6 n,) states one after the other: depth and lateral position of the centre of gravity, axis angle, and their
-        rates. [m, rad, s]
+        (6 n,) states, concatenated: depth and lateral position of the centre of gravity, axis angle, and their rates.
+        [m, rad, s]
     out
         (3 n,) output: accelerations, all zero where nothing is loaded. [m/s², rad/s²]
     """
@@ -179,8 +179,8 @@ def accelerate_by_gauss(
         at = 6 * k
         if k == 0 or states[at + 2] != states[at - 4]:
             c, s = math.cos(states[at + 2]), math.sin(states[at + 2])
-        # The order of the arcs on a ring holds for axis angles of 0 to 180° only. Other states are reflected about the
-        # normal of the face, and their accelerations reflected back.
+        # The order of the arcs on a ring holds for axis angles of 0 to 180° only. Other states are mirrored about the
+        # normal of the face, and their accelerations are mirrored back.
         mirror = math.copysign(1.0, s)
         depth, lateral_speed, spin = states[at], mirror * states[at + 4], mirror * states[at + 5]
         forward, sideways = states[at + 3] * c + lateral_speed * abs(s), lateral_speed * c - states[at + 3] * abs(s)
@@ -200,14 +200,14 @@ def accelerate_by_gauss(
                     continue
                 short = end - begin < SHORT * (cuts[count] - cuts[0])
                 rule = quadrature.few_stations if short else quadrature.stations
-                # Full rows are integrated and emptied, so that the number of stretches has no limit.
+                # Full rows are integrated and reused, so the number of stretches is not limited.
                 if max(rings, fulls) + rule.table.shape[1] > ROOM:
                     scratch.ends[k, 0], scratch.ends[k, 1] = rings, FULL + fulls
                     integrate_rings(rows, rings, fulls, quadrature.points, law, body.bounds & BOUNDED > 0)
                     _add_up(first, k, body, scratch, out)
                     first, rings, fulls = k, 0, 0
-                # Integrals over rings without a decay have a closed form. A separate loop for
-                # them made searches 5 to 8 % faster.
+                # Integrals over rings without a decay have a closed form. Keeping these rings in a loop of their own
+                # made searches 5 to 8 % faster.
                 if law.decay.corner == 0.0 or is_full(piece, begin, end, middle, motion):
                     add_rings(rows, FULL + fulls, piece, begin, end, rule.table, motion)
                     fulls += rule.size
@@ -237,7 +237,7 @@ def _add_up(first: int, last: int, body: Body, scratch: Scratch, out: FloatArray
 
 @lean
 def weaken_in_crater(states: FloatArray, body: Body, crater_depth: float, out: FloatArray) -> None:
-    """Scale the accelerations of each state by the depth of its deepest point over that of the crater, at most 1."""
+    """Scale the accelerations of each state by the depth of its deepest point over the crater depth, at most 1."""
     for k in range(out.size // 3):
         depth = states[6 * k] + deepest_offset(body, states[6 * k + 2])
         share = min(max(depth / crater_depth, 0.0), 1.0)
@@ -247,9 +247,9 @@ def weaken_in_crater(states: FloatArray, body: Body, crater_depth: float, out: F
 
 @lean
 def panel_loads(state: FloatArray, panels: Panels, law: Law) -> Load:
-    """Return the force along depth, the lateral force and the moment as sums over the panels of the paper. [N, N m]
+    """Return the force along the depth, the lateral force and the moment as sums over the paper's panels. [N, N m]
 
-    The static stress is not ramped, as in the paper.
+    As in the paper, the static stress has no ramp.
     """
     depth, angle, spin = state[0], state[2], state[5]
     c, s = math.cos(angle), math.sin(angle)
@@ -266,7 +266,8 @@ def panel_loads(state: FloatArray, panels: Panels, law: Law) -> Load:
         if speed <= 0.0:
             continue
         tilt, cavity = n_lateral * s - n_axial * c, panels.cavity[i]
-        # An element is weakened by the face that its normal meets: the rear face if the normal points into depth.
+        # The face that the normal of an element meets weakens its resistance: the rear face if the normal points
+        # inward.
         if tilt < 0.0 and law.thickness < math.inf:
             factor = decay_at(law.thickness - inside, -tilt * min(cavity, panels.radius), speed, law.decay)
         else:
@@ -356,10 +357,10 @@ def integrate_in_wall(rows: FloatArray, count: int, points: FloatArray, law: Law
 
 
 def _ring_loader(name: str, *, tapers: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
-    """Return a function that finds the arcs of rings in a wall, for bodies with or without a part that tapers.
+    """Return a function that finds the arcs of rings in a wall, for bodies with or without a tapering part.
 
-    Towards the impact face the cavity of a tapering part is unbounded, towards the rear face it is bounded. Bodies
-    without such a part save the second evaluation. The cache of compiled code tells the two functions apart by `name`.
+    The cavity of a tapering part is unbounded toward the impact face and bounded toward the rear face. Bodies without
+    such a part save the second evaluation. The cache of compiled code distinguishes the two functions by `name`.
     """
 
     def load_rings(rows: FloatArray, last: np.uint64, law: Law) -> None:
@@ -375,14 +376,14 @@ def _ring_loader(name: str, *, tapers: bool) -> Callable[[FloatArray, np.uint64,
             depth_scale, tilt_scale = cavity_scales(rows[CAVITY + i], cosine, radius)
             outward, outward_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
             inward, inward_slope = depth_scale * inside, depth_scale * inside_slope
-            rear_tilt, rear_tilt_slope = outward, outward_slope  # the tilt over the cavity towards the rear
+            rear_tilt, rear_tilt_slope = outward, outward_slope  # outward tilt scaled by the cavity toward the rear
             if tapers:
                 depth_scale, tilt_scale = cavity_scales(abs(rows[CAVITY + i]), cosine, radius)
                 rear_tilt, rear_tilt_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
             ahead, ahead_slope = depth_scale * (law.thickness - inside), -depth_scale * inside_slope
 
-            # Each clamp keeps an end between its neighbours, so that the arcs stay in order and an absent arc has no
-            # width. `TINY` avoids 0/0 where a ring has no slope, and vanishes in any other denominator.
+            # Each clamp keeps an end between its neighbours, so the arcs stay in order and an absent arc has no width.
+            # `TINY` avoids 0/0 where a ring has no slope, and is lost in the rounding of any other denominator.
             low, high = loaded_range(inside, inside_slope, speed, speed_slope)
             low = clamp((inside - loaded) / (TINY - inside_slope), low, high)
             start = clamp(-outward / (outward_slope + TINY), low, high)

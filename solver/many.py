@@ -1,7 +1,7 @@
-"""Many cases at a time, on several threads, and their answers as one table.
+"""Computation of many cases, on several threads if requested, and their answers as one table.
 
 Threads run in parallel, since the compiled code releases the interpreter lock. A table has a row for each answer, in SI
-units and radians, with the field names of the solver as column names.
+units and radians, and its column names are the solver's field names.
 """
 
 import math
@@ -28,8 +28,8 @@ from solver.strike import Impact, Numerics, is_part, label, named_values, short_
 from solver.target import Target
 from solver.trajectory import Trajectory, simulate
 
-# Some strikes take thirty times as long as most, and the threads should not wait for one of them. With 64 cases ahead
-# two threads were 1.91 to 1.95 times as fast as one, with 8 cases 1.77 times.
+# Some strikes take thirty times as long as most, and other threads should not wait for them. With 64 cases ahead, two
+# threads were 1.91 to 1.95 times as fast as one; with 8 cases, 1.77 times.
 AHEAD = 64
 """Largest number of cases per thread that are computed ahead of the answer that the caller waits for."""
 
@@ -38,7 +38,7 @@ Answer = TypeVar("Answer")
 
 
 class ArrayLike(Protocol):
-    """Object that converts to an array, such as a Series of pandas or a DataArray of xarray."""
+    """Object that converts to an array, such as a pandas Series or an xarray DataArray."""
 
     def __array__(self) -> npt.NDArray[Any]:
         """Return the values as an array."""
@@ -48,9 +48,9 @@ OneOrMany: TypeAlias = Value | Sequence[Value] | ArrayLike
 """One value for all cases, or a value for each."""
 
 ANSWERS = (Trajectory, CriticalAngle, PerforationLimit)
-"""Classes whose objects are rows of tables."""
+"""Classes of answers, whose fields describe the columns of tables."""
 INPUTS = (Impact, Target, Projectile, Resistance, Numerics)
-"""Classes whose fields are columns of tables."""
+"""Classes of inputs, whose fields describe the columns of inputs in tables."""
 
 
 def critical_angle_many(
@@ -75,14 +75,13 @@ def critical_angle_many(
     numerics, search, strength_scatter
         As for `critical_angle`, the same for all cases.
     threads
-        Number of cases computed at a time.
+        Number of cases computed in parallel.
 
     Returns
     -------
     sequence of CriticalAngle or RicochetError
-        Answers in the order of the cases. They are computed in that order as they are accessed, with several threads
-        also ahead, so the first are available while later ones still run. A case that failed has its error in its
-        place.
+        Answers in the order of the cases. An answer is computed when it is first accessed and then kept; several
+        threads also compute the next cases ahead. A case that failed has its error in place of an answer.
 
     Raises
     ------
@@ -119,14 +118,14 @@ def simulate_many(
     projectile, target, impact, resistance
         As for `simulate`: one for all strikes, or a sequence with one for each.
     numerics, sample_interval, strength_scatter
-        As for `simulate`, the same for all strikes; no histories unless an interval is given. [s]
+        As for `simulate`, the same for all strikes; there are no histories unless an interval [s] is given.
     threads
-        Number of strikes computed at a time.
+        Number of strikes computed in parallel.
 
     Returns
     -------
     sequence of Trajectory or RicochetError
-        Answers in the order of the strikes, as those of `critical_angle_many`.
+        Answers in the order of the strikes, as returned by `critical_angle_many`.
 
     Raises
     ------
@@ -160,12 +159,12 @@ def least_thickness_many(
     numerics, tolerance
         As for `least_thickness`, the same for all strikes.
     threads
-        Number of strikes computed at a time.
+        Number of strikes computed in parallel.
 
     Returns
     -------
     sequence of PerforationLimit or RicochetError
-        Answers in the order of the strikes, as those of `critical_angle_many`.
+        Answers in the order of the strikes, as returned by `critical_angle_many`.
 
     Raises
     ------
@@ -208,12 +207,12 @@ def limit_velocity_many(
     numerics, tolerance
         As for `limit_velocity`, the same for all walls.
     threads
-        Number of walls computed at a time.
+        Number of walls computed in parallel.
 
     Returns
     -------
     sequence of PerforationLimit or RicochetError
-        Answers in the order of the walls, as those of `critical_angle_many`.
+        Answers in the order of the walls, as returned by `critical_angle_many`.
 
     Raises
     ------
@@ -234,16 +233,16 @@ def limit_velocity_many(
 
 
 class Answers(Sequence[Answer | RicochetError]):
-    """Lazy sequence of answers to cases, computed in order at the first access and then kept.
+    """Lazy sequence of answers to cases, which are computed in order at the first access and then kept.
 
     Parameters
     ----------
     function
         Function that computes the answer to one case.
     threads
-        Number of cases computed at a time.
+        Number of cases computed in parallel.
     **columns
-        Arguments of the function: one value for all cases, or a sequence with one for each.
+        Arguments of the function: one value for all cases, or a sequence with one value for each.
     """
 
     def __init__(self, function: Callable[..., Answer], threads: int, **columns: Any) -> None:
@@ -263,7 +262,7 @@ class Answers(Sequence[Answer | RicochetError]):
         self._coming = self._begin()
 
     def _begin(self) -> Generator[Answer | RicochetError, None, None]:
-        """Start computing the answers that are not kept yet, and yield them."""
+        """Yield the answers that have not been computed yet."""
         return _run(self._function, islice(self._cases(), len(self._kept), None), self._threads)
 
     def _cases(self) -> Iterator[dict[str, Any]]:
@@ -287,7 +286,7 @@ class Answers(Sequence[Answer | RicochetError]):
         while len(self._kept) <= place:
             try:
                 self._kept.append(next(self._coming))
-            except BaseException:  # such as Ctrl-C, which ends the generator; the next access starts it anew
+            except BaseException:  # such as Ctrl-C, which ends the generator; the next access starts a new one
                 self._coming = self._begin()
                 raise
         return self._kept[place]
@@ -301,10 +300,10 @@ class Answers(Sequence[Answer | RicochetError]):
         self._coming = self._begin()
 
     def inputs(self, taken: Container[str]) -> Columns:
-        """Return the inputs given as sequences as columns, objects by their fields, with names not in `taken`."""
+        """Return the inputs given as sequences, as columns with names not in `taken`; objects give their fields."""
         rows = [dict(named_values({name: case[name] for name in self._many})) for case in self._cases()]
-        # The fields of an object are columns. The object itself is a column only if it has a name, and inputs that no
-        # case has are left out.
+        # The fields of an object become columns. The object itself does so only if it has a name. Inputs that are None
+        # in every case are left out.
         names = {
             name: None
             for row in rows
@@ -316,14 +315,14 @@ class Answers(Sequence[Answer | RicochetError]):
 
 
 def _column(values: Sequence[Any]) -> npt.NDArray[Any]:
-    """Convert values to an array: numbers with NaN for None, or else texts that are empty for None."""
+    """Convert values to an array: of numbers, with NaN for None, or else of strings, empty for None."""
     if all(value is None or isinstance(value, float | int) for value in values):
         return np.array([math.nan if value is None else value for value in values])
     return np.array(["" if value is None else str(label(value)) for value in values])
 
 
 def attempt(function: Callable[..., Answer], case: Mapping[str, Any]) -> Answer | RicochetError:
-    """Call a function with a case, and return its answer or its `RicochetError`."""
+    """Call a function with a case; return the answer or the `RicochetError` raised."""
     try:
         return function(**case)
     except RicochetError as error:
@@ -333,7 +332,7 @@ def attempt(function: Callable[..., Answer], case: Mapping[str, Any]) -> Answer 
 def _run(
     function: Callable[..., Answer], cases: Iterable[dict[str, Any]], threads: int
 ) -> Generator[Answer | RicochetError, None, None]:
-    """Yield the answers to cases in order; with several threads, some are computed ahead of the caller."""
+    """Yield the answers to cases in order; several threads also compute the next cases ahead."""
     if threads == 1:
         yield from (attempt(function, case) for case in cases)
         return
@@ -355,7 +354,7 @@ class Tabular(Protocol):
 
 
 class Labelled(Protocol):
-    """Interface of answers under a choice of laws, such as `Alternative`."""
+    """Interface of answers computed with a choice of laws, such as `Alternative`."""
 
     @property
     def answer(self) -> Any:
@@ -366,29 +365,29 @@ class Labelled(Protocol):
 
 
 def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError | Labelled]) -> Columns:
-    """Return a table of the answers to many cases as arrays by name, with a row for each answer.
+    """Return a table of the answers to many cases, as arrays by name with a row for each answer.
 
     Parameters
     ----------
     answers
-        Answers from one of the functions for many cases, not from several, or those of `solver.alternatives`.
+        Answers of one of the functions for many cases, or of `solver.alternatives`; all must be of one kind.
 
     Returns
     -------
     dict of str to array
-        The first columns are the inputs given as sequences, if the answers are the object that the function returned
-        and not a list; for alternatives they are the laws. For trajectories follow ``outcome``,
+        The first columns are the inputs that were given as sequences, if `answers` is the object that the function
+        returned and not a list; for alternatives they are the laws. Then follow, for trajectories, ``outcome``,
         ``maximum_depth``, ``protrusion_final`` and ``protrusion_greatest`` [m], ``bending_peak_stress`` [Pa],
         ``strength_factor`` and ``final_time`` [s] to ``final_kinetic_energy`` [J]; for critical angles ``status``,
-        ``angle``, ``standard_error``, ``bracket_low`` and ``bracket_high`` [rad], and
-        ``strength_factor``; for limits of perforation ``status``, ``value``, ``value_low``, ``value_high`` and
-        ``without_protrusion`` [m or m/s]. The last columns are ``warnings``, the codes separated by blanks, and
-        ``error``, empty unless the case failed. Missing values are NaN or empty text.
+        ``angle``, ``standard_error``, ``bracket_low`` and ``bracket_high`` [rad], and ``strength_factor``; for limits
+        of perforation ``status``, ``value``, ``value_low``, ``value_high`` and ``without_protrusion`` [m or m/s]. The
+        last columns are ``warnings``, the codes separated by spaces, and ``error``, empty unless the case failed.
+        Missing values are NaN or empty strings.
 
     Raises
     ------
     ParameterError
-        If there are answers of several kinds.
+        If there are answers of different kinds, or of a kind without a table row.
     """
     if not isinstance(answers, Iterable):
         raise ParameterError("answers", f"must be a sequence of answers, got {type(answers).__name__}")
@@ -412,9 +411,9 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
 def to_dataframe(
     answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | RicochetError | Labelled] | Tabular,
 ) -> DataFrame:
-    """Return the table of `columns` as a ``pandas.DataFrame`` with the units in its `attrs`.
+    """Return the table of `columns` as a ``pandas.DataFrame``, with units in its `attrs`.
 
-    For an object with a table of its own, such as a trajectory or a fit, that table is returned.
+    An object with a table of its own, such as a trajectory or a fit, gives that table.
 
     Raises
     ------

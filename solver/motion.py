@@ -1,8 +1,8 @@
-"""Compiled motion under resistance (eq. 6): right-hand side, dense output of steps, and events that end a run.
+"""Compiled motion under resistance (eq. 6): right-hand side, dense output, and events that end a run.
 
 The state is depth and lateral position of the centre of gravity, axis angle, and their three rates. [m, rad, s] A step
-is stored as a row: its start time and length, then four groups of six numbers that give the state at a fraction x of
-the step as ``(1-x) start + x (end + (1-x) (bend + x twist))``. Event times are roots of this interpolant.
+is stored as a row: its start time and its length, then four groups of six numbers, which give the state at a fraction x
+of the step as ``(1-x) start + x (end + (1-x) (bend + x twist))``. Event times are roots of this interpolant.
 """
 
 import math
@@ -26,37 +26,38 @@ from solver.loads import (
 from solver.surface import CENTRED, Body, Panels, deepest_offset, deepest_point
 from solver.surface_integration import Law
 
-# A narrower ramp makes the equations stiffer; with a wider one the body creeps faster where it should rest. This width
-# changes the depth in normal impact by less than 1e-5 of it, as a test checks.
+# A narrower ramp makes the equations stiffer; with a wider one the body creeps faster where it should rest. A test
+# checks that this width changes the depth in normal impact by less than 1e-5 of its value.
 RAMP_FRACTION = 1e-4
-"""Normal velocity over which the static stress builds up, as a fraction of the impact velocity. [1]"""
-# With the ramp, the load at the end of a contact decays gradually instead of stopping at an instant, so a small load
-# has to count as none. A millionth of the load on a body of that size is a rough choice.
+"""Normal velocity over which the static stress builds up, over the impact velocity. [1]"""
+# With the ramp, the load at the end of a contact fades gradually instead of vanishing at an instant, so a small load
+# has to count as none. A millionth of the static stress on an area as large as the body is a rough choice.
 NEGLIGIBLE_LOAD = 1e-6
-"""Load below which a body counts as unloaded, over static stress × (distance of tip from centre of gravity)². [1]"""
+"""Load below which a body counts as unloaded, over static stress × (distance from centre of gravity to tip)². [1]"""
 STEP_WIDTH = 26
-"""Numbers in the row of a step: time, length, and four groups of six."""
-# GRK4T has four stages, and the error estimate from the end of a step is a fifth.
+"""Number of columns in a table of steps: time, length, and four groups of six."""
+# GRK4T has four stages; the error estimate from the end of a step is stored as a fifth.
 MOST_STAGES = 5
 """Number of rows of `Workspace.stages`."""
 # The static stress vanishes with the velocity, so the energy never reaches zero. This threshold is a hundredth of the
-# default retention energy, so it decides no outcome.
+# default retention energy and the least that can be given, so it decides no outcome.
 REST_FRACTION = 1e-4
-"""Kinetic energy at which a body counts as being at rest, over its initial value. [1]"""
-# Bisection on the stored cubic takes no evaluation of the load, cannot fail, and 24 halvings give 6e-8 of a step.
+"""Kinetic energy at which a body counts as at rest, over its initial value. [1]"""
+# Bisection on the stored cubic needs no evaluation of the load and cannot fail; 24 halvings resolve 6e-8 of a step.
 HALVINGS = 24
 """Number of bisections that locate an event within a step."""
-# A body that tumbles end over end meets concrete that it has already broken but that the model treats as intact, so its
-# further motion has no meaning.
+# A body that tumbles end over end meets concrete that it has already broken, but that the model treats as intact. Its
+# further motion means nothing, so the run ends.
 MOST_TURN = 2.0 * math.pi
-"""Largest turn of the axis in a target before a run ends as `Termination.TUMBLED`. [rad]"""
-# Each of these halvings evaluates the load. 2e-4 of a step is enough, as hardly any load is left at a release.
+"""Turn of the axis in a target above which a run ends as `Termination.TUMBLED`. [rad]"""
+# Each of these halvings evaluates the load. They resolve 2e-4 of a step, which is enough because hardly any load is
+# left at a release.
 RELEASE_HALVINGS = 12
 """Number of bisections that locate the release of a body within a step."""
 
 
 class Model(NamedTuple):
-    """Parameters of the right-hand side. Panels are used if there are any, otherwise Gauss points."""
+    """Parameters of the right-hand side, which uses `quadrature` if `panels` is empty."""
 
     body: Body
     law: Law
@@ -76,15 +77,15 @@ class Workspace(NamedTuple):
     trial: FloatArray
     """(6,) state at the end of the step."""
     point: FloatArray
-    """(6,) state inside the step."""
+    """(6,) state within the step."""
     points: FloatArray
-    """(6 `MOST_STATES`,) states near the start for difference quotients, one after the other."""
+    """(6 `MOST_STATES`,) states near the start, concatenated, for difference quotients."""
     slopes: FloatArray
     """(3 `MOST_STATES`,) accelerations at `points`."""
     stages: FloatArray
     """(`MOST_STAGES`, 6) increments or rates of the stages."""
     scale: FloatArray
-    """(6,) scales by which the errors of the six numbers of a state are divided."""
+    """(6,) scales of the components of a state, by which their errors are divided."""
     event: FloatArray
     """(7,) time and state of an event, see `end_of_step`."""
     scratch: Scratch
@@ -105,7 +106,7 @@ def start_state(
 def assign(values: FloatArray, out: FloatArray) -> None:
     """Copy `values` to `out`.
 
-    Assignment to a slice would also compile numba's error message about unequal shapes.
+    Assignment to a slice would also compile numba's error message for unequal shapes.
     """
     for n in range(out.size):
         out[n] = values[n]
@@ -122,12 +123,12 @@ def make_workspace() -> Workspace:
 
 @lean
 def accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> bool:
-    """Write the accelerations of eq. 6 for each state, and return whether the body is loaded in the last state.
+    """Write the accelerations of eq. 6 in each state, and return whether the body is loaded in the last one.
 
     Parameters
     ----------
     states
-        (6 n,) states one after the other; with panels n must be 1. [m, rad, s]
+        (6 n,) states, concatenated; with panels n must be 1. [m, rad, s]
     out
         (3 n,) output: accelerations. [m/s², rad/s²]
     """
@@ -147,7 +148,7 @@ def accelerate(states: FloatArray, model: Model, scratch: Scratch, out: FloatArr
 
 @once
 def load(state: FloatArray, model: Model, scratch: Scratch, out: FloatArray) -> None:
-    """Write the force on the body and its moment in one state to `out`. [N, N m]"""
+    """Write the force and the moment on the body in one state to `out`. [N, N m]"""
     accelerate(state, model, scratch, out)
     out[0] *= model.body.mass
     out[1] *= model.body.mass
@@ -163,18 +164,18 @@ def kinetic_energy(state: FloatArray, body: Body) -> float:
 
 @lean
 def lasting_energy(start: FloatArray, body: Body) -> float:
-    """Return the energy of the spin of a sphere, which no load can remove without friction; 0 for other bodies. [J]
+    """Return the rotational energy of a sphere, which no load can remove without friction; 0 for other bodies. [J]
 
-    Fractions of the initial energy refer to the energy without this part.
+    Fractions of the initial energy do not include this part.
     """
     return 0.5 * body.moment_of_inertia * float(start[5] ** 2) if body.bounds & CENTRED > 0 else 0.0
 
 
 @lean
 def store_step(row: FloatArray, time: float, step: float, state: FloatArray, work: Workspace) -> None:
-    """Store a step as the cubic Hermite interpolant of the states and rates at both of its ends."""
-    # The rates at both ends are known, so the interpolant takes no evaluation. It is of order 3 for a step of order 4,
-    # and its first derivative is continuous.
+    """Store a step as the cubic Hermite interpolant of the states and rates at both ends."""
+    # The rates at both ends are known, so the interpolant needs no further evaluation. It is of order 3, for steps of
+    # order 4, and its first derivative is continuous from step to step.
     row[0], row[1] = time, step
     for n in range(6):
         change = work.trial[n] - state[n]
@@ -188,7 +189,7 @@ def store_step(row: FloatArray, time: float, step: float, state: FloatArray, wor
 @lean
 def interpolate(step: FloatArray, fraction: float, out: FloatArray) -> None:
     """Write the state at a fraction of a stored step."""
-    # This form gives the stored states exactly at both ends, without cancellation between the terms of a cubic.
+    # This form reproduces the stored states exactly at both ends, without cancellation between the terms of a cubic.
     rest = 1.0 - fraction
     for n in range(6):
         inner = step[14 + n] + fraction * step[20 + n]
@@ -214,8 +215,8 @@ def _fill_states(steps: FloatArray, times: FloatArray, states: FloatArray) -> No
 
 def sample_accelerations(steps: FloatArray, times: FloatArray) -> FloatArray:
     """Return the (n, 3) accelerations at sorted `times`, as derivatives of the velocities that `sample` returns."""
-    # A body that moves along its axis still has some mm/s across it, and that speed determines the load. The
-    # interpolated speed is not that accurate, so loads computed from interpolated states scatter by as much as their
+    # A body that moves along its axis still has a speed of some mm/s across it, which determines the load. The
+    # interpolant is less accurate than that, so loads computed from interpolated states scatter by as much as their
     # largest value. The derivative of the interpolant is exact at both ends of a step and smooth between them.
     rows = np.minimum(np.searchsorted(steps[:, 0] + steps[:, 1], times), steps.shape[0] - 1)
     step = steps[rows]
@@ -245,17 +246,17 @@ class Termination(IntEnum):
     TIME = 0
     """Termination time reached."""
     REST = 1
-    """Kinetic energy down to the rest threshold."""
+    """Kinetic energy at or below the rest threshold."""
     RETAINED = 2
-    """Stopped with less than the retention energy: unloaded and not moving in, beyond the rear face, tumbling, or at
-    the termination time."""
+    """Less than the retention energy left, and either unloaded and not moving inward, beyond the rear face, tumbling,
+    or at the termination time."""
     EXIT = 3
     """Released with at least the retention energy, and clear of the impact face or, at the termination time, moving
-    out."""
+    outward."""
     STEP_LIMIT = 4
     """Limit on the number of steps reached."""
     NOT_FINITE = 5
-    """Diverged: not finite, with more than twice the initial energy, or in steps near the rounding error of time."""
+    """Diverged: state not finite, more than twice the initial energy, or steps near the rounding error of time."""
     NO_STRENGTH = 6
     """Not started: the strength factor is not above zero."""
     NONE = 7
@@ -269,12 +270,12 @@ class Termination(IntEnum):
 
 
 class Thresholds(NamedTuple):
-    """Kinetic energies that end a run, over the initial energy without the spin of a sphere. [1]"""
+    """Kinetic energies that end a run, over the initial energy without the rotation of a sphere. [1]"""
 
     retention: float
-    """Energy below which an unloaded projectile counts as retained."""
+    """Energy below which a projectile counts as retained when the run ends."""
     rest: float
-    """Energy at which a projectile counts as being at rest."""
+    """Energy at which a projectile counts as at rest."""
 
 
 class Run(NamedTuple):
@@ -289,18 +290,19 @@ class Run(NamedTuple):
     maximum_depth: float
     """Greatest depth of the deepest point of the body. [m]"""
     steps: int
-    """Number of accepted steps, which is that of filled rows unless the step table has a single row."""
+    """Number of accepted steps; also of filled rows, unless the step table has a single row."""
     evaluations: int
     """Number of evaluations of force and moment."""
     energy_gain: float
-    """Largest gain of kinetic energy in one fixed step, over the initial energy; an exact solution has none, and the
-    adaptive integration reports 0. [1]"""
+    """Largest gain of kinetic energy in one fixed step, over the initial energy. An exact solution has none; the
+    adaptive integration always reports 0. [1]"""
 
 
-# Compiled code returns numbers or plain tuples of numbers to Python. To return arrays, named tuples or enumerations,
-# numba runs Python code and assumes that it cannot fail: if a signal handler raises there, the process crashes.
+# Compiled code returns only numbers and plain tuples of numbers to Python. To return arrays, named tuples or
+# enumerations, numba runs Python code that it assumes cannot fail: if a signal handler raises there, the process
+# crashes.
 RunValues = tuple[int, float, float, int, int, float]
-"""Fields of a `Run` in their order, without the state, which an integrator writes to an array."""
+"""Fields of a `Run` in order, except for the state, which the integrators write to an array."""
 
 
 @lean
@@ -311,7 +313,7 @@ def tip_depth(state: FloatArray, body: Body) -> float:
 
 @lean
 def _deepest(state: FloatArray, body: Body) -> tuple[float, float]:
-    """Return the depth of the deepest point of the body and the rate of that depth. [m, m/s]"""
+    """Return the depth of the deepest point of the body, and its rate. [m, m/s]"""
     offset, growth = deepest_point(body, state[2])
     return state[0] + offset, state[3] + state[5] * growth
 
@@ -325,7 +327,7 @@ def greatest_depth(step: FloatArray, until: float, body: Body, state: FloatArray
     low, high = 0.0, min(1.0, (until - step[0]) / step[1])
     interpolate(step, high, state)
     greatest, speed = _deepest(state, body)
-    # The greatest depth lies inside the step only if the rate of the depth changes sign there; otherwise it is at an
+    # The greatest depth lies within the step only if the rate of the depth changes sign there; otherwise it is at an
     # end.
     if speed < 0.0 < _deepest(step[2:8], body)[1]:
         for _ in range(HALVINGS):
@@ -369,10 +371,10 @@ def _release_fraction(step: FloatArray, model: Model, work: Workspace, state: Fl
 
 @lean
 def _is_clear(state: FloatArray, body: Body) -> bool:
-    """Return whether the body has left through the impact face and will not touch it again."""
+    """Return whether the body has left through the impact face and cannot touch it again."""
     # In free flight the velocity and the spin are constant. Either the whole body is outside and leaves faster than any
-    # of its points can turn inwards, or it is too far out to touch the face in any attitude. At 80° a run that ends as
-    # soon as the first condition holds takes 25 steps instead of 59.
+    # of its points can turn inward, or it is too far out to touch the face in any attitude. Ending a run as soon as the
+    # first condition holds took 25 steps at 80° instead of 59.
     reach = 0.0
     for i in range(body.corners.shape[0]):
         reach = max(reach, math.hypot(body.corners[i, 0], body.corners[i, 1]))
@@ -384,7 +386,7 @@ def _is_clear(state: FloatArray, body: Body) -> bool:
 
 @lean
 def _is_through(state: FloatArray, body: Body, thickness: float) -> bool:
-    """Return whether the body has left through the rear face and will not touch it again, as in `_is_clear`."""
+    """Return whether the body has left through the rear face and cannot touch it again, as in `_is_clear`."""
     if state[0] <= thickness:
         return False
     reach = 0.0
@@ -407,7 +409,7 @@ def end_of_step(
     last: bool,
     event: FloatArray,
 ) -> Termination:
-    """Return the reason for which the run ends within a step, and write the time and state of the event.
+    """Return why the run ends within a step, if it does, and write the time and state of the event.
 
     Parameters
     ----------
@@ -422,8 +424,8 @@ def end_of_step(
     last
         True if the step reaches the termination time.
     event
-        (7,) input and output: time and state of the event. Between steps it holds the last release; its time is -1
-        while the body is loaded.
+        (7,) input and output: time and state of the event. Between steps it holds the last release; its time is -1 as
+        long as the body is loaded.
 
     Returns
     -------
@@ -454,7 +456,7 @@ def end_of_step(
             return Termination.RETAINED if retained else Termination.PERFORATED
         if not retained and (_is_clear(step[8:14], body) or (last and step[11] < 0.0)):
             return Termination.EXIT
-    # The axis of a sphere may turn without limit, as its spin loads no element.
+    # The axis of a sphere may turn without limit, since its rotation loads no element.
     tumbled = loaded and body.bounds & CENTRED == 0 and abs(step[10] - begin_angle) > MOST_TURN
     if last or tumbled:
         event[0] = time + step[1]

@@ -1,4 +1,4 @@
-"""Perforation of a wall: the least thickness that stops a projectile, and the least velocity that perforates."""
+"""Perforation of a wall: the least thickness that stops a projectile, and the least velocity that perforates it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -30,27 +30,26 @@ from solver.target import Target
 from solver.trajectory import run_warnings
 from solver.warnings import DEEPER_THAN_WALL, TUMBLING, UNDECIDED, ModelWarning, decided_by_time, undecided
 
-# Real projectiles penetrate far less. A body that no such wall stops is reported as always perforating.
+# Real projectiles penetrate far less. A body that not even this wall stops is reported as always perforating.
 MOST_DIAMETERS = 1000.0
-"""Thickest wall tried, over the diameter of the projectile. [1]"""
+"""Thickness of the thickest wall tried, over the diameter of the projectile. [1]"""
 # No projectile stays rigid at the upper end.
 VELOCITIES = (1.0, 2000.0)
 """Range of velocities searched. [m/s]"""
-# The outcome need not be monotonic, and the first change is sought: larger ratios could pass over it, and smaller
-# ratios take more trials. The factor is a rough choice.
+# The outcome need not be monotonic, and the first change counts: larger ratios could pass over it, and smaller ones
+# take more trials. The factor is a rough choice.
 GROWTH = 1.5
-"""Ratio of the values of consecutive trials until the outcome changes. [1]"""
-# A bracket of this width is far below the effect of the scatter of S, and takes about twelve bisections.
+"""Ratio of consecutive values until the outcome changes. [1]"""
+# A bracket of this width is far narrower than the effect of the scatter of S, and takes about twelve bisections.
 TOLERANCE = 1e-4
 """Default width of the final bracket over its upper end. [1]"""
-# With this tolerance and number of stations a limit is within 5e-5 of its converged value, half the width of the
-# bracket.
+# With this tolerance and these stations a limit is within 5e-5 of its converged value, half the width of the bracket.
 RUN_TOLERANCE, RUN_STATIONS = 3e-5, 8
-"""Default relative tolerance and stations of the runs."""
+"""Default relative tolerance and number of stations of the runs."""
 
 
 PreparedStrike: TypeAlias = tuple[PreparedCase, Impact]
-"""Prepared case of a trial, and its impact."""
+"""Prepared case and impact of a trial."""
 
 
 class PerforationStatus(StrEnum):
@@ -85,26 +84,26 @@ class PerforationLimit:
     """Result of `least_thickness` or `limit_velocity`, with all trials of the search."""
 
     quantity: Literal["thickness", "velocity"]
-    """Quantity whose limit was sought."""
+    """Quantity whose limit the search was for."""
     status: PerforationStatus
     """Result of the search: a limit, or the outcome over the whole range."""
     value: float | None
-    """Least thickness that was found to stop the projectile, or least velocity that was found to perforate; None if the
-    outcome does not change in the range. [m or m/s]"""
+    """Least thickness found to stop the projectile, or least velocity found to perforate; None if the outcome does not
+    change in the range. [m or m/s]"""
     bracket: tuple[float, float] | None
-    """Values on both sides of the change of outcome at the end of the search; None without a change. [m or m/s]"""
+    """Values on either side of the change of outcome at the end of the search; None without a change. [m or m/s]"""
     iterations: tuple[PerforationTrial, ...]
     """All trials, in the order of computation."""
     without_protrusion: float | None
     """Least thickness, or greatest velocity, at which no part of the projectile was found to come out of the rear face;
-    None if that is so over the whole range, or nowhere in it. [m or m/s]"""
+    None if this holds over the whole range, or nowhere in it. [m or m/s]"""
     warnings: tuple[ModelWarning, ...]
     """Warnings of the trial at the value found, or of the last trial if there is none. ``undecided`` is added if a
     trial beside the change or beside the value without protrusion, or any trial if there is no change, was still in
     motion at its termination time."""
 
     def row(self) -> Row:
-        """Return status, limit and bracket under the column names of `solver.columns`. [m or m/s]"""
+        """Return status, limit and bracket by the column names of `solver.columns`. [m or m/s]"""
         low, high = self.bracket or (None, None)
         return {
             "status": self.status.value,
@@ -123,11 +122,11 @@ class PerforationLimit:
         }
 
     def to_dataframe(self) -> DataFrame:
-        """Return the trials as a ``pandas.DataFrame``; pandas has to be installed."""
+        """Return the trials as a ``pandas.DataFrame``; requires pandas."""
         return dataframe(self.columns(), PerforationTrial)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
-        """Plot the residual speed of each trial on the given axes, or on those of a new figure. Return the figure."""
+        """Plot the residual speed of each trial, in a new pyplot figure unless axes are given; return the figure."""
         behind = [trial.exit if trial.outcome is Outcome.PERFORATED else None for trial in self.iterations]
         trials = self.columns() | {"speed": np.array([0.0 if each is None else each.speed for each in behind])}
         label = "thickness of the wall [m]" if self.quantity == "thickness" else "velocity at first contact [m/s]"
@@ -199,10 +198,10 @@ def least_thickness(
     Notes
     -----
     Each wall tried is 1.5 times as thick as the one before until a wall holds; bisection follows. A second search finds
-    the least thickness with which no part of the projectile comes out of the rear face. A wall that is not perforated
-    by the termination time, or before the projectile has turned by more than 360°, counts as one that holds, with a
-    warning if it is next to the change. Without a plug and a crater, see `Resistance`, real walls have to be thicker
-    than the result: compare with `solver.formulas`.
+    the least thickness with which no part of the projectile comes out of the rear face. A wall counts as holding if it
+    is not perforated by the termination time, or before the projectile has turned by more than 360°; a warning appears
+    if such a wall is next to the change. Real walls have to be thicker than the result without a plug and a crater (see
+    `Resistance`): compare it with `solver.formulas`.
 
     Examples
     --------
@@ -271,8 +270,9 @@ def limit_velocity(
     Notes
     -----
     Each velocity tried is 1.5 times the one before, from 1 m/s, until a velocity perforates; bisection follows. A
-    second search finds the greatest velocity at which no part of the projectile comes out of the rear face. A wall that
-    is not perforated by the termination time counts as one that holds, with a warning if it is next to the change.
+    second search finds the greatest velocity at which no part of the projectile comes out of the rear face. A wall
+    counts as holding if it is not perforated by the termination time; a warning appears if such a trial is next to the
+    change.
 
     Examples
     --------
@@ -301,12 +301,12 @@ def _impact(
     angle_of_attack: float,
     angular_velocity: float,
 ) -> Impact:
-    """Return the impact, which is given either as an object or as numbers.
+    """Return the impact, given either as an object or as numbers.
 
     Raises
     ------
     ParameterError
-        If it is given in both forms or in neither.
+        If both forms are given, or neither.
     """
     numbers = {
         "velocity": velocity,
@@ -353,7 +353,7 @@ def _search(
     *,
     perforated_at_first: bool,
 ) -> PerforationLimit:
-    """Find the first change to or from perforation above the lower bound, and the limit without protrusion.
+    """Search upward for the first change to or from perforation, and for the limit without protrusion.
 
     Parameters
     ----------
@@ -362,7 +362,7 @@ def _search(
     perforated_at_first
         Outcome at the lower bound if there is a limit: True for a thickness, False for a velocity.
     """
-    # A finer tolerance is far below the error of a run, and a wider bracket says little; both are rough choices.
+    # A finer tolerance is far below the error of a run, and a wider bracket says little; both bounds are rough choices.
     require_between("tolerance", tolerance, 1e-8, 0.1)
     always, never = PerforationStatus.ALWAYS_PERFORATED, PerforationStatus.NEVER_PERFORATED
     trials: dict[float, PerforationTrial] = {}
@@ -397,11 +397,11 @@ def _search(
         if bracket is None:
             status = always if perforated_at_first else never
     value, last = None if bracket is None else bracket[1], next(reversed(trials))
-    # Parts of the body come out of walls somewhat thicker than those that it perforates, and at velocities somewhat
-    # below the limit.
+    # The nose comes out of walls somewhat thicker than those that the body perforates, and at velocities somewhat below
+    # the limit, so a second search is needed.
     beside = _first_change(comes_out, bounds, tolerance) if comes_out(bounds[0]) is perforated_at_first else None
 
-    # Own shots were not fired at walls of the trial thickness, so a warning that they are deeper would be wrong.
+    # Own shots were not fired at walls of the trial thickness, so a warning that they went deeper would be wrong.
     others = {UNDECIDED, DEEPER_THAN_WALL} if perforated_at_first else {UNDECIDED}
     found = [each for each in warnings[value or last] if each.code not in others]
     tumbled = [each for each in warnings[bracket[0]] if each.code == TUMBLING] if bracket else []
@@ -418,7 +418,7 @@ def _search(
         value=value,
         bracket=bracket,
         iterations=tuple(trials.values()),
-        # The limit is the end of the bracket without protrusion: the thicker wall, or the lower velocity.
+        # The end of the bracket without protrusion is the limit: the thicker wall, or the lower velocity.
         without_protrusion=None if beside is None else beside[1 if perforated_at_first else 0],
         warnings=tuple(found),
     )
@@ -427,11 +427,11 @@ def _search(
 def _first_change(
     holds: Callable[[float], bool], bounds: tuple[float, float], tolerance: float
 ) -> tuple[float, float] | None:
-    """Return the values between which a condition first changes above the lower bound; None if it does not change.
+    """Return the values between which a condition first changes above the lower bound; None if it never does.
 
     Each value tried is `GROWTH` times the one before, up to the upper bound; bisection to the tolerance follows.
     """
-    # The condition is true or false, without a magnitude that a faster method than bisection could use.
+    # The condition is true or false, without a magnitude that a method faster than bisection could use.
     value, upper = bounds
     before, at_first = value, holds(value)
     while holds(value) is at_first:

@@ -1,6 +1,6 @@
-"""Checks of answers against conservation of energy, to detect errors of the program.
+"""Checks of answers against conservation of energy, which detect errors of the program.
 
-They take no measurable time and run on every answer of the adaptive method. A failed check gives the warning
+They take no measurable time, and are made for every answer of the adaptive method. A failed check adds the warning
 ``implausible``.
 """
 
@@ -19,28 +19,27 @@ from solver.strike import Impact
 from solver.units import quantity
 from solver.warnings import ModelWarning, implausible
 
-# An exact solution gains no energy, and with the default tolerances the error is smaller than this.
+# An exact solution gains no energy. With the default tolerances the error of the energy is smaller than this.
 MOST_GAIN = 1e-3
 """Largest gain of kinetic energy over its initial value. [1]"""
-# A motion has hundreds of steps, whose errors mostly cancel. Ten is a rough choice.
+# A motion has up to hundreds of steps, whose errors mostly cancel. Ten is a rough choice.
 ERROR_OF_TOLERANCE = 10.0
-"""Largest error of an energy over the relative tolerance of a step. [1]"""
+"""Largest error of the energy, over the relative tolerance of a step. [1]"""
 # On an oblique path both faces weaken the resistance, so the bound has to be far below 1. Its value is a rough choice.
 LEAST_WORK = 0.05
-"""Least energy lost in a wall, over S f'c (weakened by the rear face) times cross section and thickness. [1]"""
-# A thinner wall may lie between the weakened zones of its two faces, where it takes hardly any energy.
+"""Least energy lost in a wall, over S f'c, weakened by the rear face, times cross-section and thickness. [1]"""
+# A thinner wall may lie wholly within the weakened zones of its two faces, and take hardly any energy.
 LEAST_WALL = 0.5
-"""Least thickness, over the diameter, of walls whose loss of energy is checked. [1]"""
-# The weaker resistance between two faces adds to the depth that the energy allows: up to 2.2 diameters in 750 random
-# strikes on usual concrete.
+"""Least thickness over the diameter with which the energy lost in a wall is checked. [1]"""
+# The resistance is weaker between two faces, so walls thicker than the energy allows may be perforated: by up to 2.2
+# diameters in 750 random strikes on usual concrete.
 MARGIN = 4.0
-"""Additional thickness that may be perforated because of the faces, over the diameter. [1]"""
-# Below the ramp velocity the static stress is incomplete, so that even a strike with hardly any energy penetrates a
-# little.
+"""Thickness that may be perforated in addition because of the faces, over the diameter. [1]"""
+# Below the ramp velocity the static stress is incomplete, so even a strike with hardly any energy penetrates a little.
 RAMP = 0.01
-"""Depth over the diameter below which a strike is not checked against its energy. [1]"""
-# Near the perforation limit the exit speed has a large error, because its derivative with respect to the thickness is
-# infinite there.
+"""Depth that is allowed in addition for this reason, over the diameter. [1]"""
+# The exit speed has a large error near the perforation limit, where its derivative with respect to the thickness is
+# infinite.
 MOST_RISE = 0.01
 """Largest rise of the exit speed from one wall to a thicker one, over the striking speed. [1]"""
 
@@ -48,9 +47,9 @@ MOST_RISE = 0.01
 def check_energy(
     prepared: PreparedCase, impact: Impact, outcome: Outcome, left: Exit | None
 ) -> tuple[ModelWarning, ...]:
-    """Check that a projectile has not gained energy, and has lost some in a wall that it perforates.
+    """Check that a projectile has gained no energy, and has lost some in a wall that it perforates.
 
-    The panel method is not checked: its fixed steps may gain energy, which another warning reports.
+    The panel method is not checked: its fixed steps may gain energy, for which there is another warning.
     """
     if left is None or prepared.numerics.method != "adaptive":
         return ()
@@ -71,7 +70,7 @@ def check_energy(
 
 
 def check_depth(prepared: PreparedCase, impact: Impact, depth: float) -> tuple[ModelWarning, ...]:
-    """Check that a head-on strike goes no deeper into a half-space than its energy allows against S f'c alone."""
+    """Check that a head-on strike goes no deeper into a half-space than its energy allows if only S f'c resists."""
     if not _is_head_on(impact) or prepared.target.thickness is not None or prepared.numerics.method != "adaptive":
         return ()
     most = deepest_by_energy(prepared, impact)
@@ -82,7 +81,7 @@ def check_depth(prepared: PreparedCase, impact: Impact, depth: float) -> tuple[M
 
 
 def deepest_by_energy(prepared: PreparedCase, impact: Impact) -> float:
-    """Return the depth at which S f'c on the cross section has used up the energy, plus nose and crater. [m]"""
+    """Return the depth at which S f'c on the cross-section has used up the energy, plus nose and crater. [m]"""
     crater = prepared.resistance.crater
     front = 0.0 if crater is None else crater.depth_diameters * prepared.projectile.diameter
     energy = _energy(mass_properties(prepared.projectile), impact)
@@ -92,10 +91,10 @@ def deepest_by_energy(prepared: PreparedCase, impact: Impact) -> float:
 def check_walls(
     prepared: PreparedCase, impact: Impact, passed: Iterable[tuple[float, Exit]]
 ) -> tuple[ModelWarning, ...]:
-    """Check that no perforated wall is too thick for the energy, and that exits from thicker walls are not faster.
+    """Check that no perforated wall is too thick for the energy, and that projectiles leave thicker walls no faster.
 
-    The second check is for head-on strikes: an oblique or turning projectile takes another path in a thicker wall, and
-    may leave it faster.
+    Only head-on strikes get the second check: an oblique or turning projectile takes another path in a thicker wall,
+    and may leave it faster.
 
     Parameters
     ----------
@@ -104,7 +103,7 @@ def check_walls(
     """
     half_space = replace(prepared.target, thickness=None)
     sheared = plug_height(resistance=prepared.resistance, target=half_space, projectile=prepared.projectile)
-    # Each face weakens a zone as many radii deep as the plastic zone. Here both zones count as if they had no
+    # Each face weakens a zone as deep as the plastic zone around the body. Both zones count as if they had no
     # resistance.
     weakened = max(MARGIN, _plastic_ratio(prepared)) * prepared.projectile.diameter
     most = deepest_by_energy(prepared, impact) + weakened + sheared
@@ -114,7 +113,7 @@ def check_walls(
             implausible(f"{quantity(walls[-1][0], 'm')} are perforated, and {quantity(most, 'm')} use up its energy"),
         )
     rises = (after.speed - before.speed for (_, before), (_, after) in itertools.pairwise(walls))
-    # Only in head-on strikes is the exit speed known to fall with the thickness.
+    # The exit speed is known to fall with the thickness in head-on strikes only.
     if _is_head_on(impact) and max(rises, default=0.0) > MOST_RISE * impact.velocity:
         return (implausible("the projectile leaves a thicker wall faster than a thinner one"),)
     return ()
@@ -135,7 +134,7 @@ def _least_work(prepared: PreparedCase, impact: Impact) -> float:
     crushed = resistance.crater is not None or resistance.rear_plug is not None
     if thickness is None or crushed or thickness < LEAST_WALL * prepared.projectile.diameter:
         return 0.0
-    # The mean of the decay over the thickness needs no accuracy beyond that of the bound, which 33 points give.
+    # The bound is a rough one, so 33 points give the mean of the decay over the thickness accurately enough.
     ratios = 1.0 + np.linspace(0.0, thickness / prepared.projectile.radius, 33)
     left = float(decay_factor(model=resistance.free_surface, target=prepared.target, radius_ratio=ratios).mean())
     return LEAST_WORK * left * _static_force(prepared, impact) * thickness
@@ -147,6 +146,6 @@ def _energy(properties: MassProperties, impact: Impact) -> float:
 
 
 def _static_force(prepared: PreparedCase, impact: Impact) -> float:
-    """Return the force of S f'c on the cross section. [N]"""
+    """Return the force of S f'c on the cross-section, with S at the oblique angle of the strike. [N]"""
     strength = prepared.strength_factor_at(impact.oblique_angle) * prepared.target.compressive_strength
     return strength * math.pi * prepared.projectile.radius**2

@@ -1,6 +1,6 @@
-"""Preparation of a case for the compiled code, its integration, and the interpretation of the result.
+"""Conversion of a case for the compiled code, its integration, and the interpretation of the result.
 
-A prepared case holds everything that strikes of one projectile on one target share, so that it is built once.
+A prepared case holds everything that strikes of one projectile on one target share, so it is built only once.
 """
 
 import math
@@ -43,9 +43,8 @@ from solver.time_integration import (
 
 # A thinner plate fails by bending and tearing, which the model does not include.
 LEAST_THICKNESS = 0.1
-"""Least thickness of a wall over the diameter of the projectile. [1]"""
-# Above 1e154 m/s the square of a velocity overflows, and with it the kinetic energy. The limit is far below that and
-# far above any real motion.
+"""Least thickness of a wall, over the diameter of the projectile. [1]"""
+# Above 1e154 m/s the square of a velocity overflows. The limit is far below that, and far above any real motion.
 LARGEST_STATE = 1e100
 """Position, angle or rate beyond which a run counts as diverged. [m, rad, s]"""
 
@@ -81,7 +80,7 @@ class Exit:
 
 
 def exit_of(outcome: Outcome, state: Sequence[float], body: Body) -> Exit | None:
-    """Return the exit of a projectile from its final state; None if it stays in the target.
+    """Return the exit of a projectile, given its final state; None if it stays in the target.
 
     Parameters
     ----------
@@ -106,7 +105,7 @@ def exit_of(outcome: Outcome, state: Sequence[float], body: Body) -> Exit | None
 
 @dataclass(frozen=True, slots=True)
 class Protrusion:
-    """Protrusion of a projectile out of the rear face of a wall that it does not perforate."""
+    """Protrusion of a projectile from the rear face of a wall that it does not perforate."""
 
     final: float | None
     """Distance of the deepest point beyond the rear face at the end of the run; None if the projectile leaves through
@@ -116,7 +115,7 @@ class Protrusion:
 
 
 def protrusion_of(outcome: Outcome, run: Run, body: Body, thickness: float | None) -> Protrusion | None:
-    """Return the protrusion of a run; None if the projectile perforates or never reaches beyond the rear face.
+    """Return the protrusion in a run; None if the projectile perforates, or never extends beyond the rear face.
 
     Parameters
     ----------
@@ -134,18 +133,18 @@ def protrusion_of(outcome: Outcome, run: Run, body: Body, thickness: float | Non
 
 @dataclass(frozen=True, slots=True)
 class PreparedCase:
-    """Strike without its impact: projectile, target, laws and settings, converted for the compiled code."""
+    """Strike except for its impact: projectile, target, laws and settings, converted for the compiled code."""
 
     projectile: Projectile
     target: Target
     resistance: Resistance
     numerics: ResolvedNumerics
     model: Model
-    """Parameters of the compiled code, with a strength factor of 1 and a ramp velocity of 1 m/s."""
+    """Parameters of the compiled code. `law_at` replaces their strength factor of 1 and ramp velocity of 1 m/s."""
 
     @property
     def is_centred(self) -> bool:
-        """True if no load turns the projectile, since all its normals pass through its centre of gravity."""
+        """True if no load turns the projectile, because all its normals pass through its centre of gravity."""
         return bool(self.model.body.bounds & CENTRED)
 
     def strength_factor_at(self, oblique_angle: float) -> float:
@@ -161,7 +160,7 @@ class PreparedCase:
         )
 
     def law_at(self, impact: Impact) -> Law:
-        """Return the resistance with the strength factor and ramp velocity of a strike."""
+        """Return the resistance for the strength factor and ramp velocity of a strike."""
         factor = self.strength_factor_at(impact.oblique_angle)
         return self.model.law._replace(
             static_stress=float(factor * self.target.compressive_strength),
@@ -177,7 +176,7 @@ def prepare(
     Raises
     ------
     ParameterError
-        If projectile and target do not fit each other or the settings, or an argument is of the wrong type.
+        If projectile, target and settings do not fit together, or an argument is of the wrong type.
     """
     check_case(projectile, target)
     if target.thickness is not None:
@@ -214,7 +213,7 @@ def prepare(
 
 
 def check_case(projectile: Projectile, target: Target) -> None:
-    """Check that the arguments are one projectile and one target.
+    """Check that the arguments are a single projectile and a single target.
 
     Raises
     ------
@@ -228,14 +227,14 @@ def check_case(projectile: Projectile, target: Target) -> None:
 def integrate(
     prepared: PreparedCase, model: Model, impact: Impact, *, keep_steps: bool, thresholds: Thresholds | None = None
 ) -> tuple[Run, FloatArray]:
-    """Integrate a strike by the method of the case; return the run and its table of steps.
+    """Integrate a strike with the method of the case; return the run and its table of steps.
 
     Parameters
     ----------
     model
         Model of the case with the law of the strike.
     keep_steps
-        Keep every step in the table, not only the last one.
+        Keep every step in the table, instead of the last one only.
     thresholds
         Energies that end the run, over the initial energy; by default the retention energy of the case and
         `REST_FRACTION`. [1]
@@ -250,7 +249,7 @@ def integrate(
     numerics, start = prepared.numerics, initial_state(impact, model.body)
     end_time = float(numerics.termination_time)
     retention, rest = thresholds or (numerics.retention_energy_fraction, REST_FRACTION)
-    thresholds = Thresholds(float(retention), float(rest))  # an integer would be another type for compiled code
+    thresholds = Thresholds(float(retention), float(rest))  # compiled code accepts no integers here
 
     def run_to_end(control: IntArray) -> tuple[Run, FloatArray]:
         state, work = np.empty(6), make_workspace()
@@ -295,13 +294,13 @@ OUTCOMES: dict[float, Outcome] = {
     Termination.PERFORATED: Outcome.PERFORATED,
     Termination.TUMBLED: Outcome.IN_MOTION,
 }
-"""Outcome for each termination of a run that could be integrated."""
+"""Outcome for each termination that is not a failure."""
 RELEASED = (Termination.EXIT, Termination.RETAINED, Termination.PERFORATED)
 """Terminations after which the motion is continued as free flight."""
 
 
 def check_end(end: float, time: float) -> None:
-    """Raise an `IntegrationError` if a run ended at `time` because it could not be integrated."""
+    """Raise an `IntegrationError` if a run ended at `time` [s] because it could not be integrated."""
     if end in OUTCOMES:
         return
     if end == Termination.STEP_LIMIT:
@@ -312,17 +311,16 @@ def check_end(end: float, time: float) -> None:
 
 
 def final_tip_depth(run: Run, body: Body, time: float) -> float:
-    """Return the depth of the nose tip at `time`, after free flight if the projectile was released before. [m]"""
+    """Return the depth of the nose tip at `time` [s]; a projectile released earlier flies freely. [m]"""
     flight = max(0.0, time - run.time) if run.end in RELEASED else 0.0
     angle = run.state[2] + run.state[5] * flight
     return float(run.state[0] + run.state[3] * flight + body.tip * math.cos(angle))
 
 
 def positions_at(run: Run, steps: FloatArray, times: FloatArray) -> FloatArray:
-    """Return the (n, 3) depth and lateral position of the centre of gravity and axis angle at sorted `times`.
+    """Return the (n, 3) depth, lateral position and axis angle at sorted `times`.
 
-    After the end of the run the projectile stays where it came to rest, or flies freely once it was released.
-    [m, m, rad]
+    After the end of the run the projectile stays where it came to rest, or flies freely if it was released. [m, m, rad]
     """
     inside = int(np.searchsorted(times, run.time, side="right")) if len(steps) else 0
     flight = times[inside:, None] - run.time if run.end in RELEASED else 0.0

@@ -20,17 +20,18 @@ from solver.checks import (
     require_one,
 )
 
-# Integrands over lines are polynomials, which this number of points integrates exactly; integrals over arcs are near
+# Integrands over lines are polynomials, which this rule integrates exactly; integrals over arcs are accurate nearly to
 # machine precision.
 GAUSS_POINTS = 48
 """Number of Gauss-Legendre points on one piece of the outline."""
-# The tolerance admits dimensions that were stored in single precision.
+# The tolerance accepts dimensions that were stored in single precision.
 MATCH = 1e-6
 """Relative tolerance of dimensions that must agree, such as the radii of a profile and the shank. [1]"""
 # Rounding moves points off a straight line: by 1e-16 of the size of the nose or, if they are given to the micrometre,
-# by 1e-5. No nose is made to an accuracy of 1e-4.
+# by about 1e-5. No nose is manufactured to 1e-4 of its size.
 DENT = 1e-4
-"""Largest distance by which a point of a profile may lie inside the line between two others, over its size. [1]"""
+"""Largest distance by which a point of a profile may lie inside the line between two others, over the size of the
+profile. [1]"""
 
 Point = tuple[float, float]
 """Distance behind the tip, and distance from the axis. [m]"""
@@ -83,7 +84,7 @@ OutlinePiece: TypeAlias = Line | Arc
 
 
 class Nose(Protocol):
-    """Interface of nose shapes. In all methods `radius` is that of the shank. [m]"""
+    """Interface of nose shapes; `radius` is always the radius of the shank. [m]"""
 
     @property
     def name(self) -> str:
@@ -151,7 +152,7 @@ class Conical:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spherical:
-    """Spherical cap as a nose.
+    """Spherical cap.
 
     Parameters
     ----------
@@ -193,23 +194,23 @@ class Flat:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """Convex chain of cones through given points; a first radius above zero makes a flat face.
+    """Convex chain of cones through given points, with a flat face if the first radius is above zero.
 
     Parameters
     ----------
     points
-        (x, r) pairs from the tip, with x from 0 and not decreasing. If r does not decrease, its last value is the
-        radius of the shank. If r decreases behind the widest point, the profile is that of the whole body, up to its
-        flat base or to an end in a point. A list or an array of pairs becomes a tuple. [m]
+        (x, r) pairs from the tip on, where x starts at 0 and does not decrease. If r does not decrease either, its last
+        value is the radius of the shank. If r decreases behind the widest point, the profile is that of the whole body,
+        which ends in a flat base or in a point. A list or an array of pairs becomes a tuple. [m]
 
     Raises
     ------
     ParameterError
-        If the points are not such pairs, or the profile is not convex. The error names the point.
+        If the points are not such pairs, or the profile is not convex. The error names the offending point.
 
     Notes
     -----
-    Points on the line between two others, or inside it by no more than 1e-4 of the size, are left out of the outline.
+    The outline leaves out points that lie on the line between two others, or inside it by at most 1e-4 of the size.
     """
 
     name: ClassVar[str] = "profile"
@@ -240,7 +241,7 @@ class Profile:
 
     @property
     def falls(self) -> bool:
-        """True if the radius falls behind the widest point, so that the profile is that of the whole body."""
+        """True if the radius falls behind the widest point: the profile is then that of the whole body."""
         return self.end_radius < self.widest
 
     @property
@@ -249,19 +250,19 @@ class Profile:
         return self.points[-1][1]
 
     def length(self, radius: float) -> float:
-        """Return x at the end of the nose: the last point, or the first of the widest points of a whole body. [m]"""
+        """Return x at the end of the nose: at the last point, or at the first widest point of a whole body. [m]"""
         widest = self.widest
         return next(x for x, r in self.points if r == widest) if self.falls else self.points[-1][0]
 
     def outline(self, radius: float) -> tuple[OutlinePiece, ...]:
-        """Return the flat face, if any, and the lines between successive points that span the nose."""
+        """Return the flat face, if any, and the lines that span the nose."""
         blunt = self.points[0][1]
         face = (Line(0.0, 0.0, 0.0, blunt),) if blunt > 0.0 else ()
         end = self.length(radius)
         return face + tuple(line for line in self._lines() if line.x_end <= end)
 
     def tail(self, radius: float) -> tuple[OutlinePiece, ...]:
-        """Return the lines behind the widest point of a whole body."""
+        """Return the lines behind the widest point; there are none unless the profile is a whole body."""
         end = self.length(radius)
         return tuple(line for line in self._lines() if line.x_end > end)
 
@@ -272,7 +273,7 @@ class Profile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sphere:
-    """Sphere as a whole body, as long as it is wide."""
+    """Sphere: a whole body without a shank."""
 
     name: ClassVar[str] = "sphere"
     falls: ClassVar[bool] = True
@@ -317,7 +318,7 @@ def _points(field: str, given: object) -> tuple[Point, ...]:
     Raises
     ------
     ParameterError
-        Unless there are 2 to 1,000 pairs of finite numbers. The error names the point.
+        Unless there are 2 to 1,000 pairs of finite numbers. The error names the offending point.
     """
     rows = _members(plain(given))
     require(rows is not None, field, f"must be (x, r) pairs, got {type(given).__name__}")
@@ -335,7 +336,7 @@ def _points(field: str, given: object) -> tuple[Point, ...]:
 
 
 def _members(given: Any) -> tuple[Any, ...] | None:
-    """Return the items of an iterable as a tuple; None for a text or an object that is not iterable."""
+    """Return the items of an iterable as a tuple; None for a string or an object that is not iterable."""
     try:
         return None if isinstance(given, str) else tuple(given)
     except TypeError:
@@ -359,7 +360,7 @@ def _spanning(points: Sequence[Point]) -> list[int]:
 
 
 def _rise(points: Sequence[Point]) -> int | None:
-    """Return the index of the first point in a dent to which the slope is steeper than before; None without a dent."""
+    """Return the index of the first point in a dent to which the slope increases; None without a dent."""
     size = math.hypot(*points[-1])
     for first, last in pairwise(_spanning(points)):
         if any(_inside(points[first], each, points[last]) > DENT * size for each in points[first + 1 : last]):
@@ -385,7 +386,7 @@ class Projectile:
         Distance from the nose tip to the flat base, at least the length of the nose. For a body without a shank it is
         the whole length. [m]
     mass
-        Mass. The upper bound is about that of a uranium cylinder 5 m wide and 20 m long. [kg]
+        Mass. The upper bound is about the mass of a uranium cylinder 5 m wide and 20 m long. [kg]
     center_of_gravity
         Distance of the centre of gravity behind the nose tip, less than the length; that of a homogeneous body when
         not given. [m]
@@ -395,8 +396,8 @@ class Projectile:
     boat_tail
         Taper behind the shank; a cylinder up to the base when not given.
     inner_diameter
-        Diameter of a bore along the whole cylindrical shank, less than that of the shank; without it the shank is
-        solid. Nose and boat-tail are always solid. [m]
+        Diameter of a bore along the whole cylindrical shank, less than the diameter of the shank. When not given, the
+        shank is solid, as nose and boat-tail always are. [m]
     yield_strength
         Yield strength of the body, 1.2 GPa when not given. The bending stress is compared with it; the motion does not
         depend on it. [Pa]
@@ -527,7 +528,7 @@ class Projectile:
 
     @property
     def base(self) -> Line:
-        """Flat base, from the rear edge to the axis; its length is zero where a body ends in a point."""
+        """Flat base, from the rear edge to the axis; its length is zero if the body ends in a point."""
         radius = self.radius
         if self._whole is not None:
             radius = self._whole.end_radius
@@ -538,7 +539,7 @@ class Projectile:
 
 @dataclass(frozen=True, slots=True)
 class SolidProperties:
-    """Geometry of the outer shape, and of the homogeneous solid that fills it, less the bore."""
+    """Geometry of the outer surface, and of the homogeneous solid within it, less the bore."""
 
     surface_area: float
     """Area of the outer surface without the flat base. [m²]"""
@@ -564,7 +565,7 @@ class MassProperties:
 
 @lru_cache  # for the same reason as `mass_properties`
 def solid_properties(projectile: Projectile) -> SolidProperties:
-    """Return the geometry of the homogeneous solid of the outer shape, less the bore, by Gauss quadrature."""
+    """Compute the geometry of the homogeneous solid of the outer shape, less the bore, by Gauss quadrature."""
     t, w = gauss_rule(GAUSS_POINTS).T
     area = volume = first = second = 0.0
     for piece in projectile.outline():
@@ -588,7 +589,7 @@ def solid_properties(projectile: Projectile) -> SolidProperties:
 
 @lru_cache  # the cases of a study share few projectiles
 def mass_properties(projectile: Projectile) -> MassProperties:
-    """Return the mass properties in use: those given, and those of the homogeneous solid for the rest.
+    """Return the mass properties in use: as given, or else those of the homogeneous solid.
 
     Notes
     -----

@@ -1,8 +1,8 @@
-"""Descriptions of quantities: text and unit of each field of a dataclass, read from its docstrings.
+"""Descriptions of quantities: text and unit of each field of a dataclass, read from docstrings.
 
-A field is described once, where it is defined: by the docstring below it or under *Parameters* in that of its class,
-with the unit in brackets. The manual and editors show that text. The contract of the service, the columns of tables and
-the labels of axes get it from this module.
+A field is described once, where it is defined: in a docstring below it, or under *Parameters* in the docstring of its
+class, with the unit in brackets. The manual and editors show that text as it is. This module provides it to the
+contract of the service, the columns of tables and the labels of axes.
 """
 
 import ast
@@ -16,9 +16,9 @@ from itertools import pairwise
 from typing import NamedTuple, get_args, get_origin, get_type_hints
 
 UNIT = re.compile(r"\s*\[([^\]]+)\]")
-"""Pattern of a unit in brackets, at the end of a description or of one of its sentences."""
+"""Pattern of a unit in brackets, which follows a description or one of its sentences."""
 PARAMETER = re.compile(r"^ {4}(\w+(?:, \w+)*)\n((?: {8}.*\n?)+)", re.MULTILINE)
-"""Pattern of the names under *Parameters* in a docstring, and of their description."""
+"""Pattern of an entry under *Parameters* in a docstring: one or more names, and their description."""
 
 
 class Quantity(NamedTuple):
@@ -27,31 +27,31 @@ class Quantity(NamedTuple):
     text: str
     """Description of the quantity, without its unit."""
     unit: str
-    """Unit of its numbers in the solver; empty if it has none, ``1`` for a pure number."""
+    """Unit of its numbers in the solver; ``1`` for a pure number, empty if it is not a number."""
 
     @property
     def short(self) -> str:
-        """First sentence of the description, for a column or the label of an axis."""
+        """First sentence of the description, for the label of a column or an axis."""
         sentence = self.text.partition(". ")[0].rstrip(".")
         return sentence[:1].lower() + sentence[1:]
 
     @classmethod
     def of(cls, docstring: str) -> "Quantity":
-        """Separate the text of a docstring from its first unit; alternatives such as ``m or m/s`` do not count."""
+        """Split a docstring into text and unit: the first one in brackets that is not an alternative (``m or m/s``)."""
         units = [found for found in UNIT.findall(docstring) if " or " not in found]
         return cls(UNIT.sub("", docstring).strip(), "".join(units[:1]))
 
 
 @cache
 def field_docstrings(module: str) -> Mapping[str, Mapping[str, str]]:
-    """Return the docstrings of the fields of all classes of a module, by class and field, each on one line."""
-    # The docstrings are read from the source, since the interpreter keeps none of fields.
+    """Return the docstrings of all fields of the classes in a module, by class and field, each as one line."""
+    # The docstrings are read from the source, because the interpreter does not keep the docstrings of fields.
     classes = [node for node in ast.parse(getsource(sys.modules[module])).body if isinstance(node, ast.ClassDef)]
     return {node.name: dict(_parameters(node)) | dict(_attributes(node)) for node in classes}
 
 
 def _parameters(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
-    """Yield name and description of each field under *Parameters* in the docstring of a class."""
+    """Yield the name and description of each field under *Parameters* in the docstring of a class."""
     lines = ast.get_docstring(node, clean=False) or ""
     _, _, section = lines.partition("    Parameters\n    ----------\n")
     section, *_ = re.split(r"\n\n    \w+\n    -+\n", section)
@@ -61,7 +61,7 @@ def _parameters(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
 
 
 def _attributes(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
-    """Yield name and description of each field with a docstring below it."""
+    """Yield the name and description of each field with a docstring below it."""
     for field, text in pairwise(node.body):
         if (
             isinstance(field, ast.AnnAssign)
@@ -75,7 +75,7 @@ def _attributes(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
 
 @cache
 def quantities(kind: type) -> Mapping[str, Quantity]:
-    """Return the descriptions of the fields of a dataclass, those of base classes included."""
+    """Return the descriptions of the fields of a dataclass, including inherited ones."""
     found: dict[str, str] = {}
     for base in reversed(kind.__mro__):
         if is_dataclass(base):
@@ -85,10 +85,10 @@ def quantities(kind: type) -> Mapping[str, Quantity]:
 
 @cache
 def columns_of(kind: type) -> Mapping[str, Quantity]:
-    """Return the descriptions of the columns of a table of objects of a class.
+    """Return the descriptions of the columns of a table whose rows are objects of a class.
 
-    The columns of a nested object begin with the name of its field. A pair of numbers makes two columns, ``_low`` and
-    ``_high``.
+    The columns of a nested object begin with the name of its field. A pair of numbers has two columns, which end in
+    ``_low`` and ``_high``.
     """
     found: dict[str, Quantity] = {}
     for name, quantity in quantities(kind).items():
@@ -100,14 +100,14 @@ def columns_of(kind: type) -> Mapping[str, Quantity]:
 
 
 def _parts_in(kind: type, name: str) -> list[type]:
-    """Return the dataclasses that the type of a field allows, other than the class itself."""
+    """Return the dataclasses in the type of a field, except for the class itself."""
     hint = get_type_hints(kind)[name]
     known = [get_origin(each) or each for each in (hint, *get_args(hint))]
     return [each for each in known if isinstance(each, type) and is_dataclass(each) and each is not kind]
 
 
 def described(name: str, *kinds: type) -> Quantity:
-    """Return the description of a column of a table of objects of some classes; empty if it is unknown.
+    """Return the description of a column of a table whose rows are objects of some classes; empty if unknown.
 
     Parameters
     ----------

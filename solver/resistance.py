@@ -1,7 +1,7 @@
-"""Resistance of the target: the stress on an element (eq. 1), and the laws of the strength factor S.
+"""Resistance of the target: the stress on an element (eq. 1) and the laws of the strength factor S.
 
-The strength factor scales the static part of the stress, ``σ = f (S f'c + B ρ v_n²)``, and is constant over one run.
-For normal impact with a crater the depth is given in closed form.
+The strength factor scales the static part of the stress, ``σ = f (S f'c + B ρ v_n²)``, and is constant during a run.
+For normal impact with a crater there is a closed form of the depth.
 """
 
 import math
@@ -30,44 +30,44 @@ from solver.projectile import GAUSS_POINTS, Profile, Projectile
 from solver.target import MOST_PLUG, Crater, ShearPlug, Target
 
 FIELD = "resistance.strength_factor"
-# A covariance given with six or seven digits is symmetric and positive semidefinite within about this tolerance.
+# A covariance that is given with six or seven digits is symmetric and positive semidefinite to about this tolerance.
 ROUNDING = 1e-6
 """Tolerance of the checks that a correlation matrix is symmetric and positive semidefinite. [1]"""
-# With this number of points, the trapezoidal rule gives S of a measured depth with an error of 1e-5.
+# With this number of points, the trapezoidal rule gives the S of a measured depth with an error of 1e-5.
 PATH_POINTS = 401
 """Number of points along the path on which the nose enters the target."""
-# In the default range of 80° the angles are a tenth of a degree apart, which is fine enough for the end of a search.
+# In the default range of 80° the angles are a tenth of a degree apart, which places the end of a search well enough.
 STRENGTH_CHECKS = 801
 """Number of angles at which the sign of the strength factor is checked."""
 EQUATION_9_COEFFICIENTS = (8.469, 0.0149, -0.0013)
 """Coefficients of eq. 9, fitted to an 80 mm projectile in concrete of 39 MPa. [1, 1/°, 1/°²]"""
 
-# The search range of the paper ends at 60°. Extrapolated further, the parabola falls to zero at 86.6°, so that bodies
+# The search range of the paper ends at 60°. Extrapolated beyond it, the parabola falls to zero at 86.6°, and bodies
 # that move nearly along the face would meet hardly any resistance.
 HELD_FROM = math.radians(60.0)
 """Oblique angle from which S by eq. 9 is constant. [rad]"""
 NOT_HELD = math.pi / 2.0
-"""Value of `held_from` for laws that are not held: no strike reaches it. [rad]"""
+"""Value of `held_from` for laws that are never held constant, since no strike reaches this angle. [rad]"""
 
 ObliquityShape: TypeAlias = Literal["constant", "equation_9", "finite_elements"]
-"""Dependence of S on the oblique angle: none, S(θ)/S(0) of eq. 9, or that of finite element motions with the decay law
-in use."""
-# Each shape is a cubic fitted to S of the 13 oblique and 6 normal finite element runs of both meshes. S of a run is
-# fitted to its motion up to the greatest depth of the tip. A quadratic leaves twice the misfit with Mohr-Coulomb decay,
-# whose S has its least value near 48°.
+"""Dependence of S on the oblique angle: none, S(θ)/S(0) of eq. 9, or S(θ)/S(0) fitted to finite element motions with
+the decay law in use."""
+# Each shape is a cubic fitted to the S of 13 oblique and 6 normal finite element runs on two meshes. The S of a run is
+# fitted to its motion up to the greatest depth of the tip. A quadratic would leave twice the misfit with Mohr-Coulomb
+# decay, whose S has a minimum near 48°.
 FINITE_ELEMENT_SHAPES: Mapping[str, tuple[float, ...]] = {
     "elastic_plastic": (1.0, 0.003176, -0.0004476, 4.425e-06),
     "mohr_coulomb": (1.0, 0.009102, -0.001073, 1.357e-05),
     "none": (1.0, -0.01498, 0.0004548, -3.918e-06),
 }
-"""Coefficients of S(θ)/S(0) of finite element motions, by decay law. [1, 1/°, 1/°², 1/°³]"""
+"""Coefficients of S(θ)/S(0) for finite element motions, by decay law. [1, 1/°, 1/°², 1/°³]"""
 FINITE_ELEMENTS_TO = math.radians(55.0)
 """Largest oblique angle of the finite element runs, from which S(θ) is held constant. [rad]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConstantStrengthFactor:
-    """Constant strength factor, the same for every strike.
+    """Strength factor that is the same for every strike.
 
     Parameters
     ----------
@@ -95,11 +95,11 @@ class ObliquityPolynomial:
     coefficients
         Coefficients from the constant term upwards. [1, 1/°, 1/°², ...]
     covariance
-        Covariance of the coefficients, if known: a search then gives the standard error of its angle.
-        [products of their units]
+        Covariance of the coefficients, if known; a search then gives the standard error of its angle. [products of
+        their units]
     held_from
-        Oblique angle from which S is constant. The default is 60° with the coefficients of eq. 9, even if they are
-        given explicitly, and 90° with others: S is then never held. With 0 it is constant. [rad]
+        Oblique angle from which S is held constant. The default is 60° for the coefficients of eq. 9, even if they are
+        given explicitly, and 90°, which means never, for others. With 0, S is constant. [rad]
 
     Notes
     -----
@@ -114,7 +114,7 @@ class ObliquityPolynomial:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients", tuple(plain(self.coefficients)))
-        # A fit may have the order nine, `HIGHEST_ORDER` of the calibration.
+        # A fit may be of order nine, the `HIGHEST_ORDER` of the calibration.
         require(1 <= len(self.coefficients) <= 10, f"{FIELD}.coefficients", "must hold 1 to 10 numbers")
         for index, coefficient in enumerate(self.coefficients):
             require_finite(f"{FIELD}.coefficients.{index}", coefficient)
@@ -137,7 +137,8 @@ class ObliquityPolynomial:
         """
         if self.covariance is None:
             raise ParameterError(f"{FIELD}.covariance", "must be given for a standard error")
-        # Error propagation for a linear combination of the coefficients. Rounding may leave a variance just below zero.
+        # S is linear in the coefficients, so this error propagation is exact. Rounding may leave a variance just below
+        # zero.
         powers = math.degrees(min(abs(oblique_angle), held_from(self))) ** np.arange(len(self.coefficients))
         return math.sqrt(max(0.0, float(powers @ np.array(self.covariance) @ powers)))
 
@@ -147,7 +148,7 @@ class ObliquityPolynomial:
 
 
 def positive_up_to(coefficients: Sequence[float], held: float, lower: float, upper: float) -> float:
-    """Return the angle up to which a polynomial S is above 0, at most the upper end of the range. [rad]
+    """Return the angle up to which a polynomial S is above 0, or the upper end of the range. [rad]
 
     Parameters
     ----------
@@ -156,7 +157,7 @@ def positive_up_to(coefficients: Sequence[float], held: float, lower: float, upp
     lower, upper
         Range of oblique angles. [rad]
     """
-    # Values on a grid work for any degree, whereas roots of polynomials of high degree are ill-conditioned.
+    # A grid of values serves any degree, whereas the roots of polynomials of high degree are ill-conditioned.
     angles = np.linspace(lower, upper, STRENGTH_CHECKS)
     values = np.polynomial.polynomial.polyval(np.degrees(np.minimum(np.abs(angles), held)), coefficients)
     beyond = np.flatnonzero(~(values > 0.0))
@@ -164,7 +165,7 @@ def positive_up_to(coefficients: Sequence[float], held: float, lower: float, upp
 
 
 def _check_covariance(covariance: tuple[tuple[float, ...], ...], size: int) -> None:
-    """Raise `ParameterError` unless a matrix is a covariance of `size` coefficients."""
+    """Raise `ParameterError` unless a matrix is a covariance matrix of `size` coefficients."""
     name = f"{FIELD}.covariance"
     require(len(covariance) == size, name, f"must have a row for each of the {size} coefficients")
     for index, row in enumerate(covariance):
@@ -174,8 +175,8 @@ def _check_covariance(covariance: tuple[tuple[float, ...], ...], size: int) -> N
     matrix = np.array(covariance)
     variances = np.diagonal(matrix)
     require(bool(np.all(variances >= 0.0)), name, "must have no variance below 0")
-    # The matrix is scaled to correlations: the coefficients of high powers have such small variances that any error in
-    # them would be below the tolerance.
+    # The matrix is scaled to correlations, because the variances of the coefficients of high powers are so small that
+    # any error in them would be below the tolerance.
     errors = np.where(variances > 0.0, np.sqrt(variances), 1.0)
     correlation = matrix / errors[:, None] / errors
     require(bool(np.allclose(correlation, correlation.T, rtol=0.0, atol=ROUNDING)), name, "must be symmetric")
@@ -190,18 +191,18 @@ class StrengthPowerLaw:
     Parameters
     ----------
     coefficient
-        Coefficient. [1] Frew et al. (1998) have 82.6 with the exponent -0.544; Li and Chen (2003) 72 with -0.5.
+        Coefficient. [1] Frew et al. (1998) give 82.6 with the exponent -0.544, Li and Chen (2003) 72 with -0.5.
     exponent
         Exponent of the strength. [1]
     reference_strength
-        Strength by which that of the target is divided. [Pa]
+        Strength by which the strength of the target is divided. [Pa]
     diameter_exponent
         Exponent of the diameter; 0 leaves it out. [1]
     reference_diameter
-        Diameter by which that of the projectile is divided. [m]
+        Diameter by which the diameter of the projectile is divided. [m]
     obliquity_shape
-        Dependence of S on the oblique angle. ``equation_9`` multiplies S by S(θ)/S(0) of eq. 9, held from 60°,
-        ``finite_elements`` by that of finite element motions with the decay law in use, held from 55°.
+        Dependence of S on the oblique angle. ``equation_9`` multiplies S by S(θ)/S(0) of eq. 9, held from 60°;
+        ``finite_elements`` by S(θ)/S(0) fitted to finite element motions with the decay law in use, held from 55°.
 
     Notes
     -----
@@ -248,25 +249,25 @@ def _check_shape(shape: str) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PublishedTests:
-    """Power law of strength and diameter fitted to published penetration tests, with the scatter about it.
+    """Power law of strength and diameter fitted to published penetration tests, with the scatter of the tests about it.
 
     Parameters
     ----------
     obliquity_shape
-        Dependence of S on the oblique angle, which the tests, all at normal incidence, do not show. ``equation_9``
-        takes S(θ)/S(0) from eq. 9, ``finite_elements`` from finite element motions with the decay law in use, and with
-        ``constant`` S is the same at all angles.
+        Dependence of S on the oblique angle, about which the tests, all at normal incidence, say nothing.
+        ``equation_9`` takes S(θ)/S(0) from eq. 9, ``finite_elements`` from finite element motions with the decay law in
+        use; with ``constant`` S is the same at all angles.
 
     Notes
     -----
     ``S = 8.84 (f'c / 39 MPa)^-0.18 (d / 76.2 mm)^-0.24``, the median of a mixed model with a random intercept for each
-    series, fitted to 251 tests of 34 articles up to 900 m/s (Concrete Penetration Failure Response Dataset). In 38
-    of these the stated mass is larger than that of a body of solid steel.
+    series, fitted to 251 tests of 34 articles up to 900 m/s (Concrete Penetration Failure Response Dataset). In 38 of
+    these the stated mass exceeds that of a solid steel body.
 
     The scatter about the median is modelled as follows. Within a series, ln S is normal with a variance that has a
     scaled inverse chi-square distribution, with `degrees_of_freedom` and the scale `within_series`. The mean of a
-    series is normal with a variance in proportion to that, so that over all series it has Student's distribution with
-    the scale `between_series`. The next shot has Student's distribution too, with or without shots into the same
+    series is normal with a variance proportional to that one, so over all series it has Student's distribution with the
+    scale `between_series`. The next shot has Student's distribution too, whether or not there are shots into the same
     concrete.
     """
 
@@ -275,13 +276,13 @@ class PublishedTests:
         coefficient=8.84, exponent=-0.18, reference_strength=39e6, diameter_exponent=-0.24, reference_diameter=0.0762
     )
     between_series: ClassVar[float] = 0.266
-    """Scale of ln S between series: the scatter of the means of series about the law. [ln]"""
+    """Scale of ln S between series, that is of the series means about the law. [ln]"""
     within_series: ClassVar[float] = 0.0677
     """Scale of ln S between shots of one projectile type into one concrete. [ln]"""
-    # The likelihood is greatest at 5 for both scales together and at 3.2 for the scatter within a series alone. 3 is
-    # nearly as likely and more conservative: series of articles outside the fit deviate more than those in it.
+    # The likelihood is greatest at 5 for both scales together, and at 3.2 for the scatter within series alone. 3 is
+    # nearly as likely and more conservative: series in articles outside the fit deviate more than those in it.
     degrees_of_freedom: ClassVar[float] = 3.0
-    """Degrees of freedom of Student's distribution at both scales. [1]"""
+    """Degrees of freedom of Student's distribution, between and within series. [1]"""
     compressive_strengths: ClassVar[tuple[float, float]] = (13.13e6, 108.3e6)
     """Smallest and largest compressive strength in the tests. [Pa]"""
     diameters: ClassVar[tuple[float, float]] = (0.0099, 0.203)
@@ -301,19 +302,19 @@ class PublishedTests:
         return law.polynomial(target=target, projectile=projectile, decay=decay)
 
 
-# No laboratory fires that many shots into one concrete.
+# No laboratory fires so many shots into one concrete.
 MOST_SHOTS = 1000
 """Largest number of own tests."""
 NORMAL_QUANTILE = 1.6448536
 """Half-width of the 90 % interval of a normal distribution. [standard deviations]"""
-# Measured values lie between 2.3 and 30. A depth that needs a value outside this range is in a wrong unit or belongs to
-# another projectile.
+# Measured values lie between 2.3 and 30. A depth that requires a value outside this range is in a wrong unit, or
+# belongs to another projectile.
 PLAUSIBLE_FACTORS = (2.0, 60.0)
 """Smallest and largest S accepted from a shot. [1]"""
-# For a single shot this is as far as 3 standard deviations of the normal distribution with the same 90 % interval.
+# For a single shot this limit equals 3 standard deviations of the normal distribution with the same 90 % interval.
 FAR_OFF = 2.5
-"""Deviation of ln S of a shot from the prediction by the other shots, over the dispersion of that prediction, above
-which a warning is given. [1]"""
+"""Deviation of the ln S of a shot from the prediction by the other shots, over the dispersion of that prediction, above
+which a warning appears. [1]"""
 SLIPS: tuple[tuple[str, float, str], ...] = (
     ("depth", 1e-3, "millimetres given as metres"),
     ("depth", 1e-2, "centimetres given as metres"),
@@ -324,23 +325,24 @@ SLIPS: tuple[tuple[str, float, str], ...] = (
     ("mass", 1e-3, "grams given as kilograms"),
     ("mass", 1e3, "kilograms given as grams"),
 )
-"""Usual mistakes of units: the quantity, the factor that corrects it, and a description."""
+"""Common unit mistakes: the quantity, the factor that corrects it, and a description."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shot:
-    """Shot at normal incidence into the concrete of the strike, in a target thick enough to stop it.
+    """Shot at normal incidence into the concrete of the strike; the target must be thick enough to stop it.
 
     Parameters
     ----------
     velocity
         Speed at first contact. [m/s]
     depth
-        Depth of the nose tip at rest; the strength factor that gives it must be 2 to 60. [m]
+        Depth of the nose tip at rest; the strength factor that gives this depth must be 2 to 60. [m]
     mass
-        Mass of the projectile; that of the strike unless given. [kg]
+        Mass of the projectile; the mass in the strike unless given. [kg]
     diameter
-        Diameter of the projectile; that of the strike unless given. The projectile of the strike is scaled to it. [m]
+        Diameter of the projectile; the diameter in the strike unless given. The projectile of the strike is scaled to
+        it. [m]
     """
 
     velocity: float
@@ -361,7 +363,7 @@ def student_dispersion(scale: float, degrees_of_freedom: float) -> float:
 
 
 def tail_ratio(degrees_of_freedom: float) -> float:
-    """Return the 90 % interval of Student's distribution over that of the normal one of the same scale. [1]"""
+    """Return the ratio of the 90 % intervals of Student's and the normal distribution with the same scale. [1]"""
     from scipy.special import stdtrit  # noqa: PLC0415 (takes long to import)
 
     return float(stdtrit(degrees_of_freedom, 0.95)) / NORMAL_QUANTILE
@@ -375,10 +377,10 @@ def _student_range(median: float, scale: float, degrees_of_freedom: float) -> tu
 
 @dataclass(frozen=True, slots=True)
 class ShotPrediction:
-    """Student's distribution of ln S for the next shot of a series, about the law of the published tests."""
+    """Student's distribution predicted for the next shot of a series, of ln S minus ln S by the published law."""
 
     location: float
-    """Median of ln S minus ln S by the law. [ln]"""
+    """Median of the distribution. [ln]"""
     scale: float
     """Scale of the distribution. [ln]"""
     degrees_of_freedom: float
@@ -391,7 +393,7 @@ class ShotPrediction:
 
     @property
     def factors(self) -> tuple[float, float]:
-        """Ends of the 90 % range of S over its median. [1]"""
+        """Ends of the 90 % range of S, over its median. [1]"""
         return _student_range(1.0, self.scale, self.degrees_of_freedom)
 
 
@@ -402,14 +404,14 @@ def predict_shot(
     within: float = PublishedTests.within_series,
     degrees_of_freedom: float = PublishedTests.degrees_of_freedom,
 ) -> ShotPrediction:
-    """Return the predictive distribution of ln S of the next shot of a series.
+    """Return the predictive distribution of ln S for the next shot of a series.
 
     Parameters
     ----------
     misses
-        (n,) deviations of ln S of the shots so far from the law; n may be 0. [ln]
+        (n,) deviations of ln S from the law in the shots so far; n may be 0. [ln]
     between, within
-        Scales of ln S between series and within one. [ln, ln]
+        Scales of ln S between series and within a series. [ln, ln]
     degrees_of_freedom
         Degrees of freedom at both scales. [1]
 
@@ -442,12 +444,12 @@ class StrengthPosterior:
     degrees_of_freedom: float
     """Degrees of freedom of the distribution of ln S. [1]"""
     prior_median: float
-    """Median by the law of the published tests, without the shots. [1]"""
+    """Median of S by the law of the published tests, without the shots. [1]"""
     factors: tuple[float, ...]
-    """S of each shot. The S of a shot with another diameter is converted to the diameter of the projectile. [1]"""
+    """S of each shot, converted to the diameter of the projectile. [1]"""
     deviations: tuple[float, ...]
-    """Deviation of ln S of each shot from the prediction by the law and the other shots, over the dispersion of that
-    prediction. [1]"""
+    """Deviation of the ln S of each shot from the prediction by the law and the other shots, over the dispersion of
+    that prediction. [1]"""
 
     @property
     def dispersion(self) -> float:
@@ -473,7 +475,7 @@ class StrengthPosterior:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OwnTests:
-    """Strength factor of a concrete into which shots were fired, with the published tests as the prior.
+    """Strength factor of a concrete, from shots into it, with the published tests as the prior.
 
     Parameters
     ----------
@@ -481,9 +483,9 @@ class OwnTests:
         One to 1,000 shots, each with an S of 2 to 60. One shot that agrees with the law narrows the standard deviation
         of ln S from 0.48 to 0.12.
     obliquity_shape
-        Dependence on the oblique angle, as for `PublishedTests`.
+        Dependence of S on the oblique angle, as for `PublishedTests`.
     residual
-        Factor by which S is multiplied, for studies in which S scatters. [1]
+        Factor on S, for studies in which S scatters. [1]
 
     Raises
     ------
@@ -498,9 +500,9 @@ class OwnTests:
 
     Notes
     -----
-    S of each shot follows from its depth and is converted to the diameter of the projectile by the exponent of
-    `PublishedTests`, whose scatter is the prior; see `predict_shot`. The dispersion is that of the next shot: it grows
-    with the scatter of the shots, and with their distance from the law.
+    The S of each shot follows from its depth, and is converted to the diameter of the projectile with the exponent of
+    `PublishedTests`. The scatter of `PublishedTests` is the prior; see `predict_shot`. The dispersion is that of the
+    next shot: it grows with the scatter of the shots, and with their distance from the law.
     """
 
     name: ClassVar[str] = "own_tests"
@@ -523,14 +525,14 @@ class OwnTests:
     def posterior(
         self, *, target: Target, projectile: Projectile, inertia_factor: float = 1.0, crater: Crater | None = None
     ) -> StrengthPosterior:
-        """Return the posterior of S of the next shot into the same concrete, in normal impact.
+        """Return the posterior of S for the next shot into the same concrete, in normal impact.
 
         Parameters
         ----------
         target, projectile
-            The concrete, and the projectile of the next shot.
+            Concrete, and projectile of the next shot.
         inertia_factor, crater
-            Inertia factor and crater of the resistance with which S is used.
+            Inertia factor and crater of the resistance in which S is used.
 
         Raises
         ------
@@ -555,13 +557,13 @@ class OwnTests:
     def power_law(
         self, *, target: Target, projectile: Projectile, inertia_factor: float = 1.0, crater: Crater | None = None
     ) -> StrengthPowerLaw:
-        """Return the median of S, times `residual`, as a power law for studies in which strength and diameter vary.
+        """Return the median of S, times `residual`, as a power law: strength and diameter may vary in studies.
 
         Notes
         -----
-        A depth gives the product of S and the strength, so S of the shots is inversely proportional to the strength
-        assumed for them. The exponent of the posterior is the mean of -1 and the exponent of the law, weighted by the
-        shots and the prior.
+        A depth gives the product of S and the strength, so the S of a shot is inversely proportional to the strength
+        assumed for it. The exponent of the power law is the mean of -1, weighted by the shots, and of the exponent of
+        the published tests, weighted by the prior.
         """
         found = self.posterior(target=target, projectile=projectile, inertia_factor=inertia_factor, crater=crater)
         between, within = PublishedTests.between_series**2, PublishedTests.within_series**2
@@ -580,7 +582,7 @@ class OwnTests:
 def _posterior(
     law: OwnTests, target: Target, projectile: Projectile, inertia_factor: float, crater: Crater | None
 ) -> StrengthPosterior:
-    """Return the posterior of S from own tests; see `OwnTests.posterior`."""
+    """Compute the posterior of S from own tests; see `OwnTests.posterior`."""
     prior = PublishedTests(obliquity_shape="constant").polynomial(target=target, projectile=projectile)[0]
     exponent = PublishedTests.law.diameter_exponent
 
@@ -616,8 +618,8 @@ def _posterior(
         factors.append(factor)
     misses = np.log(np.array(factors) / prior)
     found = predict_shot(misses)
-    # A shot is compared with the prediction by the law and all other shots; a prediction that includes the shot would
-    # follow it.
+    # A shot is compared with the prediction by the law and all other shots, because a prediction that includes the shot
+    # would follow it.
     others = [predict_shot(np.delete(misses, place)) for place in range(len(misses))]
     deviations = [(miss - each.location) / each.dispersion for miss, each in zip(misses.tolist(), others, strict=True)]
     return StrengthPosterior(
@@ -631,7 +633,7 @@ def _posterior(
 
 
 def _likely_slip(shot: Shot, mass: float, factor_of: Callable[[Shot], float], prior: float) -> str:
-    """Return the mistake that best explains an implausible shot: its correction brings S nearest to the law.
+    """Return the unit mistake whose correction brings the S of an implausible shot nearest to the law.
 
     Parameters
     ----------
@@ -640,7 +642,7 @@ def _likely_slip(shot: Shot, mass: float, factor_of: Callable[[Shot], float], pr
     factor_of
         Function from a shot to its S. [1]
     prior
-        Value of S by the law. [1]
+        Value of S by the law of the published tests. [1]
     """
     found = []
     for quantity, factor, slip in SLIPS:
@@ -657,18 +659,18 @@ def _likely_slip(shot: Shot, mass: float, factor_of: Callable[[Shot], float], pr
 
 
 def _body_of(shot: Shot, projectile: Projectile) -> Projectile:
-    """Return the projectile of a shot: that of the strike scaled to the diameter of the shot, with its mass."""
+    """Return the projectile of a shot: the one in the strike, scaled to the diameter of the shot, with its mass."""
     mass = projectile.mass if shot.mass is None else shot.mass
     scale = 1.0 if shot.diameter is None else shot.diameter / projectile.diameter
     nose = projectile.nose
     if isinstance(nose, Profile):
         nose = Profile(points=tuple((scale * x, scale * r) for x, r in nose.points))
-    # A normal shot does not turn, so centre of gravity and moment of inertia have no effect.
+    # A body does not turn in normal impact, so its centre of gravity and moment of inertia have no effect.
     return Projectile(nose=nose, diameter=scale * projectile.diameter, length=scale * projectile.length, mass=mass)
 
 
 def shaped_as_finite_elements(model: "StrengthFactor") -> "StrengthFactor":
-    """Return a law with S(θ)/S(0) of finite element motions instead of that of eq. 9; other laws are unchanged."""
+    """Replace S(θ)/S(0) of eq. 9 in a law by that of finite element motions; return other laws unchanged."""
     if isinstance(model, ObliquityPolynomial):
         if model.coefficients != EQUATION_9_COEFFICIENTS or held_from(model) != HELD_FROM:
             return model
@@ -678,12 +680,12 @@ def shaped_as_finite_elements(model: "StrengthFactor") -> "StrengthFactor":
     return replace(model, obliquity_shape="finite_elements")
 
 
-# docs/explanation/architecture.md has the recipe for another law. mypy reports the functions that do not handle it.
+# docs/explanation/architecture.md has the recipe for adding a law. mypy reports the functions that do not handle it.
 StrengthFactor: TypeAlias = ConstantStrengthFactor | ObliquityPolynomial | StrengthPowerLaw | PublishedTests | OwnTests
 
 
 def held_from(model: StrengthFactor) -> float:
-    """Return the oblique angle from which S of a law is constant; 90° if it is not held. [rad]"""
+    """Return the oblique angle from which the S of a law is held constant; 90° if it never is. [rad]"""
     if isinstance(model, ObliquityPolynomial):
         if model.held_from is not None:
             return model.held_from
@@ -702,18 +704,18 @@ class Resistance:
     strength_factor
         Law of S; eq. 9 unless given.
     inertia_factor
-        Factor B on density times velocity squared. [1]
+        Factor B on density times squared velocity. [1]
     free_surface
         Law of the decay near the faces.
     crater
-        A front crater, in which the resistance builds up; none when not given.
+        Front crater, in which the resistance builds up; none when not given.
     rear_plug
-        A plug that shears out of the rear of a wall; none when not given. It has no effect on a half-space.
+        Plug that shears out of the rear of a wall; none when not given. It has no effect on a half-space.
 
     Raises
     ------
     ParameterError
-        If a law is of another type, or the inertia factor is negative.
+        If a law is of the wrong type, or the inertia factor is negative.
 
     Examples
     --------
@@ -741,7 +743,7 @@ class Resistance:
         """Return the coefficients of S in powers of the oblique angle in degrees, constant first."""
         model, decay = self.strength_factor, self.free_surface.name
         match model:
-            case OwnTests():  # S of a measured depth depends on inertia and crater
+            case OwnTests():  # the S of a measured depth depends on inertia and crater
                 return model.polynomial(
                     target=target,
                     projectile=projectile,
@@ -757,7 +759,7 @@ class Resistance:
                 assert_never(model)
 
     def without_shots(self, *, target: Target, projectile: Projectile) -> "Resistance":
-        """Return the resistance with own tests replaced by their power law, so that S of the shots is computed once.
+        """Replace own tests by their power law, so that the S of the shots is computed only once.
 
         Raises
         ------
@@ -773,21 +775,21 @@ class Resistance:
 
     @property
     def held_from(self) -> float:
-        """Oblique angle from which S is constant; 90° if it is not held. [rad]"""
+        """Oblique angle from which S is held constant; 90° if it never is. [rad]"""
         return held_from(self.strength_factor)
 
 
 EQUATION_9 = Resistance()
-"""Resistance of the source paper, used unless another is given."""
+"""Resistance of the source paper, the default."""
 
 
 def usual_unless_given(resistance: object) -> Resistance:
-    """Return the resistance given, or that of the source paper for None.
+    """Return the given resistance, or the one of the source paper for None.
 
     Raises
     ------
     ParameterError
-        If it is of another type. For a law by itself the error names the parameter of `Resistance` that it belongs to.
+        If it is of another type. For a bare law the error names the parameter of `Resistance` to which it belongs.
     """
     if resistance is None:
         return EQUATION_9
@@ -806,11 +808,11 @@ def strength_factor(*, resistance: Resistance, oblique_angle: float, target: Tar
     Parameters
     ----------
     resistance
-        Resistance with the law of S.
+        Resistance that contains the law of S.
     oblique_angle
         Initial oblique angle from the inward normal. [rad]
     target, projectile
-        Concrete and projectile: some laws depend on strength and diameter.
+        Concrete and projectile; some laws depend on strength and diameter.
 
     Returns
     -------
@@ -840,12 +842,12 @@ def plug_height(*, resistance: Resistance, target: Target, projectile: Projectil
 
     Notes
     -----
-    The shear strength of the concrete is ``(S / S_ref) f'c / √3``, where S_ref is the median of `PublishedTests` for
-    its strength and this diameter, in normal impact. So S scales the force of the projectile and the shear strength of
-    the concrete alike, and the height is that of a concrete of the median S. It is at most `MOST_PLUG` of the wall.
+    The shear strength of the concrete is ``(S / S_ref) f'c / √3``, where S_ref is the median of `PublishedTests` in
+    normal impact, for this strength and diameter. S scales the force of the projectile and the shear strength alike, so
+    the height does not depend on it. The height is at most `MOST_PLUG` of the wall.
     """
-    # If the height grew with S, a larger S could lower the limit speed: 144, 158 and 128 m/s at the 5, 50 and 95 %
-    # quantiles of S.
+    # If the height grew with S, a larger S could lower the limit speed: it was 144, 158 and 128 m/s at the 5, 50 and 95
+    # % quantiles of S for a body of 168 mm on a wall of 0.25 m.
     if resistance.rear_plug is None:
         return 0.0
     (reference,) = PublishedTests.law.polynomial(target=target, projectile=projectile)
@@ -854,7 +856,7 @@ def plug_height(*, resistance: Resistance, target: Target, projectile: Projectil
 
 
 def nose_factor(projectile: Projectile) -> float:
-    """Return the nose factor N, the inertial resistance of the nose over that of a flat face. [1]
+    """Return the nose factor N: the inertial resistance of the nose over that of a flat face. [1]
 
     Notes
     -----
@@ -877,7 +879,7 @@ def strength_factor_of_depth(
     inertia_factor: float = 1.0,
     crater: Crater | None = None,
 ) -> float:
-    """Return the strength factor S with which a normal shot into a half-space comes to rest at a measured depth.
+    """Return the strength factor S with which normal impact on a half-space ends at a measured depth.
 
     Parameters
     ----------
@@ -890,7 +892,7 @@ def strength_factor_of_depth(
     inertia_factor
         Factor B of eq. 1. [1]
     crater
-        A front crater, in which the resistance builds up; none unless given.
+        Front crater, in which the resistance builds up; none unless given.
 
     Returns
     -------
@@ -904,9 +906,9 @@ def strength_factor_of_depth(
 
     Notes
     -----
-    The force ``w (S f'c A(z) + B ρ v² I(z))``, with the area A of the part of the nose that is inside, ``I = ∫ sin²α
-    dA`` over that area and the fraction w of the resistance that acts within the crater, makes the equation of motion
-    linear in v². Solved for S it gives
+    The force is ``w (S f'c A(z) + B ρ v² I(z))``: A is the cross-sectional area of the part of the nose that is inside,
+    ``I = ∫ sin²α dA`` over that area, and w the fraction of the resistance that acts within the crater. The equation of
+    motion is linear in v², and solved for S it gives
 
         S = m v² / (2 f'c ∫ w A exp(J) dz),  J(z) = (2 B ρ / m) ∫ w I dz
 
@@ -917,7 +919,7 @@ def strength_factor_of_depth(
     inside, area, drag = _nose_inside(projectile)
     crater_depth = 0.0 if crater is None else crater.depth_diameters * projectile.diameter
     drag = drag * 2.0 * inertia_factor * target.density / projectile.mass
-    # Beyond nose and crater the integrand is an exponential with a known integral. Before that the trapezoidal rule is
+    # Beyond nose and crater the integrand is an exponential with a known integral. Up to there the trapezoidal rule is
     # used, with the corners of the integrand among its points.
     varied = min(depth, max(inside[-1], crater_depth))
     corners = sorted({0.0, varied, *(z for z in (float(inside[-1]), crater_depth) if z < varied)})
@@ -925,7 +927,7 @@ def strength_factor_of_depth(
     share = np.ones_like(z) if crater_depth == 0.0 else np.minimum(z / crater_depth, 1.0)
     exponent = _cumulative(share * np.interp(z, inside, drag), z)
     growth = float(drag[-1]) * (depth - varied)
-    with np.errstate(over="ignore"):  # an integral that overflows gives S = 0, which is refused below
+    with np.errstate(over="ignore"):  # if an integral overflows, S is 0, which is refused below
         integral = float(np.trapezoid(share * np.interp(z, inside, area) * np.exp(exponent), z))
         beyond = float(np.expm1(growth)) / growth if growth > 0.0 else 1.0  # no cancellation for a small exponent
         integral += float(area[-1]) * float(np.exp(exponent[-1])) * beyond * (depth - varied)
@@ -936,7 +938,7 @@ def strength_factor_of_depth(
 
 
 def _nose_inside(projectile: Projectile) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return depths of the tip [m], and area [m²] and ``∫ sin²α dA`` [m²] of the part of the nose that is inside."""
+    """Return depths of the tip [m], and the area [m²] and ``∫ sin²α dA`` [m²] of the part of the nose inside."""
     t = np.linspace(0.0, 1.0, PATH_POINTS)
     pieces = [(piece.length, piece.at(t)) for piece in projectile.nose.outline(projectile.radius)]
     depth = np.concatenate([x for _, (x, _, _, _) in pieces])
@@ -949,7 +951,7 @@ def _nose_inside(projectile: Projectile) -> tuple[FloatArray, FloatArray, FloatA
 
 
 def _cumulative(values: FloatArray, places: FloatArray) -> FloatArray:
-    """Return the integrals from the first place to each place, by the trapezoidal rule."""
+    """Return the integral from the first place to each place, by the trapezoidal rule."""
     steps = 0.5 * (values[1:] + values[:-1]) * np.diff(places)
     return np.concatenate(([0.0], np.cumsum(steps)))
 
@@ -984,8 +986,8 @@ def closed_form_depth(*, projectile: Projectile, target: Target, velocity: float
         z = 4a + m / (2π a² N ρ) ln(1 + N ρ V₁² / (S f'c)),  V₁² = (m V² - 4π a³ S f'c) / (m + 4π a³ N ρ)
 
     with the speed V₁ at the end of the crater. A projectile too slow to reach that point stops where the work of the
-    resistance ``c z`` equals its energy, at ``z = V sqrt(m/c)`` with c = π a S f'c / 4, as for V₁ = 0; at the limit
-    both formulas give 4a. The source has ogives only; for other noses N is the same integral over their outline.
+    resistance ``c z`` equals its energy, at ``z = V sqrt(m/c)`` with c = π a S f'c / 4. At the limit V₁ = 0 both
+    formulas give 4a. The source covers ogives only; for other noses N is the same integral over their outline.
     """
     require_positive("velocity", velocity)
     require_positive("strength_factor", strength_factor)
@@ -995,5 +997,5 @@ def closed_form_depth(*, projectile: Projectile, target: Target, velocity: float
     if excess <= 0.0:
         return velocity * math.sqrt(4.0 * m / (math.pi * a * static))
     after_crater = excess / (m + 4.0 * math.pi * a**3 * inertia)
-    # For slow projectiles the argument of the logarithm is close to 1, which `log1p` handles without cancellation.
+    # For slow projectiles the argument of the logarithm is close to 1, where `log1p` avoids cancellation.
     return 4.0 * a + m / (2.0 * math.pi * a**2 * inertia) * float(np.log1p(inertia * after_crater / static))

@@ -1,4 +1,4 @@
-"""Scatter of the strength factor of a strike about its law, and the part of it that the compressive strength causes."""
+"""Scatter of the strength factor about its law, and the part of it that the compressive strength causes."""
 
 import math
 from dataclasses import dataclass, replace
@@ -32,31 +32,33 @@ TABLE_1 = OwnTests(
         Shot(velocity=369.5, depth=0.53, mass=12.914),
     )
 )
-"""The four shots of the paper's Table 1, as own tests of its concrete and nose."""
+"""Four shots of the paper's Table 1, as own tests of the paper's concrete and projectile."""
 ScatterSource: TypeAlias = Literal["law", "paper_table_1"]
-"""Tests from which the scatter of S comes: those of the law of published tests, or the four of the paper's Table 1."""
-# Cores from one structure scatter by 10 to 15 %. The value matters little: tests give the scatter of S f'c, of which
-# the strength takes a share. With half of it the ends of the 90 % range of the paper's strike move by 0.2°, with twice
-# by 0.9° at most.
+"""Tests from which the scatter of S is taken: those behind the law of published tests, or the four in the paper's Table
+1."""
+# Cores from one structure scatter by 10 to 15 %. The value matters little, because tests give the scatter of S f'c, of
+# which the strength takes a share. With half the value, the ends of the 90 % range of the paper's strike move by 0.2°
+# at most, with twice the value by 0.9°.
 STRENGTH_DISPERSION = 0.12
-"""Usual standard deviation of the logarithm of the compressive strength about its stated value. [ln]"""
-# The laws are power laws or nearly so: the logarithm is nearly linear, and the step may be as large as one per cent.
+"""Standard deviation of the logarithm of the compressive strength about its stated value. [ln]"""
+# The laws are power laws or nearly so. Their logarithm is nearly linear, so the increment may be as large as one per
+# cent.
 STRENGTH_STEP = 0.01
 """Increment of ln f'c in the difference quotient of ln(S f'c). [ln]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StrengthScatter:
-    """Scatter of S about its law, separated into the part that the strength causes and a remainder.
+    """Scatter of S about its law, split into the part that the strength causes and a remainder.
 
     Notes
     -----
     Depths of tests give the product S f'c, and the laws of S were fitted to stated strengths. So the scatter of S in
-    tests is that of the product at the stated strength, and includes the scatter of the strength about the stated one.
-    Where the strength is sampled too, S gets a further factor for the remaining scatter: `residual` is its scale, and
-    it has the tails of the product. By the law of published tests, the strength makes up 6 % of the squared 90 % range
-    of the product, (0.82 × 0.12 × 1.645)² in ln S, and strength and factor together have that range to 1 %. Where the
-    strength would make up more than half of the squared range of the product, each gets half.
+    tests is the scatter of the product at the stated strength, and includes the scatter of the strength about its
+    stated value. If the strength is sampled too, a factor on S represents the remaining scatter: `residual` is its
+    scale, and its tails are those of the product. With the law of published tests, the strength makes up 6 % of the
+    squared 90 % range of the product, (0.82 × 0.12 × 1.645)² in ln S, and strength and factor together reproduce that
+    range to 1 %. If the strength would make up more than half of the squared range of the product, each gets half.
     """
 
     dispersion: float
@@ -72,21 +74,21 @@ class StrengthScatter:
 def known_strength(
     *, projectile: Projectile, target: Target, resistance: Resistance, strength_scatter: ScatterSource = "law"
 ) -> tuple[ShotPrediction, StrengthPosterior | None]:
-    """Return the predictive distribution of S of the next shot, and the posterior of own shots, if there are any.
+    """Return the predictive distribution of ln S for the next shot, and the posterior of S from own shots, if any.
 
     Parameters
     ----------
     projectile, target, resistance
         Parts of the strike, as for `critical_angle`.
     strength_scatter
-        ``"law"``: S has the scatter of the published tests about their law or, with own tests in the resistance, their
-        posterior. ``"paper_table_1"``: S has the posterior of the four shots of the paper, whatever the strike; the
-        caller is responsible for that choice.
+        ``"law"``: S scatters like the published tests about their law or, with own tests in the resistance, by their
+        posterior. ``"paper_table_1"``: S has the posterior of the four shots of the paper, for any strike; the caller
+        is responsible for this choice.
 
     Raises
     ------
     ParameterError
-        If no strength factor gives the depth of a shot, or the source is unknown or cannot be used with own tests.
+        If no strength factor gives the depth of a shot, or the source is unknown or conflicts with own tests.
     """
     known = get_args(ScatterSource)
     require(
@@ -113,13 +115,13 @@ def known_strength(
 def scatter_of_strength(
     *, projectile: Projectile, target: Target, resistance: Resistance, strength_scatter: ScatterSource = "law"
 ) -> StrengthScatter:
-    """Return the scatter of S and of the strength; arguments are those of `known_strength`."""
+    """Return the scatter of S and of the strength; the arguments are those of `known_strength`."""
     known, _ = known_strength(
         projectile=projectile, target=target, resistance=resistance, strength_scatter=strength_scatter
     )
     slope = strength_slope(projectile, target, resistance)
     strength = STRENGTH_DISPERSION
-    # The squares of 90 % ranges of a normal and of Student's distribution nearly add up; those of their scales do not.
+    # The squared 90 % ranges of a normal and a Student's distribution nearly add up; their squared scales do not.
     ratio = tail_ratio(known.degrees_of_freedom)
     total = known.scale * ratio
     if slope != 0.0:

@@ -1,4 +1,4 @@
-"""Parts of a strike: impact and numerical settings, their fields by dotted names, and the strike of the paper."""
+"""Parts of a strike: impact and numerical settings, access to fields by dotted names, and the paper's strike."""
 
 import math
 from collections.abc import Container, Iterator, Mapping, Sequence
@@ -12,27 +12,28 @@ from solver.target import Target
 
 Method: TypeAlias = Literal["adaptive", "panels"]
 
-# A usual strike lasts a few milliseconds.
+# Usual strikes last a few milliseconds.
 TERMINATION_TIME = 0.05
-"""Default termination time of strikes that are not slow. [s]"""
-# Slow, long bodies would otherwise run for minutes of simulated time.
+"""Default termination time, except for slow strikes. [s]"""
+# Runs of long, slow bodies would otherwise last minutes of simulated time.
 LONGEST_TERMINATION_TIME = 1.0
 """Longest default termination time. [s]"""
-# Of the projectiles that are turned away, 999 of 1,000 leave sooner. A fixed time left large, slow ones undecided.
+# Of 1,000 projectiles that are turned away, 999 leave sooner. A fixed time left large, slow ones undecided.
 TRANSITS = 20.0
-"""Default termination time, over the time to travel the length of the projectile. [1]"""
-# With 3e-7 work and energy of a trajectory balance to 1e-6. A search needs only the angle, and uses a smaller
-# tolerance where the angle is in doubt.
+"""Default termination time of slow strikes, over the time to travel the length of the projectile. [1]"""
+# With 3e-7, the work and the lost energy of a trajectory agree to 1e-6. A search only needs the angle, and uses a
+# smaller tolerance where the angle is in doubt.
 TRAJECTORY_TOLERANCE, SEARCH_TOLERANCE = 3e-7, 3e-4
 """Default relative tolerances of trajectories and of searches. [1]"""
-# The integrands are smooth on each stretch, so that few stations suffice.
+# The integrands are smooth on each stretch, so few stations suffice: with 8 and the tolerance of a search, the paper's
+# angle is within 0.004° of its converged value.
 TRAJECTORY_STATIONS, SEARCH_STATIONS = 12, 8
 """Default numbers of Gauss-Legendre points along a stretch of the outline, for trajectories and for searches."""
-# One per cent of the energy is a tenth of the speed. What becomes of a slower body depends on friction and rubble,
-# which the model leaves out.
+# One per cent of the energy is a tenth of the speed. Friction and rubble, which the model leaves out, decide what
+# becomes of a slower body.
 RETENTION_ENERGY_FRACTION = 0.01
 """Default retention energy over the initial kinetic energy. [1]"""
-# At the lower bound the retention energy is that of rest. The upper bound is a rough choice.
+# The lower bound is the energy that counts as rest. The upper bound is a rough choice.
 RETENTION_BOUNDS = (1e-4, 0.5)
 """Accepted retention energies, over the initial kinetic energy. [1]"""
 
@@ -44,14 +45,14 @@ class Impact:
     Parameters
     ----------
     velocity
-        Speed of the centre of gravity at first contact. Bodies stay rigid up to about 800 m/s. [m/s]
+        Speed of the centre of gravity at first contact. Steel noses stay rigid up to about 800 m/s. [m/s]
     oblique_angle
-        Angle from the inward normal of the face to the velocity: 0 is normal impact, 90° would graze. [rad]
+        Angle from the inward normal of the face to the velocity: 0 is normal impact, 90° would be grazing. [rad]
     angle_of_attack
-        Axis angle minus velocity angle, positive with the nose turned toward the face. [rad]
+        Axis angle minus velocity angle, positive if the nose is turned toward the face. [rad]
     angular_velocity
-        Rate of the axis angle, positive with the nose turning toward the face. Its bounds include every rate at which a
-        body holds together. [rad/s]
+        Rate of the axis angle, positive if the nose turns toward the face. Its bounds include every rate that a body
+        survives. [rad/s]
 
     Raises
     ------
@@ -83,15 +84,16 @@ class Numerics:
     Parameters
     ----------
     method
-        ``"adaptive"``: Gauss points on closed-form arcs and error-controlled steps. ``"panels"``: surface elements and
-        fixed step of the paper. The default is adaptive, or panels in the searches of the paper.
+        ``"adaptive"``: Gauss points on closed-form arcs, and error-controlled steps. ``"panels"``: surface elements and
+        fixed time step of the paper. The default is adaptive, or panels in the paper's searches.
     termination_time
-        Time at which a run ends undecided. Unless given, 50 ms or, where that is longer, the time to travel 20 lengths
-        of the projectile, at most 1 s; 50 ms with the method ``panels``, 5 ms in the searches of the paper. [s]
+        Time at which a run ends undecided. Unless given, it is 50 ms or, if that is longer, the time to travel 20
+        lengths of the projectile, at most 1 s; with the method ``panels`` it is 50 ms, and in the paper's searches 5
+        ms. [s]
     panels
         Number of surface elements of the panel method. The reference runs used 96,000. [1]
     time_step
-        Step of the panel method; that of the paper, 0.01 ms, unless given. [s]
+        Time step of the panel method; 0.01 ms as in the paper unless given. [s]
     relative_tolerance
         Error of one step of the adaptive method, over the scale of the motion. Unless given, 3e-7 for a trajectory,
         which balances energy to 1e-6, and 3e-4 for a search, which uses a finer level where the angle is in doubt. [1]
@@ -125,8 +127,9 @@ class Numerics:
         require(self.method in (None, "adaptive", "panels"), "numerics.method", "must be 'adaptive' or 'panels'")
         if self.termination_time is not None:
             require_positive("numerics.termination_time", self.termination_time)
-        # The rough level of a search has two stations and two points, and the rings of 256 stations fit into a batch,
-        # see `ROOM` of `solver.surface_integration`. The other bounds are rough choices far from the defaults.
+        # The lower bounds of stations and points are those of the rough level of a search. The rings of 256 stations
+        # fit into a batch, see `ROOM` in `solver.surface_integration`. The other bounds are rough choices far from the
+        # defaults.
         require_between("numerics.panels", self.panels, 100, 1_000_000)
         require_positive("numerics.time_step", self.time_step)
         if self.relative_tolerance is not None:
@@ -144,7 +147,7 @@ class Numerics:
         relative_tolerance: float = TRAJECTORY_TOLERANCE,
         stations: int = TRAJECTORY_STATIONS,
     ) -> "ResolvedNumerics":
-        """Return the settings with defaults in place of the values that were not given."""
+        """Return the settings, with defaults for the values that were not given."""
         return ResolvedNumerics(
             method=self.method or method,
             termination_time=termination_time if self.termination_time is None else self.termination_time,
@@ -158,7 +161,7 @@ class Numerics:
 
 
 def usual_termination_time(*, length: float, velocity: float, method: Method = "adaptive") -> float:
-    """Return the default termination time for a projectile of this length [m] and velocity [m/s]. [s]"""
+    """Return the default termination time for a projectile with a given length [m] and velocity [m/s]. [s]"""
     if method == "panels":
         return TERMINATION_TIME
     return min(max(TERMINATION_TIME, TRANSITS * length / velocity), LONGEST_TERMINATION_TIME)
@@ -170,7 +173,7 @@ USUAL = Numerics()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResolvedNumerics:
-    """Numerical settings with all defaults filled in; fields as in `Numerics`."""
+    """Numerical settings with all defaults filled in; the fields are those of `Numerics`."""
 
     method: Method
     termination_time: float
@@ -199,7 +202,7 @@ def strike_parts(
     resistance: Resistance | None,
     numerics: Numerics | None,
 ) -> dict[str, Any]:
-    """Return the parts of a strike by name, with defaults for those not given."""
+    """Return the parts of a strike by name, with defaults for resistance and numerics."""
     return {
         "projectile": projectile,
         "target": target,
@@ -219,7 +222,7 @@ def named_values(parts: Mapping[str, Any], before: str = "") -> Iterator[tuple[s
 
 
 def full_name(parts: Mapping[str, Any], field: str, where: str, *others: str) -> str:
-    """Return the dotted name of a field that may be given by its last part only.
+    """Return the full dotted name of a field, which may be given by its last part.
 
     Parameters
     ----------
@@ -228,14 +231,14 @@ def full_name(parts: Mapping[str, Any], field: str, where: str, *others: str) ->
     field
         Dotted name of a field, or its last part.
     where
-        Name of the argument in the error message.
+        Name of the argument, for the error.
     others
-        Further names that are accepted.
+        Other accepted names.
 
     Raises
     ------
     ParameterError
-        If no field has this name, or several have.
+        If no field has this name, or several fields have it.
     """
     known = [*(name for name, _ in named_values(parts) if "." in name), *others]
     found = [field] if field in known else [name for name in known if name.endswith(f".{field}")]
@@ -255,7 +258,7 @@ def short_names(names: Sequence[str], taken: Container[str]) -> list[str]:
 
 
 def label(value: Any) -> Any:
-    """Return a value for a table: numbers and texts unchanged, "none" for None, and other objects by name or repr."""
+    """Return a value for a table: numbers and strings as they are, "none" for None, other objects by name or repr."""
     if isinstance(value, float | int | str):
         return value
     return "none" if value is None else getattr(value, "name", repr(value))
@@ -274,5 +277,5 @@ PAPER_VELOCITY = 238.0
 
 
 def paper_impact(*, oblique_angle_degrees: float) -> Impact:
-    """Return the impact of the paper's strike at an oblique angle, in degrees from the normal."""
+    """Return the impact of the paper's strike at an oblique angle in degrees from the normal."""
     return Impact(velocity=PAPER_VELOCITY, oblique_angle=math.radians(oblique_angle_degrees))

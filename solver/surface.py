@@ -1,7 +1,7 @@
-"""Surface of a projectile for the compiled code: outline pieces, and the panels of the paper.
+"""Surface of a projectile for the compiled code: pieces of its outline, and the paper's panels.
 
-A piece of outline is cut into stretches on which the loaded arcs change smoothly. Cuts are where the face, or the line
-beyond which elements separate from the target, crosses the top or the bottom of a ring.
+A piece of the outline is cut into stretches on which the loaded arcs change smoothly. The cuts are where the face, or
+the separation line beyond which elements recede from the target, crosses the top or the bottom of a ring.
 """
 
 import math
@@ -21,24 +21,26 @@ LINE, ARC = 0.0, 1.0
 BOUNDED, TAPERED, CENTRED = 1, 2, 4
 """Flags of a body, whose sum is `Body.bounds`.
 
-`BOUNDED`: some cavity is bounded towards both faces. `TAPERED`: some cavity is bounded towards the rear face only.
-`CENTRED`: all normals pass through the centre of gravity, as those of a sphere do, so that no load turns the body."""
-# A centre of gravity that is computed from the shape misses the centre by rounding, which is far below this bound.
+`BOUNDED`: some cavity is bounded toward both faces. `TAPERED`: some cavity is bounded toward the rear face only.
+`CENTRED`: all normals pass through the centre of gravity, as in a sphere, so that no load turns the body."""
+# A centre of gravity computed from the shape misses the centre by rounding errors, which are far below this bound.
 CENTRED_WITHIN = 1e-9
-"""Largest distance of the centre of a sphere from its centre of gravity to count as `CENTRED`, over its radius. [1]"""
+"""Largest distance from the centre of a sphere to its centre of gravity with which it counts as `CENTRED`, over its
+radius. [1]"""
 
-# Where the base faces the impact face, the channel that the body has cut is behind it: a cavity without bound, whose
-# decay factor is zero to the precision of its polynomials. A cosine of zero would divide by zero.
+# Where the base faces the impact face, the channel that the body has cut is behind it. This is an unbounded cavity,
+# whose decay factor is zero to the precision of its polynomials. The exact cosine, zero, would be a divisor.
 BEHIND = 1e-100
-"""Cosine of α used for the base. [1]"""
+"""Cosine of α for the base. [1]"""
 # This ratio gives 60 by 200 panels for the 12,000 of the paper.
 AROUND_PER_AXIAL = 0.3
-"""Number of panels around the axis over that along it. [1]"""
+"""Number of panels around the axis, over the number along it. [1]"""
 
 HALF_TURN = math.pi / 2.0
-# A piece has two ends. The top and the bottom of its rings each cross the face twice and the separation line once.
+# A piece has two ends, and the top and the bottom of its rings each cross the face at most twice and the separation
+# line at most once.
 MAX_CUTS = 8
-"""Largest number of ends of stretches on one outline piece."""
+"""Largest number of stretch ends on one outline piece."""
 
 BodyMotion = tuple[float, float, float, float, float, float]
 """Depth of the centre of gravity [m], cosine and sine of the axis angle, velocities along and across the axis [m/s],
@@ -48,16 +50,16 @@ Ring = tuple[float, float, float, float]
 
 
 class Body(NamedTuple):
-    """A projectile for the compiled code. The centre of gravity is the origin, positions ahead of it are positive."""
+    """Projectile for the compiled code; axial positions are measured forward from the centre of gravity."""
 
     outline: FloatArray
-    """(n, 8) pieces of the outline; the last is the base, with length zero where a body ends in a point. [m, rad]
+    """(n, 8) pieces of the outline; the last is the base, with length zero if the body ends in a point. [m, rad]
 
-    The columns of a line are its kind, axial position and radius at its start, length, sine and cosine of α, α, and
-    the bound of the cavity as in `Section`. Those of an arc are its kind, axial position and radius of its centre, its
-    radius, smallest and largest α, an unused zero, and the bound of the cavity."""
+    The columns of a line are its kind, the axial position and radius of its start, its length, the sine and cosine of
+    α, α, and the bound of the cavity as in `Section`. The columns of an arc are its kind, the axial position and radial
+    distance of its centre, its radius, the smallest and largest α, an unused zero, and the bound of the cavity."""
     corners: FloatArray
-    """(m, 2) axial position and radius of the ends of all pieces, nose tip and rear edge included. [m]"""
+    """(m, 2) axial position and radius of the ends of all pieces, including nose tip and rear edge. [m]"""
     tip: float
     """Axial position of the nose tip. [m]"""
     mass: float
@@ -66,11 +68,11 @@ class Body(NamedTuple):
     """Moment of inertia about a transverse axis through the centre of gravity. [kg m²]"""
     bounds: int
     """Sum of the flags `BOUNDED`, `TAPERED` and `CENTRED` that apply. The base does not count for the first two. One
-    number holds all flags, since a body is passed at every evaluation."""
+    number holds all flags, because a body is an argument of every evaluation."""
 
 
 class Panels(NamedTuple):
-    """Surface elements of one half of a projectile, the other being its mirror image in the plane of incidence.
+    """Surface elements of one half of a projectile; the other half is its mirror image in the plane of incidence.
 
     All fields but `radius` are (n,) arrays.
     """
@@ -78,19 +80,19 @@ class Panels(NamedTuple):
     axial: FloatArray
     """Distance ahead of the centre of gravity. [m]"""
     lateral: FloatArray
-    """Offset from the axis in the plane of incidence, along u, the direction in which the nose moves as the axis angle
-    grows. [m]"""
+    """Distance from the axis in the plane of incidence, along u, the direction in which the nose moves as the axis
+    angle grows. [m]"""
     normal_axial: FloatArray
     """Component of the outward normal along the axis, sin α. [1]"""
     normal_lateral: FloatArray
     """Component of the outward normal along u, cos α cos β. [1]"""
     cavity: FloatArray
-    """Radius of the cavity, r / cos α and at most that of the shank; without bound where the normal points backwards,
+    """Radius of the cavity, r / cos α but at most the radius of the shank; unbounded where the normal points backwards,
     as on the base. [m]"""
     area: FloatArray
-    """Area of the element and its mirror image together. [m²]"""
+    """Area of the element plus its mirror image. [m²]"""
     radius: float
-    """Radius of the shank, which no cavity exceeds towards the rear face of a wall. [m]"""
+    """Radius of the shank, which bounds every cavity toward the rear face of a wall. [m]"""
 
 
 def _panels(columns: Iterable[FloatArray], radius: float) -> Panels:
@@ -102,25 +104,25 @@ NO_PANELS = _panels((np.empty(0) for _ in range(6)), 0.0)
 
 
 class Section(NamedTuple):
-    """Piece of an outline on which the radius of the cavity follows one rule."""
+    """Piece of an outline on which one rule gives the radius of the cavity."""
 
     piece: OutlinePiece
     cavity: float
     """Bound of the radius of the cavity; 0 where the cavity is r / cos α. [m]
 
-    The bound is the radius of the shank. It is negative where the normal points backwards, since there it holds towards
-    the rear face of a wall only."""
+    The bound is the radius of the shank. A negative bound, where the normal points backwards, holds toward the rear
+    face of a wall only."""
 
 
 def sections(pieces: tuple[OutlinePiece, ...], radius: float) -> Iterator[Section]:
-    """Cut pieces of an outline where the distance to the axis along the normal reaches the radius of the shank.
+    """Cut pieces of an outline where the distance to the axis along the normal equals the radius of the shank.
 
-    The decay law takes that distance as the radius of a cavity. On a blunt face the distance has no bound: the cavity
+    The decay law uses that distance as the radius of a cavity. On a blunt face the distance is unbounded: the cavity
     would be wider than the hole that the body makes, and a distant rear face would weaken the resistance as if it were
-    near. So the cavity is at most as wide as the shank. An ogive never reaches the bound; a cap exceeds it everywhere,
-    since its normals meet at its centre. Elements whose normals point backwards, towards the impact face, have the
-    channel of the body behind them. There the distance is not bounded: the steeper a body tapers, the smaller the
-    resistance of its rear, down to zero at a flat base.
+    near. So the cavity is at most as wide as the shank. An ogive never reaches this bound; a cap exceeds it everywhere,
+    because its normals meet at its centre. Elements whose normals point backwards, toward the impact face, have the
+    channel of the body behind them, and the bound does not apply to them: the steeper a body tapers, the smaller is the
+    resistance on its rear, down to zero on a flat base.
     """
     for piece in pieces:
         if isinstance(piece, Arc):
@@ -172,21 +174,21 @@ def build_body(projectile: Projectile, properties: MassProperties) -> Body:
 
 @compiled
 def deepest_offset(body: Body, axis_angle: float) -> float:
-    """Return the depth of the deepest point of the surface below the centre of gravity. [m]"""
+    """Return the depth of the deepest point of the surface relative to the centre of gravity. [m]"""
     return deepest_point(body, axis_angle)[0]
 
 
 @lean
 def deepest_point(body: Body, axis_angle: float) -> tuple[float, float]:
-    """Return the depth of the deepest point below the centre of gravity, and its derivative. [m, m/rad]
+    """Return the depth of the deepest point relative to the centre of gravity, and its derivative. [m, m/rad]
 
     The derivative is with respect to the axis angle.
     """
     c, s = math.cos(axis_angle), math.sin(axis_angle)
     mirror, s = math.copysign(1.0, s), abs(s)
     facing = math.atan2(c, s)  # α of the element whose normal is that of the face
-    # The deepest point of a convex body is a corner of the outline, or a point on an arc whose normal is that of the
-    # face.
+    # The deepest point of a convex body is a corner of its outline, or a point on an arc where the normal is that of
+    # the face.
     reach, axial, radius = -math.inf, 0.0, 0.0
     for i in range(body.corners.shape[0]):
         depth = body.corners[i, 0] * c + body.corners[i, 1] * s
@@ -197,24 +199,24 @@ def deepest_point(body: Body, axis_angle: float) -> tuple[float, float]:
         if piece[0] == ARC and piece[4] < facing < piece[5]:
             depth = piece[1] * c + piece[2] * s + piece[3]
             if depth > reach:
-                reach, axial, radius = depth, piece[1], piece[2]  # the depth below the centre of the arc is constant
+                reach, axial, radius = depth, piece[1], piece[2]  # the depth below the arc centre is constant
     return reach, mirror * (radius * c - axial * s)
 
 
 def build_panels(projectile: Projectile, properties: MassProperties, count: int) -> Panels:
-    """Build the midpoint panels of the paper: half of the rings on the nose, half behind it, and some on the base.
+    """Build the paper's midpoint panels: half of the rings on the nose, half behind it, and some more on the base.
 
     Parameters
     ----------
     count
-        Number of panels without the base, rounded to whole rings on each piece of the outline.
+        Number of panels except on the base, rounded to whole rings on each piece of the outline.
 
     Raises
     ------
     ParameterError
         If there are fewer rings than pieces of the outline.
     """
-    # The number of panels around the axis is even, since one half of the body is the mirror image of the other.
+    # The number of panels around the axis is even, because one half of the body mirrors the other.
     around = max(4, 2 * round(math.sqrt(AROUND_PER_AXIAL * count) / 2.0))
     rings = count // around
     outline = tuple(sections(projectile.outline(), projectile.radius))
@@ -240,7 +242,7 @@ def _strip(section: Section, rings: int, center: float, azimuth: FloatArray) -> 
     """
     t = (np.arange(rings) + 0.5) / rings
     x, r, sine, cosine = section.piece.at(t)
-    # A panel and its mirror image are two of the 2 n equal parts of a ring, for n azimuths.
+    # With n azimuths, a panel and its mirror image are two of the 2 n equal parts of a ring.
     area = 2.0 * 2.0 * math.pi * r * (section.piece.length / rings) / (2 * azimuth.size)
 
     def spread(along: FloatArray) -> FloatArray:
@@ -277,7 +279,8 @@ def _cut_arc(cuts: FloatArray, piece: FloatArray, motion: BodyMotion) -> int:
     """Cut an arc at the angles α where the face or the separation line crosses the top or bottom of a ring."""
     depth, c, s, forward, sideways, spin = motion
     axial, radius, size, upper = piece[1], piece[2], piece[3], piece[5]
-    # An error of 1e-8 rad moves a cut by as much, which changes the sum of two smooth integrals by far less than that.
+    # The error of `arc_cosine`, 1e-8 rad, moves a cut by as much. This changes the sum of the smooth integrals on its
+    # two sides by far less.
     angle = arc_cosine(c)
     cuts[0] = piece[4]
     count = 1
@@ -329,7 +332,7 @@ def cut(cuts: FloatArray, piece: FloatArray, motion: BodyMotion) -> int:
 
 @lean
 def is_loaded(ring: Ring, motion: BodyMotion) -> bool:
-    """Return whether some point of a ring is below the face and some point of it moves into the target."""
+    """Return whether a ring has a point below the face, and a point that moves into the target."""
     sine, _, axial, radius = ring
     depth, c, s, forward, _, _ = motion
     return depth + axial * c + radius * s > 0.0 and forward * sine + abs(_turning(ring, motion)) > 0.0
@@ -351,9 +354,9 @@ def _faces_in(ring: Ring, motion: BodyMotion) -> bool:
 
 @lean
 def _dips_in(ring: Ring, motion: BodyMotion) -> bool:
-    """Return whether the normals of a ring below the face point into the target.
+    """Return whether the normals at all points of a ring below the face point into the target.
 
-    That is so where the normals of the ring meet the axis above the face.
+    This is the case if the normals of the ring meet the axis above the face.
     """
     sine, cosine, axial, radius = ring
     depth, c, _, _, _, _ = motion
@@ -362,15 +365,14 @@ def _dips_in(ring: Ring, motion: BodyMotion) -> bool:
 
 @lean
 def is_full(piece: FloatArray, begin: float, end: float, middle: Ring, motion: BodyMotion) -> bool:
-    """Return whether a stretch is resisted in full wherever it is loaded; `middle` is the ring in its middle."""
+    """Return whether no loaded point of a stretch is weakened by the face; `middle` is the ring in its middle."""
     # A shank (sin α = 0) that moves sideways into the target is loaded on the side whose normals point into it.
     if middle[0] == 0.0 and _turning(middle, motion) < 0.0:
         return True
     if not (_faces_in(middle, motion) or _dips_in(middle, motion)):
         return False
-    # Along a stretch α and the point where the normals meet the axis are monotonic, so that a condition which holds at
-    # both ends holds in between.
-    # `nearest` is the end whose normals point least into the target.
+    # Along a stretch, α and the point where the normals meet the axis are monotonic, so a condition that holds at both
+    # ends holds in between. `nearest` is the end whose normals point least into the target.
     nearest, farthest = (begin, end) if motion[1] >= 0.0 else (end, begin)
     first = ring_at(piece, nearest)
     return _faces_in(first, motion) or (_dips_in(first, motion) and _dips_in(ring_at(piece, farthest), motion))

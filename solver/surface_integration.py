@@ -1,14 +1,14 @@
-"""Compiled integrals of the stress around many rings of the surface at a time.
+"""Compiled integrals of the stress around many rings of the surface at once.
 
-On the ring of the surface at one station, depth, normal velocity and the tilt of the normal are linear in c = cos β.
-So the loaded range of c is known in closed form, and it consists of at most three arcs. In order of increasing c: an
-arc whose normal points into the target and which is resisted in full, with integrals in closed form; one so deep that
-the plastic zone does not reach the face; and one near the face. On the last two the integrand is smooth, so that a few
+On the ring of the surface at one station, depth, normal velocity and the tilt of the normal are linear in c = cos β. So
+the loaded range of c has a closed form. It consists of at most three arcs, in order of increasing c: one whose normals
+point into the target, on which the face does not weaken the resistance and the integrals have closed forms; one so deep
+that the plastic zone does not reach the face; and one near the face. On the last two the integrand is smooth, so a few
 Gauss-Legendre points in β suffice. This order holds for axis angles of 0 to 180°; callers mirror other states first.
 
-Rings lie side by side in rows of one flat array, so that loops over them fill vector registers. No loop has a branch:
-an absent arc has zero width. Rings that have the first arc only are stored apart from the others and take a fraction of
-the time.
+Rings lie side by side in the rows of one flat array, so that loops over them fill vector registers. No loop has a
+branch: an absent arc has zero width. Rings with only the first arc are stored separately, and take a fraction of the
+time of other rings.
 """
 
 import math
@@ -22,35 +22,36 @@ from solver.compilation import VECTOR_WIDTH, exact, lean, vectorised
 from solver.free_surface import TINY, Decay, inertial_factor, static_factor
 from solver.surface import ARC, BodyMotion
 
-# In a wall each ring is stored twice, so half of this number must hold one stretch with the most stations, 256. Half of
-# it must be whole vectors, of 8 numbers at most: loops over whole vectors would otherwise overwrite the other half.
+# In a wall each ring is stored twice, so half of this number must hold a stretch with the largest number of stations,
+# 256. Half of it must also be a multiple of the vector width, at most 8: loops over whole vectors would otherwise
+# overwrite the other half.
 ROOM = 528
-"""Largest number of rings of either kind in a batch."""
+"""Largest number of rings of each kind in a batch."""
 FULL = ROOM
-"""Index of the first ring that is resisted in full; the other rings begin at 0."""
+"""Index of the first ring that has only the first arc; other rings begin at 0."""
 CAPACITY = 2 * ROOM
-"""Rings of both kinds in a batch: the length of a row."""
-# A loop without a remainder compiles to vector instructions alone. It may run over stale rings, which no sum includes.
+"""Length of a row: the number of rings of both kinds in a batch."""
+# A loop without a remainder compiles to vector instructions only. It may process stale rings, which no sum includes.
 VECTOR = np.uint64(VECTOR_WIDTH)
 """Number of 64-bit numbers in a vector register; loops over rings run to a multiple of it."""
-# The indices are unsigned, since an index that might be negative costs a test at each access.
+# The indices are unsigned, because numba checks at each access whether a signed index is negative.
 (
     ALPHA, AXIAL, RADIUS, SIZE, WEIGHT, DEPTH, COSINE, SINE, FORWARD, SIDEWAYS, SPIN,
     INWARD, INWARD_SLOPE, OUTWARD, OUTWARD_SLOPE, SPEED, SPEED_SLOPE, STATIC, ALONG, ACROSS, TURN,
     DEEP_BEGIN, DEEP_SPAN, NEAR_BEGIN, NEAR_SPAN, EVEN, ODD, CAVITY,
 ) = (np.uint64(row * CAPACITY) for row in range(28))  # fmt: skip
-"""Offsets of the rows in the flat array.
+"""Offsets of the rows of ring data in the flat array.
 
 `add_rings` writes α (`ALPHA`), the axial position and radius of the centre of curvature (`AXIAL`, `RADIUS`), the radius
 of curvature (`SIZE`), the length of outline that the ring stands for (`WEIGHT`), the motion of the body (`DEPTH` to
-`SPIN`), and the bound of the cavity (`CAVITY`). On a straight piece axial position and radius are those of the ring,
-and the radius of curvature is zero.
+`SPIN`), and the bound of the cavity (`CAVITY`). On a straight piece the axial position and radius are those of the ring
+itself, and the radius of curvature is zero.
 
-`_load_rings` writes values and slopes in c of the distance to the face and of the outward tilt, scaled by
-the factors of `cavity_scales` (`INWARD`, `OUTWARD`), and of the normal velocity (`SPEED`). Then come the ramped S f'c
-(`STATIC`); factors from the integral of the stress to the force along the axis (`ALONG`), and from that of the stress
-times c to the force across the axis and the moment (`ACROSS`, `TURN`); beginning, as β - π/2, and width of the two arcs
-with a decay (`DEEP_BEGIN` to `NEAR_SPAN`); and the two integrals (`EVEN`, `ODD`)."""
+`_load_rings` writes the value at c = 0 and the slope in c of the distance to the face and the outward tilt, scaled by
+the factors of `cavity_scales` (`INWARD`, `OUTWARD`), and of the normal velocity (`SPEED`). It also writes the ramped S
+f'c (`STATIC`); the factors by which the integral of the stress gives the force along the axis (`ALONG`), and the
+integral of the stress times c gives the force across the axis and the moment (`ACROSS`, `TURN`); the beginning, as β -
+π/2, and the width of the two arcs with a decay (`DEEP_BEGIN` to `NEAR_SPAN`); and the two integrals (`EVEN`, `ODD`)."""
 ROW_COUNT = 28
 """Number of rows of ring data in the flat array."""
 SPAN = np.uint64(CAPACITY)
@@ -67,23 +68,24 @@ class Law(NamedTuple):
     static_stress: float
     """Static stress S f'c. [Pa]"""
     dynamic_density: float
-    """Product B ρ of inertia factor and density. [kg/m³]"""
+    """Inertia factor times density, B ρ. [kg/m³]"""
     ramp_velocity: float
     """Normal velocity over which the static stress of a ring builds up. [m/s]
 
-    S f'c acts in full for any v_n > 0, as dry friction does, so a shank at rest sideways in its hole would need forces
-    that switch infinitely often. Below this velocity they go to zero smoothly instead, and the shank creeps at a
-    fraction of it."""
+    S f'c acts in full for any v_n > 0, like dry friction, so a shank at rest sideways in its hole would need forces
+    that switch infinitely often. Below this velocity the static stress goes to zero smoothly instead, and the shank
+    creeps at a fraction of it."""
     smooth_ramp: bool
-    """True for a ramp whose slope at zero velocity is zero. Steps with a coarse tolerance need the other ramp, which
-    is linear: without stiffness at rest the body would seem free to move."""
+    """True for a ramp with zero slope at zero velocity. Steps with a coarse tolerance need the other ramp, which begins
+    linearly: without a slope at rest the body would seem free to move."""
     decay: Decay
     thickness: float
     """Depth of the rear face; infinite for a half-space. [m]"""
     loaded_thickness: float
-    """Depth beyond which no element is loaded: that of the rear face, or of the beginning of the plug. [m]"""
+    """Depth beyond which no element is loaded: the depth of the rear face or, with a plug, where the plug begins.
+    [m]"""
     crater_depth: float
-    """Depth from which the target resists in full; 0 without a crater. [m]"""
+    """Depth of the deepest point from which on the resistance acts in full; 0 without a crater. [m]"""
 
 
 @vectorised
@@ -95,11 +97,11 @@ def clamp(value: float, low: float, high: float) -> float:
 
 @vectorised
 def loaded_range(depth: float, depth_slope: float, speed: float, speed_slope: float) -> tuple[float, float]:
-    """Return the range of c that is below the face and moves into the target; an empty range has equal ends."""
-    # The slope of the depth is never positive, so the denominator is not zero. Without a slope the quotient is so large
-    # in either direction that all of the ring is below the face or none of it.
+    """Return the range of c that is below the face and moves into the target; the ends of an empty range are equal."""
+    # The slope of the depth is never positive, so the denominator is not zero. With zero slope the quotient is huge,
+    # and its sign says whether all or none of the ring is below the face.
     face = depth / (TINY - depth_slope)
-    # The quotient may be infinite or not a number; the comparisons below then leave it unused.
+    # The quotient may be infinite or NaN; the comparisons below then do not use it.
     separation = -speed / speed_slope
     high = min(1.0, face)
     high = separation if speed_slope < 0.0 and separation < high else high
@@ -110,10 +112,10 @@ def loaded_range(depth: float, depth_slope: float, speed: float, speed_slope: fl
 
 @vectorised
 def ramped(fastest: float, static_stress: float, ramp_velocity: float, smooth: bool) -> float:
-    """Return the static stress on a ring whose fastest point has the normal velocity `fastest`. [Pa]"""
-    # The form r² / √(1 + r⁴) needs a root only; a hyperbolic tangent would be a library call in each pass of the loop.
-    # For large r this form differs from 1 by r⁻⁴ / 2. An earlier form, r² / (1 + r²), differs by r⁻² and made normal
-    # shots 5e-6 of their depth deeper than the closed form.
+    """Return the ramped static stress on a ring whose fastest point has the normal velocity `fastest`. [Pa]"""
+    # The ramp r² / √(1 + r⁴) takes only a root; a hyperbolic tangent would be a library call in each pass of the loop.
+    # For large r it differs from 1 by r⁻⁴ / 2. An earlier ramp, r² / (1 + r²), differs by r⁻², which made the depth in
+    # normal impact 5e-6 larger than the closed form.
     ramp = fastest / ramp_velocity
     ramp *= ramp if smooth else 1.0
     return static_stress * ramp / math.sqrt(1.0 + ramp * ramp)
@@ -123,11 +125,11 @@ def ramped(fastest: float, static_stress: float, ramp_velocity: float, smooth: b
 def integrate_full(
     low: float, high: float, turn: float, static: float, density: float, speed: float, speed_slope: float
 ) -> tuple[float, float]:
-    """Return the integrals over β of the undiminished stress, and of that stress times c, between two values of c.
+    """Return the integrals over β of the full stress, and of that stress times c, between two values of c.
 
-    The difference of β between `low` and `high` is passed as `turn`, since callers have it already.
+    The argument `turn` is the difference of β between `low` and `high`, which callers have already computed.
     """
-    # The stress is a polynomial of degree 2 in c, and c1, c2 and c3 are the integrals of the powers of cos β.
+    # The stress is a polynomial of degree 2 in c; c1, c2 and c3 are the integrals of the powers of cos β.
     sine_low, sine_high = math.sqrt(1.0 - low * low), math.sqrt(1.0 - high * high)
     c1 = sine_low - sine_high
     c2 = 0.5 * (turn + sine_low * low - sine_high * high)
@@ -141,8 +143,9 @@ def integrate_full(
 def add_rings(
     rows: FloatArray, place: int, piece: FloatArray, begin: float, end: float, stations: FloatArray, motion: BodyMotion
 ) -> None:
-    """Write the rows of the rings at the stations of a stretch. Rings that pad the last vector have zero weight."""
-    # On an arc of the outline α varies, on a straight piece the position does: one loop without a branch serves both.
+    """Write the data of the rings at the stations of a stretch. Rings that pad the last vector have zero weight."""
+    # On an arc α varies along the stretch, on a straight piece the position does. One loop without a branch serves
+    # both.
     span, first = end - begin, np.uint64(place)
     depth, c, s, forward, sideways, spin = motion
     axial, radius, cavity = piece[1], piece[2], piece[7]
@@ -163,7 +166,7 @@ def add_rings(
 @exact
 def place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
     """Return sine and cosine of α, axial position and radius of a ring."""
-    # The half-angle formula gives the cosine from the polynomial of the sine, on the same range of angles.
+    # The half-angle formula computes the cosine with the polynomial of the sine, over the same range of angles.
     sine_, half = sine(rows[ALPHA + i]), sine(0.5 * rows[ALPHA + i])
     cosine = 1.0 - 2.0 * half * half
     return sine_, cosine, rows[AXIAL + i] + rows[SIZE + i] * sine_, rows[RADIUS + i] + rows[SIZE + i] * cosine
@@ -173,8 +176,8 @@ def place_ring(rows: FloatArray, i: int) -> tuple[float, float, float, float]:
 def cavity_scales(bound: float, cosine: float, radius: float) -> tuple[float, float]:
     """Return the factors of depth and outward tilt of a ring; the ratio of the two products is k - 1.
 
-    For a cavity of radius r / cos α the factors are cos α and r, so that no quotient is needed near the axis, where r
-    is zero. For a bounded cavity they are 1 and the bound.
+    For a cavity of radius r / cos α the factors are cos α and r, which avoids a division by zero at the axis. For a
+    bounded cavity they are 1 and the bound.
     """
     return (1.0, bound) if bound > 0.0 else (cosine, radius)
 
@@ -189,19 +192,21 @@ def ring_motion(rows: FloatArray, i: int) -> BodyMotion:
 
 @vectorised
 def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
-    """Integrate the stress around the rings from `FULL` up to `end`, which are resisted in full where loaded."""
+    """Integrate the stress around the rings from `FULL` up to `end`, which have only the first arc."""
     for i in range(np.uint64(FULL), end):
         depth, c, s, forward, sideways, spin = ring_motion(rows, i)
         sine_, cosine, axial, radius = place_ring(rows, i)
-        # The normal velocity is speed + speed_slope c, and the depth is linear too: their zeros bound the loaded range.
+        # The normal velocity is speed + speed_slope c, and the depth is linear in c too: their zeros bound the loaded
+        # range.
         speed = forward * sine_
         speed_slope = (sideways + spin * axial) * cosine - spin * radius * sine_
         low, high = loaded_range(depth + axial * c, -radius * s, speed, speed_slope)
-        # A single static stress for the ring, by its fastest point, leaves a polynomial in c with a closed integral.
+        # With one static stress for the whole ring, that of its fastest point, the stress is a polynomial in c, whose
+        # integral has a closed form.
         static = ramped(speed + abs(speed_slope), law.static_stress, law.ramp_velocity, law.smooth_ramp)
         turn = arc_cosine(low) - arc_cosine(high)
         even, odd = integrate_full(low, high, turn, static, law.dynamic_density, speed, speed_slope)
-        # Both halves of the ring, to either side of the plane of motion, are loaded alike.
+        # The two halves of a ring, on either side of the plane of motion, are loaded alike.
         weight = 2.0 * rows[WEIGHT + i] * radius
         rows[EVEN + i], rows[ODD + i] = even, odd
         rows[ALONG + i], rows[ACROSS + i] = -weight * sine_, -weight * cosine
@@ -211,12 +216,12 @@ def _load_full_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
 def _ring_loader(name: str, *, bounded: bool) -> Callable[[FloatArray, np.uint64, Law], None]:
     """Return a function that finds the arcs of rings, for bodies with or without a bounded cavity.
 
-    Bodies without a bounded cavity, such as ogives, save a selection for each ring. The cache of compiled code tells
-    the two functions apart by `name`.
+    Bodies without a bounded cavity, such as ogives, save a selection for each ring. The cache of compiled code
+    distinguishes the two functions by `name`.
     """
 
     def load_rings(rows: FloatArray, end: np.uint64, law: Law) -> None:
-        """Find the arcs of the rings up to `end` and integrate the stress on the fully resisted arcs."""
+        """Find the arcs of the rings up to `end`, and integrate the stress on their first arcs."""
         beyond = law.decay.corner - 1.0
         for i in range(end):
             depth, c, s, forward, sideways, spin = ring_motion(rows, i)
@@ -230,8 +235,9 @@ def _ring_loader(name: str, *, bounded: bool) -> Callable[[FloatArray, np.uint64
             inward, inward_slope = depth_scale * inside, depth_scale * inside_slope
             outward, outward_slope = -tilt_scale * sine_ * c, tilt_scale * cosine * s
 
-            # Above `tilted` the normal leans out of the target; above `plastic` k lies below the corner of the decay.
-            # Clamping one by one keeps the arcs in order and gives an absent arc equal ends, without a branch.
+            # For c above `tilted` the normal points out of the target; above `plastic` k is below the corner of the
+            # decay. Clamping one after the other keeps the arcs in order, and gives an absent arc equal ends, without a
+            # branch.
             low, high = loaded_range(inside, inside_slope, speed, speed_slope)
             tilted = -outward / (outward_slope + TINY)
             plastic = (inward - beyond * outward) / (beyond * outward_slope - inward_slope + TINY)
@@ -251,7 +257,7 @@ def _ring_loader(name: str, *, bounded: bool) -> Callable[[FloatArray, np.uint64
             rows[INWARD + i], rows[INWARD_SLOPE + i] = inward, inward_slope
             rows[OUTWARD + i], rows[OUTWARD_SLOPE + i] = outward, outward_slope
             rows[SPEED + i], rows[SPEED_SLOPE + i], rows[STATIC + i] = speed, speed_slope, static
-            # From -π/2 on, the sine of the angle is -c: one polynomial, for the sine, serves all points of the arcs.
+            # The sine of β - π/2 is -c, so the polynomial of the sine gives c at all points of the arcs.
             rows[DEEP_BEGIN + i], rows[DEEP_SPAN + i] = angle_middle - HALF_TURN, angle_start - angle_middle
             rows[NEAR_BEGIN + i], rows[NEAR_SPAN + i] = angle_high - HALF_TURN, angle_middle - angle_high
 
@@ -265,7 +271,7 @@ _load_bounded_rings = _ring_loader("_load_bounded_rings", bounded=True)
 
 @exact
 def _point(rows: FloatArray, ring: int, begin: np.uint64, node: float) -> tuple[float, float, float, float]:
-    """Return c, scaled distances to the face and to the axis, and normal velocity at a fraction of an arc."""
+    """Return c, the scaled distances to the face and to the axis, and the normal velocity at a fraction of an arc."""
     c = -sine(rows[begin + ring] + rows[begin + SPAN + ring] * node)
     inward = rows[INWARD + ring] + rows[INWARD_SLOPE + ring] * c
     outward = rows[OUTWARD + ring] + rows[OUTWARD_SLOPE + ring] * c
@@ -275,10 +281,10 @@ def _point(rows: FloatArray, ring: int, begin: np.uint64, node: float) -> tuple[
 
 @vectorised
 def _sum_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, law: Law) -> None:
-    """Add the integrals of the arcs on one side of the corner to rings up to `end`, for a decay without inertia."""
+    """Add the integrals over arcs on one side of the corner to the rings up to `end`, for a decay without inertia."""
     begin = DEEP_BEGIN if deep else NEAR_BEGIN
-    # The inner loop runs over rings, which fill the vectors; an arc has a few points only. On each side of the corner
-    # the decay is one smooth formula, so few Gauss-Legendre points suffice.
+    # The inner loop runs over rings, because an arc has too few points to fill a vector. On each side of the corner the
+    # decay is one smooth formula, so a few Gauss-Legendre points suffice.
     for j in range(points.shape[0]):
         node, weight = points[j, 0], points[j, 1]
         for i in range(end):
@@ -292,8 +298,8 @@ def _sum_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, 
 
 @vectorised
 def _sum_inertial_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: FloatArray, law: Law) -> None:
-    """Add the integrals of the arcs on one side of the corner to rings up to `end`, for a decay with inertia."""
-    # This loop takes twice the time of the one without inertia, which is the default, so the two are kept apart.
+    """Add the integrals over arcs on one side of the corner to the rings up to `end`, for a decay with inertia."""
+    # This loop takes twice the time of the one without inertia, which is the default, so they are separate.
     begin = DEEP_BEGIN if deep else NEAR_BEGIN
     for j in range(points.shape[0]):
         node, weight = points[j, 0], points[j, 1]
@@ -308,7 +314,7 @@ def _sum_inertial_arcs(rows: FloatArray, end: np.uint64, deep: bool, points: Flo
 
 @lean
 def add_arcs(rows: FloatArray, end: np.uint64, points: FloatArray, law: Law) -> None:
-    """Add the arcs with a decay to the integrals of the rings up to `end`."""
+    """Add the integrals over the arcs with a decay to the rings up to `end`."""
     if law.decay.inertia_scale > 0.0:
         _sum_inertial_arcs(rows, end, True, points, law)
         _sum_inertial_arcs(rows, end, False, points, law)
@@ -325,7 +331,7 @@ def whole(count: int) -> np.uint64:
 
 @lean
 def integrate_rings(rows: FloatArray, count: int, full: int, points: FloatArray, law: Law, bounded: bool) -> None:
-    """Integrate the stress around the first `count` rings and the first `full` fully resisted rings."""
+    """Integrate the stress around the first `count` rings, and the first `full` rings from `FULL` on."""
     if count > 0:
         end = whole(count)
         if bounded:
@@ -339,7 +345,7 @@ def integrate_rings(rows: FloatArray, count: int, full: int, points: FloatArray,
 
 @lean
 def sum_rings(rows: FloatArray, begin: int, end: int) -> Load:
-    """Return force along and across the axis, and moment, of the rings from `begin` to `end`. [N, N m]"""
+    """Return the force along and across the axis and the moment on the rings from `begin` to `end`. [N, N m]"""
     along = across = moment = 0.0
     for i in range(np.uint64(begin), np.uint64(end)):
         along += rows[ALONG + i] * rows[EVEN + i]

@@ -1,7 +1,6 @@
-"""Sweeps of one case over a grid of inputs, and its answers under alternative decay and strength laws.
+"""Sweeps of a case over a grid of inputs, and its answers with alternative decay and strength laws.
 
-The result over a grid is an ``xarray.Dataset``, which requires xarray. Answers under several laws show the effect of
-the choice of model.
+A sweep returns an ``xarray.Dataset``, which requires xarray. Answers with several laws show the effect of their choice.
 """
 
 import itertools
@@ -41,14 +40,14 @@ from solver.warnings import EQUATION_9_DIAMETER, EQUATION_9_STRENGTH
 if TYPE_CHECKING:
     import xarray
 
-# A sweep over 100,000 points takes minutes to hours. A larger sweep is probably a mistake in the axes.
+# A sweep over 100,000 points takes minutes to hours; a larger one is probably a mistake in the axes.
 MOST_POINTS = 100_000
 """Largest number of points of a grid."""
-# The value is never used; it only has to be accepted as a velocity.
+# The value is never used, and only has to be valid as a velocity.
 ANY_VELOCITY = 1.0
 """Placeholder for the velocity where it is an axis. [m/s]"""
 SWEPT = ("projectile", "target", "impact", "resistance")
-"""Parts of a strike whose fields can be axes."""
+"""Parts of a strike whose fields may be axes."""
 SYMBOLS = {"caliber_radius_head": "ψ"}
 """Symbols of fields in labels."""
 DECAY_LAWS = {
@@ -56,7 +55,7 @@ DECAY_LAWS = {
     MohrCoulomb: "decay: theory, nearest to finite element motions",
     NoFreeSurface: "no decay",
 }
-"""Decay laws, each with a text that names its basis."""
+"""Decay laws, each with a string that names its basis."""
 
 
 def _data_of_equation_9() -> str:
@@ -66,7 +65,7 @@ def _data_of_equation_9() -> str:
 
 
 def _data_of_published_tests() -> str:
-    # Rounded to whole millimetres and megapascals, as the bounds of the tests are not round.
+    # The bounds of the tests are not round, so they are rounded to whole millimetres and megapascals.
     (thin, thick), (weak, strong) = PublishedTests.diameters, PublishedTests.compressive_strengths
     diameters = interval(round(thin, 3), round(thick, 3), "mm")
     strengths = interval(round(weak, -6), round(strong, -6), "MPa")
@@ -86,9 +85,10 @@ STRENGTH_LAWS = {
 FINITE_ELEMENT_MOTIONS = (
     f"S: eq. 9 at 0°, over the angle finite element motions with this decay, to {math.degrees(FINITE_ELEMENTS_TO):g}°"
 )
-"""Text that names the data to which `FINITE_ELEMENT_LAW` was fitted."""
+"""String that names the data to which `FINITE_ELEMENT_LAW` was fitted."""
 FINITE_ELEMENT_LAW = shaped_as_finite_elements(ObliquityPolynomial())
-"""Law with S of eq. 9 in normal impact, and S(θ)/S(0) of finite element motions with the decay law in use."""
+"""Law with the S of eq. 9 in normal impact, and S(θ)/S(0) fitted to finite element motions with the decay law in
+use."""
 
 Answer = TypeVar("Answer")
 
@@ -108,7 +108,7 @@ def critical_angle_sweep(
     degrees: bool = False,
     threads: int = 1,
 ) -> "xarray.Dataset":
-    """Find the critical angle for every combination of values of some inputs.
+    """Find the critical angle for every combination of the values of some inputs.
 
     Parameters
     ----------
@@ -116,23 +116,22 @@ def critical_angle_sweep(
         As for `critical_angle`. [SI, rad]
     axes
         Values of each input, by its dotted name, such as ``target.compressive_strength``, or the last part of that name
-        where it is unambiguous. Models, such as those of ``resistance.free_surface`` or ``projectile.nose``, are
-        labelled by their names, and models of the same name also by the values in which they differ, as in
-        ``ogive ψ=3``. Other objects are labelled by their ``repr``. The coordinates of a DataArray along its dimension
-        are kept.
+        where it is unambiguous. Models, as for ``resistance.free_surface`` or ``projectile.nose``, are labelled by
+        name, and models of the same name also by the values in which they differ, as in ``ogive ψ=3``. Other objects
+        are labelled by ``repr``. A DataArray keeps the coordinates along its dimension.
     velocity
-        As for `critical_angle`; not needed where it is an axis. [m/s]
+        As for `critical_angle`; not needed if it is an axis. [m/s]
     degrees
-        Return the angles in degrees, as for plots; values of axes are still given in radians.
+        Return angles in degrees, for example for plots; the values in `axes` are in radians anyway.
     threads
-        Number of searches computed at a time.
+        Number of searches computed in parallel.
 
     Returns
     -------
     xarray.Dataset
-        Dataset of the columns of `solver.columns` over the axes, with ``units`` and ``long_name`` of each; its method
-        ``to_netcdf`` writes it to a file. Its attributes hold the rest of the strike. A case that failed has NaN and
-        its ``error``.
+        The columns of `solver.columns` over the axes, each with ``units`` and ``long_name``; ``to_netcdf`` writes them
+        to a file. The attributes of the dataset hold the rest of the strike. A case that failed has NaN and its
+        ``error``.
 
     Raises
     ------
@@ -149,7 +148,7 @@ def critical_angle_sweep(
     ... )
     >>> sweep.angle.sel(velocity=250.0)
 
-    With ``degrees=True`` the axes of ``sweep.angle.plot()`` are in degrees.
+    With ``degrees=True``, ``sweep.angle.plot()`` shows degrees.
     """
     impact = Impact(
         velocity=ANY_VELOCITY if velocity is None else velocity,
@@ -189,7 +188,7 @@ def simulate_sweep(
     degrees: bool = False,
     threads: int = 1,
 ) -> "xarray.Dataset":
-    """Compute the trajectory for every combination of values of some inputs, and return the final states.
+    """Compute the trajectory for every combination of the values of some inputs, and return the final states.
 
     Parameters
     ----------
@@ -200,12 +199,12 @@ def simulate_sweep(
     degrees
         Return the angles in degrees.
     threads
-        Number of strikes computed at a time.
+        Number of strikes computed in parallel.
 
     Returns
     -------
     xarray.Dataset
-        Dataset of the columns of `solver.columns` over the axes, as for `critical_angle_sweep`.
+        The columns of `solver.columns` over the axes, as for `critical_angle_sweep`.
 
     Raises
     ------
@@ -223,7 +222,7 @@ def simulate_sweep(
 
 
 class _Grid:
-    """Grid of strikes: one strike, and the values of the inputs that vary.
+    """Grid of strikes: a strike, and the values of the inputs that vary.
 
     Parameters
     ----------
@@ -265,7 +264,7 @@ class _Grid:
     def dataset(
         self, answers: Iterable[Trajectory | CriticalAngle | RicochetError], title: str, found: Sequence[str] = ()
     ) -> "xarray.Dataset":
-        """Return the answers as a dataset; `found` names inputs that are part of the answers, not of the strike."""
+        """Return the answers as a dataset; `found` names fields of the strike that the answers determine."""
         table = columns(list(answers))
         names = short_names(self.fields, table)
         coordinates: dict[str, tuple[Any, ...]] = {}
@@ -287,7 +286,7 @@ class _Grid:
 
 
 def _in_full(value: Any, name: str, instead: Mapping[str, str]) -> str:
-    """Return the text of an object as `repr` does, with other texts for the fields in `instead`."""
+    """Return the `repr` of an object, with other strings for the fields in `instead`."""
     if name in instead:
         return instead[name]
     if not is_part(value):
@@ -300,7 +299,7 @@ def _in_full(value: Any, name: str, instead: Mapping[str, str]) -> str:
 
 
 def _in_degrees(dataset: "xarray.Dataset") -> "xarray.Dataset":
-    """Return the dataset with its angles, and their rates, in degrees."""
+    """Return the dataset with angles and their rates in degrees."""
     units = {"rad": "degree", "rad/s": "degree/s"}
     angles = [name for name, variable in dataset.variables.items() if variable.attrs.get("units") in units]
     changed = {
@@ -318,7 +317,7 @@ def _coordinates(name: str, field: str, values: Sequence[Any]) -> dict[str, tupl
     """Return the labels of an axis as a coordinate.
 
     Models of the same name get a suffix that distinguishes them: the numbers in which they differ or, if they differ in
-    other values, a running number. A second coordinate has their full text.
+    other values, a serial number. A second coordinate has their full representation.
     """
     texts = [field.rpartition(".")[2] if isinstance(value, list | tuple) else label(value) for value in values]
     if any(isinstance(each, str) for each in texts):
@@ -335,7 +334,7 @@ def _coordinates(name: str, field: str, values: Sequence[Any]) -> dict[str, tupl
 
 
 def _differences(models: Sequence[Any]) -> list[str]:
-    """Return for each model the numbers that distinguish it from all others, or else running numbers."""
+    """Return the numbers that distinguish each model from all others, or else serial numbers."""
     numbered = [str(number) for number in range(1, len(models) + 1)]
     if not all(is_part(model) for model in models) or len(set(map(type, models))) > 1:
         return numbered
@@ -355,7 +354,7 @@ def _digits(value: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Alternative(Generic[Answer]):
-    """Answer to a case under one choice of the laws."""
+    """Answer to a case with one choice of laws."""
 
     resistance: Resistance
     """Resistance with these laws."""
@@ -373,12 +372,12 @@ class Alternative(Generic[Answer]):
 
     @property
     def free_surface(self) -> str:
-        """Name of the decay model."""
+        """Name of the decay law."""
         return self.resistance.free_surface.name
 
     @property
     def strength_factor(self) -> str:
-        """Name of the model of the strength factor."""
+        """Name of the law of the strength factor."""
         return self.resistance.strength_factor.name
 
     @property
@@ -395,24 +394,25 @@ class Alternative(Generic[Answer]):
 def alternatives(
     function: Callable[..., Answer], *, resistance: Resistance | None = None, **case: Any
 ) -> tuple[Alternative[Answer], ...]:
-    """Compute the answers to one case with each decay law and each of several strength laws.
+    """Compute the answers to a case with each decay law and each of several strength laws.
 
     Parameters
     ----------
     function
         Function to call: `critical_angle` or `simulate`.
     resistance
-        Resistance of the case, whose strength law and decay law are replaced. Its other fields and the inertia of the
-        decay are kept.
+        Resistance of the case. Its strength law and its decay law are replaced; other fields, and the inertia of the
+        decay, are kept.
     **case
-        The other arguments of the function.
+        Other arguments of the function.
 
     Returns
     -------
     tuple of Alternative
-        Decay laws in the order elastic-plastic, Mohr-Coulomb, none; with each the strength laws of eq. 9, of the
-        published tests, and of the strength alone (`StrengthPowerLaw`). With the elastic-plastic and the Mohr-Coulomb
-        law, eq. 9 is followed by the law with the S(θ) that was fitted to finite element motions with that decay.
+        Answers with elastic-plastic, Mohr-Coulomb and no decay, in this order. Each is combined with eq. 9, the law of
+        published tests, and the power law of the strength alone (`StrengthPowerLaw`). With elastic-plastic and
+        Mohr-Coulomb decay, eq. 9 is followed by the law whose S(θ) was fitted to finite element motions with that
+        decay.
 
     Examples
     --------
@@ -426,7 +426,7 @@ def alternatives(
 
 
 def alternative_resistances(resistance: Resistance = EQUATION_9) -> tuple[Resistance, ...]:
-    """Return the resistances of `alternatives`: other laws of decay and S in the given resistance."""
+    """Return the resistances of `alternatives`: the given one with other laws of the decay and of S."""
     resistance = usual_unless_given(resistance)
     inertia = getattr(resistance.free_surface, "inertia", False)
     return tuple(
@@ -437,7 +437,7 @@ def alternative_resistances(resistance: Resistance = EQUATION_9) -> tuple[Resist
 
 
 def _strength_laws(decay: FreeSurface) -> tuple[StrengthFactor, ...]:
-    """Return the laws of S that are combined with a decay law."""
+    """Return the laws of S to combine with a decay law."""
     first, *others = (law() for law in STRENGTH_LAWS)
     own = () if isinstance(decay, NoFreeSurface) else (FINITE_ELEMENT_LAW,)
     return (first, *own, *others)

@@ -1,10 +1,10 @@
 """Compiled time integration of a motion: the fixed step of the paper, and the error-controlled steps of this package.
 
 The route of the paper is the classical Runge-Kutta method of order 4 with a fixed step. The adaptive route uses GRK4T,
-a Rosenbrock pair of order 4 (3) for stiff equations: a shank at rest sideways in its hole makes the equations stiff,
-and an explicit method would need thousands of steps there. Coefficients: Kaps and Rentrop, Numerische Mathematik 33
-(1979) 55-68, in the form of Hairer and Wanner, Solving Ordinary Differential Equations II (1996), IV.7. The state
-consists of three positions and their three velocities. Eliminating the velocities leaves a 3 × 3 system in each stage.
+a Rosenbrock pair of order 4 (3) for stiff equations. A shank at rest sideways in its hole makes the equations stiff: an
+explicit pair took thousands of steps there. Coefficients: Kaps and Rentrop, Numerische Mathematik 33 (1979) 55-68, in
+the form of Hairer and Wanner, Solving Ordinary Differential Equations II (1996), IV.7. The state consists of three
+positions and three velocities; eliminating the velocities leaves a 3 × 3 system in each stage.
 """
 
 import math
@@ -32,15 +32,15 @@ from solver.motion import (
 )
 from solver.surface import Body
 
-# Above this energy a gain means that the step is too long for the strike, and is reported in the result instead.
+# A gain at a higher energy means that the step is too long for the strike; the result reports it.
 UNRESOLVED_ENERGY = 1e-2
-"""Kinetic energy, over its initial value, below which a gain of energy in a fixed step counts as rest. [1]"""
+"""Kinetic energy over its initial value, below which a fixed step that gains energy may count as rest. [1]"""
 
-# An exact solution gains no energy. With too few stations a body between the faces of a wall gains without bound, in
-# ever shorter steps: searches on walls took seconds before such runs were ended. The factor 2 is far above any error of
-# a run that is still worth reporting.
+# An exact solution gains no energy. With too few stations, a body between the faces of a wall gains energy without
+# bound, in ever shorter steps: searches on walls took seconds before such runs were ended. The factor 2 is far above
+# the error of any run worth reporting.
 MOST_ENERGY = 2.0
-"""Kinetic energy, over its initial value, above which a run counts as diverged. [1]"""
+"""Kinetic energy over its initial value, above which a run counts as diverged. [1]"""
 
 
 @lean
@@ -64,7 +64,7 @@ def _attempt_fixed_step(state: FloatArray, step: float, model: Model, work: Work
 
 @lean
 def _impulse_energy(acceleration: FloatArray, step: float, body: Body) -> float:
-    """Return the kinetic energy that a constant load gives a body at rest within one step. [J]"""
+    """Return the kinetic energy that a constant load gives to a body at rest within one step. [J]"""
     translation = body.mass * (acceleration[0] ** 2 + acceleration[1] ** 2)
     return 0.5 * float(translation + body.moment_of_inertia * acceleration[2] ** 2) * step**2
 
@@ -83,9 +83,9 @@ def integrate_fixed(
 ) -> RunValues:
     """Integrate with the fixed step of the paper until an event or `end_time`.
 
-    A fixed step overshoots rest and then gains energy, which an exact solution never does. A step that gains energy
-    counts as rest if the load could stop the projectile within one step and less than `UNRESOLVED_ENERGY` is left. A
-    gain at a higher energy is reported in the result: the step is too long for the strike.
+    A fixed step overshoots rest and then gains energy, which an exact solution never does. Such a step counts as rest
+    if the load could stop the projectile within one step, and less than `UNRESOLVED_ENERGY` is left. Otherwise the
+    result reports the gain, because the step is too long for the strike.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def integrate_fixed(
     assign(start, state)
     deepest, gain, energy = 0.0, 0.0, initial_energy  # a run begins with the deepest point at the face
     loaded = accelerate(state, model, work.scratch, work.start)
-    # Without the factor, rounding could add a step to a termination time that is a whole number of steps.
+    # Without the factor, rounding could add a step if the termination time is a whole number of steps.
     count = math.ceil(end_time / time_step * (1.0 - 1e-12))
     for index in range(count):
         time = index * time_step
@@ -118,7 +118,7 @@ def integrate_fixed(
         _attempt_fixed_step(state, step, model, work)
         was_loaded, loaded = loaded, accelerate(work.trial, model, work.scratch, work.end)
         before, energy = energy, kinetic_energy(work.trial, body) - lasting
-        # The panels have no ramp: near rest the load changes sign from step to step and adds energy to the body.
+        # Panels have no ramp: near rest the load changes sign from step to step, and adds energy to the body.
         enough = min(_impulse_energy(work.end, step, body), UNRESOLVED_ENERGY * initial_energy)
         if before < energy < enough:
             return Termination.REST.value, time, deepest, index, 4 * index, gain
@@ -140,8 +140,8 @@ def integrate_fixed(
 
 
 STAGES = 4
-# With γ = 0.231 the method is A(89.3°)-stable (Kaps and Rentrop 1979). The similar methods GRK4A and ROS4 stepped over
-# the kinks of nose entry, chattered, or had two to six times the error (`benchmarks/NOTES.md`).
+# With γ = 0.231 the method is A(89.3°)-stable (Kaps and Rentrop 1979). The similar methods GRK4A and ROS4, and other
+# pairs, stepped over the kinks of nose entry, chattered, or had two to six times the error (`benchmarks/NOTES.md`).
 GAMMA = 0.231
 """Diagonal coefficient γ of GRK4T. [1]"""
 
@@ -152,11 +152,12 @@ STAGE_WEIGHTS = np.array(
         [4.524708207373116, 4.163528788597648],
     ]
 )
-"""Coefficients of earlier stages in the state of a stage. The last stage reuses the evaluation of the third."""
-# The first four rows are those of GRK4T. The fifth is this package's own: no stage evaluates the load beyond 0.88 of a
-# step, so a load that begins after that is seen only at the end. Solving the fifth row for the change of the rates from
-# start to end of the step cancels the other stages up to order 3. Without it 26 of 400 runs lost energy unnoticed, with
-# it one run did.
+"""Coefficients of earlier stages in the state of a stage. There is no row for the last stage, which reuses the
+evaluation of the third."""
+# The first four rows are those of GRK4T. The fifth is this package's own, for `end_error`: no stage evaluates the load
+# beyond 0.88 of a step, so a load that begins later shows only at the end. With the change of the rates from start to
+# end of the step as its input, the fifth stage cancels the others up to order 3. Without it, 26 of 400 runs lost energy
+# unnoticed; with it, one did.
 COUPLINGS = np.array(
     [
         [0.0, 0.0, 0.0, 0.0],
@@ -166,18 +167,18 @@ COUPLINGS = np.array(
         [8.567684694187544, -4.513188113271111, -4.443119282433976, -5.224572232181423],
     ]
 )
-"""Coefficients of earlier stages in the right-hand side of a stage, over the step."""
+"""Coefficients of earlier stages in the right-hand side of a stage, to be divided by the length of the step."""
 WEIGHTS = np.array([3.957503746640777, 4.624892388363313, 0.6174772638750108, 1.282612945269037])
 """Weights of the stages in the solution of order 4."""
 ERROR_WEIGHTS = np.array([2.302155402932996, 3.073634485392623, -0.8732808018045032, -1.282612945269037])
 """Weights of the stages in the difference of the solutions of order 4 and 3."""
 EVALUATIONS = 2
-"""Number of evaluations of the load in one attempt at a step, without those at its two ends."""
-# The error of a forward quotient is least near the square root of the rounding error, 1.5e-8. A value several times as
-# large leaves room for the rounding of the sums over the rings.
+"""Number of evaluations of the load in one attempt at a step, not counting its two ends."""
+# The error of a forward quotient is smallest near the square root of the rounding error, 1.5e-8. A value several times
+# as large allows for the rounding of the sums over the rings.
 DIFFERENCE = 1e-7
 """Increment of position in difference quotients, over the distance from centre of gravity to tip. [1]"""
-# The static stress rises from zero over the ramp velocity, so the increment has to be a small part of that.
+# The static stress rises from zero over the ramp velocity, so the increment has to be a small fraction of it.
 VELOCITY_DIFFERENCE = 1e-3
 """Increment of velocity in difference quotients, over the ramp velocity. [1]"""
 DIFFERENCES = MOST_STATES
@@ -185,7 +186,7 @@ DIFFERENCES = MOST_STATES
 
 
 class Linearisation(NamedTuple):
-    """Jacobian of the accelerations at the start of a step, and the inverse matrix that its stages share."""
+    """Jacobian of the accelerations at the start of a step, and the inverse matrix that all stages share."""
 
     stiffness: FloatArray
     """(3, 3) derivatives of the accelerations with respect to position."""
@@ -207,15 +208,15 @@ def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearis
     The column of the lateral position stays zero: the target is the same everywhere along its face.
     """
     points, slopes, length = work.points, work.slopes, model.body.tip
-    # Velocities are varied along and across the axis, not along the coordinates. A shank in its hole is free to move
-    # along its axis and held across it, and a difference that mixes both directions would mix a small derivative with a
-    # large one. This saved 11 to 20 % of the evaluations of a search.
+    # Velocities are varied along and across the axis instead of along the coordinates. A shank in its hole is free to
+    # move along its axis and is held across it, so a difference in another direction would mix a small derivative with
+    # a large one. This saved 11 to 20 % of the evaluations of a search.
     for k in range(DIFFERENCES):
         for n in range(6):
             points[6 * k + n] = state[n]
     small, c, s = VELOCITY_DIFFERENCE * model.law.ramp_velocity, math.cos(state[2]), math.sin(state[2])
     # Increments point away from zero, so that mirrored states have mirrored quotients. Central quotients of the
-    # velocities did so too, with three evaluations more in each step.
+    # velocities have that property too, but take three more evaluations in each step.
     deeper, turned = math.copysign(DIFFERENCE * length, state[0]), math.copysign(DIFFERENCE, state[2])
     along = math.copysign(small, c * state[3] + s * state[4])
     across = math.copysign(small, c * state[4] - s * state[3])
@@ -241,8 +242,8 @@ def linearise(state: FloatArray, model: Model, work: Workspace, linear: Linearis
 @lean
 def _invert(linear: Linearisation, step: float) -> None:
     """Invert ``I/(hγ) - ∂a/∂v - hγ ∂a/∂q`` for the step h."""
-    # Eliminating velocities first leaves three equations instead of six. For so few, cofactors cost less than Gaussian
-    # elimination and need no pivoting, which would be a branch.
+    # The velocities have been eliminated, which leaves three equations instead of six. For so few, cofactors cost less
+    # than Gaussian elimination, and need no pivoting, which would be a branch.
     g, m, damping, stiffness = step * GAMMA, linear.inverse, linear.damping, linear.stiffness
     for i in range(3):
         for j in range(3):
@@ -264,8 +265,8 @@ def _invert(linear: Linearisation, step: float) -> None:
 def _solve_stage(
     point: FloatArray, acceleration: FloatArray, step: float, linear: Linearisation, stages: FloatArray, index: int
 ) -> None:
-    """Write the increments of one stage to row `index` of `stages`, from the rates at the state of that stage."""
-    # Hairer and Wanner's form with increments needs no product of the Jacobian with earlier stages.
+    """Write the increments of one stage to row `index` of `stages`, given the rates at the state of that stage."""
+    # The form of Hairer and Wanner, in increments, needs no product of the Jacobian with earlier stages.
     g, rate = step * GAMMA, 1.0 / step
     for n in range(3):
         position = velocity = 0.0
@@ -287,7 +288,7 @@ def _solve_stage(
 def attempt_step(
     state: FloatArray, step: float, model: Model, work: Workspace, linear: Linearisation, scale: FloatArray
 ) -> float:
-    """Try a step from the accelerations in ``work.start``; write ``work.trial`` and return the error norm. [1]"""
+    """Try a step with the initial accelerations ``work.start``; write ``work.trial`` and return the error norm. [1]"""
     stages, trial = work.stages, work.trial
     _invert(linear, step)
     _solve_stage(state, work.start, step, linear, stages, 0)
@@ -310,7 +311,7 @@ def attempt_step(
 
 @lean
 def end_error(state: FloatArray, step: float, work: Workspace, linear: Linearisation, scale: FloatArray) -> float:
-    """Return a second error norm of the last step, from the accelerations at its end in ``work.end``. [1]"""
+    """Return a second error norm of the last step, given its final accelerations in ``work.end``. [1]"""
     for n in range(3):
         work.point[n + 3] = work.trial[n + 3] - state[n + 3]
         work.stage[n] = work.end[n] - work.start[n]
@@ -327,16 +328,16 @@ def _size(error: FloatArray, scale: FloatArray) -> float:
     return math.sqrt(total / 6.0)
 
 
-# Usual runs take some tens to hundreds of steps. This limit was reached only in a stiff phase at tolerances of 1e-8 and
-# below.
+# Usual runs take tens to hundreds of steps. Only runs with a stiff phase, at tolerances of 1e-8 and below, have reached
+# this limit.
 STEP_LIMIT = 100_000
 """Largest number of steps tried in one run."""
-# The first step is short, as the step control has no history yet. The largest one keeps steps from passing over the
-# kinks of nose entry; a quarter is a rough choice. Below the smallest one, near the rounding error of time, a run
-# counts as diverged.
+# The first step is short, because the step control has no history yet. The largest step prevents steps from passing
+# over the kinks of nose entry; a quarter is a rough choice. Below the smallest step, near the rounding error of time, a
+# run counts as diverged.
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 1e-2, 0.25, 1e-15
-"""Lengths of steps, over the time to travel the distance from centre of gravity to tip: at the speed of impact or, for
-the largest step, at the present speed. [1]"""
+"""Lengths of steps, over the time to travel the distance from centre of gravity to tip at the impact speed; for the
+largest step see `Accuracy`. [1]"""
 
 
 class Accuracy(NamedTuple):
@@ -345,10 +346,10 @@ class Accuracy(NamedTuple):
     relative_tolerance: float
     """Largest error of one step, over the scale of the motion. [1]"""
     largest_step: float
-    """Largest step, over the time to travel the distance from centre of gravity to tip at the present speed plus that
-    of the tip about the centre of gravity. [1]"""
+    """Largest step, over the time to travel the distance from centre of gravity to tip at the present pace: the speed
+    plus the speed at which the tip turns about the centre of gravity. [1]"""
     most_steps: int = STEP_LIMIT
-    """Steps tried before a run ends as `Termination.STEP_LIMIT`."""
+    """Number of attempts at a step, after which a run ends as `Termination.STEP_LIMIT`."""
 
 
 @compiled
@@ -384,8 +385,8 @@ def integrate_adaptive(
     energies = Thresholds(lasting + thresholds.retention * initial_energy, lasting + thresholds.rest * initial_energy)
     impact = math.hypot(start[3], start[4])
     # Errors are measured relative to the size of the body and the impact velocity, so that one tolerance serves
-    # lengths, angles and rates. Relative to the current values, ever smaller errors would be required as the body comes
-    # to rest.
+    # lengths, angles and rates. If they were measured relative to the current values, ever smaller errors would be
+    # required as the body comes to rest.
     scale = work.scale
     scale[0] = scale[1] = body.tip
     scale[2], scale[3], scale[4], scale[5] = 1.0, impact, impact, impact / body.tip
@@ -399,13 +400,13 @@ def integrate_adaptive(
     for _ in range(accuracy.most_steps):
         if not may_step(control):
             return Termination.CANCELLED.value, time, deepest, count, evaluations, 0.0
-        # Each outline piece that enters makes a kink in the load. A longer step could pass over one without any sign of
-        # it in its error estimate.
+        # Each outline piece that enters the target makes a kink in the load. A longer step could pass over one without
+        # any sign of it in the error estimate.
         pace = math.hypot(state[3], state[4]) + abs(state[5]) * body.tip
         step = min(step, accuracy.largest_step * body.tip / pace, end_time - time)
-        # The Jacobian takes five of the eight evaluations of a step. It depends on the state only, so a step that is
-        # repeated with another length keeps it. Computing it every second step only saved nothing, as so many more
-        # steps were rejected.
+        # The Jacobian takes five of the eight evaluations of a step. It depends only on the state, so a step that is
+        # repeated with another length reuses it. Computing it only every second step saved nothing, because so many
+        # more steps were rejected.
         if not fresh:
             linearise(state, model, work, linear)
             evaluations += DIFFERENCES
@@ -413,14 +414,15 @@ def integrate_adaptive(
         error = attempt_step(state, step, model, work, linear, scale) / accuracy.relative_tolerance
         evaluations += EVALUATIONS
         if error <= 1.0:
-            # No stage evaluates the load beyond 0.88 of the step, so a load that begins after that is seen only at the
-            # end. The next step needs the accelerations there anyway: the second estimate costs one solve.
+            # The second estimate shows a load that begins after the last evaluation of a stage, see `COUPLINGS`. The
+            # next step needs the accelerations at the end anyway, so the estimate costs only one solve.
             end_loaded = accelerate(work.trial, model, work.scratch, work.end)
             evaluations += 1
             error = max(error, end_error(state, step, work, linear, scale) / accuracy.relative_tolerance)
         if not error <= 1.0:  # also true for NaN
-            # The error estimate falls with the fourth power of the step. The factor 0.9 makes the next attempt likely
-            # to pass, and a step shrinks fivefold at most: beside a kink the estimate does not follow that power.
+            # The error estimate is proportional to the fourth power of the step. The factor 0.9 makes the next attempt
+            # likely to pass. A step shrinks at most fivefold, because beside a kink the estimate does not follow that
+            # power. Other factors changed the time of a search by less than 2 %, or made it up to 40 % longer.
             step *= max(0.2, 0.9 / math.sqrt(math.sqrt(error))) if math.isfinite(error) else 0.2
             if step < SMALLEST_STEP * body.tip / impact:
                 return Termination.NOT_FINITE.value, time, deepest, count, evaluations, 0.0
@@ -431,10 +433,10 @@ def integrate_adaptive(
         count += 1
         if kinetic_energy(work.trial, body) - lasting > MOST_ENERGY * initial_energy:
             return Termination.NOT_FINITE.value, time, deepest, count, evaluations, 0.0
-        # The sum of the steps may miss the termination time by rounding, which must not add another step.
+        # Rounding may make the sum of the steps miss the termination time, which must not add another step.
         last = time + step >= end_time * (1.0 - 1e-12)
         end = end_of_step(row, model, work, was_loaded, loaded, energies, start[2], last, event)
-        # An event lies on the cubic through both ends of the step, so that no step has to be cut short to meet it.
+        # An event is located on the cubic through both ends of the step, so no step has to be cut short to meet it.
         until = time + step if event[0] < 0.0 else event[0]  # the depth counts until the body is released
         if until > time:
             deepest = max(deepest, greatest_depth(row, until, body, work.point))
@@ -445,7 +447,7 @@ def integrate_adaptive(
         assign(work.trial, state)
         assign(work.end, work.start)
         fresh = False
-        # In free flight the error is zero, whatever load lies ahead, so a step grows fivefold at most. The floor of the
-        # error avoids a division by zero and lies below the value where the factor 5 takes over.
+        # In free flight the error is zero, whatever load lies ahead, so a step grows at most fivefold. The floor of the
+        # error avoids a division by zero, and is below the error at which the factor 5 applies.
         step *= min(5.0, 0.9 / math.sqrt(math.sqrt(max(error, 1e-10))))
     return Termination.STEP_LIMIT.value, time, deepest, count, evaluations, 0.0

@@ -1,4 +1,4 @@
-"""Motion of one strike: its integration, its outcome and history, and the warnings that belong to it."""
+"""Motion of a single strike: integration, outcome, history, and warnings."""
 
 import math
 from dataclasses import dataclass, fields
@@ -34,19 +34,19 @@ from solver.warnings import ModelWarning
 # The default is the time step of the paper.
 SAMPLE_INTERVAL = 1e-5
 """Default interval of a history. [s]"""
-# A history has 14 quantities of 8 bytes for each instant: 112 MB at this limit.
+# A history has 14 quantities of 8 bytes at each instant: 112 MB at this limit.
 MOST_INSTANTS = 1_000_000
 """Largest number of instants in a history."""
-# An exact solution gains no energy. The rounding errors of the panel method stay far below this limit.
+# An exact solution gains no energy. Rounding errors of the panel method are far below this limit.
 ENERGY_GAIN_TOLERATED = 1e-6
-"""Gain of kinetic energy in one step above which a warning is given, over the initial energy. [1]"""
+"""Gain of kinetic energy in one step, over the initial energy, above which a warning appears. [1]"""
 
 Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, slots=True, repr=False, eq=False)
 class Motion(ComparedByFields, Generic[Value]):
-    """Motion at one instant (floats) or at many (arrays of equal length). Depth is positive inside the target."""
+    """Motion at one instant (floats) or at many instants (arrays of equal length)."""
 
     time: Value
     """Time since first contact. [s]"""
@@ -71,21 +71,21 @@ class Motion(ComparedByFields, Generic[Value]):
     moment: Value
     """Moment of the resistance about the centre of gravity. [N m]"""
     axial_acceleration: Value
-    """Acceleration of the centre of gravity along the axis, positive toward the nose. It is caused by the resistance,
-    and negative while the body is slowed. [m/s²]"""
+    """Acceleration of the centre of gravity along the axis, positive toward the nose. The resistance causes it, and it
+    is negative while the body slows down. [m/s²]"""
     transverse_acceleration: Value
     """Acceleration of the centre of gravity across the axis, positive in the direction in which the nose moves as the
-    axis angle grows. It is caused by the resistance. With the method `panels`, samples scatter about the mean where the
-    body moves along its axis, since the load depends on a transverse speed of some mm/s. [m/s²]"""
+    axis angle grows. The resistance causes it. With the method `panels`, samples scatter about the mean while the body
+    moves along its axis, because the load depends on a transverse speed of some mm/s. [m/s²]"""
     kinetic_energy: Value
     """Kinetic energy of translation and rotation. [J]"""
 
     def columns(self) -> Columns:
-        """Return the quantities as arrays by name; one instant gives arrays of one value."""
+        """Return the quantities as arrays by name; a single instant gives arrays of length one."""
         return {field.name: np.atleast_1d(getattr(self, field.name)) for field in fields(self)}
 
     def to_dataframe(self) -> DataFrame:
-        """Return the quantities over time as a ``pandas.DataFrame`` with their units in `attrs`; it requires pandas."""
+        """Return the quantities over time as a ``pandas.DataFrame``, with units in its `attrs`; requires pandas."""
         return dataframe(self.columns(), Motion, index="time")
 
     def __repr__(self) -> str:
@@ -107,13 +107,13 @@ class Trajectory:
     history: Motion[FloatArray] | None
     """Motion at even intervals and at the event that ended the run; None if not requested."""
     maximum_depth: float | None
-    """Greatest depth of the deepest point of the projectile, unless it perforates a wall. [m]"""
+    """Greatest depth of the deepest point of the projectile; None if it perforates a wall. [m]"""
     protrusion: Protrusion | None
     """Protrusion out of the rear face of a wall; None if there is none, or if the projectile perforates."""
     strength_factor: float
-    """Strength factor used, that at the oblique angle of the strike. [1]"""
+    """Strength factor at the oblique angle of the strike. [1]"""
     warnings: tuple[ModelWarning, ...]
-    """Warnings of the inputs and of the run."""
+    """Warnings about the inputs and the run."""
     steps: int
     """Number of time steps."""
     evaluations: int
@@ -123,12 +123,12 @@ class Trajectory:
     strength_factor_dispersion: float
     """Standard deviation of ln S for the next shot into the same concrete, from own shots or published tests. [ln]"""
     own_tests: StrengthPosterior | None
-    """Posterior of S from shots into the same concrete; None without any."""
+    """Posterior of S from shots into the same concrete; None without such shots."""
     bending: Bending | None
     """Largest bending stress; None if a given centre of gravity or moment of inertia is not that of the shape."""
 
     def row(self) -> Row:
-        """Return the state at the end of the run under the column names of `solver.columns`, in SI units."""
+        """Return the state at the end of the run by the column names of `solver.columns`, in SI units and radians."""
         protrusion = self.protrusion
         return {
             "outcome": self.outcome.value,
@@ -153,7 +153,7 @@ class Trajectory:
         return self.history.columns()
 
     def to_dataframe(self) -> DataFrame:
-        """Return the history over time as a ``pandas.DataFrame`` with its units in `attrs`; it requires pandas."""
+        """Return the history as a ``pandas.DataFrame``, with units in its `attrs`; requires pandas."""
         return dataframe(self.columns(), Motion, index="time")
 
     def plot(self, projectile: Projectile | None = None, *, ax: "Axes | None" = None) -> Figure:
@@ -162,9 +162,9 @@ class Trajectory:
         Parameters
         ----------
         projectile
-            Projectile of the strike, to draw its outline; without it the axis is drawn.
+            Projectile of the strike, whose outline is drawn; without it, its axis is drawn.
         ax
-            Axes for the side view alone; a new figure of pyplot unless given.
+            Axes for the side view alone; a new pyplot figure with all plots unless given.
 
         Raises
         ------
@@ -213,7 +213,7 @@ def simulate(
     Parameters
     ----------
     projectile, target, impact
-        Projectile, the concrete that it strikes, and its motion at first contact.
+        Projectile, concrete, and motion at first contact.
     resistance
         Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics
@@ -237,12 +237,12 @@ def simulate(
 
     Notes
     -----
-    The equations of motion are eq. 6 of the source paper. The outcome is `Outcome.EMBEDDED` once the kinetic energy
-    falls below ``numerics.retention_energy_fraction`` of its initial value, wherever the nose is; the run then
-    continues until the body is at rest, with 1e-4 of the energy, or no longer loaded, so that depths are complete. It
-    is `Outcome.RICOCHET` if the body is released before that and leaves through the impact face, `Outcome.PERFORATED`
-    if it leaves through the rear face of a wall, and `Outcome.IN_MOTION` if the termination time comes first or the
-    axis has turned by more than 360° in the target.
+    The equations of motion are eq. 6 of the source paper. The outcome is `Outcome.EMBEDDED` if the kinetic energy falls
+    below ``numerics.retention_energy_fraction`` of its initial value, wherever the nose is; the run then continues
+    until the body is at rest, with 1e-4 of the energy, or no longer loaded, so that depths are final. The outcome is
+    `Outcome.RICOCHET` if the body is released before that and leaves through the impact face, `Outcome.PERFORATED` if
+    it leaves through the rear face of a wall, and `Outcome.IN_MOTION` if the termination time comes first or the axis
+    has turned by more than 360° in the target.
 
     Examples
     --------
@@ -273,7 +273,7 @@ def simulate(
 def run_prepared(
     prepared: PreparedCase, impact: Impact, sample_interval: float | None, strength_scatter: ScatterSource
 ) -> Trajectory:
-    """Run one strike of a prepared case; arguments are those of `simulate`."""
+    """Run a strike of a prepared case; other arguments are as for `simulate`."""
     model = prepared.model._replace(law=prepared.law_at(impact))
     run, steps = integrate(prepared, model, impact, keep_steps=True)
     outcome = OUTCOMES[run.end]
@@ -323,7 +323,7 @@ def _motion_at(run: Run, model: Model) -> Motion[float]:
 
 def _history(run: Run, steps: FloatArray, model: Model, sample_interval: float) -> Motion[FloatArray]:
     # The end of the run is appended as the last instant, and a sample that equals it up to rounding is dropped. The
-    # first factor makes the count independent of that rounding.
+    # first factor makes `count` independent of such rounding.
     count = math.floor(run.time / sample_interval * (1.0 + 1e-12)) + 1
     if count > MOST_INSTANTS:
         raise ParameterError("sample_interval", f"must give at most {MOST_INSTANTS} samples, got {count}")
@@ -331,8 +331,8 @@ def _history(run: Run, steps: FloatArray, model: Model, sample_interval: float) 
     times = np.concatenate((times[times < run.time * (1.0 - 1e-12)], [run.time]))
     states = sample(steps, times) if len(steps) else np.repeat(run.state[None, :], times.size, axis=0)
     states[-1] = run.state
-    # The final load is evaluated, as in `Trajectory.final`; earlier loads follow from the slope of the interpolated
-    # velocities, see `sample_accelerations`.
+    # The final load is evaluated, as in `Trajectory.final`. Earlier loads follow from the slope of the interpolated
+    # velocities, for the reason given in `sample_accelerations`.
     loads = sample_loads(states[-1:], model)
     if len(steps):
         inertia = np.array([model.body.mass, model.body.mass, model.body.moment_of_inertia])
@@ -365,7 +365,7 @@ def _columns(times: FloatArray, states: FloatArray, forces: FloatArray, model: M
 
 
 def run_warnings(prepared: PreparedCase, impact: Impact, run: Run, outcome: Outcome) -> tuple[ModelWarning, ...]:
-    """Return the warnings of the inputs and of a run."""
+    """Return the warnings about the inputs and about a run."""
     found = list(
         model_warnings.input_warnings(
             projectile=prepared.projectile,

@@ -1,8 +1,8 @@
-"""Units of the quantities in texts: SI, or US customary units.
+"""Units of quantities in texts: SI or US customary.
 
-The solver computes in SI. Code that composes a text passes each value with the SI unit in which to show it, such as
-``mm`` for a thickness. The functions of this module format it in that unit or in its US counterpart, depending on the
-system that `written_in` has set.
+The solver computes in SI. Code that composes a text passes each value with the SI unit in which it should appear, such
+as ``mm`` for a thickness. The functions of this module format the value in that unit or in its US counterpart,
+depending on the system that `written_in` has set.
 """
 
 import math
@@ -21,20 +21,20 @@ class UnitSystem(StrEnum):
 
 
 class Unit(NamedTuple):
-    """Unit of a system in which texts show a quantity."""
+    """Unit in which texts show a quantity."""
 
     symbol: str
-    """Symbol after the number."""
+    """Symbol that follows the number."""
     factor: float
     """Factor from a value in coherent SI units (m, kg, s, N, Pa) to a value in this unit. [1]"""
     decimals: int = 0
-    """Decimals with which a number is about as fine as a whole number of the SI unit; -2 stands for hundreds. [1]"""
+    """Decimals that resolve a quantity about as finely as whole SI units; -2 rounds to hundreds. [1]"""
 
 
 INCH, FOOT, POUND, POUND_FORCE = 0.0254, 0.3048, 0.45359237, 4.4482216152605
-"""US units in SI units. [m, m, kg, N]"""
+"""US customary units in SI units. [m, m, kg, N]"""
 PSI = POUND_FORCE / INCH**2
-"""Pound-force per square inch. [Pa]"""
+"""One pound-force per square inch. [Pa]"""
 SI_UNITS: Mapping[str, Unit] = {
     "m": Unit("m", 1.0),
     "mm": Unit("mm", 1e3),
@@ -48,7 +48,7 @@ SI_UNITS: Mapping[str, Unit] = {
     "ms": Unit("ms", 1e3),
     "%": Unit("%", 100.0),
 }
-"""Units of SI texts by their symbols; any other symbol is shown as it is, with a factor of 1."""
+"""SI units by symbol; any other symbol is shown as it is, with a factor of 1."""
 US_UNITS: Mapping[str, Unit] = {
     "m": Unit("ft", 1.0 / FOOT),
     "mm": Unit("in", 1.0 / INCH, 1),
@@ -60,8 +60,8 @@ US_UNITS: Mapping[str, Unit] = {
     "kg/m³": Unit("lb/ft³", FOOT**3 / POUND),
     "kg m²": Unit("lb ft²", 1.0 / (POUND * FOOT**2)),
 }
-"""US customary units in place of those of SI; others, such as degrees and milliseconds, are common to both systems."""
-# Conversion makes round values long fractions, and four digits are more than the precision of any result.
+"""US customary units by the SI unit that they replace; other units, such as degrees, are common to both systems."""
+# Conversion turns round values into long fractions, and four digits exceed the precision of any result.
 CONVERTED_DIGITS = 4
 """Largest number of significant digits of a converted number in a text. [1]"""
 
@@ -70,7 +70,7 @@ _system: ContextVar[UnitSystem] = ContextVar("unit_system", default=UnitSystem.S
 
 @contextmanager
 def written_in(system: UnitSystem | str) -> Iterator[None]:
-    """Write the quantities of all texts made in this context in a system of units.
+    """Use a system of units for the quantities in all texts that are composed within the block.
 
     Examples
     --------
@@ -91,29 +91,29 @@ def system_in_use() -> UnitSystem:
 
 
 def shown_unit(unit: str) -> Unit:
-    """Return the unit in use for quantities whose SI unit is `unit`."""
+    """Return the unit in use for quantities with the SI unit `unit`."""
     found = US_UNITS.get(unit) if _system.get() is UnitSystem.US else None
     return found or SI_UNITS.get(unit) or Unit(unit, 1.0)
 
 
 def symbol(unit: str) -> str:
-    """Return the symbol of the unit in use for quantities whose SI unit is `unit`."""
+    """Return the symbol of the unit in use for quantities with the SI unit `unit`."""
     return shown_unit(unit).symbol
 
 
 def number(
     value: float, unit: str, digits: int = 4, *, converted_digits: int = CONVERTED_DIGITS, grouped: bool = False
 ) -> str:
-    """Format a quantity without its unit, with significant digits and without an exponent up to ten million.
+    """Format a quantity without its unit, to significant digits, and without an exponent below ten million.
 
     Parameters
     ----------
     value
         Value in coherent SI units, such as m or Pa.
     unit
-        SI unit in which it is shown, such as ``mm``.
+        SI unit in which the value should appear, such as ``mm``.
     digits
-        Significant digits in SI.
+        Number of significant digits in SI.
     converted_digits
         Largest number of significant digits in other units.
     grouped
@@ -138,7 +138,7 @@ def rounded(value: float, unit: str, direction: Callable[[float], int], times: f
     Parameters
     ----------
     direction
-        `math.ceil` or `math.floor`. A millionth of a step does not count, as it is rounding error.
+        `math.ceil` or `math.floor`. An excess of a millionth of a step counts as rounding error.
     times
         Factor on the quantity, such as a safety margin. [1]
     """
@@ -149,7 +149,7 @@ def rounded(value: float, unit: str, direction: Callable[[float], int], times: f
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:
-    """Format a quantity with its unit; the arguments are those of `number`."""
+    """Format a quantity with its unit; arguments are as for `number`."""
     return with_symbol(number(value, unit, digits), unit)
 
 
@@ -159,7 +159,7 @@ def interval(lower: float, upper: float, unit: str, *, grouped: bool = False) ->
 
 
 def with_symbol(text: str, unit: str) -> str:
-    """Return numbers followed by the symbol of the unit in use for quantities whose SI unit is `unit`."""
+    """Append the symbol of the unit in use for quantities with the SI unit `unit` to their formatted numbers."""
     found = symbol(unit)
     return f"{text}{found}" if found in ("", "°") else f"{text} {found}"
 
@@ -169,7 +169,7 @@ def _with_decimals(shown: float, decimals: int) -> str:
 
 
 def _without_exponent(text: str) -> str:
-    """Write out exponents from 0 to 6, and remove padding from other exponents and the sign of zero."""
+    """Write out numbers with exponents from 0 to 6; remove the padding of other exponents, and the sign of zero."""
     mantissa, exponent, power = text.partition("e")
     if exponent and 0 <= int(power) <= 6:
         text = f"{float(text):.0f}"

@@ -1,4 +1,4 @@
-"""Compilation of the whole solver in advance, so that no query has to wait for it."""
+"""Compilation of the whole solver in advance, so that no computation has to wait for it."""
 
 import os
 import subprocess
@@ -11,26 +11,26 @@ from solver.search.critical_angle import critical_angle
 from solver.strike import PAPER_PROJECTILE, PAPER_TARGET, PAPER_VELOCITY, Numerics, paper_impact
 from solver.trajectory import simulate
 
-# The compilation takes about a minute. A line each second shows that it goes on.
+# Compilation takes about a minute. A line each second shows that it is making progress.
 POLL_SECONDS = 1.0
-"""Interval between two reports of progress. [s]"""
+"""Interval between progress reports. [s]"""
 
 Report = Callable[[str], object]
-"""Function that shows a line of progress to the user."""
+"""Function that shows a progress line to the user."""
 
 
 def warm_up(report: Report | None = None) -> None:
     """Compile all functions of the solver, or load them from the cache.
 
     The first call on a machine takes about a minute, later ones a fraction of a second. Functions that are not in the
-    cache are compiled in another process, so that the compiler's memory is freed when that process ends. If it fails,
-    a `RuntimeWarning` gives the reason, and this process compiles the rest.
+    cache are compiled in another process, so that the memory of the compiler is freed when that process ends. If it
+    fails, a `RuntimeWarning` gives the reason, and this process compiles the rest.
 
     Parameters
     ----------
     report
-        Function such as `print`, called with a line of text at the beginning, and then once a second if the progress
-        has changed.
+        Function such as `print`, called with a progress line at the beginning, and then once a second if there is
+        progress.
     """
     progress = compilation_progress()
     if progress.left and sys.executable and can_keep():
@@ -61,7 +61,7 @@ def _compile_elsewhere(report: Report, progress: Progress) -> None:
 
 
 def run_trajectories() -> None:
-    """Run a short trajectory by each route, which compiles the functions of trajectories."""
+    """Run a short trajectory by each route, which compiles all functions of trajectories."""
     for method in ("adaptive", "panels"):
         simulate(
             projectile=PAPER_PROJECTILE,
@@ -73,5 +73,5 @@ def run_trajectories() -> None:
 
 
 def run_search() -> None:
-    """Find the critical angle of the paper, which compiles the functions of searches."""
+    """Find the critical angle of the paper's strike, which compiles all functions of searches."""
     critical_angle(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, velocity=PAPER_VELOCITY)

@@ -1,4 +1,4 @@
-"""Warnings that are part of a result: limits of its validity that an assessor should know before using a number."""
+"""Warnings that are part of a result: limits of its validity that a user should know before relying on it."""
 
 import math
 from collections.abc import Sequence
@@ -27,30 +27,30 @@ from solver.strike import PAPER_PROJECTILE, Impact
 from solver.target import MOST_PLUG, Target
 from solver.units import fixed, interval, number, quantity, with_symbol
 
-# Steel noses were seen to erode above about this speed (Forrestal et al. 1996).
+# Steel noses eroded above about this speed in tests (Forrestal et al. 1996).
 RIGID_VELOCITY = 800.0
-"""Speed above which a body does not stay rigid. [m/s]"""
+"""Speed above which a body is not rigid. [m/s]"""
 TESTED_STRENGTH = (13e6, 97e6)
 """Compressive strengths of the penetration tests behind eq. 1 (Forrestal et al. 1994, Frew et al. 1998). [Pa]"""
 EQUATION_9_STRENGTH, EQUATION_9_DIAMETER = 39e6, 0.08
 """Strength of the concrete and diameter of the projectile to which eq. 9 was fitted. [Pa, m]"""
-# By the law of published tests S changes by 2 % over the first and 5 to 7 % over the second, less than it scatters.
+# By the law of published tests, S changes by 2 % over the first and by 5 to 7 % over the second, less than it scatters.
 SAME_STRENGTH, SAME_DIAMETER = 0.1, 0.25
 """Relative differences of strength and diameter from those of eq. 9 up to which it is used without a warning. [1]"""
 MEAN_DENSITY = (1e3, 2e4)
-"""Usual mean densities of bodies, from hollow ones to those of tungsten or uranium. [kg/m³]"""
-# The default is the lowest yield strength of hardened 4340 steel, Rc 45.
+"""Usual mean densities of bodies, from hollow ones to tungsten or uranium. [kg/m³]"""
+# This is the lowest yield strength of 4340 steel hardened to Rc 45.
 USUAL_YIELD_STRENGTH = 1.2e9
 """Default yield strength of the body. [Pa]"""
-# At larger angles of attack bodies bend and break; the value is a rough choice.
+# Bodies bend and break at larger angles of attack; the value is a rough choice.
 SMALL_ATTACK = math.radians(5.0)
 """Largest angle of attack without a warning. [rad]"""
-# A longer list would not be read; the value is a rough choice.
+# Nobody would read a longer list; the value is a rough choice.
 MOST_NAMED = 5
 """Largest number of shots that a warning names."""
-# The theory of deep cavities does not apply within the crater, where spalling governs (Forrestal et al. 1994).
+# The theory of deep cavities does not apply within the front crater, where spalling governs (Forrestal et al. 1994).
 CRATER_CALIBERS = 2.0
-"""Depth of the front crater over the diameter. [1]"""
+"""Depth of the front crater, over the diameter. [1]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,13 +60,14 @@ class ModelWarning:
     Parameters
     ----------
     code
-        Stable name for programs.
+        Stable name, for programs.
     detail
-        Explanation for people, with quantities in the units of `solver.units`.
+        Explanation for people, with quantities in the units that `solver.units` has in use.
     standing
-        True if most answers have the warning and it hardly changes them. Such warnings are shown together in one note.
+        True for a standing note: most answers have the warning, and it hardly changes them. Standing notes are shown
+        together.
     angle_shift
-        Change of the critical angle due to the effect that the warning names, if it was computed. [rad]
+        Change of the critical angle by the effect that the warning names, if it was computed. [rad]
     """
 
     code: str
@@ -76,7 +77,7 @@ class ModelWarning:
 
 
 def range_warnings(*, target: Target, velocity: float) -> tuple[ModelWarning, ...]:
-    """Warn about a speed or a strength outside the range of the tests of the resistance law."""
+    """Warn about a speed or a strength outside the range of the tests behind the resistance law."""
     found = []
     if velocity > RIGID_VELOCITY:
         found.append(
@@ -99,7 +100,7 @@ def range_warnings(*, target: Target, velocity: float) -> tuple[ModelWarning, ..
 
 
 def body_warnings(projectile: Projectile) -> tuple[ModelWarning, ...]:
-    """Warn about a body too light or too heavy for its size, whose mass or size may be in another unit."""
+    """Warn about a body that is too light or too heavy for its size: its mass or its size may be in a wrong unit."""
     lowest, highest = MEAN_DENSITY
     density = projectile.mass / solid_properties(projectile).volume
     if lowest <= density <= highest:
@@ -146,7 +147,7 @@ def input_warnings(
     Parameters
     ----------
     angle_shift
-        Change of the critical angle for a moment of inertia 10 % larger, which a warning states if it is given. [rad]
+        Change of the critical angle for a moment of inertia 10 % larger, stated in a warning if given. [rad]
     """
     found = list(range_warnings(target=target, velocity=velocity))
     if abs(angle_of_attack) > SMALL_ATTACK:
@@ -181,7 +182,7 @@ def _mass_properties_assumed(projectile: Projectile, angle_shift: float | None) 
 def law_warnings(
     *, projectile: Projectile, target: Target, resistance: Resistance, impact: Impact
 ) -> tuple[ModelWarning, ...]:
-    """Return the warnings about laws outside the range of their data, and about effects that they leave out."""
+    """Return the warnings about laws used outside the range of their data, and about effects that they leave out."""
     found = _strength_law_warnings(projectile=projectile, target=target, resistance=resistance, impact=impact)
     if resistance.crater is not None and impact.oblique_angle != 0.0:
         found.append(CRATER_AT_OBLIQUITY)
@@ -228,12 +229,12 @@ def _strength_law_warnings(
 
 
 def _beyond_fit_over_angle(shape: ObliquityShape, angle: float, held: float) -> tuple[ModelWarning, ...]:
-    """Warn about an oblique angle above the largest to which S over the angle was fitted.
+    """Warn about an oblique angle beyond those to which S(θ) was fitted.
 
     Parameters
     ----------
     angle, held
-        Absolute oblique angle, and the angle from which S is constant. [rad]
+        Absolute oblique angle, and the angle from which S is held constant. [rad]
     """
     fitted_to = FINITE_ELEMENTS_TO if shape == "finite_elements" else ObliquityPolynomial.fitted_to
     # An angle converted from degrees may exceed the limit by rounding.
@@ -250,7 +251,7 @@ def _beyond_fit_over_angle(shape: ObliquityShape, angle: float, held: float) -> 
 
 
 def _strength_factor_not_held(angle: float, held: float) -> ModelWarning:
-    """Warn about a polynomial that is followed beyond the angle from which eq. 9 is held."""
+    """Warn about a polynomial that is not held constant beyond the angle from which eq. 9 is."""
     return ModelWarning(
         "strength_factor_not_held",
         f"beyond {math.degrees(HELD_FROM):g}° the strength factor follows its polynomial, which nothing bounds "
@@ -260,7 +261,7 @@ def _strength_factor_not_held(angle: float, held: float) -> ModelWarning:
 
 
 def _rear_face(*, projectile: Projectile, target: Target, resistance: Resistance, impact: Impact) -> ModelWarning:
-    """Warn about effects that the model of the rear face leaves out, with the thicknesses that formulas require."""
+    """Warn about effects that the model of the rear face leaves out; state the thicknesses that formulas require."""
     if resistance.rear_plug is not None:
         code, detail = "rear_plug_quasi_static", REAR_PLUG_QUASI_STATIC
     else:
@@ -296,7 +297,7 @@ def _plug_through_wall(projectile: Projectile, target: Target, resistance: Resis
 
 
 def _other_concrete(projectile: Projectile, target: Target) -> tuple[ModelWarning, ...]:
-    """Warn about eq. 9 for a concrete or a projectile other than those to which it was fitted."""
+    """Warn about eq. 9 for a concrete or a projectile other than the ones to which it was fitted."""
     if _like_equation_9(projectile, target):
         return ()
     strength, diameter = target.compressive_strength, projectile.diameter
@@ -313,15 +314,15 @@ def _other_concrete(projectile: Projectile, target: Target) -> tuple[ModelWarnin
 
 
 def _like_equation_9(projectile: Projectile, target: Target) -> bool:
-    """Return whether strength and diameter are close to those to which eq. 9 was fitted."""
+    """Return whether strength and diameter are close to the values for which eq. 9 was fitted."""
     strength = abs(target.compressive_strength / EQUATION_9_STRENGTH - 1.0)
     diameter = abs(projectile.diameter / EQUATION_9_DIAMETER - 1.0)
-    # The margin keeps rounding from refusing a difference of exactly that size.
+    # The margin allows for rounding where a difference equals its limit.
     return strength <= SAME_STRENGTH * (1.0 + 1e-12) and diameter <= SAME_DIAMETER * (1.0 + 1e-12)
 
 
 def scatter_of_table_1(projectile: Projectile, target: Target) -> ModelWarning:
-    """Warn that S is assumed to scatter as little as in the paper's four tests."""
+    """Return the warning that S is assumed to scatter as little as in the paper's four tests."""
     same = projectile.nose == PAPER_PROJECTILE.nose and _like_equation_9(projectile, target)
     detail = (
         "the scatter of the strength factor is the one that the four tests of the paper's Table 1 leave, into its "
@@ -352,7 +353,7 @@ def own_tests_apart(posterior: StrengthPosterior) -> tuple[ModelWarning, ...]:
 
 
 def _own_tests_deeper_than_wall(tests: OwnTests, target: Target) -> tuple[ModelWarning, ...]:
-    """Warn about own shots that are deeper than the wall."""
+    """Warn about own shots that went deeper than the wall is thick."""
     if target.thickness is None:
         return ()
     deeper = [number for number, shot in enumerate(tests.shots, start=1) if shot.depth >= target.thickness]
@@ -376,7 +377,7 @@ def _beyond_published_tests(projectile: Projectile, target: Target, velocity: fl
         ("diameter", projectile.diameter, PublishedTests.diameters, "mm"),
         ("speed", velocity, PublishedTests.velocities, "m/s"),
     )
-    # A value at the end of a range may lie outside by the rounding of a conversion of units.
+    # Rounding in a unit conversion may put a value at the end of a range just outside it.
     outside = [
         f"{name} {quantity(value, unit)} outside {interval(lowest, highest, unit)}"
         for name, value, (lowest, highest), unit in limits
@@ -393,11 +394,11 @@ def _beyond_published_tests(projectile: Projectile, target: Target, velocity: fl
 
 
 UNDECIDED = "undecided"
-"""Code of the warnings about runs that the termination time ended."""
+"""Code of the warnings about runs that ended at the termination time."""
 DEEPER_THAN_WALL = "own_tests_deeper_than_wall"
-"""Code of the warning about own tests deeper than the wall."""
+"""Code of the warning about own tests that went deeper than the wall is thick."""
 RETENTION_DECIDES = "retention_decides"
-"""Code of the warning about angles that depend on the retention energy."""
+"""Code of the warning about critical angles that depend on the retention energy."""
 
 
 def undecided(*, termination_time: float) -> ModelWarning:
@@ -419,13 +420,13 @@ def decided_by_time(*, termination_time: float) -> ModelWarning:
     )
 
 
-# The retention energy is a convention. A factor of ten either way is a factor of three in speed.
+# The retention energy is a convention. A factor of ten either way is about a factor of three in speed.
 RETENTION_RANGE = (0.1, 10.0)
-"""Range of retention energies, relative to the one in use, within which an angle should hardly move. [1]"""
+"""Range of retention energies, over the one in use, within which an angle should hardly move. [1]"""
 
 
 def retention_decides(*, retention: float, below: float, above: float) -> ModelWarning:
-    """Return the warning about an angle that depends on the retention energy.
+    """Return the warning about a critical angle that depends on the retention energy.
 
     Parameters
     ----------
@@ -462,7 +463,7 @@ def retention_decides_perforation(*, angle: float, retention: float, outside: fl
 
 
 def _share(energy: float, least: float) -> str:
-    """Format a fraction of the energy in percent; 0 means less than the bound `least` of the computation."""
+    """Format a fraction of the energy in per cent; 0 means that it is less than `least`."""
     return f"{100.0 * energy:.2g} %" if energy > 0.0 else f"less than {100.0 * least:g} %"
 
 
@@ -471,14 +472,14 @@ IMPLAUSIBLE = "implausible"
 
 
 def implausible(what: str) -> ModelWarning:
-    """Return the warning about a physically impossible answer, which shows an error of the program."""
+    """Return the warning about a physically impossible answer, which reveals an error of the program."""
     return ModelWarning(
         IMPLAUSIBLE, f"{what}: no such strike exists; this is a fault of the program, please report it with the inputs"
     )
 
 
 TUMBLING = "tumbling"
-"""Code of the warnings about projectiles that turn end over end."""
+"""Code of the warning about projectiles that turn end over end."""
 
 
 def tumbling(*, turned: float, oblique_angle: float) -> tuple[ModelWarning, ...]:
@@ -535,7 +536,7 @@ def bends(*, stress: float, time: float, distance: float, yield_strength: float 
 
 
 BENDS = "bends"
-"""Code of the warnings about bodies that yield in bending."""
+"""Code of the warning about bodies that yield in bending."""
 
 BENDING_UNKNOWN = ModelWarning(
     "bending_unknown",
@@ -592,7 +593,7 @@ STANDARD_ERROR_UNKNOWN = ModelWarning(
 
 
 def shallow_shots(*, depths: Sequence[float], diameters: Sequence[float]) -> tuple[ModelWarning, ...]:
-    """Warn about depth tests that ended within the front crater."""
+    """Warn about shots that ended within the front crater."""
     shallow_ones = [
         index
         for index, (depth, diameter) in enumerate(zip(depths, diameters, strict=True))
@@ -611,7 +612,7 @@ def shallow_shots(*, depths: Sequence[float], diameters: Sequence[float]) -> tup
 
 
 def group_of_one(name: str) -> ModelWarning:
-    """Return the warning about a group with a single test, which gets no fit of its own."""
+    """Return the warning about a group with a single test, to which no factor is fitted."""
     return ModelWarning(
         "group_of_one", f"group {name} has one test, which leaves no scatter to judge by: it is not fitted by itself"
     )

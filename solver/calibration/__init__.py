@@ -1,4 +1,4 @@
-"""Strength factors from tests: from depths (section 3.1), from motion histories (3.2), and over obliquity (eq. 9)."""
+"""Strength factors from depths (section 3.1) and motion histories (section 3.2), and over the angle (eq. 9)."""
 
 from solver.calibration.decay_laws import DecayLawFits, fit_decay_laws
 from solver.calibration.depth import DepthFit, DepthTest, fit_depth, penetration_depths

@@ -1,4 +1,4 @@
-"""Comparison of the decay laws by how well they fit the motion of oblique strikes."""
+"""Comparison of the decay laws by their fit to the motions of oblique strikes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,21 +13,21 @@ from solver.strike import Numerics
 from solver.target import Target
 from solver.warnings import ModelWarning
 
-# Fits whose misfits differ by less than a fifth follow a motion about equally well; the value is a rough choice.
+# Laws whose misfits differ by less than a fifth fit a motion about equally well; the value is a rough choice.
 BETTER = 0.8
-"""Normalised rms of the best law over that of the requested one, below which a warning is given. [1]"""
+"""Normalised root mean square of the best law over that of the requested one, below which a warning appears. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecayLawFits:
-    """Fits of the same motions with every decay law."""
+    """Fits of the same motions with each decay law."""
 
     requested: MotionsFit
     """Fit with the law of the given resistance."""
     laws: Mapping[str, MotionsFit | None]
-    """Fits by the name of the law; None for a law with which the motions do not determine the strength factor."""
+    """Fits by name of the law; None for a law with which the motions do not determine the strength factor."""
     warnings: tuple[ModelWarning, ...]
-    """Warnings of the fit with the requested law, and a further one if another law fits much better."""
+    """Warnings about the fit with the requested law, and another one if another law fits much better."""
 
     @property
     def best(self) -> str:
@@ -51,8 +51,8 @@ def fit_decay_laws(
     projectile, target, runs, numerics, confidence_level
         As for `fit_motions`.
     resistance
-        Inertia factor, and the requested decay law; the other laws include inertia if this one does. The strength
-        factor is not used.
+        Inertia factor and requested decay law; the other laws include inertia if this one does. Its strength factor is
+        not used.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Strength factor from the depths of normal-impact tests (section 3.1)."""
+"""Strength factor fitted to the depths of tests in normal impact (section 3.1)."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -38,17 +38,17 @@ from solver.target import Target
 from solver.uncertainty.distributions import LogStudentT
 from solver.warnings import ModelWarning
 
-# Depth falls with S, so the sum of squares has a single minimum in nearly all fits, and a coarse grid finds it.
+# Depth decreases with S, so the sum of squares has a single minimum in nearly all fits, and a coarse grid finds it.
 FIRST_LOOK = 9
-"""Number of strength factors on the grid that gives the starting value of a fit."""
-# A subset of the tests is enough for a starting value, which need not be accurate.
+"""Number of strength factors on the grid that provides the starting value of a fit."""
+# A starting value need not be accurate, so a subset of the tests is enough.
 FIRST_TESTS = 20
-"""Largest number of tests computed at each strength factor of that grid."""
+"""Largest number of tests computed at each strength factor on the grid."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthTest:
-    """Test in normal impact, with its speed and depth.
+    """Speed and depth of a test in normal impact.
 
     Parameters
     ----------
@@ -57,11 +57,11 @@ class DepthTest:
     depth
         Greatest depth of the nose tip. [m]
     mass
-        Mass of the projectile in this test; unless given, that of the projectile shared by the tests. [kg]
+        Mass of the projectile in this test; by default the mass of the projectile that all tests share. [kg]
     weight
         Weight of the squared residual of this test. [1]
     group
-        Name of the group of the test, if the tests have groups.
+        Name of the group to which the test belongs, if the tests have groups.
     """
 
     velocity: float
@@ -78,36 +78,36 @@ class DepthFit(ComparedByFields):
     estimate: Estimate
     """Fitted strength factor with its interval."""
     predicted: FloatArray
-    """(n,) greatest depth of the nose tip at the fitted S. [m]"""
+    """(n,) greatest depths of the nose tip at the fitted S. [m]"""
     residuals: FloatArray
-    """(n,) measured minus predicted depth. [m]"""
+    """(n,) measured minus predicted depths. [m]"""
     root_mean_square: float
-    """Root mean square of the residuals, weighted. [m]"""
+    """Weighted root mean square of the residuals. [m]"""
     groups: Mapping[str, "DepthFit"]
-    """Fits of the groups of two tests or more, by name; empty if the tests have no groups."""
+    """Fits of the groups with two or more tests, by name; empty if the tests have no groups."""
     posterior: LogStudentT
-    """Posterior distribution of S for the next shot into the same concrete. The published tests are the prior; the
-    weights of the tests have no effect on it."""
+    """Posterior distribution of S for the next shot into the same concrete. The published tests are the prior; weights
+    of the tests have no effect."""
     resistance: Resistance
     """Resistance of the fit, with the fitted S."""
     warnings: tuple[ModelWarning, ...]
-    """Warnings of the tests and of the fit."""
+    """Warnings about the tests and the fit."""
 
     def to_dataframe(self) -> DataFrame:
-        """Return measured and predicted depths and their differences as a ``pandas.DataFrame``, a row for each test."""
+        """Return measured and predicted depths and residuals as a ``pandas.DataFrame``, with a row for each test."""
         measured = self.predicted + self.residuals
         columns = {"depth": measured, "predicted": self.predicted, "residuals": self.residuals}
         return dataframe(columns, DepthTest, DepthFit)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
-        """Plot measured over predicted depths, in a new figure of pyplot unless axes are given; return the figure."""
+        """Plot measured over predicted depths, in a new pyplot figure unless axes are given; return the figure."""
         error = "" if math.isnan(self.estimate.standard_error) else f" ± {self.estimate.standard_error:.2g}"
         title = f"S = {self.estimate.strength_factor:.3g}{error}"
         return plot_depths(self.predicted, self.predicted + self.residuals, title, ax)
 
 
 class _Shots:
-    """Normal impacts of a projectile on a target, with one prepared case for each mass of the projectile."""
+    """Normal impacts of a projectile on a target, with a prepared case for each mass of the projectile."""
 
     def __init__(
         self, projectile: Projectile, target: Target, resistance: Resistance | None, numerics: Numerics | None
@@ -162,7 +162,7 @@ def penetration_depths(
     strength_factor
         Strength factor S, the same for all velocities. [1]
     masses
-        (n,) masses of the projectiles, if they differ from that of `projectile`. [kg]
+        (n,) masses of the projectiles, if they differ from the mass of `projectile`. [kg]
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
@@ -204,7 +204,7 @@ def fit_depth(
     numerics: Numerics | None = None,
     confidence_level: float = 0.95,
 ) -> DepthFit:
-    """Fit the strength factor to the depths of normal-impact tests by weighted least squares.
+    """Fit the strength factor to depths of tests in normal impact by weighted least squares.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def fit_depth(
         Projectile and concrete, shared by the tests.
     tests
         One or more tests, or a DataFrame with the fields of `DepthTest` as columns. If one test names a group, all
-        must; then each group of two or more gets its own fit besides the common one.
+        tests must; each group of two or more tests then has its own fit, in addition to the common one.
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
@@ -231,11 +231,11 @@ def fit_depth(
 
     Notes
     -----
-    The method is that of section 3.1 of the source paper. The standard error follows from the slope of the depths over
-    S and the scatter of the residuals, the interval from Student's distribution. The interval covers the scatter of the
-    tests, not an error that all of them share. Two tests may agree by chance, and would then seem exact. The scatter
-    within the series of the published tests is therefore included, with the weight of
-    `PublishedTests.degrees_of_freedom` further tests.
+    The method is that of section 3.1 of the source paper. The standard error follows from the derivatives of the depths
+    with respect to S and the scatter of the residuals, and the interval from Student's distribution. The interval
+    covers the scatter of the tests, but no error that all of them share. Two tests may agree by chance, and would then
+    seem exact. The scatter within the series of published tests is therefore included, with the weight of
+    `PublishedTests.degrees_of_freedom` additional tests.
 
     Examples
     --------
@@ -276,7 +276,7 @@ def _check(tests: Sequence[DepthTest], target: Target) -> None:
 
 
 def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> DepthFit:
-    """Fit one strength factor to all given tests."""
+    """Fit a common strength factor to the given tests."""
     measured = np.array([test.depth for test in tests])
     weights = np.array([test.weight for test in tests])
     roots = np.sqrt(weights / weights.mean())
@@ -308,9 +308,9 @@ def _fit(tests: Sequence[DepthTest], shots: _Shots, confidence_level: float) -> 
 
 
 def _estimate(best: float, misses: FloatArray, slope: FloatArray, confidence_level: float) -> Estimate:
-    """Return the estimate of S from the weighted residuals [m] and their derivatives with respect to ln S [m].
+    """Return the estimate of S, given the weighted residuals [m] and their derivatives with respect to ln S [m].
 
-    The scatter within the series of published tests enters as a prior of the residual variance.
+    The scatter within the series of published tests is the prior of the residual variance.
     """
     count, prior = len(misses), PublishedTests.degrees_of_freedom
     if count == 1:
@@ -334,7 +334,7 @@ def _estimate(best: float, misses: FloatArray, slope: FloatArray, confidence_lev
 
 
 def _posterior(tests: Sequence[DepthTest], shots: _Shots) -> StrengthPosterior:
-    """Return the posterior of S from the depths of some tests."""
+    """Return the posterior of S, given the depths of tests."""
     own = [Shot(velocity=test.velocity, depth=test.depth, mass=test.mass) for test in tests]
     try:
         return OwnTests(shots=tuple(own)).posterior(
@@ -348,7 +348,7 @@ def _posterior(tests: Sequence[DepthTest], shots: _Shots) -> StrengthPosterior:
 
 
 def _first_look(residuals: Residuals) -> float:
-    """Return the strength factor with the smallest sum of squares on a coarse grid, to start a fit from. [1]"""
+    """Return the strength factor with the least sum of squares on a coarse grid, where the fit starts. [1]"""
     strengths = coarse_strengths(FIRST_LOOK)
     costs = np.array([float(np.sum(residuals(float(value)) ** 2)) for value in strengths])
     _, start, _ = valleys(strengths, costs)[0]

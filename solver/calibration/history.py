@@ -1,4 +1,4 @@
-"""Motion histories to fit: displacements and rotation over time, their weights, and the strikes that compute them."""
+"""Motion histories to fit: displacements and rotation over time, their weights, and strikes that compute them."""
 
 import math
 from dataclasses import dataclass, field, fields, replace
@@ -16,15 +16,15 @@ from solver.target import Target
 
 QUANTITIES: Final = ("depth_displacement", "lateral_displacement", "rotation")
 """Names of the quantities of a history."""
-# Measured histories may be off by some per cent and start slightly before or after contact; a wrong unit is off by far
-# more. Both values are rough choices.
+# Measured histories may be off by some per cent, and start slightly before or after contact; in a wrong unit they are
+# off by far more. Both values are rough choices.
 REACH, SLACK = 1.1, 0.1
-"""Tolerances of `check_reach`: a factor on distance and rotation, and an addition in body lengths or radians. [1]"""
+"""Tolerances of `check_reach`: a factor on distance and rotation, and an allowance in body lengths or radians. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionHistory(ComparedByFields):
-    """Motion of a projectile since first contact. At least one of the three quantities must be given.
+    """Motion of a projectile from first contact on; at least one of its three quantities must be given.
 
     Parameters
     ----------
@@ -40,8 +40,8 @@ class MotionHistory(ComparedByFields):
     Raises
     ------
     ParameterError
-        If there are fewer than two rows, no quantity is given, columns differ in length, a value is not finite, or the
-        times are negative or do not increase.
+        If there are fewer than two rows, or no quantity, if columns differ in length, or if a value is not finite, or a
+        time is negative or does not increase.
     """
 
     time: FloatArray
@@ -69,7 +69,7 @@ class MotionHistory(ComparedByFields):
 
     @property
     def columns(self) -> dict[str, FloatArray]:
-        """Quantities that were given, by name."""
+        """Given quantities, by name."""
         given = {name: getattr(self, name) for name in QUANTITIES}
         return {name: values for name, values in given.items() if values is not None}
 
@@ -81,13 +81,13 @@ class MotionHistory(ComparedByFields):
         return float(self.time[int(np.argmax(self.depth_displacement))])
 
     def until(self, time: float) -> "MotionHistory":
-        """Return the rows up to and including a time. [s]"""
+        """Return the rows up to and including `time` [s]."""
         kept = int(np.searchsorted(self.time, time, side="right"))
         return MotionHistory(time=self.time[:kept], **{name: values[:kept] for name, values in self.columns.items()})
 
 
 def _column(name: str, values: FloatArray) -> FloatArray:
-    """Return a column as a checked array.
+    """Check a column and return it as an array.
 
     Raises
     ------
@@ -105,12 +105,12 @@ def _column(name: str, values: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Weights:
-    """Relative weights of the squared residuals, after each quantity is divided by its span.
+    """Relative weights of the squared residuals, where each quantity has been divided by its span.
 
     Parameters
     ----------
     depth, lateral, rotation
-        Weights of depth displacement, lateral displacement and rotation; 0 leaves a quantity out. [1]
+        Weights of the depth displacement, the lateral displacement and the rotation; 0 leaves a quantity out. [1]
     """
 
     depth: float = 1.0
@@ -129,7 +129,7 @@ class Weights:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionRun:
-    """Strike and its motion, to which a strength factor is fitted.
+    """Strike with its motion, to which a strength factor is fitted.
 
     Parameters
     ----------
@@ -147,15 +147,15 @@ class MotionRun:
 
 
 def check_reach(projectile: Projectile, impact: Impact, history: MotionHistory) -> None:
-    """Check that a motion is possible with the energy of the strike, to detect wrong units.
+    """Check that the energy of the strike allows a motion, to detect wrong units.
 
     Raises
     ------
     ParameterError
         If a displacement or rotation is too large.
     """
-    # No displacement can exceed the distance covered with all energy in translation, nor a rotation the angle with all
-    # energy in rotation.
+    # No displacement can exceed the distance covered if all energy is translation, and no rotation the angle if all
+    # energy is rotation.
     properties = mass_properties(projectile)
     ratio = properties.moment_of_inertia / properties.mass
     fastest = math.sqrt(impact.velocity**2 + ratio * impact.angular_velocity**2)
@@ -182,7 +182,7 @@ def check_reach(projectile: Projectile, impact: Impact, history: MotionHistory) 
 
 
 class FittedStrike:
-    """Strike whose motion can be computed for any strength factor without preparing it again."""
+    """Strike that is prepared once, and whose motion can then be computed for any strength factor."""
 
     def __init__(
         self,
@@ -202,7 +202,7 @@ class FittedStrike:
         )
 
     def columns(self, strength_factor: float) -> dict[str, FloatArray]:
-        """Return the three quantities at the times of the strike for a strength factor."""
+        """Return the three quantities at `times` for a strength factor."""
         law = replace(self.prepared.resistance, strength_factor=ConstantStrengthFactor(value=strength_factor))
         prepared = replace(self.prepared, resistance=law)
         run, steps = integrate(
@@ -235,13 +235,13 @@ def predict_motion(
     resistance
         Inertia factor and decay; its strength factor is not used.
     numerics
-        Integration route and resolution; adaptive unless given. The termination time is the last of the times.
+        Integration route and resolution; adaptive unless given. The termination time is the last of `times`.
 
     Returns
     -------
     MotionHistory
-        Motion at the given times. After the end of the run the body stays where it came to rest, or flies freely once
-        it was released.
+        Motion at the given times. After the end of the run the body stays where it came to rest, or flies freely if it
+        was released.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Strength factor from the motion of oblique strikes, measured or computed by finite elements (section 3.2)."""
+"""Strength factor fitted to motions of oblique strikes, measured or computed by finite elements (section 3.2)."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,30 +29,31 @@ from solver.strike import Impact, Numerics
 from solver.target import Target
 from solver.warnings import ModelWarning
 
-# With this tolerance motions are accurate to micrometres and thousandths of a degree, so that difference quotients over
-# S are smooth.
+# With this tolerance motions are accurate to micrometres and thousandths of a degree, so difference quotients with
+# respect to S are smooth.
 FIT_TOLERANCE = 1e-6
 """Default relative tolerance of the runs of a fit. [1]"""
-# With these settings motions are accurate to a tenth of a millimetre, which is enough to find the local minima and
+# With these settings motions are accurate to a tenth of a millimetre. This is enough to find the local minima, and
 # takes a fraction of the time.
 ROUGH = Numerics(relative_tolerance=1e-3, stations=5, points=3)
 """Numerical settings of the runs before the fit."""
-# The outcome may change with S, and each outcome has its own minimum of the sum of squares. With 41 values,
+# The outcome may change with S, and each outcome may have its own minimum of the sum of squares. With 41 values,
 # neighbouring factors differ by 12 %.
 FIRST_LOOK = 41
 """Number of strength factors on the coarse grid."""
-# Residuals are divided by the span of their quantity, so a quantity that hardly changes would get an unlimited weight.
+# Residuals are divided by the span of their quantity, so a quantity that hardly changes would have an unlimited weight.
 SMALLEST_SPAN = 1e-3
-"""Least span of a quantity, over the body length or a radian. [1]"""
-# However strong the autocorrelation of the residuals, the variance needs more than one sample.
+"""Least span of a quantity, over the body length or one radian. [1]"""
+# A variance takes more than one sample, however strong the autocorrelation of the residuals.
 FEWEST_SAMPLES = 2.0
 """Least number of independent samples of a quantity."""
-# Two minima whose sums of squares differ by less than half are both possible; the value is a rough choice.
+# If the sum of squares at another minimum is at most half as large again as the least one, both are possible; the value
+# is a rough choice.
 RIVAL = 1.5
-"""Ratio of the sum of squares at another minimum to the least one, below which that minimum is reported. [1]"""
+"""Ratio of the sum of squares at another minimum to the least one, below which a warning names that minimum. [1]"""
 # A good fit of a smooth motion explains more than 99 % of the variance. The value is a rough choice.
 POOR = 0.9
-"""Fraction of the variance explained, below which a fit is called poor. [1]"""
+"""Fraction of the variance explained, below which a warning calls a fit poor. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,17 +63,17 @@ class MotionFit:
     estimate: Estimate
     """Fitted strength factor with its interval."""
     predicted: MotionHistory
-    """Motion at the fitted S and the given times."""
+    """Motion at the given times with the fitted S."""
     residuals: MotionHistory
-    """Given minus predicted motion, for the quantities that were given."""
+    """Given minus predicted motion, for the given quantities."""
     root_mean_square: Mapping[str, float]
     """Root mean square of the residuals, by quantity. [m, m, rad]"""
     normalized_root_mean_square: float
-    """Weighted root mean square of the fitted residuals, each over the span of its quantity. [1]"""
+    """Weighted root mean square of the residuals, each over the span of its quantity. [1]"""
     r_squared: Mapping[str, float]
     """Fraction of the variance that the prediction explains, by quantity; constant quantities are left out. [1]"""
     warnings: tuple[ModelWarning, ...]
-    """Warnings of the inputs and of the fit."""
+    """Warnings about the inputs and the fit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,19 +83,19 @@ class MotionsFit:
     free_surface: FreeSurface
     """Decay law of the fit."""
     estimate: Estimate
-    """Estimate of the common strength factor."""
+    """Common strength factor with its interval."""
     normalized_root_mean_square: float
-    """Root mean square, over the runs, of their normalised root mean squares at the common S. [1]"""
+    """Root mean square of the normalised root mean squares of all runs, at the common S. [1]"""
     runs: tuple[MotionFit, ...]
     """Fit of each run at the common S, in the given order."""
     alone: tuple[MotionFit | None, ...]
     """Fit of each run at the S that fits it best; None for a run that does not determine S."""
     warnings: tuple[ModelWarning, ...]
-    """Warnings of the inputs and of the common fit."""
+    """Warnings about the inputs and the common fit."""
 
 
 class _Run:
-    """Run prepared for any strength factor, with the scales of the quantities that are fitted."""
+    """Run that is prepared for any strength factor, with the scales of the fitted quantities."""
 
     def __init__(
         self,
@@ -150,10 +151,9 @@ class _Run:
 
 
 def _scales(run: MotionRun, length: float) -> dict[str, float]:
-    """Return the factor by which the residuals of each fitted quantity are scaled.
+    """Return the factor on the residuals of each fitted quantity.
 
-    The factor is the square root of the quantity's share of the weights over the number of rows, divided by the span of
-    the quantity.
+    The factor is the square root of the quantity's share of the weights per row, divided by the span of the quantity.
     """
     weights = {q: run.weights.of(q) for q in run.history.columns if run.weights.of(q) > 0.0}
     require(bool(weights), "weights", "must be greater than 0 for a quantity of the history")
@@ -176,7 +176,7 @@ def fit_motion(
     numerics: Numerics | None = None,
     confidence_level: float = 0.95,
 ) -> MotionFit:
-    """Fit the strength factor to a motion by least squares over the quantities that were given.
+    """Fit the strength factor to a motion by least squares over the given quantities.
 
     Parameters
     ----------
@@ -205,12 +205,12 @@ def fit_motion(
     Notes
     -----
     Section 3.2 of the source paper only specifies "least square". Here each quantity is divided by its span, so that
-    metres and radians can be added and each has the same influence. With weights by the scatter of the residuals, the
-    quantity that the model happens to follow best would dominate. The difference between a model and a motion is not
-    white noise: neighbouring residuals are correlated. The standard error therefore assumes, for each quantity, n
-    (1-r)/(1+r) independent samples, where r is the autocorrelation of its residuals at lag one, at least 0 (Bayley and
-    Hammersley 1946; von Storch and Zwiers 1999, 6.6). This requires rows at about even intervals. An error of the model
-    that all rows share moves S itself, and the interval does not include it.
+    metres and radians can be added, and all have the same influence. If the scatter of the residuals determined the
+    weights, the quantity that the model happens to follow best would dominate. The difference between a model and a
+    motion is not white noise: neighbouring residuals are correlated. The standard error therefore assumes, for each
+    quantity, n (1-r)/(1+r) independent samples, where r is the autocorrelation of its residuals at lag one, at least 0
+    (Bayley and Hammersley 1946; von Storch and Zwiers 1999, 6.6). The rows must be at about even intervals. The
+    interval does not include an error of the model that all rows share, which shifts S itself.
     """
     require_confidence_level(confidence_level)
     run = _Run(
@@ -252,13 +252,13 @@ def fit_motions(
     ------
     ParameterError
         If an input is outside its range, or the runs together do not determine the strength factor. With several runs
-        the error names fields by the number of the run, such as ``runs.0.history.time``.
+        the error names the run, as in ``runs.0.history.time``.
 
     Notes
     -----
     The method is that of `fit_motion`, over all quantities of all runs. Differences between the runs count as scatter
-    of their residuals, with few independent samples: if S changes from run to run, the interval is wide and the common
-    S fits none of them well. Compare it with the strength factors of the runs alone.
+    of their residuals, with few independent samples: if S changes from run to run, the interval is wide, and the common
+    S fits no run well. Compare it with the strength factors in `alone`.
     """
     require_confidence_level(confidence_level)
     require(bool(runs), "runs", "must be at least 1")
@@ -286,7 +286,7 @@ def fit_motions(
 
 @contextmanager
 def _field_prefix(prefix: str) -> Iterator[None]:
-    """Add a prefix to the field name of errors about a run that are raised in the block."""
+    """Prepend a prefix to the field of errors about a run that are raised within the block."""
     try:
         yield
     except ParameterError as error:
@@ -303,7 +303,7 @@ def _costs(run: _Run) -> FloatArray:
 def _fit(
     runs: Sequence[_Run], costs: Sequence[FloatArray], name: str, confidence_level: float
 ) -> tuple[Estimate, tuple[float, ...]]:
-    """Return the estimate of the strength factor common to some runs, and other minima that fit nearly as well. [1]"""
+    """Return the estimate of a common strength factor, and other minima that fit nearly as well. [1]"""
 
     def residuals(strength_factor: float) -> FloatArray:
         return np.concatenate([run.residuals(strength_factor) for run in runs])
@@ -327,7 +327,7 @@ def _fit_alone(run: _Run, costs: FloatArray, confidence_level: float) -> MotionF
 
 
 def _independent(residuals: FloatArray) -> float:
-    """Return the effective number of independent samples among residuals with autocorrelation."""
+    """Return the effective number of independent samples in autocorrelated residuals."""
     square = float(residuals @ residuals)
     if square == 0.0:
         return float(residuals.size)
@@ -336,10 +336,10 @@ def _independent(residuals: FloatArray) -> float:
 
 
 def _estimate(runs: Sequence[_Run], best: float, confidence_level: float) -> Estimate:
-    """Return the estimate with its standard error by the sandwich estimator.
+    """Return the estimate, with a standard error by the sandwich estimator.
 
     Each quantity of each run enters with its own scatter and its own number of independent samples. The degrees of
-    freedom are those of Welch and Satterthwaite for a sum of such variances.
+    freedom follow from the formula of Welch and Satterthwaite for a sum of such variances.
     """
     parts: list[tuple[float, float, FloatArray]] = []
     for run in runs:
@@ -351,8 +351,8 @@ def _estimate(runs: Sequence[_Run], best: float, confidence_level: float) -> Est
     for square, slope, error in parts:
         bread = square * slope
         freedom = _independent(error) - bread / total
-        # The variance of a residual is its mean square times n over the independent samples that the fit leaves, so
-        # that n cancels.
+        # The variance of a residual is its mean square times n, over the number of independent samples less those that
+        # the fit uses. The n cancels.
         part = square * bread * float(error @ error) / freedom
         variance += part
         spread += part**2 / freedom
@@ -377,7 +377,7 @@ def _explained(history: MotionHistory, residuals: dict[str, FloatArray]) -> dict
 def _common_warnings(
     runs: Sequence[_Run], fits: Sequence[MotionFit], alone: Sequence[MotionFit | None], rivals: Sequence[float]
 ) -> tuple[ModelWarning, ...]:
-    """Return the warnings of a fit of several runs, each warning once."""
+    """Return the warnings about a fit of several runs, without repetitions."""
     found = [warning for run in runs for warning in run.input_warnings()]
     for run, fit, own in zip(runs, fits, alone, strict=True):
         where = f" of the run at {math.degrees(run.impact.oblique_angle):g}° and {run.impact.velocity:g} m/s"

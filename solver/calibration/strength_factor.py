@@ -1,4 +1,4 @@
-"""Minimisation and confidence intervals shared by all fits of S, and the fit of the polynomial of eq. 9."""
+"""Minimisation and confidence intervals for all fits of S, and the fit of a polynomial such as eq. 9."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -13,34 +13,34 @@ from solver.display import DataFrame
 from solver.resistance import ObliquityPolynomial
 from solver.warnings import ModelWarning
 
-# Published values lie between 5 and 22. A fit beyond this range has a wrong input.
+# Published values lie between 5 and 22. A fit outside this range indicates a wrong input.
 LOWEST, HIGHEST = 0.5, 50.0
 """Range of strength factors in a fit. [1]"""
-# If the minimum is this close to an end of the range, the sum of squares is still falling there.
+# A minimum so close to an end of the range is not a true minimum: the sum of squares still decreases there.
 BOUND_MARGIN = 1e-3
 """Distance in ln S from an end of the range within which a minimum is rejected. [ln]"""
-# The change of a motion over this increment is far above the error of a run, about 1e-6.
+# A motion changes over this increment by far more than the error of a run, about 1e-6.
 LOG_STEP = 1e-3
 """Increment of ln S in difference quotients. [ln]"""
 # A change of 1e-6 is far below any standard error of a fit.
 FIT_TOLERANCE = 1e-6
 """Change of ln S at which a fit ends. [ln]"""
-# A fit that starts near the minimum needs a few evaluations. The limit is reached only if the sum of squares is not
+# A fit that starts near the minimum takes a few evaluations. It reaches this limit only if the sum of squares is not
 # smooth.
 MOST_STEPS = 50
 """Largest number of evaluations of the residuals in a fit."""
-# Local minima are only compared with this tolerance. The fit itself starts from the deepest of them.
+# This tolerance is enough to compare local minima; the fit itself then starts from the deepest one.
 ROUGHLY = 1e-3
 """Tolerance of ln S in the comparison of local minima. [ln]"""
-# The square of a smaller slope underflows, and the normal equation would divide by zero.
+# The square of a smaller slope may underflow, and the normal equation would divide by zero.
 SMALLEST_SLOPE = 1e-30
-"""Least derivative of the residuals with respect to ln S with which they determine S."""
-# The deepest minimum on the coarse grid need not be the deepest one. Three is a rough choice.
+"""Derivative of the residuals with respect to ln S, above which they determine S."""
+# The deepest minimum on the coarse grid need not be the deepest of all. Three is a rough choice.
 REFINED = 3
 """Largest number of local minima that are compared before a fit."""
 
 Residuals: TypeAlias = Callable[[float], FloatArray]
-"""Function from a strength factor to weighted residuals."""
+"""Function that returns the weighted residuals for a strength factor."""
 
 
 class UndeterminedError(ParameterError):
@@ -54,19 +54,19 @@ class Estimate:
     strength_factor: float
     """Strength factor S. [1]"""
     standard_error: float
-    """Standard error of S; NaN from a single test, which shows no scatter. [1]"""
+    """Standard error of S; NaN for a single test, which shows no scatter. [1]"""
     confidence_interval: tuple[float, float]
-    """Confidence interval by Student's distribution, at least 0; NaN from a single test. [1]"""
+    """Confidence interval by Student's distribution, cut off at 0; NaN for a single test. [1]"""
     confidence_level: float
     """Fraction of such intervals that contain the true value. [1]"""
     degrees_of_freedom: float
-    """Degrees of freedom of Student's distribution for the interval. [1]"""
+    """Degrees of freedom of Student's distribution. [1]"""
 
 
 def build_estimate(
     *, strength_factor: float, standard_error: float, degrees_of_freedom: float, confidence_level: float
 ) -> Estimate:
-    """Build an estimate with the confidence interval of a fitted value."""
+    """Compute the confidence interval of a fitted value, and return both as an estimate."""
     from scipy.special import stdtrit  # noqa: PLC0415 (slow to import, and needed for fits only)
 
     reach = float(stdtrit(degrees_of_freedom, 0.5 + 0.5 * confidence_level)) * standard_error
@@ -102,7 +102,7 @@ def valleys(strengths: FloatArray, costs: FloatArray) -> list[tuple[float, float
 
 def refine(residuals: Residuals, lower: float, upper: float) -> tuple[float, float]:
     """Return the strength factor with the least sum of squares between two bounds, and that sum."""
-    # Brent's bounded minimisation needs no derivatives. Each derivative would take two more runs.
+    # Brent's bounded minimisation needs no derivatives, each of which would take two more runs.
     from scipy.optimize import minimize_scalar  # noqa: PLC0415 (slow to import, and needed for fits only)
 
     found = minimize_scalar(
@@ -115,16 +115,16 @@ def refine(residuals: Residuals, lower: float, upper: float) -> tuple[float, flo
 
 
 def minimise(residuals: Residuals, start: float, field: str) -> float:
-    """Return the strength factor with the least sum of squares, searched from `start`. [1]
+    """Return the strength factor with the least sum of squares, starting at `start`. [1]
 
     Raises
     ------
     UndeterminedError
-        If the residuals do not change with S, or are least at an end of the range; the error is about `field`.
+        If the residuals do not change with S, or are least at an end of the range. The error names `field`.
     """
     from scipy.optimize import least_squares  # noqa: PLC0415 (slow to import, and needed for fits only)
 
-    # The search is in ln S, as S is positive and its errors are relative.
+    # The search is in ln S, because S is positive and its errors are relative.
     low, high = math.log(LOWEST), math.log(HIGHEST)
 
     def misses(point: FloatArray) -> FloatArray:
@@ -168,14 +168,14 @@ def _undetermined(field: str) -> UndeterminedError:
     )
 
 
-# A polynomial of a higher order would oscillate between any realistic number of points.
+# A polynomial of higher order would oscillate between the points, however many there realistically are.
 HIGHEST_ORDER = 9
 """Highest order of a polynomial in the angle."""
 RIGHT_ANGLE = 90.0
-"""Scale of the angle in a fit. [°]"""
+"""Angle that has the value 1 in a fit. [°]"""
 # One in a hundred is a rough choice.
 UNLIKELY = 0.01
-"""Probability of a larger scatter, below which the standard errors of the points are called too small. [1]"""
+"""Probability of a larger scatter, below which a warning calls the standard errors of the points too small. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -199,19 +199,19 @@ class ObliquityPoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ObliquityFit(ComparedByFields):
-    """Polynomial in the oblique angle, in degrees, fitted to strength factors."""
+    """Polynomial in the oblique angle in degrees, fitted to strength factors."""
 
     coefficients: tuple[float, ...]
     """Coefficients from the constant term upwards. [1, 1/°, 1/°², ...]"""
     covariance: tuple[tuple[float, ...], ...] | None
-    """Covariance of the coefficients; None if there are as many coefficients as points and the points have no standard
+    """Covariance of the coefficients; None if there are as many coefficients as points, and the points have no standard
     errors."""
     residuals: FloatArray
     """(n,) given minus fitted strength factor. [1]"""
     degrees_of_freedom: int
-    """Number of points less the number of coefficients."""
+    """Number of points minus the number of coefficients."""
     warnings: tuple[ModelWarning, ...]
-    """Warnings of the fit."""
+    """Warnings about the fit."""
 
     @property
     def model(self) -> ObliquityPolynomial:
@@ -220,7 +220,7 @@ class ObliquityFit(ComparedByFields):
 
 
 def fit_obliquity(*, points: "Sequence[ObliquityPoint] | DataFrame", order: int = 2) -> ObliquityFit:
-    """Fit a polynomial to strength factors at several oblique angles by least squares.
+    """Fit a polynomial in the oblique angle to strength factors by least squares.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def fit_obliquity(*, points: "Sequence[ObliquityPoint] | DataFrame", order: int 
     Raises
     ------
     ParameterError
-        If a point is outside its range, or the points are at fewer different angles than there are coefficients.
+        If a point is outside its range, or there are fewer different angles than coefficients.
 
     Notes
     -----
@@ -248,7 +248,7 @@ def fit_obliquity(*, points: "Sequence[ObliquityPoint] | DataFrame", order: int 
     degrees, values, errors = _columns(points, order)
     scales = RIGHT_ANGLE ** -np.arange(order + 1.0)
     # The angle is divided by 90°, so that powers up to the ninth have similar sizes. The singular value decomposition
-    # shows a rank deficit and avoids the normal equations, whose condition number is the square.
+    # reveals a rank deficiency, and avoids the normal equations, whose condition number would be squared.
     matrix = np.vander(degrees / RIGHT_ANGLE, order + 1, increasing=True) / errors[:, None]
     left, singular, right = np.linalg.svd(matrix, full_matrices=False)
     least = max(matrix.shape) * np.finfo(np.float64).eps * singular[0]
@@ -273,7 +273,7 @@ def fit_obliquity(*, points: "Sequence[ObliquityPoint] | DataFrame", order: int 
 
 
 def _columns(points: Sequence[ObliquityPoint], order: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Check the points; return their absolute angles in degrees, strength factors and standard errors, 1 if unknown."""
+    """Check the points; return absolute angles in degrees, strength factors, and standard errors, 1 if unknown."""
     require_between("order", order, 0, HIGHEST_ORDER)
     known = [point.standard_error is not None for point in points]
     for index, point in enumerate(points):

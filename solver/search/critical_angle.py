@@ -1,4 +1,4 @@
-"""Critical ricochet angle: the smallest oblique angle at which a projectile is turned away."""
+"""Search for the critical ricochet angle, the smallest oblique angle at which a projectile is turned away."""
 
 import math
 from dataclasses import replace
@@ -41,16 +41,16 @@ from solver.strike import (
 from solver.target import Target
 from solver.warnings import ModelWarning
 
-# The value is that of the paper. Only within some 1.5° of the critical angle does its projectile take longer to come
-# to rest or to leave.
+# This is the paper's value. Only within about 1.5° of the critical angle does its projectile take longer to stop or to
+# leave.
 PAPER_TERMINATION_TIME = 5e-3
-"""Default time after first contact at which the searches of the paper take the depth of the nose tip. [s]"""
-# The paper has no retention energy: its runs end at rest or at the termination time.
+"""Default time after first contact at which the paper's searches evaluate the depth of the nose tip. [s]"""
+# The paper has no retention energy: its runs end at rest, or at the termination time.
 PAPER_THRESHOLDS = Thresholds(REST_FRACTION, REST_FRACTION)
-"""Thresholds of retention and of rest in the searches of the paper, over the initial kinetic energy. [1]"""
+"""Thresholds of retention and rest in the paper's searches, over the initial kinetic energy. [1]"""
 # A projectile that comes to rest in the target is embedded whatever its attitude.
 UNSTOPPED = (Outcome.RICOCHET, Outcome.PERFORATED, Outcome.IN_MOTION)
-"""Outcomes for which a warning is given if the body has turned far."""
+"""Outcomes with a warning if the body has turned far."""
 
 
 def critical_angle(
@@ -70,7 +70,7 @@ def critical_angle(
     Parameters
     ----------
     projectile, target
-        Projectile, and the concrete that it strikes.
+        Projectile and concrete.
     velocity
         Speed at first contact. [m/s]
     angle_of_attack, angular_velocity
@@ -78,7 +78,7 @@ def critical_angle(
     resistance
         Resistance of the target; by default the strength factor of eq. 9 with elastic-plastic decay.
     numerics
-        Integration route and resolution.
+        Integration route and resolution; adaptive unless given, or panels in the paper's searches.
     search
         Method, range and tolerance.
     strength_scatter
@@ -88,7 +88,7 @@ def critical_angle(
     Returns
     -------
     CriticalAngle
-        Result of the search. Its ``angle`` is None if there is no such angle in the range; ``status`` gives the reason.
+        Result of the search. Its ``angle`` is None if the range has no such angle; ``status`` then gives the reason.
 
     Raises
     ------
@@ -100,10 +100,10 @@ def critical_angle(
     Notes
     -----
     If the strength factor is a polynomial with a covariance, two further searches give the standard error of the angle.
-    Where the strength factor falls to zero within the range, the search ends there, with the warning ``range_clipped``.
+    If the strength factor falls to zero within the range, the search ends there with the warning ``range_clipped``.
 
     ``bisection`` and ``secant`` follow section 2.3 and eqs. 7-8 of the source paper. As printed, eq. 7 averages the
-    last two angles whatever their outcome; here the bracket with the change of sign is kept.
+    last two angles regardless of their outcome; here the bracket with the change of sign is kept.
     """
     search = search or USUAL_SEARCH
     resistance = usual_unless_given(resistance)
@@ -180,13 +180,13 @@ def _seek(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Chang
 def _standard_error(
     prepared: PreparedCase, impact: Impact, search: Search, change: Change
 ) -> tuple[float | None, tuple[ModelWarning, ...]]:
-    """Return the standard error of the critical angle [rad], None if unknown, and warnings.
+    """Return the standard error of the critical angle [rad], or None if unknown, and its warnings.
 
     If the strength factor has a covariance, two more searches are run, with S one standard error lower and higher.
     """
-    # A central difference over one standard error to either side stays accurate if the angle is not linear in S. Only
-    # the constant of the polynomial is shifted, by the standard error of S at the critical angle, since only trials
-    # near that angle affect the result.
+    # A central difference over one standard error to either side remains accurate if the angle is not linear in S. Only
+    # trials near the critical angle affect the result, so it is enough to shift the constant of the polynomial, by the
+    # standard error of S at that angle.
     model = prepared.resistance.strength_factor
     if not isinstance(model, ObliquityPolynomial) or model.covariance is None:
         return None, ()
@@ -209,13 +209,13 @@ def _shifted_angle(prepared: PreparedCase, impact: Impact, search: Search, shift
     present = replace(prepared, resistance=replace(prepared.resistance, strength_factor=shifted))
     try:
         change, _, _ = _seek(present, impact, search)
-    except RicochetError:  # the angle is valid without a standard error
+    except RicochetError:  # the angle remains valid without a standard error
         return None
     return change.angle if change.status is SearchStatus.CONVERGED else None
 
 
 def _search_paper(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...]]:
-    """Run a search of the paper, by bisection or secants on the position at the termination time."""
+    """Run one of the paper's searches, by bisection or secants on the position at the termination time."""
     trials: list[Trial] = []
 
     def attempt(oblique_angle: float) -> Trial:
@@ -237,7 +237,7 @@ def _search_paper(prepared: PreparedCase, impact: Impact, search: Search) -> tup
 def _scan(search: Search) -> FloatArray:
     """Return the evenly spaced angles that a search by outcome scans. [rad]"""
     lower, upper = search.bounds
-    # The factor keeps rounding from adding an angle to a range that is a whole number of intervals.
+    # Without the factor, rounding could add an angle to a range that is a whole number of intervals.
     count = math.ceil((upper - lower) / search.scan_interval * (1.0 - 1e-12)) + 1
     begin, width = math.degrees(lower), math.degrees(upper - lower) / max(count - 1, 1)
     between = (math.radians(round(begin + i * width, 9)) for i in range(1, count - 1))  # readable in degrees
@@ -263,15 +263,15 @@ def _search_outcome(prepared: PreparedCase, impact: Impact, search: Search) -> t
 def _near_perforation(
     prepared: PreparedCase, impact: Impact, bracket: tuple[Trial, Trial]
 ) -> tuple[float, float, float]:
-    """Return the angle of a change to or from perforation, and the energy left half a degree to either side.
+    """Return the angle of a change to or from perforation, and the energy that is left half a degree to either side.
 
     If the angle half a degree below the change would be negative, normal impact is used instead.
 
     Returns
     -------
     tuple
-        The angle, and the fractions of the energy left on the side that is not perforated and on the side that is.
-        [rad, 1, 1]
+        The angle, and the fractions of the energy left on the side without and on the side with perforation. [rad, 1,
+        1]
     """
     left, right = bracket
     outside = 1.0 if left.outcome is Outcome.PERFORATED else -1.0
@@ -283,7 +283,7 @@ def _near_perforation(
 
 
 def _energy_behind(prepared: PreparedCase, impact: Impact, oblique_angle: float) -> float:
-    """Return the fraction of the energy left behind the wall; 0 without perforation or if the run fails. [1]"""
+    """Return the fraction of the energy left behind the wall; 0 without perforation, or if the run fails. [1]"""
     if oblique_angle >= math.pi / 2.0:
         return 0.0
     strike, model = replace(impact, oblique_angle=oblique_angle), prepared.model
@@ -310,7 +310,7 @@ Brackets: TypeAlias = list[tuple[Trial, Trial]]
 def _intervals(
     search: Search, turned_away: bool, changes: Brackets, perforated: bool, perforating: Brackets
 ) -> tuple[OutcomeInterval, ...]:
-    """Combine the changes to and from ricochet and those to and from perforation into intervals of one outcome each.
+    """Combine changes to and from ricochet with changes to and from perforation into intervals of one outcome each.
 
     Parameters
     ----------
@@ -319,8 +319,8 @@ def _intervals(
     changes, perforating
         Changes to and from ricochet, and to and from perforation.
     """
-    # The search for ricochet and that for perforation both find a change from perforation to ricochet, each to within
-    # the tolerance. A gap between the two angles that is no wider than the tolerance is not reported as an interval.
+    # The searches for ricochet and for perforation both find a change from perforation to ricochet, each to within the
+    # tolerance. A gap between their angles that is no wider than the tolerance is not an interval.
     lower, upper = search.bounds
     ricochets = [(right.oblique_angle, Outcome.RICOCHET) for _, right in changes]
     crossings = sorted(ricochets + [(right.oblique_angle, Outcome.PERFORATED) for _, right in perforating])
@@ -349,8 +349,8 @@ def _find_changes(
     Returns
     -------
     tuple
-        The brackets of the changes, all trials, and the fractions of the energy left near the smallest angle at which
-        `sought` begins, see `Found.nearby`.
+        The brackets of the changes, all trials, and the fractions of the energy left near the smallest angle from which
+        runs end as `sought`, see `Found.nearby`.
     """
     numerics, target = prepared.numerics, prepared.target
     polynomial = prepared.resistance.strength_polynomial(target=target, projectile=prepared.projectile)
@@ -374,7 +374,7 @@ def _find_changes(
     )
     found = search_outcome(_scan(search), inputs, prepared.model, levels)
     rows, body = found.trials.tolist(), prepared.model.body
-    if rows[-1][END] == Termination.NO_STRENGTH:  # raises the error that names the value of S
+    if rows[-1][END] == Termination.NO_STRENGTH:  # raises an error that states S
         prepared.strength_factor_at(rows[-1][ANGLE])
     check_end(rows[-1][END], numerics.termination_time)
     trials = tuple(
@@ -397,12 +397,12 @@ def _turned_away(trial: Trial) -> bool:
 
 
 def _first_onset(brackets: list[tuple[Trial, Trial]], trials: tuple[Trial, ...]) -> Change:
-    """Return the first change to ricochet among `brackets`, in increasing order of the angle, or why there is none."""
+    """Return the first change to ricochet among `brackets`, which are in order of the angle, or why there is none."""
     starts = _turned_away(brackets[0][0] if brackets else trials[-1])
     deciding = tuple(trial for bracket in brackets for trial in bracket)
     onsets = [index for index, (_, right) in enumerate(brackets) if _turned_away(right)]
-    # If the range begins with ricochet, the critical angle lies below it. A change from embedded to ricochet further up
-    # is then reported among the other changes only.
+    # If the range begins with ricochet, the critical angle lies below it. A change from embedded to ricochet at a
+    # larger angle is then only one of the other changes.
     if starts or not onsets:
         others = tuple(right.oblique_angle for _, right in brackets)
         status = SearchStatus.ALWAYS_RICOCHET if starts else SearchStatus.NO_RICOCHET
@@ -460,13 +460,13 @@ def _warnings(
 
 
 def _most_turned(trials: tuple[Trial, ...]) -> tuple[float, float]:
-    """Return the largest turn of the axis among the fine trials with an outcome in `UNSTOPPED`, and its angle. [rad]"""
+    """Return the largest turn of the axis in fine trials that ended in `UNSTOPPED`, and its oblique angle. [rad]"""
     turns = ((trial.turned, trial.oblique_angle) for trial in trials if trial.fine and trial.outcome in UNSTOPPED)
     return max(turns, default=(0.0, 0.0))
 
 
 def _retention_warnings(prepared: PreparedCase, change: Change) -> list[ModelWarning]:
-    """Return warnings if the angle, or a change to or from perforation, depends on the retention energy."""
+    """Return warnings if the critical angle, or a change to or from perforation, depends on the retention energy."""
     retention = prepared.numerics.retention_energy_fraction
     warnings = []
     if change.nearby is not None and _moves(change.nearby[0], change.nearby[1], retention):
@@ -488,17 +488,17 @@ def _moves(without: float, having: float, retention: float) -> bool:
     Parameters
     ----------
     without, having
-        Fraction of the energy left half a degree from the change, on the side on which the projectile stays in the
-        target and on the side on which it leaves. [1]
+        Fractions of the energy left half a degree from the change: where the projectile stays in the target, and where
+        it leaves. [1]
     """
     least, most = model_warnings.RETENTION_RANGE
     return without != 0.0 or having - retention < (most - least) * retention
 
 
 def _inertia_shift(prepared: PreparedCase, change: Change) -> float | None:
-    """Return the shift of the angle with a moment of inertia 10 % larger, to first order; None if unknown. [rad]"""
-    # The energy left falls as the inertia grows, and rises with the angle. The quotient of the two slopes gives the
-    # shift of the angle at which it equals the retention energy, without another search.
+    """Return the shift of the angle for a moment of inertia 10 % larger, to first order; None if unknown. [rad]"""
+    # The energy left falls with the inertia and rises with the angle. The ratio of the two slopes gives the shift of
+    # the angle at which it equals the retention energy, without another search.
     if change.nearby is None:
         return None
     _, above, with_more = change.nearby

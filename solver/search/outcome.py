@@ -1,10 +1,10 @@
-"""Search for the angles at which the outcome changes, as one compiled call.
+"""Search for the angles at which the outcome changes, in one compiled call.
 
 A scan tries angles over the whole range on the coarsest level of accuracy. Each change of outcome between two of them
-is then narrowed separately, level by level. The margin of a trial, its remaining energy minus the retention energy,
+is then narrowed on its own, level by level. The margin of a trial, its remaining energy minus the retention energy,
 varies smoothly with the angle near a change, so regula falsi converges. Each finer level brackets the change anew,
-beginning at the root of the level before. Where the error of a root may be too large, the last level decides. The
-changes must connect the outcomes at the two ends of the range; otherwise the scan is repeated on the requested level.
+starting at the root of the previous level. The last level is used only where the error of a root may be too large. The
+changes must connect the outcomes at both ends of the range; otherwise the scan is repeated on the requested level.
 """
 
 import math
@@ -44,62 +44,65 @@ from solver.search.trials import (
 )
 from solver.surface import Body
 
-# A usual search takes about twenty trials. The limit bounds the table, and ends searches whose outcome alternates from
-# one angle to the next; its value is a rough choice.
+# A usual search takes about twenty trials. The limit bounds the size of the table, and ends searches in which the
+# outcome alternates from one angle to the next; its value is a rough choice.
 MOST_TRIALS = 2000
 """Number of trials after which no bracket is narrowed any further."""
 # If the root is closer to an end of the bracket than this, a trial at this distance leaves a bracket within the
-# tolerance and is the last one. The value is just under one half, so that the same holds for one trial on each side of
-# a root.
+# tolerance, and is the last one. The value is just under one half, so two trials, one on each side of a root, do the
+# same.
 KEEP_OFF = 0.45
 """Least distance of a trial from the ends of the bracket, as a fraction of the tolerance. [1]"""
-# Where the margin is not smooth, regula falsi may shrink a bracket slowly. Bisection then bounds the number of trials.
+# Where the margin is not smooth, regula falsi may shrink a bracket slowly; bisection then bounds the number of trials.
 # Three is a rough choice.
 PATIENCE = 3
 """Number of trials after which a bracket is bisected if they have not halved it."""
-# The slope of the margin may be much too small, and a stride computed from it would pass over the change.
+# If the slope of the margin is much too small, a stride computed from it would pass over the change; the value is a
+# rough choice.
 GROWTH = 4.0
-"""Largest ratio of two consecutive strides towards a change. [1]"""
+"""Largest ratio of two consecutive strides toward a change. [1]"""
 # The error of a root is estimated by SHIFTED × (shift between two levels) + MARGIN_ERROR / (growth of the margin). With
-# these coefficients the estimate is above `DOUBT` for every strike that needs the last level.
+# these coefficients the estimate exceeded `DOUBT` for every strike that needs the last level, in the strikes described
+# at `DOUBT`.
 SHIFTED = 0.12
 """Estimated error of a root, as a fraction of its shift between the last two levels. [1]"""
-# Two levels with the same error agree on a wrong root. An error of the margin shifts a root by that error divided by
-# the slope of the margin.
+# Two levels with the same error agree on a wrong root. An error of the margin shifts a root by the error over the slope
+# of the margin.
 MARGIN_ERROR = 9e-4
 """Error of the margin that two levels may have in common. [1]"""
-# Where the margin oscillates about zero, the roots of two levels are far apart and a single trial proves nothing.
+# Where the margin oscillates about zero, the roots of two levels are far apart, and a single trial proves nothing.
+# Without this limit one unusual strike was 0.75° off.
 NEAR = math.radians(0.1)
 """Largest shift of a root between two levels with which one trial on the last level may settle it. [rad]"""
-# An unknown growth is given as 0, and the estimate divides by it. With this value instead, the last level is always
-# used.
+# `margin_growth` returns 0 for an unknown growth, by which the estimate would divide. With this value instead, the last
+# level is always used.
 LEAST_GROWTH = 1e-3
 """Smallest growth of the margin used in the error estimate. [1/rad]"""
-# In 1,800 ordinary strikes computed without the last level, the estimate was above 0.0083° for every angle that was
-# wrong by more than 0.018°, and for 45 % of all strikes.
+# In 1,800 usual strikes computed without the last level, the estimate was above 0.0083° for every angle that was wrong
+# by more than 0.018°, and for 45 % of all strikes.
 DOUBT = math.radians(0.008)
 """Estimated error of a root above which the last level decides. [rad]"""
 
 
 @once
 def _bracket(left: int, right: int, tried: int, level: Level, search: SearchState) -> tuple[int, int]:
-    """Bracket a change that was found on a coarser level, in strides computed from the slope of the margin.
+    """Bracket a change that was found on a coarser level, in strides that follow from the slope of the margin.
 
     Parameters
     ----------
     left, right
-        Trials of the coarser level on the two sides of the change.
+        Trials of the coarser level on either side of the change.
     tried
         Trial of this level at the root of the coarser one; -1 if it has not been computed.
 
     Returns
     -------
     tuple of two integers
-        Trials on the two sides of the change; twice the same one if no change was found in the range.
+        Trials on either side of the change; twice the same one if no change was found in the range.
     """
     trials, count = search.table.rows, search.table.filled[0]
     # The margin is nearly linear near a change. The first trial is at the root of the coarser level, the second a
-    # stride beyond: most often these two are the bracket.
+    # stride beyond it; most often these two form the bracket.
     rising, longest = turned_away(trials[right]), level.stride
     lowest, highest = math.inf, -math.inf
     for k in range(count):
@@ -114,8 +117,8 @@ def _bracket(left: int, right: int, tried: int, level: Level, search: SearchStat
         last, new = new, attempt(angle, level, search)
         if (turned_away(trials[new]) == rising) != beyond:
             return (new, last) if beyond else (last, new)
-        # Two trials on the same side give a better slope. A slope of the wrong sign is noise in the margin: a quarter
-        # of the previous slope then makes the next stride longer.
+        # Two trials on the same side give a better slope. If its sign is wrong, the margin is noisy; a quarter of the
+        # previous slope then makes the next stride longer.
         secant = (trials[new, MARGIN] - trials[last, MARGIN]) / (trials[new, ANGLE] - trials[last, ANGLE])
         slope = secant if secant * slope > 0.0 else 0.25 * slope
         longest = GROWTH * stride
@@ -124,14 +127,14 @@ def _bracket(left: int, right: int, tried: int, level: Level, search: SearchStat
 
 @once
 def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[int, int]:
-    """Narrow the change between two trials to the tolerance of the level; return the trials on its two sides.
+    """Narrow a change between two trials to the tolerance of the level; return the trials on either side.
 
-    The method is regula falsi on the margin with the Illinois rule (Dowell and Jarratt 1971): the margin of an end that
+    The method is regula falsi on the margin with the Illinois rule (Dowell and Jarratt 1971): the margin at an end that
     is kept is halved. Each trial keeps a distance from both ends, and a bracket that `PATIENCE` trials have not halved
     is bisected.
     """
-    # The result is a bracket, which Newton's method and the secant method do not keep. Brent's method does, but it does
-    # not place the last trial so that the bracket is within the tolerance.
+    # The result must be a bracket, which Newton's method and the secant method do not maintain. Brent's method does,
+    # but it does not place its last trial so that the bracket is within the tolerance.
     trials, tolerance = search.table.rows, level.tolerance
     rising = turned_away(trials[right])
     margin_left, margin_right = trials[left, MARGIN], trials[right, MARGIN]
@@ -160,28 +163,27 @@ def _narrow(left: int, right: int, level: Level, search: SearchState) -> tuple[i
 
 @once
 def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int, int]:
-    """Narrow a change found on level `first`, level by level; return the trials on its two sides.
+    """Narrow a change that was found on level `first`, level by level; return the trials on either side.
 
     The last level is used if the estimated error of the root is above `DOUBT`, or if a trial beside the change was
-    still in motion at the termination time. Its first trial is at the root of the requested level, and is the only one
-    if its margin moves the root by at most `DOUBT`.
+    still in motion at the termination time. Its first trial is at the root of the requested level. If the margin of
+    that trial moves the root by at most `DOUBT`, it is the only one.
     """
     trials, levels, place, shift, tried = search.table.rows, search.levels, math.nan, math.nan, -1
     begun = count = search.table.filled[0]
     for k in range(first, LAST + 1):
         if k == LAST:
-            # The shift alone is not enough, as both levels may have the same error. Neither term of the estimate costs
-            # a trial, and the estimate saves the last level in half of the strikes.
+            # The shift alone is not enough, because both levels may have the same error. Neither term of the estimate
+            # costs a trial, and the estimate saves the last level in half of all strikes.
             decided_by_time = undecided(trials[left]) or undecided(trials[right])
             growth = max(margin_growth(left, right, trials[:count]), LEAST_GROWTH)
             sure = SHIFTED * shift + MARGIN_ERROR / growth <= DOUBT  # false if a level has no root (NaN)
             if (sure and not decided_by_time) or not is_finer(levels[LAST], levels[REQUESTED]):
                 break
             # The margin of one finer trial at the root gives the error of the root, unless the margin oscillates about
-            # zero. The roots of two levels are then far apart. Without the check of their shift one unusual strike was
-            # 0.75° off.
+            # zero, which the shift between two levels shows.
             tried = attempt(place, levels[LAST], search)
-            # Between the ends of the bracket the margin may grow more slowly than further off.
+            # Within the bracket the margin may grow more slowly than farther off.
             local = (trials[right, MARGIN] - trials[left, MARGIN]) / (trials[right, ANGLE] - trials[left, ANGLE])
             close = shift <= NEAR and abs(trials[tried, MARGIN]) <= DOUBT * min(growth, abs(local))
             if close and not decided_by_time and not failed(trials[tried]):
@@ -190,7 +192,7 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
             for i in range(begun, count):
                 trials[i, FINE] = 0.0  # the last level replaces these trials
         begun = count
-        # The bracket of a coarser level need not contain the change on a finer level, where it is bracketed anew.
+        # The bracket of a coarser level need not contain the change on a finer one, so it is bracketed anew.
         if k > first:
             left, right = _bracket(left, right, tried, levels[k], search)
         if left == right:
@@ -206,31 +208,32 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
 
 @lean
 def is_same_change(bracket: IntArray, right: int, trials: FloatArray, level: Level) -> bool:
-    """Return whether a change equals the previous one, which occurs where outcomes on a coarse level alternate."""
+    """Return whether a change equals the previous one, which happens where outcomes on a coarse level alternate."""
     shift = trials[right, ANGLE] - trials[bracket[1], ANGLE]
     return bool(abs(shift) <= 2.0 * level.tolerance and turned_away(trials[right]) == turned_away(trials[bracket[1]]))
 
 
-# Near a change the margin goes through zero. A scan that tries the angles in between only where a margin is small takes
-# 11 trials for the paper's strike instead of 17, and finds the same changes.
+# The margin is small near a change. A scan that tries the angles between two trials only where a margin is small takes
+# 11 trials for the paper's strike instead of 17. With 0.15, 400 random strikes showed the same changes as before.
 CLEAR = 0.15
-"""Absolute margin of two adjacent trials with the same outcome above which a scan skips the angles between. [1]"""
-# Coarse trials within this margin may have the wrong outcome, which would place the change between the wrong angles.
+"""Absolute margin of two adjacent trials with the same outcome, above which a scan skips the angles between. [1]"""
+# A coarse trial with such a small margin may have the wrong outcome, which would place the change between the wrong
+# angles.
 UNSURE = 0.95
 """Ratio of the absolute margin to the retention energy, below which a coarse trial is repeated. [1]"""
 HALF_DEGREE = math.radians(0.5)
-# The increase should be small enough for a linear effect, and that effect larger than the error of a trial. Two per
-# cent are a rough choice.
+# The increase should be small enough for a linear effect, and the effect larger than the error of a trial. Two per cent
+# is a rough choice.
 MORE_INERTIA = 1.02
 """Factor on the moment of inertia in the trial that measures its effect. [1]"""
-# A law of S that bends strongly between two trials may hide a band of another outcome between them.
+# If S varies strongly between two trials, they may hide a band of another outcome; the value is a rough choice.
 SMOOTH = 0.1
 """Largest relative deviation of S midway between two trials from their mean, to skip the angles between. [1]"""
-# Where S falls steeply with the angle, a projectile may stay in at small angles because it strikes steeply, and at
-# large angles because S is too small to turn it. Once a critical angle between two such trials was missed, and the
-# result was 19° too high.
+# Where S falls steeply with the angle, a projectile may be embedded at small angles because it strikes steeply, and at
+# large angles because S is too small to turn it. A critical angle between two such trials was once missed, and the
+# result was 19° too large.
 KEEPS = 0.5
-"""Least ratio of the smaller to the larger S of two embedded trials with which the angles between are skipped. [1]"""
+"""Least ratio of the smaller to the larger S of two embedded trials, with which the angles between are skipped. [1]"""
 
 
 class Found(NamedTuple):
@@ -239,19 +242,19 @@ class Found(NamedTuple):
     trials: FloatArray
     """(n, 11) trials in the order of computation, with the columns of `solver.search.trials`."""
     brackets: IntArray
-    """(m, 2) rows of the trials on the two sides of each change of outcome, in the order of the angles."""
+    """(m, 2) rows of the trials on either side of each change of outcome, in order of the angle."""
     nearby: FloatArray
     """(3,) fractions of the initial energy left half a degree below the critical angle, half a degree above it, and
-    half a degree above it with `MORE_INERTIA`; 0 where less than a tenth of the retention energy is left, NaN where not
+    half a degree above it with `MORE_INERTIA`; 0 if less than a tenth of the retention energy is left, NaN if not
     computed."""
 
 
 @lean
 def _is_smooth(left: FloatArray, right: FloatArray, strength: Strength) -> bool:
-    """Return whether a scan may leave out the angles between two trials.
+    """Return whether a scan may skip the angles between two trials.
 
-    That requires that both trials have the same outcome by a clear margin and that S varies little between them. Apart
-    from S, a trial depends on the angle only through its sine and cosine.
+    Both trials must have the same outcome by a clear margin, and S must vary little between them; apart from S, a trial
+    depends on the angle only through its sine and cosine.
     """
     if turned_away(left) != turned_away(right) or min(abs(left[MARGIN]), abs(right[MARGIN])) <= CLEAR:
         return False
@@ -264,9 +267,9 @@ def _is_smooth(left: FloatArray, right: FloatArray, strength: Strength) -> bool:
 
 @once
 def _scan(angles: FloatArray, level: Level, search: SearchState) -> int:
-    """Try every sixteenth angle, then every eighth and so on, except between trials whose outcome is clear.
+    """Try every sixteenth angle, then every eighth, and so on, except between trials with a clear outcome.
 
-    The rows of the trials are written to ``table.numbers`` in the order of their angles.
+    The row numbers of the trials are written to ``table.numbers``, in order of the angle.
 
     Returns
     -------
@@ -276,8 +279,8 @@ def _scan(angles: FloatArray, level: Level, search: SearchState) -> int:
     trials, numbers, last = search.table.rows, search.table.numbers, angles.size - 1
     for i in range(angles.size):
         numbers[i] = -1
-    # A few angles far apart are enough for most strikes, and only the doubtful gaps between them are filled. A gap with
-    # a change of outcome is narrowed later in any case, so it is not divided below four intervals.
+    # A few angles far apart are enough for most strikes; only the doubtful gaps between them are filled. A gap with a
+    # change of outcome will be narrowed anyway, so it is not divided below four intervals.
     for stride in (16, 8, 4, 2, 1):
         for i in range(angles.size):
             if numbers[i] >= 0 or (i % stride != 0 and i != last):
@@ -307,7 +310,7 @@ def _scan(angles: FloatArray, level: Level, search: SearchState) -> int:
 
 @lean
 def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets: IntArray) -> bool:
-    """Return whether the changes connect the outcomes at the two ends of the range, so that none is missing."""
+    """Return whether the changes connect the outcomes at both ends of the range, so that none is missing."""
     last = lowest
     for i in range(brackets.shape[0]):
         left, right = trials[brackets[i, 0]], trials[brackets[i, 1]]
@@ -319,9 +322,9 @@ def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets:
 
 @once
 def _energy_left(angle: float, level: Level, search: SearchState) -> float:
-    """Return the fraction of energy left at an angle; 0 if less than a tenth of the retention energy is left. [1]"""
+    """Return the fraction of the energy left at an angle; 0 if it is less than a tenth of the retention energy. [1]"""
     trial = search.table.rows[attempt(angle, level, search)]
-    search.table.filled[0] -= 1  # this trial does not belong to the search
+    search.table.filled[0] -= 1  # the next trial overwrites this one, which is not part of the search
     left = trial[MARGIN] + search.inputs.retention
     return 0.0 if failed(trial) or undecided(trial) or left < 0.0 else left
 
@@ -329,8 +332,8 @@ def _energy_left(angle: float, level: Level, search: SearchState) -> float:
 @once
 def _look_nearby(angle: float, level: Level, search: SearchState, nearby: FloatArray) -> None:
     """Write the fractions of the energy left near a critical angle, see `Found.nearby`."""
-    # The energy left grows ever more slowly with the angle. If it is twice the retention energy half a degree above the
-    # change, nothing is left half a degree below, and no trial is needed there.
+    # The slope of the energy left decreases with the angle. If twice the retention energy is left half a degree above
+    # the change, nothing is left half a degree below it, and no trial is needed there.
     inputs, model, below, above = search.inputs, search.model, angle - HALF_DEGREE, angle + HALF_DEGREE
     nearby[0], nearby[1] = 0.0, _energy_left(above, level, search)
     if nearby[1] < 2.0 * inputs.retention and below >= 0.0:
@@ -354,9 +357,9 @@ def _walk_up(change: int, changes: int, level: Level, search: SearchState, brack
     int
         Number of brackets, including the inserted ones.
     """
-    # With so little energy left a small loss changes the outcome: the projectile may be embedded again within a degree,
-    # or several degrees above. The scan alone missed such bands in 5 of 300 unusual strikes, the scan and these trials
-    # in 2.
+    # With so little energy left, a small loss changes the outcome, and the projectile may be embedded again within a
+    # degree or several degrees above. The scan alone missed such bands in 5 of 300 unusual strikes, the scan with these
+    # trials in 2.
     trials, filled = search.table.rows, search.table.filled
     last, at, end = brackets[change, 1], change + 1, 0
     if change + 1 < changes:
@@ -385,14 +388,15 @@ def _walk_up(change: int, changes: int, level: Level, search: SearchState, brack
 
 
 def search_outcome(angles: FloatArray, inputs: TrialInputs, model: Model, levels: Levels) -> Found:
-    """Scan `angles` in increasing order, then narrow every change of outcome level by level.
+    """Scan the increasing `angles`, then narrow every change of outcome level by level.
 
     If a trial could not be integrated, or the strength factor is not above zero at one of the angles, that trial is the
     last of the table and there are no brackets.
     """
 
     def search(control: IntArray) -> Found:
-        # The limit on trials is checked before a bracket is narrowed, so scans and first strides may exceed it.
+        # `MOST_TRIALS` is checked only while brackets are found and narrowed, so a scan and single trials may exceed
+        # it.
         table = make_trial_table(MOST_TRIALS + 8 * angles.size, control)
         brackets, nearby = np.empty((angles.size, 2), np.int64), np.full(3, np.nan)
         changes = _search(angles, inputs, model, levels, table, brackets, nearby)
@@ -432,11 +436,11 @@ def _find_changes(angles: FloatArray, search: SearchState, brackets: IntArray) -
         if not has_strength(angles[i], inputs.strength):
             attempt(angles[i], levels[ROUGH], search)
             return 0
-    panels = search.model.panels.area.size > 0  # panels have one resolution, so all levels are alike
+    panels = search.model.panels.area.size > 0  # panels have a single resolution, so the first levels are skipped
     first, changes, earlier = REQUESTED if panels else ROUGH, 0, 0
-    # If the changes do not connect the two ends of the range, a coarse trial with a wrong outcome has hidden one. The
-    # scan is then repeated on the requested level, as it is if there is no change at all. This costs 3 % of the time
-    # and corrected one of 2,400 random angles, from 47.6° to 18.1°.
+    # If the changes do not connect both ends of the range, a coarse trial with a wrong outcome has hidden one, and the
+    # scan is repeated on the requested level. It is also repeated if there is no change at all. This costs 3 % of the
+    # time, and corrected one of 2,400 random angles from 47.6° to 18.1°.
     for scan in range(2):
         count = _scan(angles, levels[first], search)
         for i in range(count - 1):

@@ -1,4 +1,4 @@
-"""Searches of the source paper, on the depth of the nose tip at the termination time (eqs. 7 and 8)."""
+"""Searches of the source paper, which seek a zero of the nose tip's depth at the termination time (eqs. 7 and 8)."""
 
 import math
 from collections.abc import Callable
@@ -8,14 +8,14 @@ from solver.search.types import Change, Search, SearchStatus, Trial
 
 # At the finest tolerance, 1e-8, bisection of the paper's range takes 26 trials. Secant steps need not converge.
 MOST_TRIALS = 100
-"""Largest number of trials after those at the two ends of the range."""
+"""Largest number of trials, apart from those at both ends of the range."""
 
 Try: TypeAlias = Callable[[float], Trial]
 """Function that runs the trial at an oblique angle [rad]."""
 
 
 def _ends_of_paper_search(attempt: Try, search: Search) -> tuple[Trial, Trial, Change | None]:
-    """Run the trials at both ends of the range; return them, and the result if they already decide it."""
+    """Run the trials at both ends of the range; return them, and the result of the search if they decide it."""
     first, second = (attempt(angle) for angle in search.bounds)
     if first.final_position > 0.0 and second.final_position > 0.0:
         return first, second, Change(SearchStatus.NO_RICOCHET)
@@ -26,8 +26,8 @@ def _ends_of_paper_search(attempt: Try, search: Search) -> tuple[Trial, Trial, C
 
 def search_bisection(attempt: Try, search: Search) -> Change:
     """Find the critical angle by bisection on the sign of the final position (eq. 7)."""
-    # As printed, eq. 7 averages the last two angles whatever their outcome, and may leave the change of sign outside.
-    # Here the bracket with the change of sign is kept.
+    # As printed, eq. 7 averages the last two angles regardless of their outcome, and may lose the change of sign. Here
+    # the bracket with the change of sign is kept.
     left, right, answer = _ends_of_paper_search(attempt, search)
     if answer is not None:
         return answer
@@ -56,7 +56,7 @@ def search_secant(attempt: Try, search: Search) -> Change:
         return answer
     for _ in range(MOST_TRIALS):
         rise = new.final_position - old.final_position
-        # Two equal positions give no secant. The NaN fails the test of the range below, and the search ends.
+        # Two equal positions give no secant. NaN fails the check of the range below, and the search ends.
         angle = (
             math.nan
             if rise == 0.0

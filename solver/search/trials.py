@@ -1,4 +1,4 @@
-"""Trials of a search by outcome: compiled runs, each at one oblique angle and on one of four levels of accuracy."""
+"""Trials of a search by outcome: compiled runs at one oblique angle each, on one of four levels of accuracy."""
 
 import math
 from functools import lru_cache
@@ -33,16 +33,16 @@ from solver.time_integration import (
 )
 
 ROUGH, MIDDLE, REQUESTED, LAST = range(4)
-"""Indices of the levels in `Levels`. `REQUESTED` has the numerical settings of the case; `LAST` decides where the error
-of the requested level may be too large."""
-# Without this level 7 of 200 random angles were off by more than 0.02°, with it one. Fewer stations or points saved up
-# to 18 % of the time, but left three to ten times as many angles off.
+"""Indices in `Levels`. `REQUESTED` has the numerical settings of the case; `LAST` is used where the error of the
+requested level may be too large."""
+# Without this level, 7 of 200 random angles were off by more than 0.02°; with it, one was. Fewer stations or points
+# saved up to 18 % of the time, but left three to ten times as many angles off.
 LAST_TOLERANCE, LAST_STATIONS, LAST_POINTS = 3e-5, 16, 5
 """Relative tolerance, stations and points of the last level, unless the case has finer ones."""
 
 
 class Level(NamedTuple):
-    """Resolution of the trials on one level, and the width to which they narrow a bracket."""
+    """Resolution of the trials on one level, and the widths of its brackets."""
 
     quadrature: Quadrature
     accuracy: Accuracy
@@ -51,21 +51,21 @@ class Level(NamedTuple):
     smooth_ramp: bool
     """True for the smooth ramp, see `solver.surface_integration.Law`."""
     stride: float
-    """Longest first stride away from the change found on the previous level. [rad]"""
+    """Longest first stride away from the change that the previous level found. [rad]"""
     tolerance: float
     """Width of the final bracket. [rad]"""
     fine: bool
-    """True if the resolution is that of the case or finer."""
+    """True if the resolution is at least that of the case."""
 
 
 Levels = tuple[Level, Level, Level, Level]
-# Usual trials take some tens of steps. A trial that takes more steps than this has failed to follow the motion, and is
+# Usual trials take some tens of steps. A trial that takes more steps than this cannot follow the motion, and is
 # repeated on the requested level.
 MOST_STEPS = 1000
 """Largest number of steps of a trial on the first two levels."""
 # Two stations, two points and a tolerance of 0.03 locate a change to a few tenths of a degree at a quarter of the cost
-# of the requested level. The ramp is as wide as the tolerance allows, so that long steps do not chatter once the body
-# is stuck; this reduced 1,831 evaluations to 499.
+# of the requested level. The ramp is as wide as this tolerance allows, so that long steps do not chatter once the body
+# is stuck, which reduced the evaluations of a trial from 1,831 to 499.
 ROUGH_LEVEL = Level(
     quadrature=build_quadrature(stations=2, points=2),
     accuracy=Accuracy(relative_tolerance=3e-2, largest_step=1.0, most_steps=MOST_STEPS),
@@ -76,8 +76,8 @@ ROUGH_LEVEL = Level(
     fine=False,
 )
 """Level of the scan."""
-# This level locates a change to a few hundredths of a degree at two thirds of the cost of the requested level. Searches
-# without it were 10 % faster for the paper's strike, but 3 to 6 of 600 random angles were off instead of 1.
+# This level locates a change to a few hundredths of a degree at two thirds of the cost of the requested level. Without
+# it, searches were 10 % faster for the paper's strike, but 3 to 6 of 600 random angles were off instead of one.
 MIDDLE_LEVEL = Level(
     quadrature=build_quadrature(stations=5, points=3),
     accuracy=Accuracy(relative_tolerance=2e-3, largest_step=LARGEST_STEP, most_steps=MOST_STEPS),
@@ -87,12 +87,12 @@ MIDDLE_LEVEL = Level(
     tolerance=math.radians(0.3),
     fine=False,
 )
-"""Level between the scan and the requested level."""
+"""Level between the rough and the requested level."""
 
 
 @lru_cache  # the cases of a study share their settings
 def search_levels(*, relative_tolerance: float, stations: int, points: int, tolerance: float) -> Levels:
-    """Build the four levels from the settings of a case and `tolerance`, the width of the final bracket. [rad]"""
+    """Build the four levels from the settings of a case; `tolerance` is the width of the final bracket. [rad]"""
     requested = Level(
         quadrature=build_quadrature(stations=stations, points=points),
         accuracy=Accuracy(float(relative_tolerance), LARGEST_STEP),
@@ -123,37 +123,38 @@ def is_finer(level: Level, other: Level) -> bool:
 ANGLE, POSITION, END, MARGIN, FINE, STATE = range(6)
 """Columns of the table of trials.
 
-Oblique angle [rad], final depth of the nose tip [m], a value of `Termination`, the margin (see `_margin`), 1 for a
-trial of the requested resolution or a finer one, and the six numbers of the final state [m, rad, s]."""
+Oblique angle [rad]; final depth of the nose tip [m]; a value of `Termination`; the margin, see `_margin` [1]; 1 for a
+trial of at least the requested resolution, else 0; and the six numbers of the final state [m, rad, s]."""
 COLUMNS = STATE + 6
 """Number of columns of the table of trials."""
 TIME, RETAINED, EXIT = Termination.TIME.value, Termination.RETAINED.value, Termination.EXIT.value
 STEP_LIMIT, NOT_FINITE = Termination.STEP_LIMIT.value, Termination.NOT_FINITE.value
 PERFORATED, TUMBLED = Termination.PERFORATED.value, Termination.TUMBLED.value
 NO_STRENGTH, CANCELLED = Termination.NO_STRENGTH.value, Termination.CANCELLED.value
-# A trial continues below the retention energy, since secants need values on both sides of the change and the energy
-# left varies smoothly with the angle there too. A tenth is a rough choice.
+# A trial continues below the retention energy: secants need values on both sides of a change, and the energy left
+# varies smoothly with the angle there too. A tenth is a rough choice.
 ENERGY_FLOOR = 0.1
 """Kinetic energy at which a trial ends, as a fraction of the retention energy. [1]"""
-# A margin of zero has no sign, and two of them would make the denominator of a secant zero.
+# A margin of zero has no sign, and two of them would make the denominator of a secant zero. The value is far below the
+# error of a margin.
 LEAST = 1e-9
 """Smallest absolute value of a margin. [1]"""
-# Within this distance the error of the margin is a large part of the difference of two margins.
+# Closer to a change, the error of a margin is a large part of the margin; the value is a rough choice.
 CLOSE = math.radians(0.3)
-"""Least distance from a change at which a trial is used to estimate the growth of the margin. [rad]"""
+"""Least distance from a change at which a trial serves to estimate the growth of the margin. [rad]"""
 
 
 class Strength(NamedTuple):
-    """Strength factor S over the oblique angle, as a polynomial."""
+    """Strength factor S as a polynomial in the oblique angle."""
 
     coefficients: FloatArray
-    """Coefficients of the powers of the angle in degrees, beginning with the constant."""
+    """Coefficients of the powers of the angle in degrees, constant first. [1, 1/°, ...]"""
     held_from: float
-    """Angle from which S is constant. [°]"""
+    """Angle from which S is held constant. [°]"""
 
 
 class TrialInputs(NamedTuple):
-    """Parameters that all trials of a search share, besides the `Model`."""
+    """Parameters that all trials of a search share, in addition to the `Model`."""
 
     velocity: float
     """Speed at first contact. [m/s]"""
@@ -169,11 +170,13 @@ class TrialInputs(NamedTuple):
     time_step: float
     """Time step of the panel method. [s]"""
     retention: float
-    """Fraction of the initial kinetic energy with which a projectile must leave to count as turned away. [1]"""
+    """Retention energy: the fraction of the initial kinetic energy with which a projectile must leave to count as
+    turned away. [1]"""
     sought: int
-    """Termination on one side of each change: `Termination.EXIT` or `Termination.PERFORATED`."""
+    """Termination of interest, `Termination.EXIT` or `Termination.PERFORATED`: the search finds where it begins and
+    ends."""
     vary_inertia: bool
-    """Whether to run a trial with a larger moment of inertia, to find its effect on the angle."""
+    """True if a trial with a larger moment of inertia is run, to find the effect on the angle."""
 
 
 class TrialTable(NamedTuple):
@@ -184,13 +187,13 @@ class TrialTable(NamedTuple):
     filled: IntArray
     """(1,) number of trials."""
     numbers: IntArray
-    """(n,) row numbers of the trials of a scan, in the order of their angles."""
+    """(n,) row numbers of the trials of a scan, in order of the angle."""
     start: FloatArray
     """(6,) state at first contact."""
     work: Workspace
     linear: Linearisation
     steps: FloatArray
-    """(1, `STEP_WIDTH`) the last step of a trial."""
+    """(1, `STEP_WIDTH`) last step of a trial."""
     control: IntArray
     """Shared array that cancels the search, see `solver.cancellation`."""
 
@@ -228,11 +231,11 @@ def has_strength(oblique_angle: float, strength: Strength) -> bool:
 
 @lean
 def _margin(end: int, state: FloatArray, model: Model, energy: float, retention: float, sought: int) -> float:
-    """Return the margin of a trial: above zero if it ended as sought with the retention energy or more, else below. [1]
+    """Return the margin of a trial: above zero if it ended as sought with the retention energy or more. [1]
 
-    The margin is the energy left minus the retention energy, over the initial energy. It varies smoothly with the angle
-    on both sides of zero, so that secants converge. If the projectile did not leave through the face sought, the margin
-    falls with the square of the distance of the nose tip from that face.
+    If the trial ended as sought, the margin is the energy left minus the retention energy, over the initial energy. It
+    varies smoothly with the angle on both sides of zero, so secants converge. Otherwise it is negative, and decreases
+    with the square of the distance from the nose tip to the face through which the projectile should leave.
     """
     if end == sought:
         margin = energy - retention
@@ -246,7 +249,7 @@ def _margin(end: int, state: FloatArray, model: Model, energy: float, retention:
 def attempt(oblique_angle: float, level: Level, search: SearchState) -> int:
     """Run one trial, append it to the table and return its row number.
 
-    A trial on a coarse level that does not lose energy, diverges or takes too many steps is repeated on the requested
+    If a trial on a coarse level loses no energy, diverges or takes too many steps, it is repeated on the requested
     level.
     """
     inputs, model, table = search.inputs, search.model, search.table
@@ -349,9 +352,9 @@ def margin_root(left: int, right: int, trials: FloatArray) -> float:
 
 @lean
 def margin_growth(left: int, right: int, trials: FloatArray) -> float:
-    """Return the slope of the margin from a change to the nearest trial that ended as sought. [1/rad]
+    """Return the mean slope of the margin from a change to the nearest trial that ended as sought. [1/rad]
 
-    Trials closer than `CLOSE` to the change are not used. If there is no other trial, the slope is 0.
+    Trials closer to the change than `CLOSE` do not count. If there is no other trial, the slope is 0.
     """
     side = 1.0 if turned_away(trials[right]) else -1.0
     change, nearest, growth = 0.5 * (trials[left, ANGLE] + trials[right, ANGLE]), math.inf, 0.0

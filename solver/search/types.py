@@ -17,7 +17,7 @@ SearchMethod: TypeAlias = Literal["outcome", "bisection", "secant"]
 
 
 class SearchStatus(StrEnum):
-    """Status of a search: it found an angle, or the reason why there is none."""
+    """Status of a search: whether it found an angle, or else why not."""
 
     CONVERGED = "converged"
     NO_RICOCHET = "no_ricochet"
@@ -32,8 +32,8 @@ class Search:
     Parameters
     ----------
     method
-        ``outcome`` brackets the change of outcome. ``bisection`` and ``secant`` are the searches of the paper, for the
-        angle at which the depth of the nose tip at the termination time is zero (eqs. 7 and 8).
+        ``outcome`` brackets the change of outcome. ``bisection`` and ``secant`` are the paper's searches for the angle
+        at which the depth of the nose tip at the termination time is zero (eqs. 7 and 8).
     lower
         Lower end of the range; 5° unless given, or 40° for the searches of the paper. [rad]
     upper
@@ -41,14 +41,14 @@ class Search:
     tolerance
         Width of the final bracket of ``outcome``. [rad]
     relative_tolerance
-        Relative difference of two consecutive angles at which the searches of the paper end. [1]
+        Relative difference of two consecutive angles at which the paper's searches end. [1]
     scan_interval
-        Spacing of the angles that ``outcome`` scans. The scan begins with every sixteenth angle. It skips angles
+        Spacing of the angles that ``outcome`` scans. The scan begins with every sixteenth angle. It skips the angles
         between two at which the projectile is clearly turned away, or clearly not, and angles within four intervals of
-        a change. A band of another outcome between two angles tried is missed. By default such a band is narrower than
-        1.25°, or than 5° near a change, or than 20° where more than 15 % of the energy is left or the nose is deep
-        inside. Above the first critical angle every half degree is tried while less than twice the retention energy is
-        left. [rad]
+        a change. It misses a band of another outcome that lies between two angles tried. By default such a band is
+        narrower than 1.25°, than 5° near a change, or than 20° where more than 15 % of the energy is left or the nose
+        is deep inside. Above the first critical angle every half degree is tried as long as less than twice the
+        retention energy is left. [rad]
 
     Raises
     ------
@@ -65,8 +65,8 @@ class Search:
     method: SearchMethod = "outcome"
     lower: float | None = None
     upper: float | None = None
-    # 0.01° is a tenth of the last digit of a verdict. One per cent is the tolerance of the paper. The default range has
-    # 64 intervals of 1.25°, a multiple of the 16 that the scan begins with.
+    # 0.01° is a tenth of the last digit that a verdict may show, and one per cent the tolerance of the paper. The
+    # default range has 64 intervals of 1.25°, a multiple of the 16 with which the scan begins.
     tolerance: float = math.radians(0.01)
     relative_tolerance: float = 0.01
     scan_interval: float = math.radians(1.25)
@@ -82,8 +82,8 @@ class Search:
             "search.lower",
             f"must be at least 0° and below the upper end, got {math.degrees(lower):g}° and {math.degrees(upper):g}°",
         )
-        # Finer tolerances are below the error of a trial, and a scan at 0.1° already takes 800 trials. The upper bounds
-        # are rough choices: beyond them a search would say little.
+        # Finer tolerances are below the error of a trial, and a scan at 0.1° already takes up to 800 trials. The upper
+        # bounds are rough choices: beyond them a search would say little.
         require_between("search.tolerance", self.tolerance, math.radians(1e-6), math.radians(10.0))
         require_between("search.relative_tolerance", self.relative_tolerance, 1e-8, 0.5)
         require_between("search.scan_interval", self.scan_interval, math.radians(0.1), math.pi / 2.0)
@@ -91,7 +91,7 @@ class Search:
     @property
     def bounds(self) -> tuple[float, float]:
         """Lower and upper end of the range. [rad]"""
-        # The paper searches from 40° to 60°. Below 5° a projectile moves nearly along the normal and above 85° nearly
+        # The paper searches from 40° to 60°. Below 5° a projectile moves nearly along the normal, above 85° nearly
         # along the face; both ends are rough choices.
         lower, upper = (5.0, 85.0) if self.method == "outcome" else (40.0, 60.0)
         return (
@@ -101,26 +101,26 @@ class Search:
 
 
 USUAL_SEARCH = Search()
-"""Default search: by outcome, from 5° to 85°."""
+"""Default search, by outcome from 5° to 85°."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One run of a search, at one oblique angle."""
+    """Run of a search at one oblique angle."""
 
     oblique_angle: float
     """Angle tried, from the inward normal of the face to the velocity. [rad]"""
     final_position: float
-    """Depth of the nose tip at the end of the trial, or at the termination time in the searches of the paper. [m]"""
+    """Depth of the nose tip at the end of the trial, or at the termination time in the paper's searches. [m]"""
     outcome: Outcome
     """Outcome of the run."""
     fine: bool = True
-    """True at the final resolution. Other trials only narrow the range to search: they are less accurate, and may have
-    the wrong outcome within a degree of the critical angle."""
+    """True for a trial at the final resolution. Other trials only narrow the range: they are less accurate, and may
+    have the wrong outcome within a degree of the critical angle."""
     exit: Exit | None = None
     """State of the projectile as it leaves the target; None if it stays."""
     turned: float = 0.0
-    """Turn of the axis by the end of the trial; 0 for a sphere, whose axis has no effect. [rad]"""
+    """Angle by which the axis has turned by the end of the trial; 0 for a sphere, whose axis has no effect. [rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,18 +145,18 @@ class CriticalAngle:
     """Smallest oblique angle, from the normal, at which the projectile is turned away, if there is one. In a search by
     outcome it is the upper end of the final bracket, at which a trial ended in ricochet. [rad]"""
     bracket: tuple[float, float] | None
-    """Angles on the two sides of the change of outcome at the end of the search; with ``secant``, the
-    last two angles. [rad]"""
+    """Angles on either side of the change of outcome at the end of the search; with ``secant``, the last two angles.
+    [rad]"""
     iterations: tuple[Trial, ...]
     """All trials, in the order of computation."""
     other_crossings: tuple[float, ...]
     """Other angles in the range at which ricochet begins or ends. [rad]"""
     warnings: tuple[ModelWarning, ...]
     standard_error: float | None = None
-    """Standard error of the critical angle, from the covariance of the strength factor, if that was given. [rad]"""
+    """Standard error of the critical angle, from the covariance of the strength factor, if one was given. [rad]"""
     energy_fraction_below: float | None = None
-    """Share of the initial kinetic energy left half a degree below the critical angle, 0 if it is less than a tenth of
-    the retention energy. None without an angle, and in the searches of the paper. [1]"""
+    """Share of the initial kinetic energy left half a degree below the critical angle; 0 if it is less than a tenth of
+    the retention energy. None without an angle, and in the paper's searches. [1]"""
     energy_fraction_above: float | None = None
     """Share of the initial kinetic energy left half a degree above the critical angle. The smaller it is, the more the
     angle depends on the retention energy. [1]"""
@@ -174,7 +174,7 @@ class CriticalAngle:
     search is by outcome."""
 
     def row(self) -> Row:
-        """Return status, angle and bracket under the column names of `solver.columns`. [rad]"""
+        """Return status, angle and bracket by the column names of `solver.columns`. [rad]"""
         low, high = self.bracket or (None, None)
         return {
             "status": self.status.value,
@@ -196,11 +196,11 @@ class CriticalAngle:
         }
 
     def to_dataframe(self) -> DataFrame:
-        """Return the trials as a ``pandas.DataFrame``; pandas has to be installed."""
+        """Return the trials as a ``pandas.DataFrame``; requires pandas."""
         return dataframe(self.columns(), Trial)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
-        """Plot the trials and the angle, in a new figure of pyplot unless axes are given; return the figure."""
+        """Plot the trials and the angle, in a new pyplot figure unless axes are given; return the figure."""
         return plot_search(self.columns(), self._summary(), self.angle, ax)
 
     def _summary(self) -> str:
@@ -240,19 +240,19 @@ def _degrees(angle: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Changes of outcome found by a search, before warnings are added."""
+    """Changes of outcome that a search has found, before warnings are added."""
 
     status: SearchStatus
     angle: float | None = None
     """Smallest angle of a change to ricochet. [rad]"""
     bracket: tuple[float, float] | None = None
-    """Angles on the two sides of the change to ricochet at `angle`. [rad]"""
+    """Angles on either side of the change to ricochet at `angle`. [rad]"""
     other_crossings: tuple[float, ...] = ()
     """Other angles at which ricochet begins or ends. [rad]"""
     starts_turned_away: bool = False
     """True if the projectile is turned away at the lower end of the range."""
     deciding: tuple[Trial, ...] = ()
-    """Trials on which the result depends, on either side of each change of outcome; empty if it depends on all
+    """Trials on either side of each change of outcome, on which the result depends; empty if it depends on all
     trials."""
     nearby: tuple[float, float, float] | None = None
     """Fractions of the energy left half a degree below and above the angle, and above it with more inertia. [1]"""

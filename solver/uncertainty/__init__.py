@@ -1,4 +1,4 @@
-"""Uncertainty of critical angles and trajectories: probabilities, ranges, and sensitivities to uncertain inputs."""
+"""Uncertainty of critical angles and trajectories: probabilities, ranges, and sensitivities to the inputs."""
 
 from solver.checks import name_keywords
 from solver.uncertainty.critical_angles import AngleStudy

@@ -1,4 +1,4 @@
-"""Study of the critical angle: probability of ricochet over the oblique angle, and sensitivities to the inputs."""
+"""Study of the critical angle: probability of ricochet as a function of the angle, and sensitivities to the inputs."""
 
 import math
 from collections.abc import Generator, Sequence
@@ -42,31 +42,32 @@ from solver.uncertainty.sampling import (
 from solver.uncertainty.surrogate import Expansion, Moments, direct_indices, expansion_moments, fit_expansion
 from solver.warnings import ModelWarning
 
-# An error of 0.1° is far below the usual scatter of the angle, some degrees, and the samples correct its effect on the
-# probabilities.
+# An error of 0.1° is far below the usual scatter of the angle, some degrees, and the samples correct the probabilities
+# for it.
 SURROGATE_ERROR = math.radians(0.1)
-"""Largest root mean square error at held-out points with which the surrogate is used. [rad]"""
-# An evaluation of the surrogate takes microseconds, and this number of points makes its sampling error negligible.
+"""Largest root mean square error of the surrogate at held-out points with which it is used. [rad]"""
+# Evaluating the surrogate takes microseconds, and with so many points its sampling error is negligible.
 SURROGATE_POINTS = 4096
-"""Number of points of each scrambling at which the surrogate is evaluated."""
-# With fewer samples the intervals of the indices are too wide to be of use; the value is a rough choice.
+"""Number of points in each scrambling at which the surrogate is evaluated."""
+# With fewer samples the intervals of the indices are too wide to be useful; the value is a rough choice.
 FEWEST_BASE_SAMPLES = 64
 """Least number of base samples for Sobol indices by the direct method."""
-# A base sample takes one search for every input and one more. With only 512 base samples, 95 % intervals contained the
-# true first-order indices of Ishigami's function for 89 or 90 of 100 seeds.
+# A base sample takes one search for each input, and one more. The limit is well above 512 base samples, with which 95 %
+# intervals contained the true first-order indices of Ishigami's function for only 89 or 90 of 100 seeds.
 SENSITIVITY_SAMPLES = 4096
 """Largest number of base samples for Sobol indices by the direct method."""
-# 2,001 angles are one every 0.04° over the default range; the limit is a rough choice.
+# This is one angle every 0.04° over the default range; the limit is a rough choice.
 MOST_ANGLES = 2001
 """Largest number of angles of the probability curve."""
 
 
 Steps = Generator[Batch[AngleUncertainty], Sequence[Crossings], AngleUncertainty]
-"""Generator that yields batches of points, is sent the results at them, and returns the result of the study."""
+"""Generator that yields batches of points, receives the results at these points, and returns the result of the
+study."""
 
 
 class AngleStudy:
-    """Study that samples critical angles until the probability of ricochet is known to the half width requested.
+    """Study that samples critical angles until the probability of ricochet is known to the requested half width.
 
     Parameters
     ----------
@@ -79,25 +80,24 @@ class AngleStudy:
     sensitivity
         Compute Sobol indices and swings too.
     shots
-        Index of the factor on S among the inputs, and the expected scatter after own shots, as `next_shots` returns
-        them.
+        Result of `next_shots`: index of the factor on S among the inputs, and expected scatter after own shots.
     bounds
-        Bounds of the search. A sample without an angle enters the Sobol indices as the bound beyond which its angle
-        lies. [rad]
+        Bounds of the search. For a sample without an angle, Sobol indices use the bound beyond which its angle lies.
+        [rad]
     accepts
-        Function from the index and the value of an input to True if the model accepts it; all values are accepted
-        unless given. Where it returns False, the outcome by the surrogate counts as unknown.
+        Function that returns whether the model accepts a value, given the index of the input and the value; by default
+        all values are accepted. At points with values that are not accepted, the surrogate's outcome counts as unknown.
     warnings
-        Warnings about the strike, added to those of the study.
+        Warnings about the strike, which are added to those of the study.
 
     Raises
     ------
     ParameterError
-        If arguments are inconsistent, such as a budget below the fewest samples that these inputs need.
+        If arguments are inconsistent, for example if the budget is less than these inputs need.
 
     Notes
     -----
-    `steps` computes no strike itself: it yields points and is sent the results at them, in the same order.
+    `steps` itself computes no strike: it yields points, and receives the results at these points in the same order.
 
     Examples
     --------
@@ -140,7 +140,7 @@ class AngleStudy:
 
     @cached_property
     def _beyond(self) -> npt.NDArray[np.bool_]:
-        """Mask of the points of `_unit` at which the model does not accept an input."""
+        """Mask of the points in `_unit` at which the model does not accept an input."""
         return self.design.beyond(self._unit, self.accepts)
 
     def steps(self) -> Steps:
@@ -174,10 +174,11 @@ class AngleStudy:
         return answer
 
     def _reserve(self) -> int:
-        """Return the number of samples of the budget that are reserved for indices by the direct method."""
+        """Return how many samples of the budget are reserved for indices by the direct method."""
         if not self.sensitivity:
             return 0
-        # Four times the least number of base samples give useful indices. Half of the budget is left for probabilities.
+        # Four times the least number of base samples gives useful indices. At least half of the budget remains for
+        # probabilities.
         wanted = 4 * FEWEST_BASE_SAMPLES * (len(self.design.uncertain) + 1)
         return min(wanted, self.sampling.max_samples // 2)
 
@@ -187,8 +188,8 @@ class AngleStudy:
         error = None if expansion is None else math.sqrt(float(self.design.weights @ expansion.errors**2))
         if expansion is not None and error is not None and error <= SURROGATE_ERROR:
             by_surrogate = self._by_surrogate(tables, expansion)
-            # The error of the surrogate does not fall with the number of samples. With many samples, counted outcomes
-            # have the narrower intervals.
+            # The error of the surrogate does not decrease with the number of samples, so with many samples counted
+            # outcomes have narrower intervals.
             answer = min(by_surrogate, answer, key=_half_width)
         half = _half_width(answer)
         return replace(
@@ -200,7 +201,11 @@ class AngleStudy:
         )
 
     def _expansion(self, tables: Tables) -> Expansion | None:
-        """Return the fit of the critical angle; None unless every sample has exactly one change of outcome."""
+        """Return the fit of the critical angle, if one is possible.
+
+        Every sample must have exactly one change of outcome, at least one input must be continuous, and all discrete
+        values must be enumerated. None also means that there are too few points.
+        """
         design = self.design
         if not tables.simple or (design.discrete and not design.enumerated) or not design.continuous:
             return None
@@ -212,9 +217,9 @@ class AngleStudy:
 
     def _by_surrogate(self, tables: Tables, expansion: Expansion) -> AngleUncertainty:
         """Compute the result of the study from the surrogate."""
-        # The probability is that of the surrogate at many points, plus a correction from the samples: the fraction of
-        # the samples that are turned away minus that of their predictions by fits without them. The interval is that of
-        # the correction, widened by the probability of outcomes that no sample shows.
+        # The probability is the surrogate's at many points plus a correction from the samples: the fraction of samples
+        # that are turned away, minus the fraction predicted by fits without the sample. The interval is that of the
+        # correction, widened by the probability of outcomes that no sample shows.
         design, sampling = self.design, self.sampling
         predicted = np.stack([expansion.at(design.standard(each)) for each in self._unit])
         known = ~self._beyond[..., None]
@@ -222,9 +227,10 @@ class AngleStudy:
         unseen_by_fit = tables.critical - expansion.held_out.reshape(tables.critical.shape)
         shares = self._shares(np.where(known, predicted, np.inf))
         correction = self._turned(tables.critical) - self._turned(unseen_by_fit)
-        # With one change of outcome per sample the probability rises with the angle; the correction may fall.
+        # With one change of outcome in each sample, the probability increases with the angle, but the correction may
+        # decrease.
         middle = np.clip(np.maximum.accumulate(shares.mean(axis=0) + correction.mean(axis=0)), 0.0, 1.0)
-        # Points of a low-discrepancy sequence scatter less than independent ones: the interval is conservative.
+        # Points of a low-discrepancy sequence scatter less than independent ones, so the interval is conservative.
         error = sampling.normal_quantile * correction.std(axis=0, ddof=1) / math.sqrt(len(correction))
         half = np.hypot(share_half_width(shares, sampling, tables.base_samples), error)
         beyond = self._beyond.mean()
@@ -245,7 +251,7 @@ class AngleStudy:
         )
 
     def _shares(self, values: FloatArray) -> FloatArray:
-        """Return the (scramblings, angles) fraction of critical angles up to each angle of the curve.
+        """Return the (scramblings, angles) fractions of critical angles up to each angle of the curve.
 
         Parameters
         ----------
@@ -257,7 +263,7 @@ class AngleStudy:
         return shares
 
     def _turned(self, values: FloatArray) -> FloatArray:
-        """Return for each point the weight of the alternatives with a critical angle up to each angle of the curve."""
+        """Return, at each point, the weight of the alternatives that are turned away at each angle of the curve."""
         found = values.reshape(-1, self.design.alternatives)
         return np.stack([(found <= angle) @ self.design.weights for angle in self.angles], axis=-1)
 
@@ -336,7 +342,8 @@ class AngleStudy:
         unit
             (scramblings, n, inputs) points in (0, 1).
         angles, weights
-            (scramblings, n, alternatives) critical angles there and their weights, 0 without an angle. [rad, 1]
+            (scramblings, n, alternatives) critical angles at these points, and their weights, 0 without an angle. [rad,
+            1]
         """
         if self.shots is None or not self.sensitivity:
             return ()
@@ -377,7 +384,7 @@ class AngleStudy:
     def _indices(self, tables: Tables, answer: AngleUncertainty) -> Steps:
         """Add Sobol indices by Saltelli's design to a result.
 
-        The design takes two sets of samples and mixtures of both. The samples so far are the first set.
+        The design takes two sets of samples, and mixtures of both. The samples so far are the first set.
         """
         design, sampling = self.design, self.sampling
         inputs, count = len(design.uncertain), tables.count
@@ -417,7 +424,7 @@ class AngleStudy:
         return replace(counted, sensitivity=sensitivity, warnings=warnings)
 
     def _in_range(self, found: Crossings) -> float:
-        """Return the critical angle, or the end of the search beyond which it lies; NaN without an outcome. [rad]"""
+        """Return the critical angle, or the bound of the search beyond which it lies; NaN without an outcome. [rad]"""
         if found.problem:
             return math.nan
         if not math.isnan(found.angle):
@@ -433,7 +440,7 @@ def _half_width(answer: AngleUncertainty) -> float:
 def _warnings(
     tables: Tables, answer: AngleUncertainty, beyond: npt.NDArray[np.bool_] | None = None
 ) -> tuple[ModelWarning, ...]:
-    """Return the warnings about samples without an outcome or an angle, and about refused points of the surrogate."""
+    """Return the warnings about samples without an outcome or an angle, and about points that the model refuses."""
     found = []
     if beyond is not None and beyond.any():
         detail = (

@@ -1,4 +1,4 @@
-"""Distributions of uncertain inputs, by the parameters that engineers use."""
+"""Distributions of uncertain inputs, with the parameters that engineers use."""
 
 import math
 import sys
@@ -16,33 +16,35 @@ from solver.checks import plain, require, require_finite, require_positive
 from solver.resistance import student_dispersion
 
 FIELD = "distribution"
-# A Gauss rule of 48 nodes is exact up to degree 95, which includes the squares of every polynomial in use.
+# A Gauss rule with 48 nodes is exact up to degree 95, which includes the square of every polynomial in use.
 NODES = 48
-"""Number of nodes of a quadrature over a smooth density."""
-# The density is 3e-18 of its maximum there, below the rounding error of a sum.
+"""Number of nodes of a quadrature rule for a smooth density."""
+# There the density is 3e-18 of its maximum, below the rounding error of a sum.
 FAR = 9.0
 """Standard deviations beyond which a normal density is neglected. [1]"""
-# Over a range of this size the angle is a curved function of an input. Smaller ranges need no high orders.
+# Over a range of this size the angle is a curved function of an input; smaller ranges need no high orders. The value
+# separates the usual dispersion of S, 0.48, from those of all other inputs, at most 0.12.
 WIDE = 0.2
-"""Least dispersion of an input with which polynomials of higher order in that input alone are tried. [ln]"""
-# One standard deviation is then a factor of 22,000 either way, more than any input has.
+"""Dispersion of an input from which on polynomials of higher order in that input alone are tried. [ln]"""
+# One standard deviation is then a factor of 22,000 either way, more than for any real input.
 LARGEST_DISPERSION = 10.0
-"""Largest dispersion accepted. [1]"""
-# Below 1 the 90 % interval hardly describes the tails. Above a million the distribution is normal to rounding.
+"""Largest accepted dispersion. [1]"""
+# Below 1, the 90 % interval hardly describes the tails. Above a million, the distribution is normal except for
+# rounding.
 FREEDOM = (1.0, 1e6)
-"""Range of the degrees of freedom accepted. [1]"""
-# The least probability is half a cell of the sample points, which have 30 bits.
+"""Range of accepted degrees of freedom. [1]"""
+# The least probability is half a cell of the sample points, whose coordinates have 30 bits.
 TINY = 2.0**-31
 """Least probability of a sample. [1]"""
-# The tolerance accepts weights that are rounded to ten or more decimals.
+# The tolerance accepts weights that are rounded to ten or more decimal places.
 WEIGHTS_SUM = 1e-9
-"""Largest difference of the sum of weights from 1. [1]"""
+"""Largest deviation of the sum of weights from 1. [1]"""
 
 
 class Continuous(Protocol):
-    """Interface of the distributions of a continuous number.
+    """Interface of distributions of continuous inputs.
 
-    The surrogate is a polynomial in the standard variables of the inputs, each a smooth function of its input.
+    The surrogate is a polynomial in the standard variables of the inputs; each one is a smooth function of its input.
     """
 
     def standard(self, u: FloatArray) -> FloatArray:
@@ -52,11 +54,11 @@ class Continuous(Protocol):
         """Return the input at values of the standard variable."""
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
-        """Return nodes and weights for a mean over the standard variable; the weights sum to 1."""
+        """Return nodes and weights of a rule for a mean over the standard variable; the weights sum to 1."""
 
 
 def _spread(mean: float, deviation: float | None, variation: float | None) -> float:
-    """Return the standard deviation, which is given directly or as a coefficient of variation."""
+    """Return the standard deviation, given directly or as a coefficient of variation."""
     given = (deviation is None) + (variation is None) == 1
     require(given, f"{FIELD}.standard_deviation", "must be given, or else coefficient_of_variation, but not both")
     if deviation is not None:
@@ -69,7 +71,7 @@ def _spread(mean: float, deviation: float | None, variation: float | None) -> fl
 
 
 def _spread_name(deviation: float | None) -> str:
-    """Return the name of the parameter that gives the spread."""
+    """Return the name of the parameter that was given for the spread."""
     return "coefficient_of_variation" if deviation is None else "standard_deviation"
 
 
@@ -162,8 +164,8 @@ class TruncatedNormal:
         """Return the distances from the mean, in standard deviations, at given probabilities."""
         from scipy.special import ndtr, ndtri  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
-        # The upper tail is computed by itself, as one minus the distribution function would cancel. The quantile of an
-        # extreme probability may miss a bound by rounding, or be infinite, and is clipped.
+        # The upper tail is computed separately, because one minus the distribution function would cancel. The quantile
+        # of an extreme probability may be infinite, or miss a bound by rounding, and is clipped.
         lower, upper = self._bounds
         below, above = float(ndtr(lower)), float(ndtr(-upper))
         z = ndtri(below + u * (1.0 - below - above))
@@ -176,7 +178,7 @@ class TruncatedNormal:
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
         """Return nodes and weights for a mean over the distribution."""
         lower, upper = self._bounds
-        # No standard rule has a truncated normal density as its weight. Twice the nodes make up for that.
+        # No standard rule has a truncated normal density as its weight. Twice as many nodes compensate for this.
         x, w = leggauss(2 * NODES)
         lower, upper = max(lower, -FAR), min(upper, FAR)
         z = 0.5 * (lower + upper) + 0.5 * (upper - lower) * x
@@ -186,14 +188,14 @@ class TruncatedNormal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lognormal:
-    """Lognormal distribution: the logarithm of the number is normal.
+    """Lognormal distribution: the logarithm of the input is normal.
 
     Parameters
     ----------
     median, dispersion
-        Median of the number, and standard deviation of its natural logarithm. [1]
+        Median in the unit of the field, and standard deviation of the natural logarithm.
     mean, standard_deviation, coefficient_of_variation
-        Mean of the number, and its standard deviation or coefficient of variation, in place of median and dispersion.
+        Mean, and standard deviation or coefficient of variation, in place of median and dispersion.
     """
 
     name: ClassVar[str] = "lognormal"
@@ -250,12 +252,13 @@ class Lognormal:
         from scipy.special import ndtri  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         # Critical angles level off where a factor on the resistance is very large or very small. Polynomials in a
-        # bounded variable can follow that, while polynomials in the logarithm grow without bound.
+        # bounded variable can follow this, whereas polynomials in the logarithm grow without bound.
         return self._bounded(ndtri(u))
 
     def value(self, z: FloatArray) -> FloatArray:
         """Return the input at values of the standard variable."""
-        # As (1 - z)(1 + z), 1 - z² keeps its relative accuracy near z = ±1, where the number is very large or small.
+        # Written as (1 - z)(1 + z), 1 - z² keeps its relative accuracy near z = ±1, where the input is very large or
+        # small.
         middle, _ = self._logarithm
         return np.asarray(np.exp(middle + z / np.sqrt((1.0 - z) * (1.0 + z))), float)
 
@@ -271,7 +274,7 @@ class Lognormal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogStudentT:
-    """Log-Student distribution: the logarithm of the number has Student's distribution, with heavier tails than normal.
+    """Log-Student distribution: the logarithm of the input has Student's distribution, with heavier tails than normal.
 
     Parameters
     ----------
@@ -280,9 +283,9 @@ class LogStudentT:
     scale
         Scale of the natural logarithm. [1]
     degrees_of_freedom
-        Degrees of freedom, 1 or more; with many, the number is lognormal. [1]
+        Degrees of freedom, 1 or more; with many, the distribution is lognormal. [1]
     lower, upper
-        Bounds at which the distribution is truncated, if any, with the median between them. Heavy tails need them if
+        Bounds at which the distribution is truncated, if any, with the median between them. Heavy tails require them if
         the field has bounds.
     """
 
@@ -324,7 +327,7 @@ class LogStudentT:
         return self.dispersion >= WIDE
 
     def scales(self, u: FloatArray) -> FloatArray:
-        """Return the logarithm of the number over its median, divided by the scale, at given probabilities. [1]"""
+        """Return the logarithm of the input over its median, divided by the scale, at given probabilities. [1]"""
         from scipy.special import stdtr  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         lower = -math.inf if self.lower is None else math.log(self.lower / self.median) / self.scale
@@ -343,7 +346,7 @@ class LogStudentT:
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
         """Return nodes and weights for a mean over the distribution."""
-        # The rule is over probabilities. A rule over a finite number of scales, as for a normal distribution, would cut
+        # The rule is over probabilities, because a rule over a finite range, as for a normal distribution, would cut
         # off the heavy tails.
         x, w = leggauss(4 * NODES)
         return self.standard(0.5 * (1.0 + x)), 0.5 * w
@@ -383,7 +386,7 @@ class Uniform:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Triangular:
-    """Triangular distribution: the density rises from the lower bound to the mode and falls to the upper bound."""
+    """Triangular distribution: the density is zero at both bounds, and linear from each bound to the mode."""
 
     name: ClassVar[str] = "triangular"
     lower: float
@@ -413,7 +416,7 @@ class Triangular:
 
     def quadrature(self) -> tuple[FloatArray, FloatArray]:
         """Return nodes and weights for a mean over the distribution."""
-        # One rule on each side of the mode, where the density has a corner.
+        # There is a rule on each side of the mode, where the density has a corner.
         peak, (x, w) = self._peak, leggauss(NODES)
         x, w = 0.5 * (1.0 + x), 0.5 * w
         nodes = np.concatenate((peak * x, 1.0 - (1.0 - peak) * x))
@@ -422,7 +425,7 @@ class Triangular:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Discrete:
-    """Discrete distribution over numbers or models.
+    """Discrete distribution of numbers or models.
 
     Parameters
     ----------
@@ -459,7 +462,7 @@ class Discrete:
 
     @property
     def likeliest(self) -> int:
-        """Index of the value with the largest weight; the smallest index if several values have it."""
+        """Index of the value with the largest weight; the first of several."""
         return int(np.argmax(self.probabilities))
 
     def places(self, u: FloatArray) -> np.ndarray[Any, np.dtype[np.int64]]:
@@ -472,7 +475,7 @@ Distribution: TypeAlias = Normal | TruncatedNormal | Lognormal | LogStudentT | U
 
 
 def stated_values(distribution: Distribution) -> list[tuple[str, Any]]:
-    """Return the parameters of a distribution that are values of the field, as (name, value) pairs.
+    """Return the parameters of a distribution that are values of its field, as (name, value) pairs.
 
     These are the discrete values, bounds, mean and median.
     """
@@ -484,14 +487,14 @@ def stated_values(distribution: Distribution) -> list[tuple[str, Any]]:
 
 @lru_cache(maxsize=1)
 def _normal_panel() -> tuple[FloatArray, FloatArray]:
-    """Return nodes and weights for a mean over a normal variable, for smooth functions other than polynomials."""
-    # A Gauss-Hermite rule is exact for polynomials, but its nodes are too far apart for a function that levels off.
+    """Return nodes and weights for the mean of a smooth function, other than a polynomial, of a normal variable."""
+    # A Gauss-Hermite rule is exact for polynomials, but its nodes are too far apart for functions that level off.
     x, w = leggauss(4 * NODES)
     weights = w * np.exp(-0.5 * (FAR * x) ** 2)
     return FAR * x, weights / weights.sum()
 
 
 def _hermite() -> tuple[FloatArray, FloatArray]:
-    """Return the Gauss-Hermite rule for a mean over a normal variable."""
+    """Return the Gauss-Hermite rule for the mean of a function of a normal variable."""
     x, w = hermegauss(NODES)
     return x, w / w.sum()

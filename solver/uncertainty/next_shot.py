@@ -1,4 +1,4 @@
-"""Expected scatter of the inputs of a study after further shots into the same concrete."""
+"""Scatter that the inputs of a study are expected to have after further shots into the same concrete."""
 
 import math
 from collections.abc import Sequence
@@ -16,33 +16,33 @@ from solver.uncertainty.distributions import Continuous, Discrete, Distribution,
 from solver.uncertainty.sampling import Uncertain
 
 RESIDUAL = "resistance.strength_residual"
-"""Field of a factor on S, for the part of the scatter of S that the inputs of its law do not explain."""
+"""Field name of a factor on S, for the part of the scatter of S that the other inputs do not explain."""
 STRENGTH = "target.compressive_strength"
-"""Field of the compressive strength, without the suffix `_pa` of the HTTP interface."""
-# The first shot narrows the scatter most: the standard deviation of ln S for the paper's strike is 0.48 before it, 0.13
-# after it, 0.10 after three shots and still 0.08 after ten.
+"""Field name of the compressive strength, without the suffix `_pa` of the HTTP interface."""
+# The first shot narrows the scatter most. For the paper's strike the standard deviation of ln S is 0.48 without shots,
+# 0.13 after one, 0.10 after three, and still 0.08 after ten.
 COUNTS = (1, 3)
 """Numbers of shots for which the expected range of the critical angle is computed."""
-# At most half of the variance of S f'c is attributed to the strength, as in `StrengthScatter`.
+# At most half of the squared range of S f'c is attributed to the strength, as in `StrengthScatter`.
 HALF = math.sqrt(0.5)
-"""Largest dispersion of the strength over that of S f'c. [1]"""
+"""Largest part of the 90 % range of S f'c that is attributed to the strength. [1]"""
 
 
 @dataclass(frozen=True, slots=True)
 class Narrowed:
-    """Input that scatters less after some shots."""
+    """Input whose scatter decreases after some shots."""
 
     place: int
     """Index among the inputs of the study."""
     part: float
-    """Dispersion or scale after the shots, over that before. [1]"""
+    """Dispersion or scale after the shots, over its value before. [1]"""
     distribution: Distribution
     """Distribution before the shots."""
     shots: int
-    """Number of shots, which adds to the degrees of freedom of Student's distribution."""
+    """Number of shots, by which the degrees of freedom of Student's distribution increase."""
 
     def weights(self, unit: FloatArray) -> FloatArray:
-        """Return the density after the shots over that before them, at given probabilities, up to a constant factor."""
+        """Return the density after the shots over that before, up to a constant factor, at given probabilities."""
         from scipy.special import ndtri  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         if isinstance(self.distribution, LogStudentT):
@@ -60,10 +60,10 @@ class NextShot:
 
     Notes
     -----
-    A depth gives the product S f'c. Its squared scale d² in the study is the sum of the squared scales of the factor on
-    S and of the strength. Shots reduce the part that exceeds the scatter within a series, t² = d² - w²: after n shots
-    with the usual scatter it is 1/(1/t² + n/w²). A factor with Student's distribution gains n degrees of freedom. The
-    strength keeps its scatter unless it would then have more than half of the remaining variance, as in
+    A depth gives the product S f'c, whose squared scale d² in the study follows from the squared scales of the factor
+    on S and of the strength. Shots reduce the part t² = d² - w² that exceeds the squared scale w² within a series:
+    after n shots with the usual scatter it is 1/(1/t² + n/w²). A factor with Student's distribution gains n degrees of
+    freedom. The strength keeps its scatter unless it would then make up more than half of what remains, as in
     `StrengthScatter`.
     """
 
@@ -72,7 +72,7 @@ class NextShot:
     dispersion: float
     """Standard deviation of ln S for the next shot after these shots, at the stated strength. [ln]"""
     parts: tuple[Narrowed, ...]
-    """Inputs that scatter less."""
+    """Inputs whose scatter decreases."""
 
     def weights(self, unit: FloatArray) -> FloatArray:
         """Return weights that turn samples of the study into samples after the shots.
@@ -82,8 +82,8 @@ class NextShot:
         unit
             (..., inputs) points of the study between 0 and 1.
         """
-        # Importance sampling from a wider distribution: the ratio of the densities is bounded, so that the samples of
-        # the study, or of its surrogate, are enough.
+        # This is importance sampling from a wider distribution. The ratio of the densities is bounded, so the samples
+        # of the study, or of its surrogate, are enough.
         found = np.ones(unit.shape[:-1])
         for each in self.parts:
             found *= each.weights(unit[..., each.place])
@@ -93,7 +93,7 @@ class NextShot:
 def next_shots(
     uncertain: Sequence[Uncertain], *, projectile: Projectile, target: Target, resistance: Resistance
 ) -> tuple[int, tuple[NextShot, ...]] | None:
-    """Return the index of the factor on S among the inputs, and the expected scatter after some shots.
+    """Return the index of the factor on S among the inputs, and the scatter expected after `COUNTS` shots.
 
     The result is None unless the factor is an input with a lognormal or log-Student distribution.
 
@@ -102,7 +102,7 @@ def next_shots(
     uncertain
         Inputs of the study.
     projectile, target, resistance
-        As for `critical_angle`. The shots are assumed to leave the median of S as it is.
+        As for `critical_angle`. Shots are assumed not to move the median of S.
     """
     fields = {each.field.removesuffix("_pa"): place for place, each in enumerate(uncertain)}
     place = fields.get(RESIDUAL)
@@ -112,8 +112,8 @@ def next_shots(
     if not isinstance(factor, Lognormal | LogStudentT):
         return None
     strength_place = fields.get(STRENGTH)
-    # The squares of 90 % ranges nearly add up; the squared scales of distributions with different tails do not. Ranges
-    # are in units of the 90 % range of a standard normal distribution.
+    # Squared 90 % ranges nearly add up; squared scales of distributions with different tails do not. Ranges are in
+    # units of the 90 % range of a standard normal distribution.
     own = _scale(factor) * _ratio(factor, 0)
     if own == 0.0:  # the dispersion is below the rounding error
         return None
@@ -143,8 +143,8 @@ def next_shots(
 def _scale(distribution: Distribution) -> float:
     """Return the scale of the logarithm of an input. [ln]
 
-    It is the scale of a log-Student distribution, and half the distance between the quantiles at ±1 standard deviation
-    for others; 0 if the lower of these quantiles is not above zero.
+    For a log-Student distribution this is its scale; for others, half the distance between the logarithms of the
+    quantiles at ±1 standard deviation, or 0 if the lower quantile is not above zero.
     """
     from scipy.special import ndtr  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
@@ -156,7 +156,7 @@ def _scale(distribution: Distribution) -> float:
 
 
 def _ratio(factor: Lognormal | LogStudentT, shots: int) -> float:
-    """Return the 90 % range of the factor after some shots, over that of a normal distribution of its scale. [1]"""
+    """Return the 90 % range of the factor after some shots, over that of a normal distribution with its scale. [1]"""
     return 1.0 if isinstance(factor, Lognormal) else tail_ratio(factor.degrees_of_freedom + shots)
 
 

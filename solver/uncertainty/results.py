@@ -1,4 +1,4 @@
-"""Results of uncertainty studies, and the tables from which they are computed."""
+"""Results of uncertainty studies, and tables of sample results from which they are computed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -19,7 +19,7 @@ from solver.warnings import ModelWarning
 
 # These are the ends of the 95 % and the 90 % range, the quartiles and the median.
 LEVELS = (0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975)
-"""Probabilities of the quantiles in the result of a study."""
+"""Probabilities of the quantiles in results of studies."""
 
 RANGE = (0.05, 0.95)
 """Probabilities of the quantiles at the ends of the 90 % range."""
@@ -31,27 +31,28 @@ ExitQuantiles: TypeAlias = Mapping[str, Quantiles]
 EXIT_QUANTITIES = tuple(each.name for each in fields(Exit))
 """Names of the quantities of an `Exit`."""
 FlightQuantiles: TypeAlias = Mapping[str, Quantiles]
-"""Quantiles of distances of flight, by name."""
+"""Quantiles of flight distances, by name."""
 FLIGHT_QUANTITIES = ("range", "farthest_range")
-"""Distances of `solver.Flight` that a study keeps: at the computed elevation, and the farthest over all elevations."""
+"""Distances in `solver.Flight` that a study keeps: at the computed elevation, and the farthest over all elevations."""
 
 Problem = Literal["", "failed", "outside"]
-"""Reason why a sample has no outcome: it could not be computed, or is outside the ranges of the model; else empty."""
+"""Reason why a sample has no outcome: it could not be computed (``failed``), or is outside the ranges of the model
+(``outside``); empty if it has one."""
 
 
 class Crossings(NamedTuple):
-    """Result of a search for the critical angle, as a study stores it."""
+    """Result of a search for the critical angle, in the form that a study stores."""
 
     angles: tuple[float, ...] = ()
     """Angles at which ricochet begins or ends, in increasing order. [rad]"""
     starts_turned_away: bool = False
     """True if the projectile is turned away at the lower end of the range."""
     problem: Problem = ""
-    """Reason for a missing result; empty otherwise."""
+    """Reason for a missing result; empty if there is one."""
 
     @classmethod
     def of(cls, found: CriticalAngle | RicochetError) -> "Crossings":
-        """Extract the result of `critical_angle`, or its error."""
+        """Extract the result of `critical_angle`, or the reason for its error."""
         if isinstance(found, RicochetError):
             return cls(problem="outside" if isinstance(found, ParameterError) else "failed")
         if found.status is SearchStatus.NOT_CONVERGED:
@@ -67,13 +68,13 @@ class Crossings(NamedTuple):
 
     @property
     def simple(self) -> bool:
-        """True if ricochet begins at one angle in the range and does not end."""
+        """True if ricochet begins at one angle in the range, and does not end."""
         return not self.problem and len(self.angles) == 1 and not self.starts_turned_away
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Critical angle with one input changed and the others at their median or likeliest value."""
+    """Critical angle with one input changed, and all others at their median or likeliest value."""
 
     value: Any
     """Value of the input."""
@@ -90,7 +91,7 @@ class AfterShots:
     dispersion: float
     """Standard deviation of ln S for the next shot after these shots, at the stated strength. [ln]"""
     lower: float
-    """Lower end of the 90 % range, if the shots leave the median of S as it is. [rad]"""
+    """Lower end of the 90 % range, if the shots do not move the median of S. [rad]"""
     upper: float
     """Upper end of the 90 % range. [rad]"""
 
@@ -102,17 +103,17 @@ class Sensitivity:
     field: str
     """Dotted name of the input."""
     first_order: Estimate | None
-    """First-order Sobol index; None if too few samples were left for it, or one had no outcome. [1]"""
+    """First-order Sobol index; None if too few samples were left to compute it, or one of them had no outcome. [1]"""
     total: Estimate | None
-    """Total Sobol index; None if too few samples were left for it, or one had no outcome. [1]"""
+    """Total Sobol index; None if too few samples were left to compute it, or one of them had no outcome. [1]"""
     swing: tuple[Change, ...]
     """Critical angles at the 5 % and 95 % quantiles of the input, or at each of its discrete values."""
     after_shots: tuple[AfterShots, ...] = ()
-    """Expected ranges after own shots; only for a factor on S, ``resistance.strength_residual``."""
+    """Expected ranges after own shots; only for the factor on S, ``resistance.strength_residual``."""
 
 
 class Tables:
-    """Results of a study, as arrays that grow with each round.
+    """Sample results of a study, in arrays that grow with each round.
 
     Parameters
     ----------
@@ -140,13 +141,13 @@ class Tables:
         count
             Number of points of each scrambling in the round.
         others
-            Further results that count as samples and problems, but not in the probabilities.
+            Further results, which count as samples and problems but do not enter the probabilities.
         """
         if len(results) != SCRAMBLINGS * count * self._design.alternatives:
             raise ParameterError("results", "must be one for each point")
         self.count_problems([*results, *others])
         new = np.empty(len(results), object)
-        for number, each in enumerate(results):  # NumPy would unpack the tuples in a slice assignment
+        for number, each in enumerate(results):  # a slice assignment would unpack the tuples
             new[number] = each
         self.found = np.concatenate((self.found, new.reshape(SCRAMBLINGS, count, -1)), axis=1)
         self.critical = np.array([each.angle for each in self.found.ravel()]).reshape(self.found.shape)
@@ -154,7 +155,7 @@ class Tables:
         self._count_outcomes()
 
     def count_problems(self, results: Sequence[Crossings]) -> None:
-        """Count samples, and samples without an outcome by the reason."""
+        """Count the samples, and those without an outcome by reason."""
         self.samples += len(results)
         self.failed += sum(each.problem == "failed" for each in results)
         self.outside += sum(each.problem == "outside" for each in results)
@@ -166,7 +167,7 @@ class Tables:
 
     @property
     def base_samples(self) -> int:
-        """Number of points of all scramblings."""
+        """Number of points in all scramblings."""
         return SCRAMBLINGS * self.count
 
     @property
@@ -185,7 +186,7 @@ class Tables:
                 continue
             if each.starts_turned_away:
                 self.turned_away[number] += weight
-            # Outcomes alternate, so changes to ricochet add the weight from their angle on and changes back remove it.
+            # Outcomes alternate: changes to ricochet add the weight from their angle on, and changes back remove it.
             for place, angle in enumerate(each.angles):
                 sign = 1.0 if (place % 2 == 0) != each.starts_turned_away else -1.0
                 self.turned_away[number, np.searchsorted(self._angles, angle) :] += sign * weight
@@ -198,17 +199,17 @@ class Round:
     samples: int
     """Number of samples so far."""
     half_width: float
-    """Half width of the widest interval of a probability. [1]"""
+    """Half width of the widest interval of any probability. [1]"""
 
 
 @dataclass(frozen=True, slots=True, repr=False, eq=False)
 class AngleUncertainty(ComparedByFields):
-    """Probability of ricochet over the oblique angle, and the distribution of the critical angle."""
+    """Probability of ricochet as a function of the oblique angle, and distribution of the critical angle."""
 
     oblique_angles: FloatArray
     """Oblique angles of the probability curve. [rad]"""
     probability: FloatArray
-    """Probability of being turned away at each oblique angle."""
+    """Probability of ricochet at each oblique angle."""
     lower: FloatArray
     """Lower end of the interval of each probability."""
     upper: FloatArray
@@ -224,16 +225,16 @@ class AngleUncertainty(ComparedByFields):
     sensitivity: tuple[Sensitivity, ...]
     """Sensitivity to each input; empty unless requested."""
     convergence: tuple[Round, ...]
-    """Number of samples and half width after each round."""
+    """Number of samples, and half width reached, after each round."""
     converged: bool
-    """True if every interval is within the half width requested."""
+    """True if every interval is within the requested half width."""
     method: Literal["surrogate", "direct"]
-    """Source of the probabilities: polynomial chaos, or counted outcomes."""
+    """Source of the probabilities: ``surrogate`` for the polynomial chaos, ``direct`` for counted outcomes."""
     order: int | None
     """Highest order of the polynomials of the surrogate; None for counted outcomes."""
     surrogate_error: float | None
-    """Root mean square error of the surrogate at held-out points, given even if it was too large for the surrogate to
-    be used; None if none was fitted. [rad]"""
+    """Root mean square error of the surrogate at held-out points, also if it was too large for the surrogate to be
+    used; None if no surrogate was fitted. [rad]"""
     samples: int
     """Total number of searches."""
     failed: int
@@ -243,7 +244,7 @@ class AngleUncertainty(ComparedByFields):
     seed: int
     """Seed of the sample points."""
     warnings: tuple[ModelWarning, ...] = field(default=())
-    """Warnings of the strike and of the study."""
+    """Warnings about the strike and the study."""
 
     def columns(self) -> Columns:
         """Return the probability curve as arrays by name, with angles in radians."""
@@ -255,11 +256,11 @@ class AngleUncertainty(ComparedByFields):
         }
 
     def to_dataframe(self) -> DataFrame:
-        """Return the probability curve as a ``pandas.DataFrame``; pandas has to be installed."""
+        """Return the probability curve as a ``pandas.DataFrame``; requires pandas."""
         return dataframe(self.columns(), Impact)
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
-        """Plot the probability curve, in a new figure of pyplot unless axes are given; return the figure."""
+        """Plot the probability curve, in a new pyplot figure unless axes are given; return the figure."""
         return plot_probability(self.columns(), self._summary(), ax)
 
     def _summary(self) -> str:
@@ -311,14 +312,14 @@ class TrajectoryUncertainty:
     """Quantiles of the quantities of `solver.Exit`, by name, over the runs that perforate; empty if none does.
     [1, unit of the quantity]"""
     ricochet_flight: FlightQuantiles
-    """Quantiles of the distance of flight after a ricochet, by the names ``range`` and ``farthest_range`` of
-    `solver.Flight`; empty unless a flight was requested. [1, m]"""
+    """Quantiles of the flight distances ``range`` and ``farthest_range`` of `solver.Flight` after a ricochet, by name;
+    empty unless a flight was requested. [1, m]"""
     perforation_flight: FlightQuantiles
-    """Quantiles of the distance of flight behind a wall, by the names in `ricochet_flight`. [1, m]"""
+    """Quantiles of the flight distances behind a wall, by the same names. [1, m]"""
     convergence: tuple[Round, ...]
-    """Number of samples and half width after each round."""
+    """Number of samples, and half width reached, after each round."""
     converged: bool
-    """True if every interval is within the half width requested."""
+    """True if every interval is within the requested half width."""
     samples: int
     """Total number of runs."""
     failed: int
@@ -328,7 +329,7 @@ class TrajectoryUncertainty:
     seed: int
     """Seed of the sample points."""
     warnings: tuple[ModelWarning, ...] = field(default=())
-    """Warnings of the strike and of the study."""
+    """Warnings about the strike and the study."""
 
     @property
     def exit_speed(self) -> Quantiles:
@@ -346,9 +347,9 @@ class TrajectoryUncertainty:
         return self.perforation_exit.get("speed", ())
 
     def plot(self, *, ax: "Axes | None" = None) -> Figure:
-        """Plot the probability of each outcome, depths and exit speeds; return the ``matplotlib.figure.Figure``.
+        """Plot the probability of each outcome, and quantiles of depth and exit speed; return the figure.
 
-        The figure is a new pyplot figure unless axes are given. Given axes show the probabilities only.
+        It is a new pyplot figure unless axes are given, which show the probabilities only.
         """
 
         def rows(quantiles: Quantiles) -> list[tuple[float, float, float, float]]:
@@ -377,9 +378,9 @@ Study = TypeVar("Study", AngleUncertainty, TrajectoryUncertainty)
 
 @dataclass(frozen=True, slots=True)
 class Batch(Generic[Study]):
-    """Points of a study to compute. They may be computed in any order and in parts of any size."""
+    """Points at which a study needs results; they may be computed in any order and in parts of any size."""
 
     points: list[Point]
-    """Values of the inputs at each point, in the order of the inputs."""
+    """Values of all inputs at each point, in the order of the inputs."""
     so_far: Study | None
     """Result of the study from the previous batches; None in the first batch."""

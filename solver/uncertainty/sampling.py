@@ -1,4 +1,4 @@
-"""Uncertain inputs, their sample points, and intervals of results."""
+"""Uncertain inputs, their sample points, and the intervals of results."""
 
 import itertools
 import math
@@ -16,54 +16,57 @@ from solver.checks import ParameterError, require, require_between
 from solver.uncertainty.distributions import Continuous, Discrete, Distribution, stated_values
 from solver.uncertainty.sobol import MOST_DIMENSIONS, scrambled_sobol
 
-# Sensitivity indices take two independent sets of points, each with a dimension for every input.
+# Sensitivity indices take two independent sets of points, each with one dimension per input.
 MOST_INPUTS = MOST_DIMENSIONS // 2
 """Largest number of uncertain inputs."""
-# The scatter of independent scramblings of one Sobol sequence gives the error of their mean. With 16 that error is
-# known to about a fifth, and the points of each scrambling are still well spread.
+# The scatter between independent scramblings of a Sobol sequence gives the error of their mean. With 16, this error is
+# known to about a fifth, and the points of each scrambling are still evenly spread.
 SCRAMBLINGS = 16
 """Number of scramblings of the Sobol sequence."""
-# Sixteen points in 16 scramblings take the smallest budget, 256 samples. Every further round doubles the points.
+# Sixteen points in 16 scramblings take the smallest budget, 256 samples. Every further round doubles the number of
+# points.
 FIRST_POINTS, FEWEST_POINTS = 16, 4
-"""Number of points of each scrambling in the first round by default, and its least value for a wide half width."""
+"""Number of points of each scrambling in the first round: the usual one, and the least for a large half width."""
 # The lower bound is the first round. The upper one is a rough choice, well below the 2**30 points of the sequence.
 FEWEST_SAMPLES, MOST_SAMPLES = 256, 1_048_576
 """Bounds of the budget of samples."""
-# Sobol points have 30 bits and may be 0, where most distributions have no value. Half a cell is added to each.
+# Coordinates of Sobol points have 30 bits and may be 0, where most distributions have no finite value. So half a cell
+# is added.
 HALF_BIN = 2.0**-31
-"""Half of the distance between neighbouring coordinates of Sobol points. [1]"""
-# An event that none of n samples shows may have a probability of up to 3/n at 95 % confidence, the rule of three. This
-# is that bound in standard errors, 3/2.
+"""Half the distance between neighbouring coordinates of Sobol points. [1]"""
+# An event that none of n samples shows may have a probability of up to 3/n at 95 % confidence (the rule of three). That
+# is two standard errors of 1.5/n.
 UNSEEN = 1.5
 """Standard error of the probability of an event that no sample shows, times the number of samples. [1]"""
-# Computing every combination at every point is more accurate, but its cost is proportional to the number of
-# combinations.
+# Computing every combination at every point is more accurate, but the cost is proportional to the number of
+# combinations. The value is a rough choice.
 MOST_ALTERNATIVES = 8
-"""Largest number of combinations of discrete values that are all computed at every point. If there are more, the
-values are sampled."""
-# The 90 % range of the input lies between these quantiles, as the range of the angle does.
+"""Largest number of combinations of discrete values with which all are computed at every point; with more, the values
+are sampled."""
+# These are the ends of the 90 % range of the input, as in the range of the angle.
 SWING_LEVELS = (0.05, 0.95)
-"""Probabilities of the quantiles of an input at which its swing is computed."""
-# Sixty halvings reach the precision of a float for any interval of ordinary numbers.
+"""Probabilities of the quantiles of an input with which its swing is computed."""
+# Sixty halvings reach the precision of a float, which has 53 bits.
 BISECTIONS = 60
 """Number of bisections to find the end of an accepted range."""
 
 Point = tuple[Any, ...]
 """Values of the inputs, in the order of the inputs."""
 Accepts: TypeAlias = Callable[[int, float], bool]
-"""Function from the index and the value of an input to True if the model accepts it."""
+"""Function that returns whether the model accepts a value, given the index of an input and the value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Uncertain:
-    """Input with its distribution, independent of the other inputs.
+    """Uncertain input with its distribution, independent of all other inputs.
 
     Parameters
     ----------
     field
-        Dotted name, as in ``impact.velocity``, ``target.compressive_strength``, ``projectile.mass``,
-        ``numerics.retention_energy_fraction``, or its last part where that is unambiguous; a model with discrete
-        values, as in ``resistance.free_surface``; or ``resistance.strength_residual``, a factor on the strength factor.
+        Dotted name of a number, such as ``impact.velocity``, ``target.compressive_strength``, ``projectile.mass`` or
+        ``numerics.retention_energy_fraction``, or its last part where that is unambiguous; a model, such as
+        ``resistance.free_surface``, for discrete values; or ``resistance.strength_residual``, a factor on the strength
+        factor.
     distribution
         Distribution in the unit of the field.
 
@@ -103,7 +106,7 @@ def require_inputs(uncertain: object) -> None:
 
 
 def check_inputs(uncertain: Sequence[Uncertain]) -> None:
-    """Raise `ParameterError` if there are no inputs or too many, or two of them have the same field."""
+    """Raise `ParameterError` if there are no inputs or too many, or if two of them have the same field."""
     require(1 <= len(uncertain) <= MOST_INPUTS, "uncertain", f"must hold 1 to {MOST_INPUTS} inputs")
     for index, (field, count) in enumerate(Counter(each.field for each in uncertain).items()):
         if count > 1:
@@ -112,7 +115,7 @@ def check_inputs(uncertain: Sequence[Uncertain]) -> None:
 
 
 def check_values(index: int, uncertain: Uncertain, check: Callable[[Any], object]) -> None:
-    """Check that the discrete values, bounds, mean and median of a distribution are valid values of its field.
+    """Check that discrete values, bounds, mean and median of a distribution are valid values of its field.
 
     Parameters
     ----------
@@ -141,14 +144,14 @@ class Sampling:
     Parameters
     ----------
     half_width
-        Half width of the interval of every probability, cut off at 0 and 1, at which sampling ends. [1]
+        Half width of the interval of each probability, cut off at 0 and 1, at which sampling ends. [1]
     confidence
         Confidence level of every interval. [1]
     max_samples
-        Largest number of searches or runs, which is never exceeded. It is at least 256, plus two for each continuous
-        input and one for each discrete value if sensitivities are computed.
+        Limit on the number of searches or runs. It must be at least 256, plus two for each continuous input and one for
+        each discrete value if sensitivities are computed.
     seed
-        Seed of the sample points; sample i of a seed is always the same.
+        Seed of the sample points; the same seed always gives the same points.
     method
         ``"auto"`` uses the surrogate where it passes its check, ``"direct"`` never uses it.
 
@@ -159,7 +162,7 @@ class Sampling:
     """
 
     # For a probability of one half, 2,400 independent samples give this half width at 95 %. The budget is seven times
-    # as large, for rare combinations of inputs and for sensitivities.
+    # as large, to allow for rare combinations of inputs and for sensitivities.
     half_width: float = 0.02
     confidence: float = 0.95
     max_samples: int = 16_384
@@ -167,9 +170,9 @@ class Sampling:
     method: str = "auto"
 
     def __post_init__(self) -> None:
-        # A half width of 1e-4 takes a hundred million independent samples, more than the largest budget, and one of 0.5
-        # is that of all probabilities. Below a confidence of one half an interval is more often wrong than right; its
-        # upper bound is a rough choice. Up to 2**53 every reader of JSON keeps an integer as it is.
+        # A half width of 1e-4 takes a hundred million independent samples, more than the largest budget, and 0.5 is the
+        # half width of all probabilities. With a confidence below one half, an interval is more often wrong than right;
+        # the upper bound of the confidence is a rough choice. Every JSON reader preserves integers up to 2**53.
         require_between("sampling.half_width", self.half_width, 1e-4, 0.5)
         require_between("sampling.confidence", self.confidence, 0.5, 0.9999)
         require_between("sampling.max_samples", self.max_samples, FEWEST_SAMPLES, MOST_SAMPLES)
@@ -178,7 +181,7 @@ class Sampling:
 
     @property
     def normal_quantile(self) -> float:
-        """Half width of an interval over its standard error, by the normal distribution. [1]"""
+        """Half width of an interval over its standard error, for the normal distribution. [1]"""
         from scipy.special import ndtri  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         return float(ndtri(0.5 + 0.5 * self.confidence))
@@ -186,16 +189,16 @@ class Sampling:
     @property
     def first_points(self) -> int:
         """Number of points of each scrambling in the first round of a study of angles."""
-        # With fewer points the probability of unseen events alone would exceed the half width, and the round would be
-        # wasted. The default half width takes 16.
+        # With fewer points, the probability of unseen events alone would exceed the half width, and the round would be
+        # wasted. The default half width requires 16.
         least = self.student_quantile * UNSEEN / (SCRAMBLINGS * self.half_width)
         return next(count for count in (FEWEST_POINTS, 8, FIRST_POINTS) if count >= min(least, FIRST_POINTS))
 
     @property
     def student_quantile(self) -> float:
-        """Half width of an interval over its standard error, for standard errors from the scramblings. [1]"""
-        # The means of the scramblings are not quite normal. With half the probability outside, intervals contain the
-        # true value as often as the confidence level states (`tests/uncertainty/test_coverage.py`).
+        """Half width of an interval over its standard error, if the scramblings give the standard error. [1]"""
+        # The means of the scramblings are not quite normal. With half the nominal probability outside, intervals
+        # contain the true value as often as the confidence level states (`tests/uncertainty/test_coverage.py`).
         from scipy.special import stdtrit  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         return float(stdtrit(SCRAMBLINGS - 1, 0.75 + 0.25 * self.confidence))
@@ -203,10 +206,10 @@ class Sampling:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Estimated value with its interval at the confidence level of the study."""
+    """Estimate with its interval at the confidence level of the study."""
 
     value: float
-    """Estimated value."""
+    """Best estimate of the value."""
     lower: float
     """Lower end of the interval."""
     upper: float
@@ -232,21 +235,21 @@ def scrambled(seed: int, dimensions: int, count: int, stream: int = 0) -> FloatA
 
 
 def share_half_width(by_scrambling: FloatArray, sampling: Sampling, samples: int) -> FloatArray:
-    """Return the half width of the interval of probabilities, from their values in each scrambling.
+    """Return the half width of the interval of each probability, given its value in each scrambling.
 
     Parameters
     ----------
     by_scrambling
         (scramblings, ...) probabilities.
     samples
-        Number of samples, which bounds the probability of unseen events.
+        Total number of samples, which bounds the probability of unseen events.
     """
     variance = by_scrambling.var(axis=0, ddof=1) / SCRAMBLINGS
     return np.asarray(sampling.student_quantile * np.sqrt(variance + (UNSEEN / samples) ** 2), float)
 
 
 def jackknifed(value: float, without: FloatArray, sampling: Sampling) -> Estimate:
-    """Return an estimate with its jackknife interval, from the values without each scrambling in turn."""
+    """Return an estimate with its jackknife interval, given its values without each scrambling in turn."""
     count = without.size
     error = math.sqrt((count - 1) / count * float(((without - without.mean()) ** 2).sum()))
     half = sampling.student_quantile * error
@@ -254,7 +257,7 @@ def jackknifed(value: float, without: FloatArray, sampling: Sampling) -> Estimat
 
 
 def share_estimate(by_scrambling: FloatArray, sampling: Sampling, samples: int) -> Estimate:
-    """Return a probability with its interval, from its values in each scrambling."""
+    """Return a probability with its interval, given its value in each scrambling."""
     value, half = float(by_scrambling.mean()), float(share_half_width(by_scrambling, sampling, samples))
     return Estimate(value, max(0.0, value - half), min(1.0, value + half))
 
@@ -262,8 +265,8 @@ def share_estimate(by_scrambling: FloatArray, sampling: Sampling, samples: int) 
 def moment_estimates(
     values: FloatArray, weights: FloatArray, sampling: Sampling
 ) -> tuple[Estimate | None, Estimate | None]:
-    """Return mean and standard deviation of (scramblings, n) values; None if only one scrambling has weight."""
-    # Values are taken relative to their mean before they are squared, which avoids cancellation in the variance.
+    """Return the mean and standard deviation of (scramblings, n) values; None if only one scrambling has weight."""
+    # The mean is subtracted before values are squared, which avoids cancellation in the variance.
     totals = weights.sum(axis=1)
     centre = float((weights * values).sum() / totals.sum())
     first = (weights * (values - centre)).sum(axis=1)
@@ -275,7 +278,7 @@ def moment_estimates(
 
     mean, deviation = moments(totals.sum(), first.sum(), second.sum())
     rest = totals.sum() - totals
-    if not (rest > 0.0).all():  # all values are in one scrambling, so that there is no scatter between scramblings
+    if not (rest > 0.0).all():  # only one scrambling has values, so there is no scatter between scramblings
         return None, None
     means, deviations = moments(rest, first.sum() - first, second.sum() - second)
     return jackknifed(float(mean), means, sampling), jackknifed(float(deviation), deviations, sampling)
@@ -290,23 +293,23 @@ def quantile_estimates(
 ) -> tuple[tuple[float, Estimate], ...]:
     """Return the quantile at each probability, with its interval.
 
-    The intervals are Woodruff's (1952): they lie between the quantiles at the ends of the interval of the probability.
+    The intervals are Woodruff's (1952): their ends are the quantiles at the ends of the interval of the probability.
 
     Parameters
     ----------
     values, weights
-        (scramblings, n) values of samples and their weights; samples without a value have zero weight.
+        (scramblings, n) values and weights of samples; samples without a value have zero weight.
     levels
         Probabilities. [1]
     shift
-        Errors of the values themselves, by which the intervals are widened.
+        Errors of the values themselves, which widen the intervals.
     """
     flat, shared = values.ravel(), weights.ravel()
     totals = weights.sum(axis=1)
     totals = np.where(totals > 0.0, totals, 1.0)
 
-    # NumPy supports weights only for the inverse of the empirical distribution function, without interpolation between
-    # samples. All levels are computed in one call, as each call sorts the values.
+    # NumPy supports weights only with the inverse of the empirical distribution function, without interpolation between
+    # samples. All levels are computed in one call, because each call sorts the values.
     def quantiles(of: FloatArray, at: FloatArray) -> list[float]:
         return [float(each) for each in np.quantile(of, at, weights=shared, method="inverted_cdf")]
 
@@ -332,12 +335,12 @@ class Design:
     sampling
         Seed and budget.
     swings
-        Add points at which one input alone is changed.
+        Add points at which only one input is changed.
 
     Raises
     ------
     ParameterError
-        If the budget is less than the first round and the swings need.
+        If the budget is too small for the first round and the swings.
     """
 
     def __init__(self, uncertain: Sequence[Uncertain], sampling: Sampling, *, swings: bool = False) -> None:
@@ -347,7 +350,7 @@ class Design:
         self.continuous = [i for i in range(len(uncertain)) if i not in self.discrete]
         choices = [self._discrete(i) for i in self.discrete]
         self.swings = self._swing_points() if swings else []
-        """Index of the changed input, and the point; the other inputs are at their median or likeliest value."""
+        """Index of the changed input, and the point; all other inputs are at their median or likeliest value."""
         first_round, budget = SCRAMBLINGS * FIRST_POINTS, sampling.max_samples
         least = first_round + len(self.swings)
         require(
@@ -384,7 +387,7 @@ class Design:
         return [cast(Continuous, self.uncertain[i].distribution) for i in self.continuous]
 
     def points(self, unit: FloatArray) -> list[Point]:
-        """Return the inputs at (n, inputs) points in (0, 1), with all combinations of discrete values if enumerated."""
+        """Return the inputs at (n, inputs) points in (0, 1), with all combinations of enumerated discrete values."""
         columns = self._columns(unit)
         if not self.enumerated or not self.discrete:
             return list(zip(*columns, strict=True))
@@ -410,9 +413,9 @@ class Design:
         return place
 
     def beyond(self, unit: FloatArray, accepts: Accepts) -> npt.NDArray[np.bool_]:
-        """Return a mask of the points at which a continuous input is outside the range that the model accepts."""
+        """Return a mask of the points at which the model does not accept a continuous input."""
         # Each input is checked alone, with the others as in the strike. Its accepted range is an interval around its
-        # median, so that a bisection for each end replaces a check of every point.
+        # median, so one bisection for each end replaces a check of every point.
         found = np.zeros(unit.shape[:-1], bool)
         for i in self.continuous:
             distribution = cast(Continuous, self.uncertain[i].distribution)
@@ -454,7 +457,7 @@ class Design:
 
 
 def _last_accepted(accepts: Callable[[float], bool], inside: float, outside: float) -> float:
-    """Return the end of the accepted range between an accepted and a refused number, by bisection."""
+    """Find the end of the accepted range between an accepted and a refused number, by bisection."""
     for _ in range(BISECTIONS):
         middle = 0.5 * (inside + outside)
         inside, outside = (middle, outside) if accepts(middle) else (inside, middle)

@@ -1,4 +1,4 @@
-"""Strikes with uncertain inputs, and the computation of their uncertainty on threads of this process."""
+"""Strikes with uncertain inputs, and studies of their uncertainty on threads of this process."""
 
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
@@ -41,25 +41,25 @@ from solver.warnings import body_warnings
 Result = TypeVar("Result")
 Answer = TypeVar("Answer", AngleUncertainty, TrajectoryUncertainty)
 
-# With this interval a straight line between two angles is off by 0.015 at most for the paper's strike.
+# At this interval, a straight line between two angles is off by at most 0.015 for the paper's strike.
 USUAL_ANGLES = np.radians(np.linspace(5.0, 85.0, 161))
-"""Default angles of the probability of ricochet: every 0.5° over the default range of a search. [rad]"""
+"""Default angles for the probability of ricochet: every 0.5° over the default range of a search. [rad]"""
 
 
 THEORY = "resistance.theory"
-"""Name of the field for the theory of the decay. Its values are names of decay laws; each selects the law and the S(θ)
-that belongs to it."""
+"""Field name of the theory of the decay. Its values are names of decay laws; each selects a decay law and the S(θ) that
+belongs to it."""
 # S(θ) belongs to a decay law: eq. 9 gives the paper's angle with elastic-plastic decay, and for Mohr-Coulomb decay S(θ)
 # was fitted to finite element motions.
 PAIRED: Mapping[str, Callable[[StrengthFactor], StrengthFactor]] = {
     ElasticPlastic.name: lambda model: model,
     MohrCoulomb.name: shaped_as_finite_elements,
 }
-"""Functions that give a law of S the S(θ) of a theory, by the name of the theory."""
+"""Functions that replace the S(θ) of a law of S by the S(θ) of a theory, by name of the theory."""
 
 
 def by_theory(resistance: Resistance, theory: str) -> Resistance:
-    """Return a resistance with the decay law and the S(θ) of a theory; the inertia of the decay law is kept.
+    """Replace the decay law and the S(θ) of a resistance by those of a theory; the inertia of the decay law is kept.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def by_theory(resistance: Resistance, theory: str) -> Resistance:
 
 
 def scaled(model: StrengthFactor, factor: float) -> StrengthFactor:
-    """Return a law of the strength factor with all its values multiplied by a factor.
+    """Multiply all values of a law of the strength factor by a factor.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def scaled(model: StrengthFactor, factor: float) -> StrengthFactor:
 
 
 class SampledStrike:
-    """Strike whose samples differ in the uncertain inputs.
+    """Strike with uncertain inputs, from which samples are made.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class SampledStrike:
     Raises
     ------
     ParameterError
-        If a field is not an input of the strike, or a distribution has values that the model does not accept.
+        If a field is not an input of the strike, or a distribution has stated values that the model does not accept.
     """
 
     def __init__(self, parts: Mapping[str, Any], uncertain: Sequence[Uncertain]) -> None:
@@ -139,7 +139,7 @@ class SampledStrike:
         return True
 
     def sample(self, values: Sequence[Any]) -> dict[str, Any]:
-        """Return the parts of the strike with values of the uncertain inputs.
+        """Return the parts of the strike with the given values of the uncertain inputs.
 
         Raises
         ------
@@ -150,8 +150,8 @@ class SampledStrike:
 
     def _with(self, values: Iterable[tuple[Sequence[str], Any]]) -> dict[str, Any]:
         parts, residual = dict(self._parts), None
-        # The theory is applied first, since it replaces laws whose fields other inputs may change. Shorter names are
-        # applied before longer ones for the same reason, and the factor on S last.
+        # The theory is applied first, because it replaces laws whose fields other inputs may change. For the same
+        # reason, shorter names are applied before longer ones, and the factor on S last.
         for (name, *path), value in sorted(values, key=lambda each: (".".join(each[0]) != THEORY, len(each[0]))):
             field = ".".join((name, *path))
             if field == RESIDUAL:
@@ -203,14 +203,14 @@ def critical_angle_uncertainty(
     sensitivity: bool = True,
     threads: int = 1,
 ) -> AngleUncertainty:
-    """Compute the probability of ricochet over the oblique angle, and sensitivities of the critical angle.
+    """Compute the probability of ricochet as a function of the angle, and sensitivities of the critical angle.
 
     Parameters
     ----------
     projectile, target, velocity, angle_of_attack, angular_velocity, resistance, numerics, search
         As for `critical_angle`. [SI, rad]
     uncertain
-        Inputs that scatter, each with its distribution, independent of each other.
+        Inputs that scatter independently, each with its distribution.
     oblique_angles
         Increasing angles at which the probability is computed; every 0.5° from 5° to 85° unless given. [rad]
     sampling
@@ -218,7 +218,7 @@ def critical_angle_uncertainty(
     sensitivity
         Compute Sobol indices and the swing of each input too.
     threads
-        Number of searches computed at a time.
+        Number of searches computed in parallel.
 
     Returns
     -------
@@ -231,11 +231,11 @@ def critical_angle_uncertainty(
 
     Notes
     -----
-    A polynomial chaos replaces the search if every sample has one change of outcome and the error at held-out points is
-    at most 0.1°, as long as it gives the narrower intervals; otherwise, outcomes at randomised Sobol points are
-    counted. A sample outside the ranges of the model, or one that fails, counts as unknown and widens the intervals.
-    Outcomes that no search has shown yet widen them too: if n searches all have one change of outcome, up to about 3/n
-    of all strikes may still have several, at 95 % confidence.
+    A polynomial chaos expansion replaces the search if every sample has one change of outcome, the error at held-out
+    points is at most 0.1°, and its intervals are narrower; otherwise, outcomes at randomised Sobol points are counted.
+    A sample that is outside the ranges of the model, or fails, counts as unknown and widens the intervals. So do
+    outcomes that no search has shown: if n searches all have one change of outcome, up to about 3/n of all strikes may
+    still have several, at 95 % confidence.
 
     Examples
     --------
@@ -295,15 +295,15 @@ def trajectory_uncertainty(
     sampling: Sampling | None = None,
     threads: int = 1,
 ) -> TrajectoryUncertainty:
-    """Compute the probability of each outcome of one strike, with quantiles of depth, exit speed and exit angle.
+    """Compute the probability of each outcome of a strike, and quantiles of depth and of the exit.
 
     Parameters
     ----------
     projectile, target, impact, resistance, numerics
         As for `simulate`. [SI, rad]
     flight
-        Tilt and height of the face. If given, the result has quantiles of the distance of flight. Each flight takes
-        about 25 ms.
+        Tilt and height of the face. If given, the result has quantiles of the flight distance; each flight takes about
+        25 ms.
     uncertain, sampling, threads
         As for `critical_angle_uncertainty`; ``impact.oblique_angle`` may scatter too.
 
@@ -336,7 +336,7 @@ def trajectory_uncertainty(
 
 
 def _named_in_full(uncertain: Sequence[Uncertain], parts: Mapping[str, Any]) -> list[Uncertain]:
-    """Return the inputs with their full dotted names, also where only the last part was given."""
+    """Return the inputs with full dotted names, even where only the last part was given."""
     require_inputs(uncertain)
     return [
         each
@@ -352,18 +352,19 @@ def compute_study(
     threads: int = 1,
     report: Callable[[int, float | None], None] = lambda *_: None,
 ) -> Answer:
-    """Run a study on threads of this process; return its result.
+    """Compute a study on threads of this process; return its result.
 
     Parameters
     ----------
     steps
-        Generator of the batches of the study, such as `AngleStudy.steps`.
+        Generator that yields the batches of the study, such as `AngleStudy.steps()`.
     evaluate
-        Function from a point to its result.
+        Function that returns the result at a point.
     threads
         Number of samples computed at a time.
     report
-        Function called with the number of samples done and the half width reached, None during the first batch.
+        Function called with the number of samples done and the half width reached, which is None during the first
+        batch.
     """
     with ComputingThreads(threads) as pool:
         batch, done = next(steps), 0

@@ -1,4 +1,4 @@
-"""Polynomial chaos of a smooth function of independent inputs, and Sobol indices from it or by the direct method.
+"""Polynomial chaos expansion of a smooth function of independent inputs, and Sobol indices with or without it.
 
 References
 ----------
@@ -22,20 +22,20 @@ from solver.uncertainty.sampling import Estimate, Sampling
 
 
 class Shape(NamedTuple):
-    """Orders of the products of polynomials in a basis."""
+    """Orders of the polynomial products in a basis."""
 
     order: int
     """Highest total order of any product."""
     narrow: int = 0
-    """Highest order of a polynomial in one input alone that does not span a large factor; used if above `order`."""
+    """Highest order of a polynomial in a single input that does not span a large factor; used if above `order`."""
     wide: int = 0
-    """Highest order of a polynomial in one input alone that spans a large factor; used if above `order`."""
+    """Highest order of a polynomial in a single input that spans a large factor; used if above `order`."""
     wide_with_one: int = 0
-    """Highest order of an input that spans a large factor, in products with the first order of one other input; used
-    if not below `order`."""
+    """Highest order in an input that spans a large factor, in products with the first order in one other input; used if
+    not below `order`."""
 
     def terms(self, inputs: int, wide: Sequence[int]) -> IntArray:
-        """Return the (terms, inputs) orders; `wide` holds the indices of the inputs that span a large factor."""
+        """Return the (terms, inputs) orders, given the indices of the inputs that span a large factor."""
         found = [
             Counter(chosen)
             for order in range(self.order + 1)
@@ -54,26 +54,27 @@ class Shape(NamedTuple):
         return np.array(list(dict.fromkeys(rows)), dtype=np.int64).reshape(-1, inputs)
 
 
-# Order 5 has 792 terms for seven inputs, which is about as many as the usual samples can determine.
+# For seven inputs, order 5 has 792 terms, about as many as the usual number of samples can determine.
 SHAPES = tuple(Shape(order) for order in range(1, 6))
 """Shapes tried in every fit."""
-# The effect of an input that spans a large factor levels off, which takes high orders, while the effect of other inputs
-# is nearly linear. With these shapes 128 points instead of 256 give the angle over a factor of five in S to 0.06°.
+# The effect of an input that spans a large factor levels off, which requires high orders; the effect of other inputs is
+# nearly linear. With these shapes, 128 points instead of 256 give the angle over a factor of five in S to 0.06°.
 WIDE_SHAPES = (
     *(Shape(1, narrow, wide, with_one) for narrow in (1, 2) for wide, with_one in ((4, 2), (6, 3), (8, 4))),
     *(Shape(order, order, wide, with_one) for order in (2, 3) for wide, with_one in ((4, 2), (6, 3), (8, 4))),
 )
 """Further shapes tried if an input spans a large factor."""
-# With fewer points a fit over many inputs goes through nearly every point, and its cross-validation is unreliable.
+# With fewer points per term, a fit over many inputs goes through nearly every point, and its cross-validation is
+# unreliable.
 POINTS_PER_TERM = 2
-"""Least number of points of a fit for each term."""
-# The error of a standard deviation from 400 draws is 3.5 %, below that of the errors it describes.
+"""Least number of points per term of a fit."""
+# The error of a standard deviation from 400 draws is 3.5 %, less than the uncertainty of the errors that it describes.
 DRAWS = 400
-"""Number of random draws of the coefficients from their errors, for the intervals of derived quantities."""
-# 499 resamples resolve the ends of a 95 % interval; a batch of 50 bounds the memory.
+"""Number of random draws of the coefficients, for the intervals of quantities derived from them."""
+# 499 resamples resolve the ends of a 95 % interval, and a batch of 50 limits the memory.
 RESAMPLES, BATCH = 499, 50
-"""Number of bootstrap resamples, and of those held in memory at a time."""
-# An interval of a deterministic result must not be narrower than its rounding error.
+"""Number of bootstrap resamples, and of resamples in memory at a time."""
+# The interval of a deterministic result must not be narrower than its rounding error.
 ROUNDING = 1e-12
 """Least half width of an interval, over the larger of the value and 1. [1]"""
 
@@ -86,7 +87,7 @@ class Basis:
     inputs
         Distributions of the inputs.
     terms
-        (terms, inputs) order of each polynomial.
+        (terms, inputs) orders of the polynomials.
     """
 
     def __init__(self, inputs: Sequence[Continuous], terms: IntArray) -> None:
@@ -104,9 +105,10 @@ class Basis:
 
 
 def _orthonormal(nodes: FloatArray, weights: FloatArray, order: int) -> FloatArray:
-    """Return the coefficients, a column for each order, of the polynomials orthonormal under a quadrature."""
+    """Return the coefficients, one column per order, of the polynomials orthonormal under a quadrature rule."""
     # The weighted powers at the nodes are the orthonormal polynomials times a triangular matrix, whose inverse holds
-    # the coefficients. A QR decomposition of the powers avoids their moments, whose condition number is the square.
+    # the coefficients. A QR decomposition of the powers avoids the matrix of their moments, whose condition number is
+    # squared.
     powers = np.vander(nodes, order + 1, increasing=True)
     _, triangle = np.linalg.qr(np.sqrt(weights)[:, None] * powers)
     inverse = np.linalg.inv(triangle)
@@ -115,7 +117,7 @@ def _orthonormal(nodes: FloatArray, weights: FloatArray, order: int) -> FloatArr
 
 @dataclass(frozen=True, slots=True)
 class Expansion:
-    """Least-squares fit of one function for each alternative, at the same points.
+    """Least-squares fits of one function per alternative, at the same points.
 
     Parameters
     ----------
@@ -126,7 +128,7 @@ class Expansion:
     scatter
         (alternatives, terms, terms) square roots of the covariance matrices of the coefficients.
     held_out
-        (n, alternatives) values at the points minus the predictions of fits without the point.
+        (n, alternatives) values at the points, minus the predictions of fits without the point.
     """
 
     basis: Basis
@@ -169,8 +171,9 @@ def _fit(basis: Basis, z: FloatArray, values: FloatArray) -> Expansion:
     inverse = np.linalg.inv(triangle)
     coefficients = inverse @ (orthogonal.T @ values)
     leverage = (orthogonal**2).sum(axis=1)
-    # The residual over one minus the leverage is the residual of the fit without the point (Allen 1974), so that no fit
-    # has to be repeated. Where a fit goes through a point whatever its value, the leverage is 1.
+    # The residual over one minus the leverage is the residual of the fit without the point (Allen 1974), so no fit has
+    # to be repeated. The leverage is 1 where a fit goes through a point whatever its value; the floor avoids a division
+    # by zero there.
     held_out = (values - matrix @ coefficients) / np.maximum(1.0 - leverage, 1e-9)[:, None]
     errors = np.sqrt((held_out**2).mean(axis=0))
     return Expansion(basis, coefficients.T, errors[:, None, None] * inverse, held_out)
@@ -178,7 +181,7 @@ def _fit(basis: Basis, z: FloatArray, values: FloatArray) -> Expansion:
 
 @dataclass(frozen=True, slots=True)
 class Moments:
-    """Moments and Sobol indices from the coefficients of an expansion."""
+    """Moments and Sobol indices of an expansion."""
 
     mean: Estimate
     """Mean of the function."""
@@ -191,16 +194,16 @@ class Moments:
 
 
 def expansion_moments(expansion: Expansion, weights: Sequence[Sequence[float]], sampling: Sampling) -> Moments:
-    """Return mean, standard deviation and Sobol indices, each with its interval.
+    """Return mean, standard deviation and Sobol indices of an expansion, each with its interval.
 
     Parameters
     ----------
     weights
-        Weights of the values of each discrete input. The alternatives are all combinations; the last input varies
-        fastest.
+        Weights of the values of each discrete input. The alternatives are all combinations of values, with the last
+        input varying fastest.
     """
-    # The indices are sums of squared coefficients (Sudret 2008) and take no further samples. Their intervals come from
-    # random draws of the coefficients, since the indices are not linear in them.
+    # The indices are sums of squared coefficients (Sudret 2008), and take no further samples. Their intervals follow
+    # from random draws of the coefficients, because the indices are not linear in them.
     joint, supports = _discrete_basis(weights)
     continuous = expansion.basis.terms > 0
     support = np.concatenate(
@@ -220,12 +223,12 @@ def expansion_moments(expansion: Expansion, weights: Sequence[Sequence[float]], 
 
 
 def _moments(terms: FloatArray, support: npt.NDArray[np.bool_], missed: float, sampling: Sampling) -> Moments:
-    """Return moments and indices from the coefficients in the first row, with intervals from those in the other rows.
+    """Return moments and indices of the coefficients in the first row, with intervals from the other rows.
 
     Parameters
     ----------
     terms
-        (1 + draws, terms) coefficients.
+        (1 + draws, terms) coefficients of the expansion, and random draws of them.
     support
         (terms, inputs) mask of the inputs on which each term depends.
     missed
@@ -271,8 +274,8 @@ def _discrete_basis(weights: Sequence[Sequence[float]]) -> tuple[FloatArray, npt
     Returns
     -------
     tuple
-        The (combinations, functions) matrix that turns values at the combinations into coefficients, and the
-        (functions, inputs) mask of the inputs on which each function depends.
+        (combinations, functions) matrix that turns values at the combinations into coefficients, and (functions,
+        inputs) mask of the inputs on which each function depends.
     """
     joint, supports = np.ones((1, 1)), np.zeros((1, 0), bool)
     for each in weights:
@@ -291,21 +294,21 @@ def _discrete_basis(weights: Sequence[Sequence[float]]) -> tuple[FloatArray, npt
 def direct_indices(
     own: FloatArray, other: FloatArray, mixed: FloatArray, sampling: Sampling
 ) -> list[tuple[Estimate, Estimate]]:
-    """Return Sobol indices (first order, total) by the direct method, with bootstrap intervals.
+    """Compute first-order and total Sobol indices by the direct method, with bootstrap intervals.
 
     Parameters
     ----------
     own, other
         (n,) values at the two sets of samples.
     mixed
-        (inputs, n) values at the first set with one input replaced by that of the second.
+        (inputs, n) values at the first set with one input taken from the second.
     """
     from scipy import stats  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
     size = own.size
-    mixed = np.concatenate((mixed, own[None]))  # one input without effect, since SciPy drops the axis of a single input
+    mixed = np.concatenate((mixed, own[None]))  # one more input, since SciPy drops the axis of a single one
 
-    def indices(rows: npt.NDArray[np.int64], axis: int) -> FloatArray:  # each resample is one output of the function
+    def indices(rows: npt.NDArray[np.int64], axis: int) -> FloatArray:  # each resample is one output to SciPy
         rows = np.atleast_2d(np.moveaxis(rows, axis, -1)).astype(np.int64)
         found = stats.sobol_indices(func={"f_A": own[rows], "f_B": other[rows], "f_AB": mixed[:, rows]}, n=size)
         both = np.stack([np.reshape(each, (len(rows), -1)) for each in (found.first_order, found.total_order)])[

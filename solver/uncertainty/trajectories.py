@@ -1,4 +1,4 @@
-"""Study of the outcomes of one strike at a given angle: their probabilities, and quantiles of depth and exit."""
+"""Study of the outcomes of a strike at one angle: their probabilities, and quantiles of depth, exit and flight."""
 
 import math
 from collections.abc import Callable, Generator, Sequence
@@ -38,7 +38,7 @@ from solver.warnings import ModelWarning
 
 
 class Ending(NamedTuple):
-    """Result of one run, as a study stores it."""
+    """Result of a run, in the form that a study stores."""
 
     outcome: str = ""
     """Outcome of the run; empty if it has none."""
@@ -47,15 +47,15 @@ class Ending(NamedTuple):
     exit: Exit | None = None
     """State of the projectile as it leaves the target; None if it stays in it."""
     problem: Problem = ""
-    """Reason for a missing result; empty otherwise."""
+    """Reason for a missing result; empty if there is one."""
     range: float = math.nan
-    """Distance of flight; NaN if the projectile stays in the target, or no flight was requested. [m]"""
+    """Flight distance; NaN if the projectile stays in the target, or no flight was requested. [m]"""
     farthest_range: float = math.nan
-    """Farthest distance of flight over all elevations; NaN as for `range`. [m]"""
+    """Farthest flight distance over all elevations; NaN as for `range`. [m]"""
 
     @classmethod
     def of(cls, found: Trajectory | RicochetError, flight: Flight | None = None) -> "Ending":
-        """Extract the result of `simulate`, or its error, and of the flight after it."""
+        """Extract the result of `simulate`, or the reason for its error, and the distances of the flight after it."""
         if isinstance(found, RicochetError):
             return cls(problem="outside" if isinstance(found, ParameterError) else "failed")
         depth = math.nan if found.maximum_depth is None else found.maximum_depth
@@ -64,11 +64,12 @@ class Ending(NamedTuple):
 
 
 TrajectorySteps = Generator[Batch[TrajectoryUncertainty], Sequence[Ending], TrajectoryUncertainty]
-"""Generator that yields batches of points, is sent the results at them, and returns the result of the study."""
+"""Generator that yields batches of points, receives the results at these points, and returns the result of the
+study."""
 
 
 class TrajectoryStudy:
-    """Study that samples runs until the probability of each outcome is known to the half width requested.
+    """Study that samples runs until the probability of each outcome is known to the requested half width.
 
     Parameters
     ----------
@@ -77,11 +78,11 @@ class TrajectoryStudy:
     sampling
         Accuracy, budget and seed.
     warnings
-        Warnings about the strike, added to those of the study.
+        Warnings about the strike, which are added to those of the study.
 
     Notes
     -----
-    `steps` is used like that of `AngleStudy`. Outcomes are not continuous in the inputs, so there is no surrogate.
+    `steps` works as in `AngleStudy`. Outcomes are not continuous in the inputs, so there is no surrogate.
     """
 
     def __init__(
@@ -148,7 +149,7 @@ class TrajectoryStudy:
         )
 
     def _exits(self, found: list[list[Ending]], weights: FloatArray, outcome: Outcome) -> ExitQuantiles:
-        """Return the quantiles of every quantity of the exits, over the samples with the given outcome."""
+        """Return the quantiles of each quantity of an exit, over the samples with the given outcome."""
 
         def quantity(each: Ending, name: str) -> float:
             left = each.outcome == outcome.value and each.exit is not None
@@ -157,7 +158,7 @@ class TrajectoryStudy:
         return self._quantiles_by_name(found, weights, EXIT_QUANTITIES, quantity)
 
     def _flights(self, found: list[list[Ending]], weights: FloatArray, outcome: Outcome) -> FlightQuantiles:
-        """Return the quantiles of the distances of flight, over the samples with the given outcome."""
+        """Return the quantiles of the flight distances, over the samples with the given outcome."""
 
         def quantity(each: Ending, name: str) -> float:
             return getattr(each, name) if each.outcome == outcome.value else math.nan
@@ -171,7 +172,7 @@ class TrajectoryStudy:
         names: Sequence[str],
         quantity: Callable[[Ending, str], float],
     ) -> dict[str, Quantiles]:
-        """Return the quantiles of quantities by name, without quantities that no ending has."""
+        """Return the quantiles of quantities by name, except for quantities that no sample has."""
         rows = {name: [[quantity(each, name) for each in row] for row in found] for name in names}
         known = {name: self._quantiles(row, weights) for name, row in rows.items()}
         return {name: quantiles for name, quantiles in known.items() if quantiles}

@@ -1,4 +1,4 @@
-"""Usual scatter of a strike: of its inputs, of the strength factor, and of the theory of the decay."""
+"""Usual scatter of a strike: of its inputs, its strength factor, and the theory of its decay."""
 
 import math
 from dataclasses import replace
@@ -29,31 +29,34 @@ from solver.uncertainty.strikes import THEORY
 # The coefficients of variation are rough choices.
 VELOCITY, DENSITY, MASS = 0.02, 0.02, 0.005
 """Coefficients of variation of velocity, density and mass. [1]"""
-# Dispersions are not known to more digits, and longer numbers would only clutter the inputs that are shown to users.
+# Dispersions are not known to more decimals, and longer numbers would only clutter the inputs that users see.
 DIGITS = 4
-"""Number of decimals of dispersions and scales."""
-# Where S itself is outside the plausible range, its distribution must not be truncated close to its median.
+"""Number of decimals to which dispersions and scales are rounded."""
+# If S itself is outside the plausible range, its distribution must not be truncated close to its median. A factor of
+# two is a rough choice.
 WITHIN = 0.5, 2.0
-"""Range of the factor on S that is never truncated. [1]"""
+"""Range of the factor on S that truncation never removes. [1]"""
 # The standard deviation is a rough choice.
 ATTACK = math.radians(1.0)
 """Standard deviation of the angle of attack. [rad]"""
 THEORY_LAWS: tuple[type[ElasticPlastic | MohrCoulomb], ...] = (ElasticPlastic, MohrCoulomb)
-"""Decay laws among which the usual scatter chooses."""
-# The weights are rough choices. Elastic-plastic decay with eq. 9 gives the paper's angle. Mohr-Coulomb decay follows
-# finite element motions more closely, and its S(θ) was fitted to them. The law without decay is left out, because it
-# neglects the free surface and serves for comparison only.
+"""Decay laws that the theory, as an uncertain input, selects from."""
+# The weights are rough choices; with equal weights the ends of the 90 % range of the paper's strike are at most 0.8°
+# lower. Elastic-plastic decay with eq. 9 gives the paper's angle. Mohr-Coulomb decay follows finite element motions
+# more closely, and its S(θ) was fitted to them. The law without decay neglects the free surface and serves for
+# comparison only.
 THEORIES = (0.8, 0.2)
 """Weights of `THEORY_LAWS`. [1]"""
 
 
 def has_own_law(resistance: Resistance | None) -> bool:
-    """Return whether the user has chosen a decay law or S, so that the theories do not apply by default.
+    """Return whether the user has chosen a decay law or S, in which case the theories do not apply by default.
 
     Notes
     -----
-    This is true for any decay law but the elastic-plastic one, and for a value or coefficients of S given by the user.
-    It is false for published tests, own shots, eq. 9 and the published power law.
+    This is true for any decay law except the elastic-plastic one, and for a value or coefficients of S that the user
+    has given. With elastic-plastic decay it is false for published tests, own shots, eq. 9, and the published power
+    law.
     """
     if resistance is None:
         return False
@@ -83,14 +86,15 @@ def usual_scatter(
     theories: bool | None = None,
     strength_scatter: ScatterSource = "law",
 ) -> tuple[Uncertain, ...]:
-    """Return the inputs that usually scatter in a strike, for `critical_angle_uncertainty`.
+    """Return the inputs that usually scatter in a strike, as for `critical_angle_uncertainty`.
 
     Parameters
     ----------
     projectile, target, velocity, angle_of_attack, resistance
         As for `critical_angle`. [SI, rad]
     theories
-        Include the theory of the decay among the inputs. By default it is included unless `has_own_law` is true.
+        Whether to include the theory of the decay among the inputs. By default it is included unless `has_own_law` is
+        true.
     strength_scatter
         Tests from which the scatter of S is taken, see `known_strength`.
 
@@ -106,9 +110,9 @@ def usual_scatter(
 
     Notes
     -----
-    The factor on S has the scatter of the law, or of the shots into the same concrete, without the part that the
-    strength explains, see `StrengthScatter`. Its distribution has heavy tails and is truncated where S would be outside
-    `PLAUSIBLE_FACTORS`. Otherwise one sample in a thousand would have an S that no concrete has.
+    The factor on S has the scatter of the law, or of shots into the same concrete, except for the part that the
+    strength explains, see `StrengthScatter`. Its distribution has heavy tails, and is truncated where S would be
+    outside `PLAUSIBLE_FACTORS`; otherwise, about one sample in a thousand would have an S that no concrete has.
     """
     resistance = usual_unless_given(resistance)
     factor = resistance.strength_polynomial(target=target, projectile=projectile)[0]
@@ -133,7 +137,7 @@ def usual_scatter(
 
 
 def _residual(scatter: StrengthScatter, factor: float) -> LogStudentT:
-    """Return the distribution of the factor on S; `factor` is S by the law in normal impact. [1]"""
+    """Return the distribution of the factor on S, given the S of the law in normal impact. [1]"""
     lower, upper = (each / factor if factor > 0.0 else 1.0 for each in PLAUSIBLE_FACTORS)
     return LogStudentT(
         median=1.0,

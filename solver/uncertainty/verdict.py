@@ -1,4 +1,4 @@
-"""Verdict on a strike in one sentence: outcome, probability of ricochet, and critical angle with its range."""
+"""Verdict on a strike in words: outcome, probability of ricochet, and critical angle with its range."""
 
 import math
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
@@ -33,19 +33,19 @@ from solver.uncertainty.weighed_warnings import (
 )
 from solver.warnings import ModelWarning
 
-# A surrogate for each theory may need up to this number of samples; for most strikes half of them are enough.
+# The surrogates for two theories may need this number of samples; for most strikes half of it is enough.
 SAMPLES, HALF_WIDTH = 1024, 0.05
-"""Budget of samples, and half width of the interval of each probability at which sampling ends. [1, 1]"""
-# Between two of these angles the curve of the paper's strike rises by 0.07 at most, and a straight line is off by
-# 0.015, less than the half width of its intervals. The angle to judge is always one of them.
+"""Budget of samples, and half width of the intervals of probabilities at which sampling ends. [1, 1]"""
+# Between two such angles, the probability for the paper's strike rises by 0.07 at most, and a straight line is off by
+# 0.015, less than the half width of the intervals. The angle to judge is always one of these angles.
 STEP_DEG = 0.5
-"""Interval of the angles at which the probability is computed. [°]"""
-# The angle to judge is converted between degrees and radians, which causes rounding errors.
+"""Interval between angles at which the probability is computed. [°]"""
+# Conversion of the angle to judge between degrees and radians causes rounding errors.
 SAME_ANGLE = 1e-9
 """Largest difference of angles that count as equal. [rad]"""
-# A unit in the last digit written should be about a tenth of the width.
+# A unit in the last digit shown should be about a tenth of the width.
 WHOLE_DEGREES, TENTHS = math.radians(3.0), math.radians(0.3)
-"""Least widths of a range that is written in whole degrees, and in tenths. [rad]"""
+"""Least widths of a range that is shown in whole degrees, and in tenths. [rad]"""
 ENDINGS: Mapping[str, str] = {
     Outcome.RICOCHET: "ricochet",
     Outcome.EMBEDDED: "embedded",
@@ -55,46 +55,46 @@ ENDINGS: Mapping[str, str] = {
 """Outcomes in words."""
 COUNTED: Mapping[int, str] = {1: "one", 3: "three"}
 """Numbers of shots in words."""
-# A range that shrinks by less than a tenth does not justify a test; the value is a rough choice.
+# Shrinking the range by less than a tenth does not justify a test; the value is a rough choice.
 HARDLY = 0.9
-"""Ratio of the expected width of the range to its present width, above which more shots are called useless. [1]"""
-# The sentence should agree with the probability it states: "is turned away" is wrong in one of ten cases at most.
+"""Ratio of the expected width of the range to its present width, above which advice is against more shots. [1]"""
+# The sentence should agree with the probability that it states: "is turned away" is wrong in at most one of ten cases.
 LIKELY, UNLIKELY = 0.9, 0.1
-"""Probabilities of ricochet above which a body is said to be turned away, and below which it is not. [1]"""
-# A smaller probability would be written as 0 %.
+"""Probability of ricochet above which a body "is turned away", and below which it "is not turned away". [1]"""
+# A smaller probability would appear as 0 %.
 ROUNDED_AWAY = 0.005
-"""Distance of a probability from 0 or 1 below which a bound is written instead. [1]"""
+"""Distance of a probability from 0 or 1, below which a bound is shown instead. [1]"""
 RANGE_FAILED = "the 90 % range could not be computed"
-"""Part of the sentence of a verdict whose study failed or took too long."""
+"""Part of the sentence of a verdict, if its study failed or took too long."""
 NO_RANGE_BY_PANELS = "no 90 % range by panels"
-"""Part of the sentence of a verdict with the method `panels`, for which the study would take minutes and is omitted."""
+"""Part of the sentence of a verdict by `panels`, where the study would take minutes and is omitted."""
 
 
 class Question(NamedTuple):
     """Computation that a verdict needs."""
 
     kind: Literal["search", "study", "run", "wall"]
-    """Kind of computation: a search for the critical angle, a study of it with the usual scatter, or a run or a
-    judgement of the wall at the angle to judge."""
+    """Kind of computation: a search for the critical angle, a study of it with the usual scatter, a run at the angle to
+    judge, or a verdict on the wall."""
     theories: bool = False
-    """Include the theory of the decay among the inputs of a study, even if another law was chosen."""
+    """True to include the theory of the decay among the inputs of a study, even if another law was chosen."""
     probe: tuple[str, float] | None = None
-    """Code of a warning, and the value changed in the search that shows its effect, as in `with_probe`."""
+    """Code of a warning, and the value that the search for its effect changes, as for `with_probe`."""
     optional: bool = False
     """True if the verdict can be given without the answer."""
 
 
 class Spread(NamedTuple):
-    """Part of the result of a study that a verdict uses."""
+    """Part of the result of a study that enters a verdict."""
 
     range: tuple[float, float] | None
     """90 % range of the critical angle; None if no sample has one. [rad]"""
     share_without: float
     """Share of the samples without a critical angle. [1]"""
     theories: tuple[float | None, ...]
-    """Critical angle by each theory of the decay; empty if the theory is not an input of the study. [rad]"""
+    """Critical angle with each theory of the decay; empty if the theory is not an input of the study. [rad]"""
     probability: Estimate | None
-    """Probability of ricochet at the angle to judge; None if the curve does not have that angle. [1]"""
+    """Probability of ricochet at the angle to judge; None if the curve does not include that angle. [1]"""
 
     @classmethod
     def of(
@@ -105,14 +105,14 @@ class Spread(NamedTuple):
         curve: Iterable[tuple[float, float, float, float]],
         oblique_angle: float | None,
     ) -> "Spread":
-        """Extract the result from quantiles and the probability curve of a study.
+        """Extract the parts from the quantiles and the probability curve of a study.
 
         Parameters
         ----------
         quantiles
             Quantiles of the critical angle, by probability. [rad]
         curve
-            Rows of angle [rad], probability, and the ends of its interval.
+            Rows of angle [rad], probability, and both ends of its interval.
         oblique_angle
             Angle to judge, if any. [rad]
         """
@@ -126,7 +126,7 @@ class Spread(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """Part of the result of the run at the angle to judge that a verdict uses."""
+    """Part of the result of the run at the angle to judge that enters a verdict."""
 
     outcome: Outcome | None = None
     protrusion: Protrusion | None = None
@@ -136,9 +136,9 @@ class Ended(NamedTuple):
 
 
 Found: TypeAlias = CriticalAngle | Spread | Ended | WallVerdict | None
-"""Answer to a question, of the type for its kind; None if it failed."""
+"""Answer to a question, of the type that belongs to its kind; None if it failed."""
 Steps: TypeAlias = Generator[Mapping[str, Question], Mapping[str, Found], "Verdict"]
-"""Generator that yields questions by name, is sent their answers, and returns the verdict."""
+"""Generator that yields questions by name, receives their answers, and returns the verdict."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,22 +150,22 @@ class Verdict:
     angle: float | None
     """Critical angle with the inputs as given; None without one. [rad]"""
     searched: tuple[float, float]
-    """Lower and upper end of the search. [rad]"""
+    """Lower and upper end of the range of the search. [rad]"""
     spread: tuple[float, float] | None
     """90 % range of the critical angle with the usual scatter, extended to include `angle` and `held_angle`; None if no
-    sample has an angle, or none was computed. [rad]"""
+    sample has an angle, or if no range was computed. [rad]"""
     reason_without_range: str = ""
-    """Part of the sentence with the reason why no range was computed; empty if the study was computed."""
+    """Part of the sentence that gives the reason why no range was computed; empty if it was."""
     share_without: float
     """Share of the samples without a critical angle. [1]"""
     theories: tuple[float | None, ...]
-    """Critical angle by elastic-plastic and by Mohr-Coulomb decay, other inputs at their medians. [rad]"""
+    """Critical angles with elastic-plastic and with Mohr-Coulomb decay, all other inputs at their medians. [rad]"""
     own_law: bool = False
-    """True if a decay law or S was chosen; the range over the theories is then given separately."""
+    """True if the user chose a decay law or S; the range over both theories is then given separately."""
     theory_spread: tuple[float, float] | None = None
-    """90 % range over the theories, if `own_law` is true. [rad]"""
+    """90 % range over both theories, if `own_law` is true. [rad]"""
     theory_range_failed: bool = False
-    """True if the range over the theories was requested but could not be computed."""
+    """True if the range over both theories was requested, but could not be computed."""
     held_angle: float | None = None
     """Critical angle with S held from 55° on, if S is held from 60° on and `angle` is above 55°. [rad]"""
     standard_error: float | None = None
@@ -175,26 +175,27 @@ class Verdict:
     oblique_angle: float | None = None
     """Angle to judge, if any. [rad]"""
     outcome: Outcome | None = None
-    """Outcome of the strike at the angle to judge, with the inputs as given; None without an angle or an outcome."""
+    """Outcome of the strike at the angle to judge, with the inputs as given; None without such an angle, or without an
+    outcome."""
     protrusion: Protrusion | None = None
-    """Protrusion of the body from the rear face of a wall, at the angle to judge; None if nothing protrudes, or if the
+    """Protrusion of the body from the rear face of a wall at the angle to judge; None if nothing protrudes, or if the
     body perforates."""
     flight: Flight | None = None
-    """Flight of the body after a strike at the angle to judge, if it ricochets."""
+    """Flight of the body after a ricochet at the angle to judge; None without a ricochet."""
     probability: Estimate | None = None
-    """Probability of ricochet at the angle to judge, with the usual scatter and its sampling interval; None without
-    one. [1]"""
+    """Probability of ricochet at the angle to judge, with the usual scatter, and its sampling interval; None if it was
+    not computed. [1]"""
     wall: WallVerdict | None = None
-    """Verdict on the wall, if the target has a thickness; for normal impact without an angle to judge."""
+    """Verdict on the wall, if the target has a thickness; without an angle to judge it is for normal impact."""
     wall_failed: bool = False
-    """True if the target has a thickness and the strikes on its wall could not be computed."""
+    """True if the target has a thickness, but the strikes on its wall could not be computed."""
     warnings: tuple[ModelWarning, ...] = ()
-    """Warnings of the strike at the angle to judge and of the search. If there is a range, warnings whose effect on the
-    critical angle is at most a quarter of the width of the range are standing notes."""
+    """Warnings about the strike at the angle to judge and about the search. If there is a range, warnings whose effect
+    on the critical angle is at most a quarter of its width are standing notes."""
 
     @property
     def range_text(self) -> str:
-        """Range as text, with more decimals if it is narrow; empty without a range."""
+        """`spread` as text, with more decimals if it is narrow; empty without a range."""
         return "" if self.spread is None else _range_text(self.spread)
 
     @property
@@ -209,7 +210,7 @@ class Verdict:
 
     @property
     def _decimals(self) -> int:
-        # A critical angle without a range must not appear more precise than one with the usual range of some degrees.
+        # Without a range, a critical angle must not appear more precise than with the usual range of some degrees.
         return 0 if self.spread is None else _decimals_of(self.spread)
 
     def _judged(self) -> str:
@@ -244,7 +245,7 @@ class Verdict:
             text += f", 90 % range {self.range_text}"
         elif self.reason_without_range:
             text += f", {self.reason_without_range}"
-        if self.share_without >= 0.005:  # a smaller share would be written as 0 %
+        if self.share_without >= 0.005:  # a smaller share would appear as 0 %
             text += f", {100.0 * self.share_without:.0f} % of the samples without one from {lower} to {upper}"
         return text
 
@@ -257,7 +258,7 @@ class Verdict:
         return found
 
     def _over_theories(self) -> str:
-        """Return a sentence on the range over the theories, if it is given separately."""
+        """Return a sentence on the range over both theories, if it is given separately."""
         if self.theory_spread is None:
             return "The range over the theories could not be computed." if self.theory_range_failed else ""
         return f"Over the theories: 90 % range {_range_text(self.theory_spread)}."
@@ -273,8 +274,8 @@ class Verdict:
 
 def probability_text(probability: Estimate) -> str:
     """Format a probability in percent."""
-    # Near 0 and 1 the bound of the sampling interval is written, as no outcome is certain. The margins keep rounding
-    # from moving a bound of a whole number of per cent to the next one.
+    # Near 0 and 1 the bound of the sampling interval is shown, because no outcome is certain. The margins prevent
+    # rounding from moving a bound that is a whole percentage to the next one.
     if probability.value > 1.0 - ROUNDED_AWAY:
         return f"above {min(math.floor(100.0 * probability.lower + 1e-9), 99)} %"
     if probability.value < ROUNDED_AWAY:
@@ -283,7 +284,7 @@ def probability_text(probability: Estimate) -> str:
 
 
 def next_shot_advice(now: tuple[float, float], after: Sequence[AfterShots]) -> str:
-    """Return a sentence on how much further shots into the same concrete would narrow the range of the critical angle.
+    """Compose a sentence on how far more shots into the same concrete would narrow the range of the critical angle.
 
     Parameters
     ----------
@@ -305,7 +306,7 @@ def next_shot_advice(now: tuple[float, float], after: Sequence[AfterShots]) -> s
 
 
 def _decimals_of(spread: tuple[float, float]) -> int:
-    """Return the number of decimals with which a range is written in degrees, which depends on its width."""
+    """Return the number of decimals with which a range is shown in degrees, which depends on its width."""
     width = spread[1] - spread[0]
     return 0 if width >= WHOLE_DEGREES else 1 if width >= TENTHS else 2
 
@@ -319,9 +320,9 @@ def _degrees(angle: float, decimals: int) -> str:
 
 
 def probability_angles(oblique_angle: float | None, lower: float, upper: float) -> tuple[float, float, int]:
-    """Return the first and last angle of the probability curve, and the number of angles.
+    """Return the first and last angle of the probability curve [°], and the number of angles.
 
-    The curve includes the angle to judge if it is in the range of the search and the range is at least one interval.
+    The curve includes the angle to judge if it is in the range of the search, and the range is wide enough.
 
     Parameters
     ----------
@@ -332,7 +333,7 @@ def probability_angles(oblique_angle: float | None, lower: float, upper: float) 
     """
     inside = oblique_angle is not None and lower <= oblique_angle <= upper
     shift = math.fmod(oblique_angle - lower, STEP_DEG) if inside and oblique_angle is not None else 0.0
-    # The margin keeps rounding from dropping the last angle of a range that is a whole number of steps.
+    # The margin prevents rounding from dropping the last angle of a range that is a whole number of steps.
     steps = math.floor((upper - lower - shift) / STEP_DEG + 1e-9)
     if steps < 1:
         return lower, upper, 2
@@ -363,15 +364,15 @@ def verdict(
     oblique_angle
         Angle to judge, if any. [rad]
     flight
-        Tilt and height of the face, for the flight of a body that is turned away at that angle; a face level with the
-        ground unless given.
+        Tilt and height of the face, for the flight of a body that is turned away at the angle to judge; a face level
+        with the ground unless given.
     threads
-        Number of searches computed at a time.
+        Number of searches computed in parallel.
 
     Returns
     -------
     Verdict
-        Its ``str`` is the sentence that the report, the service and the command line print.
+        Verdict whose ``str`` is the sentence that the page, the report, the service and the command line show.
 
     Raises
     ------
@@ -466,9 +467,9 @@ def verdict_steps(
     oblique_angle: float | None,
     ranged: bool = True,
 ) -> Steps:
-    """Yield the questions of a verdict by name, receive the answers, and return the verdict.
+    """Yield the questions of a verdict by name, receive their answers, and return the verdict.
 
-    The generator computes no strike itself. The caller answers the questions in this process, in worker processes or on
+    The generator itself computes no strike. The caller answers the questions in this process, in worker processes or on
     a cluster; questions that are yielded together may be answered in parallel.
 
     Parameters
@@ -476,7 +477,7 @@ def verdict_steps(
     projectile, target, resistance, numerics, search, oblique_angle
         As for `verdict`, with defaults filled in.
     ranged
-        Compute the 90 % range too, which takes hundreds of searches.
+        Whether to compute the 90 % range, which takes hundreds of searches.
     """
     own_law = has_own_law(resistance)
     asked = {"cra": Question("search")}
@@ -543,7 +544,7 @@ def verdict_steps(
 
 
 def conclude(steps: Steps, answer: Callable[[Mapping[str, Question]], Mapping[str, Found]]) -> "Verdict":
-    """Run `verdict_steps` with a function that answers its questions; return the verdict."""
+    """Run `verdict_steps` with a function that answers the questions; return the verdict."""
     asked = next(steps)
     try:
         while True:
@@ -555,19 +556,20 @@ def conclude(steps: Steps, answer: Callable[[Mapping[str, Question]], Mapping[st
 
 def range_with(spread: tuple[float, float] | None, angle: float | None) -> tuple[float, float] | None:
     """Return a range extended to include the angle with the inputs as given."""
-    # The angle with the inputs as given may be an extreme, for example over the angle of attack. All samples then lie
-    # to one side of it. The inputs as given are as likely as any sample, so a range without that angle would be wrong.
+    # The angle with the inputs as given may be an extreme, for example as a function of the angle of attack, so that
+    # all samples lie on one side of it. The inputs as given are as likely as any sample, so a range without their angle
+    # would be wrong.
     if spread is None or angle is None:
         return spread
     return min(spread[0], angle), max(spread[1], angle)
 
 
 def with_those_of_strike(strike: Sequence[ModelWarning], search: Sequence[ModelWarning]) -> tuple[ModelWarning, ...]:
-    """Return the warnings of a strike followed by those of the search.
+    """Return the warnings about a strike, followed by the warnings about the search.
 
-    Warnings of both with the same code are kept, since the strike is at the angle to judge and the search at other
-    angles. A warning of the strike is left out if the text of one of the search begins with its text. A warning of the
-    strike is a standing note if the one of the search with the same code is.
+    If both have a warning with the same code, both are kept, because the strike is at the angle to judge and the search
+    at other angles. A warning about the strike is left out if the text of a warning about the search begins with its
+    text. It is a standing note if the warning about the search with the same code is one.
     """
     by_code = {each.code: each for each in search}
     kept = [

@@ -1,8 +1,8 @@
-"""Verdict on a wall, and sentences that compare a least thickness or a limit speed by the model with the formulas.
+"""Verdict on a wall, and sentences that compare the model's least thickness or limit speed with the formulas.
 
-A wall must prevent perforation by the body, and scabbing, concrete that breaks off the rear face. The design values
-come from empirical formulas with the margins of DOE-STD-3014-2006. The thickness required by the model is a lower bound
-on the design value against perforation.
+A wall must prevent perforation, and scabbing, in which concrete breaks off the rear face. The design values come from
+empirical formulas with the margins of DOE-STD-3014-2006. The thickness that the model requires is a lower bound on the
+design value against perforation.
 """
 
 import math
@@ -32,34 +32,34 @@ from solver.warnings import ModelWarning
 
 Question: TypeAlias = Literal["perforation", "scabbing"]
 MARGINS: dict[Question, float] = {"perforation": PERFORATION_MARGIN, "scabbing": SCABBING_MARGIN}
-"""Safety factors on the limits against perforation and scabbing (DOE-STD-3014-2006). [1]"""
+"""Safety factors on the limit thicknesses against perforation and scabbing (DOE-STD-3014-2006). [1]"""
 THIS_MODEL = "this_model"
-"""Name in place of a formula if the model requires a thicker wall than the formulas with their margin."""
-# The range of a critical angle has the same probability, so that both ranges mean the same.
+"""Name in place of a formula, if the model requires a thicker wall than the formulas with their margin."""
+# The range of a critical angle has the same probability, so that all ranges are comparable.
 PROBABILITY = 0.9
-"""Probability of the range of a least thickness or a limit speed over the scatter of S. [1]"""
+"""Probability of the range of a least thickness or a limit speed, due to the scatter of S. [1]"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignValue:
-    """Required thickness of a wall against perforation or scabbing; None where no formula is within its range."""
+    """Required thickness of a wall against perforation or scabbing; None if no formula is within its range."""
 
     limit: float | None = None
-    """Largest limit thickness of the formulas within their range. [m]"""
+    """Largest limit thickness by the formulas within their range. [m]"""
     design: float | None = None
-    """Design thickness: the limit with its margin, or the thickness required by the model if that is larger. [m]"""
+    """Design thickness: the limit with its margin or, if that is larger, the thickness that the model requires. [m]"""
     formula: str | None = None
-    """Name of the formula that determines the design value; `this_model` if the model does."""
+    """Name of the formula that determines the design thickness; ``this_model`` if the model does."""
     by_formula: str | None = None
-    """Name of the formula that gives the limit, even where the model determines the design value."""
+    """Name of the formula that gives the limit, even if the model determines the design thickness."""
     enough: bool | None = None
-    """True if the wall of the case has at least the design thickness and, against perforation, nothing comes out of its
+    """True if the wall of the case has at least the design thickness and, for perforation, nothing comes out of its
     rear face in the model; None without a wall or a design value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RearFaceVariants:
-    """Limit by the model with and without a plug and a crater; None where there is no limit. [m or m/s]"""
+    """Limit by the model with and without a plug and a crater; None if there is no limit. [m or m/s]"""
 
     plain: float | None
     """Limit without a plug and a crater. [m or m/s]"""
@@ -71,20 +71,21 @@ class RearFaceVariants:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PerforationSpread:
-    """Variation of a least thickness or a limit speed with S, and with a plug and a crater."""
+    """Variation of a least thickness or a limit speed with S, with a plug, and with a crater."""
 
     range: tuple[float, float] | None
-    """90 % range over the scatter of S; None if there is no limit for S as given or at an end. [m or m/s]"""
+    """90 % range due to the scatter of S; None if there is no limit with S as given or at an end of its range. [m or
+    m/s]"""
     variants: RearFaceVariants
     """Limits with and without a plug and a crater."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WallVerdict:
-    """Verdict on a wall: its required thicknesses against perforation and scabbing, and the results of the model."""
+    """Verdict on a wall: required thicknesses against perforation and scabbing, and results of the model."""
 
     thickness: float | None
-    """Thickness of the wall of the case; None for design values alone. [m]"""
+    """Thickness of the wall of the case; None if only design values are wanted. [m]"""
     oblique_angle: float
     """Oblique angle from the inward normal. [rad]"""
     perforation: DesignValue
@@ -92,24 +93,24 @@ class WallVerdict:
     scabbing: DesignValue
     """Design value against scabbing."""
     normal_impact: tuple[float | None, float | None]
-    """Design values against perforation and scabbing for the same speed along the normal. [m]"""
+    """Design thicknesses against perforation and scabbing for the same speed along the normal. [m]"""
     variants: RearFaceVariants
     """Least thickness of a wall that is not perforated in the model. [m]"""
     outcome: Outcome | None = None
-    """Outcome of the strike on the wall of the case by the model, with the resistance as given."""
+    """Outcome of the strike on the wall of the case in the model, with the resistance as given."""
     protrusion: Protrusion | None = None
-    """Protrusion of the body out of the rear face by the model; None if there is none, or the body perforates."""
+    """Protrusion of the body from the rear face in the model; None if nothing protrudes, or if the body perforates."""
     characteristic_strength: float | None = None
-    """Compressive strength in the formulas, if it is not the mean. [Pa]"""
+    """Compressive strength in the formulas; None if it is the mean. [Pa]"""
     warnings: tuple[ModelWarning, ...] = ()
-    """Warnings of the search for the least thickness with the resistance as given, and of the run on the wall."""
+    """Warnings about the search for the least thickness with the resistance as given, and about the run on the wall."""
 
     sentence: str = ""
     """Verdict in words."""
 
     @property
     def enough(self) -> bool | None:
-        """True if the wall is thick enough against both, False if it is too thin against one, None if unknown."""
+        """True if the wall is thick enough against both, False if it is not against one of them, None if unknown."""
         answers = [self.perforation.enough, self.scabbing.enough]
         return False if False in answers else None if None in answers else True
 
@@ -118,12 +119,12 @@ class WallVerdict:
 
 
 def wall_sentence(wall: WallVerdict) -> str:
-    """Return the verdict on a wall in words."""
+    """Compose the verdict on a wall in words."""
     return " ".join(filter(None, (_judged(wall), _required(wall), _normal(wall), _by_model(wall))))
 
 
 def _questions(wall: WallVerdict) -> list[tuple[Question, DesignValue]]:
-    """Return perforation and scabbing with their design values, if known, the larger value first."""
+    """Return perforation and scabbing with their known design values, the larger value first."""
     both: list[tuple[Question, DesignValue]] = [("scabbing", wall.scabbing), ("perforation", wall.perforation)]
     known = [each for each in both if each[1].design is not None]
     return sorted(known, key=lambda each: -(each[1].design or 0.0))
@@ -138,12 +139,12 @@ def _judged(wall: WallVerdict) -> str:
         return f"{text}: not enough against {' and '.join(missed)}."
     if not wall.enough:
         return f"{text}: not known to be enough."
-    # Design practice assumes normal impact, so "enough" alone would be understood as valid for all angles.
+    # Design practice assumes normal impact, so readers would take "enough" alone as valid for all angles.
     return f"{text}: enough at this angle only." if _is_thinner_than_normal(wall) else f"{text}: enough."
 
 
 def _is_thinner_than_normal(wall: WallVerdict) -> bool:
-    """Return whether a wall at an oblique angle is thinner than a design value for normal impact."""
+    """Return whether a wall that is struck obliquely is thinner than a design value for normal impact."""
     values = [each for each in wall.normal_impact if each is not None]
     return wall.thickness is not None and wall.oblique_angle != 0.0 and wall.thickness < max(values, default=0.0)
 
@@ -163,7 +164,7 @@ def _required(wall: WallVerdict) -> str:
 
 
 def _normal(wall: WallVerdict) -> str:
-    """Return a sentence with the design values of normal impact, which design practice uses."""
+    """Compose a sentence with the design values for normal impact, which design practice uses."""
     by_name: dict[Question, float | None] = dict(zip(MARGINS, wall.normal_impact, strict=True))
     known = [(name, value) for name, value in by_name.items() if value is not None]
     if not known or wall.oblique_angle == 0.0:
@@ -177,7 +178,7 @@ def _normal(wall: WallVerdict) -> str:
 
 
 def _by_model(wall: WallVerdict) -> str:
-    """Return a sentence with the results of the model, which must not be used for design."""
+    """Compose a sentence with the results of the model, which must not be used for design."""
     found = []
     if wall.outcome is Outcome.PERFORATED:
         found.append("perforated")
@@ -200,7 +201,7 @@ def _by_model(wall: WallVerdict) -> str:
 
 
 def embedded_words(protrusion: Protrusion | None) -> str:
-    """Return the words for an embedded body, with its protrusion out of the rear face of a wall if there is one."""
+    """Describe an embedded body in words, with its protrusion from the rear face of a wall, if any."""
     if protrusion is None or not protrusion.final:
         return "embedded"
     return f"embedded, its nose {_length(protrusion.final)} out of the rear face"
@@ -221,15 +222,15 @@ def judge_wall(
     projectile, impact
         Projectile, and its motion at first contact. [SI, rad]
     target
-        The wall. Without a thickness, the verdict has design values only. The formulas use its characteristic strength
-        where it is given, the model the mean one.
+        Wall. Without a thickness, the verdict has only design values. The formulas use its characteristic strength if
+        given, the model uses the mean.
     resistance, numerics
         As for `simulate`.
 
     Returns
     -------
     WallVerdict
-        Its ``str`` is the sentence that page, report, service and command line show.
+        Verdict whose ``str`` is the sentence that the page, the report, the service and the command line show.
 
     Raises
     ------
@@ -240,11 +241,11 @@ def judge_wall(
 
     Notes
     -----
-    The limits are the largest results of the formulas within their range. The design values are 1.2 times the limit of
-    perforation and 1.1 times that of scabbing (DOE-STD-3014-2006). Against perforation the design value is at least the
-    thickness that the model needs with a plug and a crater so that no part of the body comes out of the rear face. The
-    formulas use the component of the speed along the normal; design practice uses the full speed, as `normal_impact`
-    does.
+    The limits are the largest results of the formulas within their range. The design values are 1.2 times the limit
+    against perforation and 1.1 times the limit against scabbing (DOE-STD-3014-2006). Against perforation the design
+    value is at least the thickness with which no part of the body comes out of the rear face in the model, both with
+    the resistance as given and with a plug and a crater. The formulas use the component of the speed along the normal;
+    design practice uses the full speed, as `normal_impact` does.
 
     Examples
     --------
@@ -252,7 +253,7 @@ def judge_wall(
     """
     own, infinite = usual_unless_given(resistance), replace(target, thickness=None)
     if numerics is not None and numerics.method == "panels":
-        numerics = None  # a run with panels takes seconds, and the searches below make about a hundred runs
+        numerics = None  # a run with panels takes seconds, and the searches below need about a hundred runs
     characteristic = target.characteristic_strength
     if characteristic is not None:
         require(
@@ -314,7 +315,7 @@ def judge_wall(
 def _design_values(
     projectile: Projectile, target: Target, impact: Impact, *, needed: float
 ) -> dict[Question, DesignValue]:
-    """Return the design values of a strike; `needed` is the least thickness by the model. [m]"""
+    """Return the design values of a strike; `needed` is the thickness that the model requires. [m]"""
     rows = formulas(projectile=projectile, target=target, impact=impact)
     found: dict[Question, DesignValue] = {}
     for name, margin in MARGINS.items():
@@ -329,7 +330,7 @@ def _design_values(
         limit = max(each for each, _ in limits)
         formula = next(
             formula for each, formula in limits if each == limit
-        )  # the first of equal ones, such as Kar's and NDRC's
+        )  # the first of equal results, such as Kar's and NDRC's
         design, decides = margin * limit, formula
         if name == "perforation" and needed > design:
             design, decides = needed, THIS_MODEL
@@ -338,7 +339,7 @@ def _design_values(
 
 
 def _needed(projectile: Projectile) -> Callable[[PerforationLimit], float]:
-    """Return a function from the result of a search to the thickness above which nothing comes out at the rear. [m]"""
+    """Return a function from a search result to the thickness from which on nothing comes out at the rear. [m]"""
 
     def of(found: PerforationLimit) -> float:
         if found.status is PerforationStatus.ALWAYS_PERFORATED:
@@ -349,7 +350,7 @@ def _needed(projectile: Projectile) -> Callable[[PerforationLimit], float]:
 
 
 def rear_face_variants(resistance: Resistance) -> tuple[Resistance, Resistance, Resistance]:
-    """Return a resistance without plug and crater, with a plug, and with both; own parameters of these are kept."""
+    """Return a resistance without plug and crater, with a plug, and with both; given parameters of these are kept."""
     plain = replace(resistance, rear_plug=None, crater=None)
     plugged = replace(plain, rear_plug=resistance.rear_plug or ShearPlug())
     return plain, plugged, replace(plugged, crater=resistance.crater or Crater())
@@ -364,7 +365,7 @@ def thickness_spread(
     numerics: Numerics | None = None,
     strength_scatter: ScatterSource = "law",
 ) -> PerforationSpread:
-    """Compute the variation of a least thickness with S and with a plug and a crater.
+    """Compute the variation of a least thickness with S, with a plug, and with a crater.
 
     Arguments and errors are those of `least_thickness`.
     """
@@ -388,7 +389,7 @@ def limit_speed_spread(
     numerics: Numerics | None = None,
     strength_scatter: ScatterSource = "law",
 ) -> PerforationSpread:
-    """Compute the variation of a limit speed with S and with a plug and a crater.
+    """Compute the variation of a limit speed with S, with a plug, and with a crater.
 
     Arguments and errors are those of `limit_velocity`.
     """
@@ -423,7 +424,7 @@ def _spread(
     known = [each for each in ends if each is not None]
     variants = [find(law) for law in rear_face_variants(resistance)]
     return PerforationSpread(
-        # The limit with S as given is included, since limits need not be monotonic in S.
+        # The limit with S as given is included, because limits need not be monotonic in S.
         range=(min(known), max(known)) if len(known) == len(ends) else None,
         variants=RearFaceVariants(plain=variants[0], rear_plug=variants[1], rear_plug_and_crater=variants[2]),
     )
@@ -432,7 +433,7 @@ def _spread(
 def thickness_sentence(
     found: PerforationLimit, spread: PerforationSpread, rows: Sequence[FormulaResult], resistance: Resistance
 ) -> str:
-    """Return a sentence on the least thickness that is not perforated, by the formulas and by the model.
+    """Compose a sentence on the least thickness that is not perforated, by the formulas and by the model.
 
     Parameters
     ----------
@@ -456,7 +457,7 @@ def thickness_sentence(
 def limit_speed_sentence(
     found: PerforationLimit, spread: PerforationSpread, rows: Sequence[FormulaResult], resistance: Resistance
 ) -> str:
-    """Return a sentence on the least speed that perforates a wall, as `thickness_sentence` does on the thickness.
+    """Compose a sentence on the least speed that perforates a wall, by the formulas and by the model.
 
     Parameters
     ----------
@@ -482,7 +483,7 @@ def _model_sentence(
     written: Callable[[float], str],
     where: str,
 ) -> str:
-    """Return a sentence that states the limit by the model as unconservative, with its range and its variants."""
+    """Compose a sentence with the limit by the model, which it calls unconservative, its range and its variants."""
     own = "".join(
         words
         for words, has in ((" with a plug", resistance.rear_plug), (" with a crater", resistance.crater))
@@ -511,7 +512,7 @@ def _model_sentence(
 
 
 def _reason(name: Question, value: DesignValue) -> str:
-    """Return the formula with its margin, and the model if it determines the design value, as text."""
+    """Name the formula with its margin, and the model if it determines the design value."""
     by_formula = f"{NAMES[value.by_formula or '']} × {MARGINS[name]:g}"
     if value.formula != THIS_MODEL:
         return by_formula
@@ -525,12 +526,12 @@ def _thickness(value: float) -> str:
 
 def _length(value: float) -> str:
     """Format a length [m] to a tenth of a millimetre or a hundredth of an inch; from 10 m on, to six digits."""
-    if value >= 10.0:  # In millimetres it would have five digits or more.
+    if value >= 10.0:  # in millimetres it would have five digits or more
         return quantity(value, "m", 6)
     return with_symbol(fixed(value, "mm", 1).rstrip("0").rstrip("."), "mm")
 
 
 def _speed(value: float) -> str:
-    """Format a speed [m/s], from 10 m/s on rounded down to be on the safe side."""
-    # Slower speeds are rounded to two digits, as whole numbers are too coarse.
+    """Format a speed [m/s], rounded down to be on the safe side from 10 m/s on."""
+    # Slower speeds are rounded to two digits, because whole numbers would be too coarse.
     return with_symbol(rounded(value, "m/s", math.floor), "m/s") if value >= 10.0 else quantity(value, "m/s", 2)

@@ -1,4 +1,4 @@
-"""Warnings of a critical angle with their effect on it; warnings of little effect become standing notes."""
+"""Warnings about a critical angle, weighed by their effect on it: those with little effect become standing notes."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -13,16 +13,17 @@ from solver.target import Target
 from solver.warnings import RETENTION_DECIDES, RETENTION_RANGE, ModelWarning, in_degrees
 
 EXTRAPOLATED = "strength_fit_extrapolated"
-"""Code of the warning about a fit of S that is extrapolated."""
+"""Code of the warning about an extrapolated fit of S."""
 HELD = "strength_held"
-"""Key of the search with S held from `HELD_EARLIER` on; no warning has this code."""
-# No finite element run is at a larger angle, so S may be held from 55° as well as from 60°. The range of a verdict
-# includes the results of both.
+"""Key of the search with S held constant from `HELD_EARLIER` on; no warning has this code."""
+# There is no finite element run at a larger angle, so S may be held from 55° on as well as from 60°. The range of a
+# verdict includes the results of both.
 HELD_EARLIER = math.radians(55.0)
-"""Smaller angle from which S by eq. 9 may be held constant. [rad]"""
-# An effect that is small relative to the scatter should not distract from other warnings. A quarter is a rough choice.
+"""Smaller angle from which the S of eq. 9 may be held constant. [rad]"""
+# An effect that is small compared with the scatter should not distract from other warnings. A quarter is a rough
+# choice.
 LITTLE = 0.25
-"""Largest shift of the angle, over the width of its 90 % range, with which a warning is a standing note. [1]"""
+"""Largest shift of the angle with which a warning is a standing note, over the width of the 90 % range. [1]"""
 MOVES = {
     RETENTION_DECIDES: "with those thresholds it moves by",
     EXTRAPOLATED: f"with S from {math.degrees(ObliquityPolynomial.fitted_to):g}° on as it is there, the angle moves by",
@@ -38,11 +39,11 @@ def probes(
     resistance: Resistance,
     numerics: Numerics,
 ) -> dict[str, tuple[float, ...]]:
-    """Return the values for further searches that show the effects of warnings, by the code or `HELD`. [1]
+    """Return values for further searches that show the effects of warnings, by code or `HELD`. [1]
 
-    They are retention energies, and the strength factors at the last angle that the fit of S covers and at
+    The values are retention energies, and strength factors at the last angle that the fit of S covers and at
     `HELD_EARLIER`. If the critical angle lies beyond such an angle, a search with that constant factor finds the
-    critical angle of a fit that is held from there on.
+    critical angle of a fit that is held from that angle on.
     """
 
     def held_at(oblique_angle: float) -> tuple[float, ...]:
@@ -52,7 +53,7 @@ def probes(
                     resistance=resistance, oblique_angle=oblique_angle, target=target, projectile=projectile
                 ),
             )
-        except ParameterError:  # a polynomial that is above zero at larger angles only
+        except ParameterError:  # the polynomial is above zero only at larger angles
             return ()
 
     found: dict[str, tuple[float, ...]] = {}
@@ -70,9 +71,9 @@ def probes(
 def range_held_earlier(
     spread: tuple[float, float] | None, angle: float | None, held: float | None
 ) -> tuple[float, float] | None:
-    """Return a range of the critical angle that also contains the angles with S held from `HELD_EARLIER` on.
+    """Extend a range of the critical angle by the angles with S held from `HELD_EARLIER` on.
 
-    Critical angles beyond `HELD_EARLIER` fall by about as much as the angle with the inputs as given, but not below
+    Critical angles beyond `HELD_EARLIER` decrease by about as much as the angle with the inputs as given, but not below
     `HELD_EARLIER`; smaller angles do not change.
 
     Parameters
@@ -80,7 +81,7 @@ def range_held_earlier(
     spread
         Range with S as given. [rad]
     angle, held
-        Critical angle with the inputs as given, and with S held earlier; None without. [rad]
+        Critical angle with the inputs as given, and with S held earlier; None if there is none. [rad]
     """
     if spread is None or angle is None or held is None:
         return spread
@@ -105,16 +106,16 @@ def weighed(
     spread: tuple[float, float] | None,
     moved: Mapping[str, Sequence[float | None]],
 ) -> tuple[ModelWarning, ...]:
-    """Return the warnings with their effect on the angle, as standing notes if it is small relative to the range.
+    """Add to warnings their effect on the angle, and mark them as standing notes if it is small for the range.
 
-    A warning is unchanged if there is no angle or no range, or if its effect is unknown.
+    A warning remains unchanged if there is no angle or no range, or if its effect is unknown.
 
     Parameters
     ----------
     angle, spread
         Critical angle and its 90 % range. [rad]
     moved
-        Critical angles of the further searches, by code; None where a search finds none. [rad]
+        Critical angles of the further searches, by code; None if a search finds none. [rad]
     """
     if angle is None or spread is None:
         return tuple(warnings)
