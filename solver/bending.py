@@ -34,7 +34,7 @@ INSTANTS_NEAR_PEAK = 10
 # In six strikes of the paper's body, from 0° to 75°, the peak is within 0.1 % of the peak with 16 points, which is less
 # than the error due to slices and instants.
 STATIONS = 4
-"""Number of Gauss points along each stretch of the outline within a slice."""
+"""Number of Gauss points along each stretch of the outline in a slice."""
 # This number of points is exact for lines and accurate to 1e-10 for arcs.
 GAUSS_POINTS = 8
 """Number of Gauss points for the inertia of a slice."""
@@ -42,8 +42,8 @@ GAUSS_POINTS = 8
 # method of integration, so independent programs disagree about the stress.
 ENERGY_LEFT = 0.05
 """Share of the initial kinetic energy below which the stress is no longer computed. [1]"""
-# The part that touches the target after the release is mostly the tail. It meets concrete that the nose has broken, but
-# that the model treats as intact.
+# The stress is computed up to the release only. A part that touches the target again later, mostly the tail, meets
+# concrete that the nose has broken, but that the model treats as intact.
 FREE = 1e-6
 """Ratio of the acceleration to the largest so far, up to which the projectile counts as released. [1]"""
 # The tolerances allow for values from a drawing, which are rounded to two or three digits.
@@ -278,7 +278,7 @@ class _Slices(NamedTuple):
     crater_depth: float
     """Depth of the crater. It weakens all slices alike, by the depth of the deepest point of the whole body. [m]"""
     states: FloatArray
-    """(6 `MOST_STATES`,) states, one after the other."""
+    """(6 `MOST_STATES`,) states, concatenated."""
     accelerations: FloatArray
     """(3 `MOST_STATES`,) accelerations of the states."""
     loads: FloatArray
@@ -306,7 +306,7 @@ def _add_loads(
     Parameters
     ----------
     states
-        (6 n,) states one after the other.
+        (6 n,) states, concatenated.
     accelerations
         (3 n,) work array for the accelerations due to the loads on one slice.
     loads

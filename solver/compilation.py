@@ -7,8 +7,8 @@ numba and llvmlite, and the processor. Changed sources therefore use a new folde
 code.
 
 The container image includes compiled code for x86-64-v3 (processors with AVX2 and FMA), and for AMD and Intel
-processors with AVX-512 (`entry-point.sh`). On processors with AVX-512 that code takes at most 2 % longer than code
-compiled on the machine itself (`benchmarks/results.md`).
+processors with AVX-512 (`entry-point.sh`). The latter takes at most 2 % longer than code compiled on the machine itself
+(`benchmarks/results.md`).
 """
 
 import hashlib

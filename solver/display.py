@@ -1,4 +1,4 @@
-"""pandas tables, matplotlib figures, and texts for consoles and notebooks, for the answers of the solver.
+"""pandas tables, matplotlib figures, and texts in consoles and notebooks that show answers of the solver.
 
 pandas and matplotlib are optional, and imported by the functions that need them. A plot is drawn into the given axes,
 or into a new pyplot figure, so that `savefig` and `show` of pyplot apply to it.
@@ -96,7 +96,7 @@ def dataframe(columns: Mapping[str, npt.NDArray[np.generic]], *kinds: type, inde
     Parameters
     ----------
     kinds
-        Classes whose fields the columns are.
+        Classes that have the columns as fields.
     index
         Name of the column that becomes the index.
     """
@@ -343,14 +343,14 @@ def plot_endings(
 ) -> Figure:
     """Plot the probability of each outcome, and quantiles of depth and exit speed; return the figure.
 
-    Axes that are given show the probabilities only.
+    Given axes show the probabilities only.
 
     Parameters
     ----------
     outcomes
         Probability of each outcome, with the lower and the upper end of its interval. [1]
     depth
-        Quantiles of the greatest depth: probability, depth and the ends of its interval. [1, m, m, m]
+        Quantiles of the greatest depth, as rows of probability, depth, and both ends of its interval. [1, m, m, m]
     speeds
         Quantiles of the exit speed in the same form, by outcome. [1, m/s, m/s, m/s]
     title

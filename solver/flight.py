@@ -136,7 +136,7 @@ def launch_elevation(
     # At tilt t, the vertical component of the outward normal is cos t, and that of the direction up the face is sin t.
     normal, along = math.cos(direction) * (-1.0 if rear else 1.0), math.sin(direction)
     vertical = normal * math.cos(face_tilt) + climb[incidence_plane] * along * math.sin(face_tilt)
-    return math.asin(max(-1.0, min(1.0, vertical)))  # rounding may exceed 1
+    return math.asin(max(-1.0, min(1.0, vertical)))  # rounding may make it exceed 1
 
 
 def flight(
@@ -331,7 +331,7 @@ def _path(speed: float, elevation: float, drag: float, height: float) -> _Path:
 
 
 def _longest(climb: float, drag: float, height: float) -> float:
-    """Return a time by which any flight has ended, to which it is integrated. [s]"""
+    """Return an upper bound of the time of flight, up to which it is integrated. [s]"""
     # With drag the rise takes less time than in vacuum. The fall takes at most the sum of the time in vacuum, the time
     # at terminal speed, and a multiple of the time constant with which that speed is reached. The factor 2 is a margin.
     rise = max(climb, 0.0) / GRAVITY

@@ -42,7 +42,7 @@ NAMES: Mapping[str, str] = {
     "li_chen": "Li and Chen",
     "whiffen": "Whiffen",
 }
-"""Names of the formulas for display."""
+"""Display names of the formulas."""
 # A limit speed that no strike may have would be of no use.
 LIMIT_SPEEDS = (BOUNDS["impact.velocity"].lower, BOUNDS["impact.velocity"].upper)
 """Range of the normal speed in the search for a limit speed. [m/s]"""
@@ -73,7 +73,7 @@ class FormulaResult:
     penetration_depth: float | None = None
     """Depth of penetration into thick concrete. [m]"""
     scabbing_thickness: float | None = None
-    """Least thickness of a wall whose back does not scab. [m]"""
+    """Least thickness of a wall whose rear face does not scab. [m]"""
     perforation_thickness: float | None = None
     """Least thickness of a wall that is not perforated. [m]"""
     limit_speed: float | None = None

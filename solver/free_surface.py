@@ -249,7 +249,7 @@ class Decay(NamedTuple):
 
 @lru_cache  # the cases of a study share few targets
 def build_decay(model: FreeSurface, target: Target) -> Decay:
-    """Convert a decay model to the polynomials of the compiled code."""
+    """Convert a decay law to the polynomials of the compiled code."""
     if isinstance(model, NoFreeSurface):
         none, nothing = np.zeros(DEGREE + 1), np.zeros(SHELL_DEGREE + 1)
         return Decay(0.0, 1.0, 0.0, 0.0, Near(0.0, none, none), Deep(nothing, nothing))

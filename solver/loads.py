@@ -120,7 +120,7 @@ class Scratch(NamedTuple):
     attitudes: FloatArray
     """(`MOST_STATES`, 3) cosine of the axis angle, and absolute value and sign of its sine."""
     ends: IntArray
-    """(`MOST_STATES`, 2) index after the last ring of each state, and after its last fully resisted ring."""
+    """(`MOST_STATES`, 2) index after the last ring of each state, and after its last ring from `FULL` on."""
 
 
 def build_law(
@@ -346,7 +346,7 @@ def _integrate(rows: FloatArray, count: int, points: FloatArray, law: Law, taper
 
 @lean
 def integrate_in_wall(rows: FloatArray, count: int, points: FloatArray, law: Law, tapers: bool) -> None:
-    """Integrate the stress around the first `count` rings in a wall; arcs that face the rear are stored at `REAR`."""
+    """Integrate the stress around the first `count` rings in a wall; arcs toward the rear face begin at `REAR`."""
     end, at_rear = whole(count), rows[REAR:]
     if tapers:
         _load_tapering_rings(rows, end, law)
@@ -364,7 +364,7 @@ def _ring_loader(name: str, *, tapers: bool) -> Callable[[FloatArray, np.uint64,
     """
 
     def load_rings(rows: FloatArray, last: np.uint64, law: Law) -> None:
-        """Find the arcs of the rings up to `last` and integrate the stress on the fully resisted arcs."""
+        """Find the arcs of the rings up to `last`, and integrate the stress on the arcs without decay."""
         beyond, endless, loaded = law.decay.corner - 1.0, law.decay.corner == 0.0, law.loaded_thickness
         for i in range(last):
             j = i + REAR

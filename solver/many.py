@@ -125,7 +125,7 @@ def simulate_many(
     Returns
     -------
     sequence of Trajectory or RicochetError
-        Answers in the order of the strikes, as returned by `critical_angle_many`.
+        Answers in the order of the strikes, as for `critical_angle_many`.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def least_thickness_many(
     Returns
     -------
     sequence of PerforationLimit or RicochetError
-        Answers in the order of the strikes, as returned by `critical_angle_many`.
+        Answers in the order of the strikes, as for `critical_angle_many`.
 
     Raises
     ------
@@ -212,7 +212,7 @@ def limit_velocity_many(
     Returns
     -------
     sequence of PerforationLimit or RicochetError
-        Answers in the order of the walls, as returned by `critical_angle_many`.
+        Answers in the order of the walls, as for `critical_angle_many`.
 
     Raises
     ------
@@ -370,7 +370,7 @@ def columns(answers: Iterable[Trajectory | CriticalAngle | PerforationLimit | Ri
     Parameters
     ----------
     answers
-        Answers of one of the functions for many cases, or of `solver.alternatives`; all must be of one kind.
+        Answers from one of the functions for many cases, or from `solver.alternatives`; all must be of one kind.
 
     Returns
     -------

@@ -62,7 +62,7 @@ class PerforationStatus(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PerforationTrial:
-    """One run of a search, at one thickness or velocity."""
+    """Run of a search at one thickness or velocity."""
 
     value: float
     """Thickness or velocity. [m or m/s]"""
@@ -71,7 +71,7 @@ class PerforationTrial:
     exit: Exit | None
     """State of the projectile as it leaves the wall; None if it stays."""
     protrusion: Protrusion | None
-    """Protrusion out of the rear face of a wall that was not perforated; None if there was none."""
+    """Protrusion from the rear face of a wall that was not perforated; None if nothing protruded."""
 
     @property
     def comes_out(self) -> bool:
@@ -84,7 +84,7 @@ class PerforationLimit:
     """Result of `least_thickness` or `limit_velocity`, with all trials of the search."""
 
     quantity: Literal["thickness", "velocity"]
-    """Quantity whose limit the search was for."""
+    """Quantity that the search varied."""
     status: PerforationStatus
     """Result of the search: a limit, or the outcome over the whole range."""
     value: float | None
@@ -98,8 +98,8 @@ class PerforationLimit:
     """Least thickness, or greatest velocity, at which no part of the projectile was found to come out of the rear face;
     None if this holds over the whole range, or nowhere in it. [m or m/s]"""
     warnings: tuple[ModelWarning, ...]
-    """Warnings of the trial at the value found, or of the last trial if there is none. ``undecided`` is added if a
-    trial beside the change or beside the value without protrusion, or any trial if there is no change, was still in
+    """Warnings about the trial at the value found, or about the last trial if none was found. ``undecided`` is added if
+    a trial beside the change or beside the value without protrusion, or any trial if there is no change, was still in
     motion at its termination time."""
 
     def row(self) -> Row:

@@ -50,7 +50,7 @@ LARGEST_STATE = 1e100
 
 
 class Outcome(StrEnum):
-    """Outcome of a run: turned away, stopped in the target, still moving there, or through a wall."""
+    """Outcome of a run: turned away, stopped in the target, still moving in it, or through a wall."""
 
     RICOCHET = "ricochet"
     EMBEDDED = "embedded"

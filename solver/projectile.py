@@ -294,7 +294,7 @@ class Sphere:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoatTail:
-    """Cone behind the shank, narrower towards the base.
+    """Cone behind the shank, narrower toward the base.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ EQUATION_9_COEFFICIENTS = (8.469, 0.0149, -0.0013)
 # The search range of the paper ends at 60°. Extrapolated beyond it, the parabola falls to zero at 86.6°, and bodies
 # that move nearly along the face would meet hardly any resistance.
 HELD_FROM = math.radians(60.0)
-"""Oblique angle from which S by eq. 9 is constant. [rad]"""
+"""Oblique angle from which S by eq. 9 is held constant. [rad]"""
 NOT_HELD = math.pi / 2.0
 """Value of `held_from` for laws that are never held constant, since no strike reaches this angle. [rad]"""
 

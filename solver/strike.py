@@ -95,8 +95,9 @@ class Numerics:
     time_step
         Time step of the panel method; 0.01 ms as in the paper unless given. [s]
     relative_tolerance
-        Error of one step of the adaptive method, over the scale of the motion. Unless given, 3e-7 for a trajectory,
-        which balances energy to 1e-6, and 3e-4 for a search, which uses a finer level where the angle is in doubt. [1]
+        Error of one step of the adaptive method, over the scale of the motion. Unless given, it is 3e-7 for a
+        trajectory, whose energy then balances to 1e-6, and 3e-4 for a search, which uses a finer level where the angle
+        is in doubt. [1]
     stations
         Number of Gauss-Legendre points of the adaptive route along a stretch of the outline. Unless given, 12 for a
         trajectory and 8 for a search. [1]

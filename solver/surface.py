@@ -17,7 +17,7 @@ from solver.compilation import compiled, lean
 from solver.projectile import Arc, Line, MassProperties, OutlinePiece, Projectile
 
 LINE, ARC = 0.0, 1.0
-"""Kinds of an outline piece, as in the first column of `Body.outline`."""
+"""Kinds of outline pieces, as in the first column of `Body.outline`."""
 BOUNDED, TAPERED, CENTRED = 1, 2, 4
 """Flags of a body, whose sum is `Body.bounds`.
 

@@ -122,7 +122,7 @@ def critical_angle_sweep(
     velocity
         As for `critical_angle`; not needed if it is an axis. [m/s]
     degrees
-        Return angles in degrees, for example for plots; the values in `axes` are in radians anyway.
+        Return angles in degrees, for example for plots; the values in `axes` remain in radians.
     threads
         Number of searches computed in parallel.
 

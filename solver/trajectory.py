@@ -57,7 +57,7 @@ class Motion(ComparedByFields, Generic[Value]):
     nose_tip_depth: Value
     """Depth of the nose tip, positive inside the target. [m]"""
     axis_angle: Value
-    """Angle from the inward normal of the face to the axis; grows as the nose turns to the face. [rad]"""
+    """Angle from the inward normal of the face to the axis; grows as the nose turns toward the face. [rad]"""
     depth_velocity: Value
     """Velocity of the centre of gravity along the inward normal. [m/s]"""
     lateral_velocity: Value
@@ -109,7 +109,7 @@ class Trajectory:
     maximum_depth: float | None
     """Greatest depth of the deepest point of the projectile; None if it perforates a wall. [m]"""
     protrusion: Protrusion | None
-    """Protrusion out of the rear face of a wall; None if there is none, or if the projectile perforates."""
+    """Protrusion from the rear face of a wall; None if nothing protrudes, or if the projectile perforates."""
     strength_factor: float
     """Strength factor at the oblique angle of the strike. [1]"""
     warnings: tuple[ModelWarning, ...]

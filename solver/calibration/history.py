@@ -40,8 +40,8 @@ class MotionHistory(ComparedByFields):
     Raises
     ------
     ParameterError
-        If there are fewer than two rows, or no quantity, if columns differ in length, or if a value is not finite, or a
-        time is negative or does not increase.
+        If there are fewer than two rows or no quantities, if columns differ in length, if a value is not finite, or if
+        times are negative or do not increase.
     """
 
     time: FloatArray

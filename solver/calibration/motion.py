@@ -36,7 +36,7 @@ FIT_TOLERANCE = 1e-6
 # With these settings motions are accurate to a tenth of a millimetre. This is enough to find the local minima, and
 # takes a fraction of the time.
 ROUGH = Numerics(relative_tolerance=1e-3, stations=5, points=3)
-"""Numerical settings of the runs before the fit."""
+"""Numerical settings of the runs that find local minima before the fit."""
 # The outcome may change with S, and each outcome may have its own minimum of the sum of squares. With 41 values,
 # neighbouring factors differ by 12 %.
 FIRST_LOOK = 41

@@ -50,7 +50,7 @@ PAPER_THRESHOLDS = Thresholds(REST_FRACTION, REST_FRACTION)
 """Thresholds of retention and rest in the paper's searches, over the initial kinetic energy. [1]"""
 # A projectile that comes to rest in the target is embedded whatever its attitude.
 UNSTOPPED = (Outcome.RICOCHET, Outcome.PERFORATED, Outcome.IN_MOTION)
-"""Outcomes with a warning if the body has turned far."""
+"""Outcomes for which a large turn of the body gives a warning."""
 
 
 def critical_angle(

@@ -35,9 +35,9 @@ class Search:
         ``outcome`` brackets the change of outcome. ``bisection`` and ``secant`` are the paper's searches for the angle
         at which the depth of the nose tip at the termination time is zero (eqs. 7 and 8).
     lower
-        Lower end of the range; 5° unless given, or 40° for the searches of the paper. [rad]
+        Lower end of the range; 5° unless given, or 40° for the paper's searches. [rad]
     upper
-        Upper end of the range; 85° unless given, or 60° for the searches of the paper. [rad]
+        Upper end of the range; 85° unless given, or 60° for the paper's searches. [rad]
     tolerance
         Width of the final bracket of ``outcome``. [rad]
     relative_tolerance
@@ -166,7 +166,7 @@ class CriticalAngle:
     """Standard deviation of ln S for the next shot into the same concrete, from own shots or from the published tests;
     None without an angle. [ln]"""
     own_tests: StrengthPosterior | None = None
-    """Posterior of S from shots into the same concrete; None without any, or without an angle."""
+    """Posterior of S from shots into the same concrete; None without such shots, or without an angle."""
     exit: Exit | None = None
     """State of the projectile as it leaves the target at the critical angle; None without an angle."""
     outcomes: tuple[OutcomeInterval, ...] = ()

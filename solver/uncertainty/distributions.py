@@ -193,7 +193,7 @@ class Lognormal:
     Parameters
     ----------
     median, dispersion
-        Median in the unit of the field, and standard deviation of the natural logarithm.
+        Median in the unit of the field, and standard deviation of the natural logarithm of the input.
     mean, standard_deviation, coefficient_of_variation
         Mean, and standard deviation or coefficient of variation, in place of median and dispersion.
     """
@@ -248,7 +248,7 @@ class Lognormal:
         return self._logarithm[1] >= WIDE
 
     def standard(self, u: FloatArray) -> FloatArray:
-        """Return x/√(1 + x²) at given probabilities, where x is the logarithm of the number over its median."""
+        """Return x/√(1 + x²) at given probabilities, where x is the logarithm of the input over its median."""
         from scipy.special import ndtri  # noqa: PLC0415 (slow to import, and needed for sampling only)
 
         # Critical angles level off where a factor on the resistance is very large or very small. Polynomials in a
@@ -336,7 +336,7 @@ class LogStudentT:
         return np.asarray(np.clip(self._quantile(below + u * (1.0 - below - above)), lower, upper), float)
 
     def standard(self, u: FloatArray) -> FloatArray:
-        """Return x/√(1 + x²) at given probabilities, where x is the logarithm of the number over its median."""
+        """Return x/√(1 + x²) at given probabilities, where x is the logarithm of the input over its median."""
         x = self.scale * self.scales(u)
         return np.asarray(x / np.sqrt(1.0 + x * x), float)
 

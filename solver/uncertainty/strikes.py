@@ -361,7 +361,7 @@ def compute_study(
     evaluate
         Function that returns the result at a point.
     threads
-        Number of samples computed at a time.
+        Number of samples computed in parallel.
     report
         Function called with the number of samples done and the half width reached, which is None during the first
         batch.

@@ -42,7 +42,7 @@ PROBABILITY = 0.9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignValue:
-    """Required thickness of a wall against perforation or scabbing; None if no formula is within its range."""
+    """Required thickness of a wall against perforation or scabbing; all None if no formula is within its range."""
 
     limit: float | None = None
     """Largest limit thickness by the formulas within their range. [m]"""
