@@ -44,7 +44,7 @@ ENERGY_LEFT = 0.05
 """Share of the initial kinetic energy below which the stress is no longer computed. [1]"""
 # The stress is computed up to the release only. A part that touches the target again later, mostly the tail, meets
 # concrete that the nose has broken, but that the model treats as intact.
-FREE = 1e-6
+RELEASED = 1e-6
 """Ratio of the acceleration to the largest so far, up to which the projectile counts as released. [1]"""
 # The tolerances allow for values from a drawing, which are rounded to two or three digits.
 CENTER_WITHIN, INERTIA_WITHIN = 0.005, 0.02
@@ -452,7 +452,7 @@ def _speed_change(steps: FloatArray, body: Body, change: FloatArray) -> int:
         here = math.hypot(steps[i + 1, 5] - steps[i, 5], steps[i + 1, 6] - steps[i, 6])
         rate = here / steps[i, 1]
         greatest = max(greatest, rate)
-        if rate <= FREE * greatest:
+        if rate <= RELEASED * greatest:
             return i + 1
         change[i + 1] = change[i] + here
     return 0

@@ -292,7 +292,7 @@ def name_keywords(package: dict[str, Any]) -> None:
         arguments = getfullargspec(function)
         if len(arguments.args) > own or arguments.varargs or not arguments.kwonlyargs:
             continue
-        checked = _saying_keywords(function, own, f"{name}() takes keywords only: {', '.join(arguments.kwonlyargs)}")
+        checked = _listing_keywords(function, own, f"{name}() takes keywords only: {', '.join(arguments.kwonlyargs)}")
         if own:
             public.__init__ = checked
         else:  # pickle looks for a function in its own module
@@ -300,7 +300,7 @@ def name_keywords(package: dict[str, Any]) -> None:
             setattr(sys.modules[function.__module__], name, checked)
 
 
-def _saying_keywords(function: Callable[..., Any], own: int, words: str) -> Callable[..., Any]:
+def _listing_keywords(function: Callable[..., Any], own: int, words: str) -> Callable[..., Any]:
     """Wrap a function so that a call with more than `own` positional arguments raises `TypeError` with `words`."""
 
     @wraps(function)

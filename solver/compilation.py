@@ -393,7 +393,7 @@ def _numba() -> ModuleType:
 
 def _announce(function: Compiled) -> None:
     """Record the beginning of a compilation for `compilation_progress`; the first call also announces it."""
-    _announce_all()
+    _announce_first()
     with suppress(OSError):
         FOLDER.mkdir(parents=True, exist_ok=True)
         with BEGUN.open("a") as file:
@@ -401,7 +401,7 @@ def _announce(function: Compiled) -> None:
 
 
 @lru_cache(1)
-def _announce_all() -> None:
+def _announce_first() -> None:
     with suppress(OSError):
         BEGUN.unlink(missing_ok=True)
     left = len(compilation_progress().left)

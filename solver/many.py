@@ -259,7 +259,7 @@ class Answers(Sequence[Answer | RicochetError]):
                 raise ParameterError(name, f"must be one or as many as {first}, {self._length}, got {len(column)}")
         self._function, self._threads = function, threads
         self._kept: list[Answer | RicochetError] = []
-        self._coming = self._begin()
+        self._pending = self._begin()
 
     def _begin(self) -> Generator[Answer | RicochetError, None, None]:
         """Yield the answers that have not been computed yet."""
@@ -285,9 +285,9 @@ class Answers(Sequence[Answer | RicochetError]):
         place = range(self._length)[index]
         while len(self._kept) <= place:
             try:
-                self._kept.append(next(self._coming))
+                self._kept.append(next(self._pending))
             except BaseException:  # such as Ctrl-C, which ends the generator; the next access starts a new one
-                self._coming = self._begin()
+                self._pending = self._begin()
                 raise
         return self._kept[place]
 
@@ -296,8 +296,8 @@ class Answers(Sequence[Answer | RicochetError]):
 
     def close(self) -> None:
         """Cancel the cases that were started but whose answers have not been accessed."""
-        self._coming.close()
-        self._coming = self._begin()
+        self._pending.close()
+        self._pending = self._begin()
 
     def inputs(self, taken: Container[str]) -> Columns:
         """Return the inputs given as sequences, as columns with names not in `taken`; objects give their fields."""

@@ -228,11 +228,11 @@ class Profile:
             open_behind = x_next > x or r_next > r
             require(open_behind, place, "the flat base closes the body behind: leave out points across it")
         require(self.widest > 0.0, f"{field}.{len(self.points) - 1}", "the radius must be greater than 0")
-        rise = _rise(self.points)
-        if rise is not None:
-            slope = "steeper" if self.points[rise][1] > self.points[rise - 1][1] else "less steep"
+        dent = _first_dent(self.points)
+        if dent is not None:
+            slope = "steeper" if self.points[dent][1] > self.points[dent - 1][1] else "less steep"
             text = f"the profile must be convex, but the line to this point is {slope}"
-            raise ParameterError(f"{field}.{rise}", text)
+            raise ParameterError(f"{field}.{dent}", text)
 
     @property
     def widest(self) -> float:
@@ -359,7 +359,7 @@ def _spanning(points: Sequence[Point]) -> list[int]:
     return kept
 
 
-def _rise(points: Sequence[Point]) -> int | None:
+def _first_dent(points: Sequence[Point]) -> int | None:
     """Return the index of the first point in a dent to which the slope increases; None without a dent."""
     size = math.hypot(*points[-1])
     for first, last in pairwise(_spanning(points)):

@@ -91,14 +91,16 @@ def fit_decay_laws(
             laws[law.name] = fitted(law)
         except UndeterminedError:
             laws[law.name] = None
-    return DecayLawFits(requested=requested, laws=laws, warnings=(*requested.warnings, *_better(requested, laws)))
+    return DecayLawFits(
+        requested=requested, laws=laws, warnings=(*requested.warnings, *_other_law_warnings(requested, laws))
+    )
 
 
 def _best(laws: Mapping[str, MotionsFit | None]) -> str:
     return min((fit.normalized_root_mean_square, name) for name, fit in laws.items() if fit is not None)[1]
 
 
-def _better(requested: MotionsFit, laws: Mapping[str, MotionsFit | None]) -> list[ModelWarning]:
+def _other_law_warnings(requested: MotionsFit, laws: Mapping[str, MotionsFit | None]) -> list[ModelWarning]:
     """Return a warning if another law fits much better than the requested one."""
     name = _best(laws)
     best = laws[name]

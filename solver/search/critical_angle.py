@@ -129,7 +129,7 @@ def critical_angle(
         angle_of_attack=angle_of_attack,
         angular_velocity=angular_velocity,
     )
-    change, trials, sought = _seek(prepared, impact, search)
+    change, trials, sought = _search_positive_range(prepared, impact, search)
     standard_error, doubts = _standard_error(prepared, impact, search, change)
     if sought.bounds != search.bounds:
         doubts += (model_warnings.range_clipped(upper=sought.bounds[1], given=search.bounds[1]),)
@@ -156,7 +156,9 @@ def critical_angle(
     )
 
 
-def _seek(prepared: PreparedCase, impact: Impact, search: Search) -> tuple[Change, tuple[Trial, ...], Search]:
+def _search_positive_range(
+    prepared: PreparedCase, impact: Impact, search: Search
+) -> tuple[Change, tuple[Trial, ...], Search]:
     """Run a search over the part of its range in which the strength factor is above zero.
 
     Returns
@@ -208,7 +210,7 @@ def _shifted_angle(prepared: PreparedCase, impact: Impact, search: Search, shift
     shifted = ObliquityPolynomial(coefficients=(constant + shift, *rest), held_from=held)
     present = replace(prepared, resistance=replace(prepared.resistance, strength_factor=shifted))
     try:
-        change, _, _ = _seek(present, impact, search)
+        change, _, _ = _search_positive_range(present, impact, search)
     except RicochetError:  # the angle remains valid without a standard error
         return None
     return change.angle if change.status is SearchStatus.CONVERGED else None
@@ -469,11 +471,11 @@ def _retention_warnings(prepared: PreparedCase, change: Change) -> list[ModelWar
     """Return warnings if the critical angle, or a change to or from perforation, depends on the retention energy."""
     retention = prepared.numerics.retention_energy_fraction
     warnings = []
-    if change.nearby is not None and _moves(change.nearby[0], change.nearby[1], retention):
+    if change.nearby is not None and _depends_on_retention(change.nearby[0], change.nearby[1], retention):
         below, above, _ = change.nearby
         warnings.append(model_warnings.retention_decides(retention=retention, below=below, above=above))
     for angle, outside, inside in change.perforations:
-        if _moves(outside, inside, retention):
+        if _depends_on_retention(outside, inside, retention):
             warnings.append(
                 model_warnings.retention_decides_perforation(
                     angle=angle, retention=retention, outside=outside, inside=inside
@@ -482,7 +484,7 @@ def _retention_warnings(prepared: PreparedCase, change: Change) -> list[ModelWar
     return warnings
 
 
-def _moves(without: float, having: float, retention: float) -> bool:
+def _depends_on_retention(without: float, having: float, retention: float) -> bool:
     """Return whether a change moves by more than half a degree over the usual range of the retention energy.
 
     Parameters

@@ -61,10 +61,10 @@ PATIENCE = 3
 # rough choice.
 GROWTH = 4.0
 """Largest ratio of two consecutive strides toward a change. [1]"""
-# The error of a root is estimated by SHIFTED × (shift between two levels) + MARGIN_ERROR / (growth of the margin). With
-# these coefficients the estimate exceeded `DOUBT` for every strike that needs the last level, in the strikes described
-# at `DOUBT`.
-SHIFTED = 0.12
+# The error of a root is estimated by SHIFT_ERROR × (shift between two levels) + MARGIN_ERROR / (growth of the margin).
+# With these coefficients the estimate exceeded `DOUBT` for every strike that needs the last level, in the strikes
+# described there.
+SHIFT_ERROR = 0.12
 """Estimated error of a root, as a fraction of its shift between the last two levels. [1]"""
 # Two levels with the same error agree on a wrong root. An error of the margin shifts a root by the error over the slope
 # of the margin.
@@ -177,7 +177,7 @@ def refine(left: int, right: int, first: int, search: SearchState) -> tuple[int,
             # costs a trial, and the estimate saves the last level in half of all strikes.
             decided_by_time = undecided(trials[left]) or undecided(trials[right])
             growth = max(margin_growth(left, right, trials[:count]), LEAST_GROWTH)
-            sure = SHIFTED * shift + MARGIN_ERROR / growth <= DOUBT  # false if a level has no root (NaN)
+            sure = SHIFT_ERROR * shift + MARGIN_ERROR / growth <= DOUBT  # false if a level has no root (NaN)
             if (sure and not decided_by_time) or not is_finer(levels[LAST], levels[REQUESTED]):
                 break
             # The margin of one finer trial at the root gives the error of the root, unless the margin oscillates about
@@ -227,12 +227,12 @@ HALF_DEGREE = math.radians(0.5)
 MORE_INERTIA = 1.02
 """Factor on the moment of inertia in the trial that measures its effect. [1]"""
 # If S varies strongly between two trials, they may hide a band of another outcome; the value is a rough choice.
-SMOOTH = 0.1
+MOST_STRENGTH_BEND = 0.1
 """Largest relative deviation of S midway between two trials from their mean, to skip the angles between. [1]"""
 # Where S falls steeply with the angle, a projectile may be embedded at small angles because it strikes steeply, and at
 # large angles because S is too small to turn it. A critical angle between two such trials was once missed, and the
 # result was 19° too large.
-KEEPS = 0.5
+LEAST_STRENGTH_RATIO = 0.5
 """Least ratio of the smaller to the larger S of two embedded trials, with which the angles between are skipped. [1]"""
 
 
@@ -259,10 +259,10 @@ def _is_smooth(left: FloatArray, right: FloatArray, strength: Strength) -> bool:
     if turned_away(left) != turned_away(right) or min(abs(left[MARGIN]), abs(right[MARGIN])) <= CLEAR:
         return False
     first, last = strength_at(left[ANGLE], strength), strength_at(right[ANGLE], strength)
-    if not turned_away(left) and min(first, last) < KEEPS * max(first, last):
+    if not turned_away(left) and min(first, last) < LEAST_STRENGTH_RATIO * max(first, last):
         return False
     mean = 0.5 * (first + last)
-    return abs(strength_at(0.5 * (left[ANGLE] + right[ANGLE]), strength) - mean) <= SMOOTH * mean
+    return abs(strength_at(0.5 * (left[ANGLE] + right[ANGLE]), strength) - mean) <= MOST_STRENGTH_BEND * mean
 
 
 @once
@@ -309,7 +309,7 @@ def _scan(angles: FloatArray, level: Level, search: SearchState) -> int:
 
 
 @lean
-def _lead(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets: IntArray) -> bool:
+def _connects_ends(lowest: FloatArray, highest: FloatArray, trials: FloatArray, brackets: IntArray) -> bool:
     """Return whether the changes connect the outcomes at both ends of the range, so that none is missing."""
     last = lowest
     for i in range(brackets.shape[0]):
@@ -456,7 +456,7 @@ def _find_changes(angles: FloatArray, search: SearchState, brackets: IntArray) -
         if has_failed(search):
             return 0
         lowest, highest = trials[numbers[0]], trials[numbers[count - 1]]
-        if panels or scan == 1 or (changes > 0 and _lead(lowest, highest, trials, brackets[:changes])):
+        if panels or scan == 1 or (changes > 0 and _connects_ends(lowest, highest, trials, brackets[:changes])):
             break
         earlier, changes, first = changes, 0, REQUESTED
     return changes if changes > 0 else earlier

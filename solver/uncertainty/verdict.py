@@ -56,7 +56,7 @@ ENDINGS: Mapping[str, str] = {
 COUNTED: Mapping[int, str] = {1: "one", 3: "three"}
 """Numbers of shots in words."""
 # Shrinking the range by less than a tenth does not justify a test; the value is a rough choice.
-HARDLY = 0.9
+HARDLY_NARROWER = 0.9
 """Ratio of the expected width of the range to its present width, above which advice is against more shots. [1]"""
 # The sentence should agree with the probability that it states: "is turned away" is wrong in at most one of ten cases.
 LIKELY, UNLIKELY = 0.9, 0.1
@@ -294,7 +294,7 @@ def next_shot_advice(now: tuple[float, float], after: Sequence[AfterShots]) -> s
         Expected ranges, see `Sensitivity.after_shots`.
     """
     spread = _range_text(now)
-    if after[-1].upper - after[-1].lower > HARDLY * (now[1] - now[0]):
+    if after[-1].upper - after[-1].lower > HARDLY_NARROWER * (now[1] - now[0]):
         return (
             f"The 90 % range of the critical angle is {spread}; more shots into this concrete would hardly narrow it."
         )

@@ -22,7 +22,7 @@ HELD_EARLIER = math.radians(55.0)
 """Smaller angle from which the S of eq. 9 may be held constant. [rad]"""
 # An effect that is small compared with the scatter should not distract from other warnings. A quarter is a rough
 # choice.
-LITTLE = 0.25
+LITTLE_SHIFT = 0.25
 """Largest shift of the angle with which a warning is a standing note, over the width of the 90 % range. [1]"""
 MOVES = {
     RETENTION_DECIDES: "with those thresholds it moves by",
@@ -136,7 +136,7 @@ def _weighed(
         detail += f"; {MOVES[warning.code]} {by}"
     if shift is None:
         return warning
-    little = abs(shift) <= LITTLE * (spread[1] - spread[0])
+    little = abs(shift) <= LITTLE_SHIFT * (spread[1] - spread[0])
     if shifts and little:
         detail += ", less than a quarter of the 90 % range"
     return replace(warning, detail=detail, standing=little, angle_shift=shift)
