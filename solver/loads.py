@@ -46,7 +46,6 @@ from solver.surface_integration import (
     DEEP_SPAN,
     EVEN,
     FULL,
-    HALF_TURN,
     INWARD,
     INWARD_SLOPE,
     NEAR_BEGIN,
@@ -54,6 +53,7 @@ from solver.surface_integration import (
     ODD,
     OUTWARD,
     OUTWARD_SLOPE,
+    QUARTER_TURN,
     ROOM,
     ROW_COUNT,
     SPEED,
@@ -413,10 +413,10 @@ def _ring_loader(name: str, *, tapers: bool) -> Callable[[FloatArray, np.uint64,
             rows[OUTWARD + j], rows[OUTWARD_SLOPE + j] = (-rear_tilt, -rear_tilt_slope) if at_rear else (1.0, 0.0)
             rows[SPEED + i], rows[SPEED_SLOPE + i], rows[STATIC + i] = speed, speed_slope, static
             rows[SPEED + j], rows[SPEED_SLOPE + j], rows[STATIC + j] = speed, speed_slope, static
-            rows[DEEP_BEGIN + i], rows[DEEP_SPAN + i] = angle_front - HALF_TURN, angle_start - angle_front
-            rows[NEAR_BEGIN + i], rows[NEAR_SPAN + i] = angle_high - HALF_TURN, angle_front - angle_high
-            rows[DEEP_BEGIN + j], rows[DEEP_SPAN + j] = angle_start - HALF_TURN, angle_rear - angle_start
-            rows[NEAR_BEGIN + j], rows[NEAR_SPAN + j] = angle_rear - HALF_TURN, angle_full - angle_rear
+            rows[DEEP_BEGIN + i], rows[DEEP_SPAN + i] = angle_front - QUARTER_TURN, angle_start - angle_front
+            rows[NEAR_BEGIN + i], rows[NEAR_SPAN + i] = angle_high - QUARTER_TURN, angle_front - angle_high
+            rows[DEEP_BEGIN + j], rows[DEEP_SPAN + j] = angle_start - QUARTER_TURN, angle_rear - angle_start
+            rows[NEAR_BEGIN + j], rows[NEAR_SPAN + j] = angle_rear - QUARTER_TURN, angle_full - angle_rear
 
     load_rings.__name__ = load_rings.__qualname__ = name
     return vectorised(load_rings)

@@ -36,7 +36,7 @@ BEHIND = 1e-100
 AROUND_PER_AXIAL = 0.3
 """Number of panels around the axis, over the number along it. [1]"""
 
-HALF_TURN = math.pi / 2.0
+QUARTER_TURN = math.pi / 2.0
 # A piece has two ends, and the top and the bottom of its rings each cross the face at most twice and the separation
 # line at most once.
 MAX_CUTS = 8
@@ -287,7 +287,7 @@ def _cut_arc(cuts: FloatArray, piece: FloatArray, motion: BodyMotion) -> int:
     for side in (-1.0, 1.0):
         height = (side * radius * s - depth - axial * c) / size
         if abs(height) < 1.0:
-            root = HALF_TURN - arc_cosine(height)
+            root = QUARTER_TURN - arc_cosine(height)
             for crossing in (side * angle + root, side * angle + math.pi - root):
                 count = insert(cuts, count, crossing if crossing <= math.pi else crossing - 2.0 * math.pi, upper)
         separation = math.atan(-side * (sideways + spin * axial) / (forward - side * spin * radius))

@@ -56,7 +56,7 @@ ROW_COUNT = 28
 """Number of rows of ring data in the flat array."""
 SPAN = np.uint64(CAPACITY)
 """Offset from the row with the beginning of an arc to the row with its width."""
-HALF_TURN = math.pi / 2.0
+QUARTER_TURN = math.pi / 2.0
 
 Load = tuple[float, float, float]
 """Two components of the force, and the moment. [N, N m]"""
@@ -258,8 +258,8 @@ def _ring_loader(name: str, *, bounded: bool) -> Callable[[FloatArray, np.uint64
             rows[OUTWARD + i], rows[OUTWARD_SLOPE + i] = outward, outward_slope
             rows[SPEED + i], rows[SPEED_SLOPE + i], rows[STATIC + i] = speed, speed_slope, static
             # The sine of β - π/2 is -c, so the polynomial of the sine gives c at all points of the arcs.
-            rows[DEEP_BEGIN + i], rows[DEEP_SPAN + i] = angle_middle - HALF_TURN, angle_start - angle_middle
-            rows[NEAR_BEGIN + i], rows[NEAR_SPAN + i] = angle_high - HALF_TURN, angle_middle - angle_high
+            rows[DEEP_BEGIN + i], rows[DEEP_SPAN + i] = angle_middle - QUARTER_TURN, angle_start - angle_middle
+            rows[NEAR_BEGIN + i], rows[NEAR_SPAN + i] = angle_high - QUARTER_TURN, angle_middle - angle_high
 
     load_rings.__name__ = load_rings.__qualname__ = name
     return vectorised(load_rings)
