@@ -22,8 +22,11 @@ from solver.units import quantity
 NoseClass: TypeAlias = Literal["flat", "blunt", "hemispherical", "sharp"]
 """Class of a nose, in order of increasing penetration."""
 NDRC_NOSE: Mapping[NoseClass, float] = {"flat": 0.72, "blunt": 1.0, "hemispherical": 1.0, "sharp": 1.14}
+"""Nose factor N of the NDRC formula, see `modified_ndrc`. [1]"""
 NDRC_NOSE_NOTE = "nose factor 1.0, the safe side; 0.84 is printed too"
+"""Note on results for noses about whose factor the sources disagree."""
 HUGHES_NOSE: Mapping[NoseClass, float] = {"flat": 1.0, "blunt": 1.12, "hemispherical": 1.26, "sharp": 1.39}
+"""Nose factor N of Hughes' formula. [1]"""
 # Exact conversion of the formula in US units gives the constant 3.8034e-5, which is 0.1 % larger.
 NDRC_CONSTANT = 3.8e-5
 """Constant of the NDRC formula in SI units."""

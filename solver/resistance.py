@@ -30,6 +30,7 @@ from solver.projectile import GAUSS_POINTS, Profile, Projectile
 from solver.target import MOST_PLUG, Crater, ShearPlug, Target
 
 FIELD = "resistance.strength_factor"
+"""Dotted name of the strength factor in errors."""
 # A covariance that is given with six or seven digits is symmetric and positive semidefinite to about this tolerance.
 ROUNDING = 1e-6
 """Tolerance of the checks that a correlation matrix is symmetric and positive semidefinite. [1]"""

@@ -37,6 +37,7 @@ AROUND_PER_AXIAL = 0.3
 """Number of panels around the axis, over the number along it. [1]"""
 
 QUARTER_TURN = math.pi / 2.0
+"""Right angle. [rad]"""
 # A piece has two ends, and the top and the bottom of its rings each cross the face at most twice and the separation
 # line at most once.
 MAX_CUTS = 8

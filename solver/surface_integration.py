@@ -57,6 +57,7 @@ ROW_COUNT = 28
 SPAN = np.uint64(CAPACITY)
 """Offset from the row with the beginning of an arc to the row with its width."""
 QUARTER_TURN = math.pi / 2.0
+"""Right angle. [rad]"""
 
 Load = tuple[float, float, float]
 """Two components of the force, and the moment. [N, N m]"""

@@ -140,6 +140,7 @@ def integrate_fixed(
 
 
 STAGES = 4
+"""Number of stages of GRK4T."""
 # With γ = 0.231 the method is A(89.3°)-stable (Kaps and Rentrop 1979). The similar methods GRK4A and ROS4, and other
 # pairs, stepped over the kinks of nose entry, chattered, or had two to six times the error (`benchmarks/NOTES.md`).
 GAMMA = 0.231

@@ -37,6 +37,7 @@ EQUATION_9_STRENGTH, EQUATION_9_DIAMETER = 39e6, 0.08
 # By the law of published tests, S changes by 2 % over the first and by 5 to 7 % over the second, less than it scatters.
 SAME_STRENGTH, SAME_DIAMETER = 0.1, 0.25
 """Relative differences of strength and diameter from those of eq. 9 up to which it is used without a warning. [1]"""
+# Tungsten and uranium have about 19,000 kg/m³; the lower bound is a rough choice.
 MEAN_DENSITY = (1e3, 2e4)
 """Usual mean densities of bodies, from hollow ones to tungsten or uranium. [kg/m³]"""
 # This is the lowest yield strength of 4340 steel hardened to Rc 45.

@@ -16,6 +16,7 @@ from solver.checks import plain, require, require_finite, require_positive
 from solver.resistance import student_dispersion
 
 FIELD = "distribution"
+"""Name of a distribution in errors."""
 # A Gauss rule with 48 nodes is exact up to degree 95, which includes the square of every polynomial in use.
 NODES = 48
 """Number of nodes of a quadrature rule for a smooth density."""
