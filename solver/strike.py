@@ -91,7 +91,7 @@ class Numerics:
         lengths of the projectile, at most 1 s; with the method ``panels`` it is 50 ms, and in the paper's searches 5
         ms. [s]
     panels
-        Number of surface elements of the panel method. The reference runs used 96,000. [1]
+        Number of surface elements of the panel method; 12,000 as in the paper unless given. [1]
     time_step
         Time step of the panel method; 0.01 ms as in the paper unless given. [s]
     relative_tolerance
