@@ -1,7 +1,7 @@
-"""Report of one strike: the requests whose answers it shows, and its page.
+"""Report on one strike: the queries whose answers it shows, and its page.
 
-All numbers in a report come from answers to ordinary requests, which are computed, cached and counted against quotas
-like those of any client.
+All numbers in a report come from the answers to ordinary queries, which are computed, cached and counted against quotas
+like the queries of any client.
 """
 
 from collections.abc import Mapping
@@ -26,8 +26,8 @@ EXTRA = ("jinja2", "markupsafe", "matplotlib")
 """Packages that reports import. The extra `reports` installs all of them."""
 SPEEDS = tuple(round(0.5 + 0.1 * step, 1) for step in range(11))
 """Speeds at which the report shows the critical angle, relative to the speed of the case. [1]"""
-# Half a degree to either side is far enough for the outcomes to differ, also where the retention energy decides, and
-# close enough for the paths to show what the change consists in.
+# Half a degree to either side is far enough for the outcomes to differ, even where the retention energy decides the
+# outcome, and close enough for the paths to show how the outcome changes.
 ASIDE_DEG = 0.5
 """Angle between the critical angle and the runs drawn just below and just above it. [°]"""
 # At 90° a projectile moves along the face and never strikes.
@@ -36,7 +36,7 @@ STEEPEST_DEG = 89.9
 
 
 class Query(NamedTuple):
-    """A request of the report."""
+    """A query whose answer the report shows: an operation and the body of its request."""
 
     operation: str
     body: dict[str, Any]
@@ -56,38 +56,38 @@ def require_extra() -> None:
 
 
 def verdict_queries(request: ReportRequest) -> dict[str, Query]:
-    """Return the requests on whose answers the verdict is based, by name.
+    """Return the queries on whose answers the verdict is based, keyed by name.
 
-    There is no verdict if `cra` fails; any other request may fail. A wall is judged at the oblique angle of the
-    request, or in normal impact if the request has none.
+    There is no verdict if `cra` fails; any other query may fail. A wall is judged at the oblique angle of the request,
+    or in normal impact if the request has none.
     """
     return {name: _query_of(request, question) for name, question in next(verdict_steps(request)).items()}
 
 
 def weighing_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
-    """Return the further searches of the verdict, by name.
+    """Return the additional searches that the verdict needs, keyed by name.
 
     They show how far the critical angle is shifted by the effects behind warnings, and by a strength factor that is
-    held constant from 55° instead of 60° on. Any of them may fail.
+    constant from 55° on instead of from 60° on. Any of them may fail.
 
     Parameters
     ----------
     found
-        The answer to the search.
+        Answer to the query `cra`.
     """
     steps = verdict_steps(request)
     search = next(steps)["cra"]
     try:
         asked = steps.send({"cra": found_in(request, search, found)})
-    except StopIteration:  # nothing to weigh
+    except StopIteration:  # The verdict needs no additional searches.
         return {}
     return {name: _query_of(request, question) for name, question in asked.items()}
 
 
 def first_queries(request: ReportRequest) -> dict[str, Query]:
-    """Return the requests that depend on the case alone, by name.
+    """Return the queries that depend on the case alone, keyed by name.
 
-    There is no report if `cra` fails; any other request may fail.
+    There is no report if `cra` fails; any other query may fail.
     """
     case, angle, units = _search_of(request), _angle_of(request), _units_of(request)
     strike = _strike_of(case, 0.0 if angle is None else angle)
@@ -108,15 +108,15 @@ def first_queries(request: ReportRequest) -> dict[str, Query]:
 
 
 def strike_queries(request: ReportRequest, found: Mapping[str, Any]) -> dict[str, Query]:
-    """Return the requests that depend on the answer to the search, by name.
+    """Return the queries that depend on the answer to `cra`, keyed by name.
 
-    They are those of `weighing_queries`, and the runs on either side of the critical angle, which are drawn beside the
-    run at the oblique angle of the request.
+    They are the searches of `weighing_queries`, and the runs just below and just above the critical angle, which are
+    drawn beside the run at the oblique angle of the request.
 
     Parameters
     ----------
     found
-        The answer to the search. If it has no critical angle, there is a single run: at the lower end of the range if
+        Answer to the query `cra`. If it has no critical angle, there is a single run: at the lower end of the range if
         the status is `always_ricochet`, otherwise at the upper end.
     """
     case, search = _search_of(request), request.canonical()["search"]
@@ -141,11 +141,11 @@ def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, 
     given
         The request as received.
     answers
-        Answers, or objects with a `problem`, by the names of their requests.
+        Answers, keyed by the names of their queries; an object with a `problem` for a query that failed.
     made
         Date and time of the report, as text.
     address
-        Address of the service that computed it; None if it was computed without one.
+        Address of the service that computed the report; None if no service was involved.
     """
     from service.reports.assessment import Assessed, page  # noqa: PLC0415 (an extra, and slow to import)
 
@@ -188,22 +188,22 @@ def write_page(given: Mapping[str, Any], answers: Mapping[str, Any], made: str, 
 
 
 def _search_of(request: ReportRequest) -> dict[str, Any]:
-    """Return the body of the request for the critical angle, without the units of its texts."""
+    """Return the body of the query for the critical angle, without the field `units`."""
     case = request.model_dump(mode="json", exclude={"alternatives", "output", "flight", "units"})
     case["impact"].pop("oblique_angle_deg", None)
     return case
 
 
 def _units_of(request: ReportRequest) -> dict[str, Any]:
-    """Return the field with the units of texts, for the bodies whose answers have texts that the report shows.
+    """Return the field `units`, for queries whose answers contain text that the report shows.
 
-    Other bodies omit the field, so that one cached result serves both systems of units.
+    Other queries omit the field, so that one cached result serves both systems of units.
     """
     return request.model_dump(mode="json", include={"units"})
 
 
 def _query_of(request: ReportRequest, question: Question) -> Query:
-    """Return the request that answers a question of the verdict."""
+    """Return the query that answers a question of the verdict."""
     case, angle, units = _search_of(request), _angle_of(request), _units_of(request)
     if question.kind == "search":
         return Query("cra", _with_probe(case, *question.probe) if question.probe else case | units)
@@ -227,7 +227,7 @@ def _query_of(request: ReportRequest, question: Question) -> Query:
 
 
 def _with_probe(case: Mapping[str, Any], code: str, value: float) -> dict[str, Any]:
-    """Return the body of a search with one value changed, as `with_probe` of the solver does for its arguments."""
+    """Return the body of a search with one value changed, as the solver's `with_probe` changes an argument."""
     if code == RETENTION_DECIDES:
         return {**case, "numerics": case.get("numerics", {}) | {"retention_energy_fraction": value}}
     held = {"model": ConstantStrengthFactor.name, "value": value}
@@ -235,7 +235,7 @@ def _with_probe(case: Mapping[str, Any], code: str, value: float) -> dict[str, A
 
 
 def _strike_of(case: Mapping[str, Any], angle: float) -> dict[str, Any]:
-    """Return the body of the request for a run at an oblique angle. [°]"""
+    """Return the body of the query for a run at an oblique angle. [°]"""
     found = {name: part for name, part in case.items() if name != "search"}
     return found | {"impact": case["impact"] | {"oblique_angle_deg": angle}}
 

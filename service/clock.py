@@ -9,8 +9,8 @@ from dataclasses import dataclass
 WATCH_SECONDS = 60.0
 """Interval between comparisons of the clocks, a rough choice: a jump is logged within a minute. [s]"""
 DIVERGENCE_SECONDS = 30.0
-"""Smallest difference between the clocks that is reported. [s] Time synchronisation that slews the clock stays below
-it: chrony's default is at most 8.3 %, which is 5 s between two comparisons."""
+"""Smallest change in the difference between the clocks that is logged. [s] Time synchronisation that slews the clock
+stays below it: chrony's default is at most 8.3 %, which is 5 s between two comparisons."""
 
 log = logging.getLogger(__name__)
 
@@ -36,20 +36,20 @@ SYSTEM = Clock()
 
 
 class ClockWatch:
-    """Task that logs a warning when the clock of the machine has been set or the machine has slept."""
+    """Task that logs a warning when the system clock has been set or the machine has slept."""
 
     def __init__(self, clock: Clock = SYSTEM) -> None:
         self._clock = clock
         self._offset = clock.now() - clock.monotonic()
 
     def compare(self) -> None:
-        """Compare the clocks, and log a divergence since the previous comparison."""
+        """Compare the clocks, and log a jump of the wall clock since the previous comparison."""
         offset = self._clock.now() - self._clock.monotonic()
         jump, self._offset = offset - self._offset, offset
         if abs(jump) > DIVERGENCE_SECONDS:
             log.warning(
-                "the clock of the machine went %s by %.0f s, by setting it or in its sleep: keys expire and jobs are "
-                "removed by the new date, quotas and time limits go on as before",
+                "the system clock jumped %s by %.0f s: it was set, or the machine slept; keys expire and jobs are "
+                "removed according to the new time, quotas and time limits are not affected",
                 "forward" if jump > 0.0 else "back",
                 abs(jump),
             )

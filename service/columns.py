@@ -1,4 +1,4 @@
-"""Columns of the tables of results in CSV, Parquet and HDF5: names as in the contract, units and descriptions.
+"""Columns of result tables in CSV, Parquet and HDF5, with their names in the contract, units and descriptions.
 
 The command line imports this module too, so it imports nothing that is slow to load.
 """
@@ -28,7 +28,7 @@ UNITS = {
 """Units by suffix of a field name. A suffix that ends in another suffix precedes it, since the first match is used."""
 WRITTEN = {"kg m^2": "kg m²", "m^2": "m²", "kg/m^3": "kg/m³", "deg": "°", "g_0": "g"}
 SYMBOLS = {end: WRITTEN.get(unit, unit) for end, unit in UNITS.items()}
-"""Units by suffix of a field name, in the notation for people."""
+"""Units by suffix of a field name, as they are displayed, such as m² and °."""
 
 
 def unit_end(name: str) -> str:
@@ -37,13 +37,13 @@ def unit_end(name: str) -> str:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of a field in the notation for people, or an empty string."""
+    """Return the unit of a field as it is displayed, or an empty string."""
     return SYMBOLS.get(unit_end(name), "")
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a table of results.
+    """A column of a result table.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Column:
     description
         Description without the unit.
     dtype
-        NumPy type. Texts are UTF-8 of fixed length, padded with zeros, which take hardly any space once compressed.
+        NumPy dtype. Strings are UTF-8 of fixed length, padded with zeros that take hardly any space once compressed.
     """
 
     name: str
@@ -125,8 +125,8 @@ RESIDUALS = (
     ),
     Column("source", "authors and year of the source", "S128"),
 )
-"""Columns of the detailed tables: residuals of calibrations, curves of studies of uncertainty, empirical formulas. Each
-table has some of them."""
+"""Columns of the detailed tables of calibrations (residuals), studies of uncertainty (curves) and empirical formulas.
+Each table has some of these columns."""
 
 
 def trial_columns(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
@@ -137,9 +137,9 @@ def trial_columns(answer: Mapping[str, Any]) -> dict[str, list[Any]]:
 
 
 def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the row of an answer in a table, by column; absent fields are left out.
+    """Return the table row of an answer as values by column name; absent fields are left out.
 
-    Numbers and texts at the top level of the answer are copied under their names. A column for a nested field needs a
+    Numbers and strings at the top level of the answer are copied under their names. A column for a nested field needs a
     line here; without one it stays empty.
     """
     row: dict[str, Any] = {name: value for name, value in answer.items() if isinstance(value, float | int | str)}
@@ -149,12 +149,12 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
     row |= {f"bending_{name}": value for name, value in bending.items() if name != "history"}
     flight: dict[str, Any] = row.pop("exit_flight", {})
     row |= {f"exit_flight_{name}": value for name, value in flight.items()}
-    # The ends are sorted, as a bracket may be listed from either side.
+    # The ends are sorted, because a bracket may list its upper end first.
     for unit in ("deg", "m", "m_s"):
         if bracket := answer.get(f"bracket_{unit}"):
             row[f"bracket_low_{unit}"], row[f"bracket_high_{unit}"] = min(bracket), max(bracket)
-    # Searches for perforation return a thickness or a speed, so that the columns have the unit in their names, unlike
-    # the fields.
+    # A search for perforation returns either a thickness or a speed. Its fields have the same names in both cases, so
+    # the names of the columns add the unit.
     if "variants" in answer and "iterations" in answer:
         unit = "m" if "thickness_m" in answer["iterations"][0] else "m_s"
         row |= {f"{name}_{unit}": value for name, value in answer["variants"].items()}
@@ -168,7 +168,7 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
         row["confidence_low"], row["confidence_high"] = interval
     angle = answer.get("critical_angle", {})
     row |= {name: angle[name]["value"] for name in ("mean_deg", "standard_deviation_deg") if name in angle}
-    # The column of a probability has the name of its outcome.
+    # The column that holds the probability of an outcome is named after the outcome.
     row |= {each["outcome"]: each["value"] for each in answer.get("outcomes", ()) if "value" in each}
     # Each code is listed once, in the order of the warnings; codes have no spaces.
     row["warnings"] = " ".join(dict.fromkeys(warning["code"] for warning in answer.get("warnings", ())))
@@ -176,7 +176,7 @@ def summarize(answer: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def batch_columns(columns: Iterable[Column], axes: tuple[str, ...] = ()) -> tuple[Column, ...]:
-    """Return the columns of a batch in CSV and Parquet. The axes of a sweep follow the index.
+    """Return the columns of a batch in CSV and Parquet. The axes of a sweep come after the index.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def batch_columns(columns: Iterable[Column], axes: tuple[str, ...] = ()) -> tupl
 
 
 def base_of(base: Mapping[str, Any], axes: Sequence[str], before: str = "") -> dict[str, Any]:
-    """Return the fields of the base of a sweep that no axis replaces, by dotted path; lists become JSON text."""
+    """Return the fields of a sweep's base that no axis replaces, keyed by dotted path; lists become JSON strings."""
     found: dict[str, Any] = {}
     for name, value in base.items():
         field = f"{before}{name}"
@@ -211,7 +211,7 @@ def batch_row(columns: Iterable[Column], item: Mapping[str, Any], point: tuple[f
     columns
         Columns of the answers.
     item
-        The case as in the JSON results of a batch: `index`, `custom_id` if any, `result` or `problem`.
+        The case as in the JSON results of a batch: `index`, `custom_id` if it has one, and `result` or `problem`.
     point
         Values of the axes of a sweep.
     """
@@ -223,14 +223,14 @@ def batch_row(columns: Iterable[Column], item: Mapping[str, Any], point: tuple[f
 
 
 FORMULA = re.compile("[=+\\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
-"""First character of a text that a spreadsheet evaluates as a formula: the signs, their full-width forms, and white
-space that a spreadsheet skips before a sign."""
+"""Pattern of the first character of a cell that a spreadsheet evaluates as a formula: a sign, its full-width form, or
+white space, which a spreadsheet skips before a sign."""
 SIGNED_NUMBER = re.compile(r"[+-]\d+(\.\d*)?([eE][+-]?\d+)?", re.ASCII)
-"""Number with a sign, which a spreadsheet reads as a number."""
+"""Pattern of a signed number, which a spreadsheet does not take for a formula."""
 
 
 def csv_cells(row: Iterable[Any]) -> list[Any]:
-    """Return the cells of a row of CSV, with an apostrophe before each text that a spreadsheet would evaluate.
+    """Return the cells of a CSV row, with an apostrophe before each string that a spreadsheet would evaluate.
 
     Names of cases come from clients, and a formula in a name would run on the machine that opens the table (CSV
     injection).

@@ -8,11 +8,11 @@ from pathlib import Path
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 """Mount point of the control groups: version 2, or version 1 in its folder `cpu`."""
 MEMBERSHIP = Path("/proc/self/cgroup")
-"""File that names the control groups of this process. In a container the path is `/`."""
+"""File that names the control groups of this process. In a container the path is usually `/`."""
 
 
 def available_cores(control_groups: Path = CONTROL_GROUPS, membership: Path = MEMBERSHIP) -> int:
-    """Number of cores that this process may use, within the quota of its container or systemd unit."""
+    """Return the number of cores that this process may use, within the quota of its container or systemd unit."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     groups = {"": "", "cpu": ""}
     with suppress(OSError, ValueError):

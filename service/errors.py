@@ -26,30 +26,30 @@ log = logging.getLogger(__name__)
 MAX_ERRORS = 100
 """Largest number of errors listed in one problem. A body may have ten thousand, which nobody would read."""
 MAX_SUGGESTIONS = 10
-"""Largest number of unknown fields in one problem for which similar names are searched: each takes up to 1 ms."""
+"""Largest number of unknown fields in one problem for which similar names are suggested: each takes up to 1 ms."""
 RETRY_SECONDS = 5
 """Value of `Retry-After` while the service starts, stops or has lost its workers [s]. A worker starts in about 1 s."""
 
 
 class ServiceError(Exception):
-    """Base class of errors that are answered as problems. Subclasses override status, type and title."""
+    """Base class of errors that are answered with a problem. Subclasses override status, type and title."""
 
     status: ClassVar[HTTPStatus] = HTTPStatus.INTERNAL_SERVER_ERROR
     type: ClassVar[str] = "urn:ricochet:problem:internal-error"
     title: ClassVar[str] = "The service failed"
     retry_after: int = RETRY_SECONDS
-    """Value of the `Retry-After` header, for statuses that have it. [s]"""
+    """Value of the `Retry-After` header, for statuses that are sent with it. [s]"""
 
 
 class InvalidBodyError(ServiceError):
-    """The body does not fit the contract.
+    """The body does not conform to the contract.
 
     Parameters
     ----------
     errors
-        Errors of fields, each with its JSON pointer (`pointer`) and message (`detail`).
+        Field errors, each with its JSON pointer (`pointer`) and message (`detail`).
     place
-        Location of the first error for the message, such as a line number.
+        Location of the first error, such as a line number, for the message.
     """
 
     status = HTTPStatus.UNPROCESSABLE_ENTITY
@@ -116,9 +116,9 @@ class QueueFullError(ServiceError):
 
 
 class JobsTooLargeError(QueueFullError):
-    """The unfinished jobs of an owner would exceed their limit on disk space."""
+    """The unfinished jobs of one owner would exceed their limit on disk space."""
 
-    # A rough choice: space becomes free when a job ends, which is not predicted here.
+    # A rough choice: space becomes free when a job ends, and nothing here predicts when.
     retry_after = 60
 
     def __init__(self, limit: int) -> None:
@@ -165,7 +165,7 @@ class QuotaError(ServiceError):
 
 
 class QuotaTooSmallError(QuotaError):
-    """A request needs more cases than the quota of its key allows in an hour, so that waiting does not help.
+    """A request needs more cases than the quota of its key allows in an hour, so waiting does not help.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ class IdempotencyBusyError(ServiceError):
 
 
 class StorageError(ServiceError):
-    """The disk is full, read-only or missing, so that jobs cannot be stored or read."""
+    """The disk is full, read-only or missing, so jobs cannot be stored or read."""
 
     status = HTTPStatus.INSUFFICIENT_STORAGE
     type = "urn:ricochet:problem:storage-full"
@@ -246,12 +246,12 @@ SHARED_MEMORY_ERRORS = {
     sqlite3.SQLITE_IOERR_SHMLOCK,
     sqlite3.SQLITE_IOERR_SHMMAP,
 }
-"""SQLite's error codes for a failed shared memory map. Some network and FUSE file systems do not support these maps,
-which the write-ahead log needs."""
+"""SQLite error codes of a failed shared-memory mapping. The write-ahead log needs such mappings, which some network and
+FUSE file systems do not support."""
 
 
 def storage_reason(error: Exception) -> str:
-    """Return the reason of a disk error without the path, which clients must not see."""
+    """Return the reason for a disk error without the path, which clients must not see."""
     if is_unsuitable(error):
         return (
             "its file system cannot share files in memory, which SQLite needs, as some network and FUSE file systems: "
@@ -266,7 +266,7 @@ def is_unsuitable(error: Exception) -> bool:
 
 
 def storage_error(what: str, error: Exception) -> StorageError:
-    """Return the `StorageError` for a disk error; `what` is the operation that failed."""
+    """Return the `StorageError` for a disk error; `what` says what failed, such as "jobs cannot be stored"."""
     kind = UnsuitableFolderError if is_unsuitable(error) else StorageError
     return kind(f"{what}: {storage_reason(error)}")
 
@@ -296,7 +296,7 @@ class DamagedCasesError(ServiceError):
     Parameters
     ----------
     first, last
-        Numbers of its first and last case, from 0.
+        Numbers of the first and the last case of the block, counted from 0.
     """
 
     type = "urn:ricochet:problem:damaged"
@@ -335,13 +335,13 @@ STATUS_PROBLEMS = {
     HTTPStatus.UNSUPPORTED_MEDIA_TYPE: ("unsupported-media-type", "The body is of another media type"),
     HTTPStatus.MISDIRECTED_REQUEST: ("unknown-host", "The service has no such name"),
     HTTPStatus.UNPROCESSABLE_ENTITY: (InvalidBodyError.type.rpartition(":")[2], InvalidBodyError.title),
-    HTTPStatus.TOO_MANY_REQUESTS: ("too-many-requests", "Too many requests come from one address"),  # by nginx.conf
+    HTTPStatus.TOO_MANY_REQUESTS: ("too-many-requests", "Too many requests come from one address"),  # sent by nginx
     HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE: ("head-too-long", "The head of the request is too long"),
     HTTPStatus.NOT_IMPLEMENTED: ("not-implemented", "The service cannot do this"),
     HTTPStatus.BAD_GATEWAY: ("no-answer", "The service behind this one does not answer"),
     HTTPStatus.SERVICE_UNAVAILABLE: ("not-ready", "The service is not ready"),
 }
-"""Type, without its prefix, and title of problems that only state an HTTP status. They are written out because the
+"""Types (without their prefix) and titles of problems that only state an HTTP status. They are written out because the
 phrases of `HTTPStatus` differ between versions of Python."""
 
 
@@ -381,14 +381,14 @@ class FolderInUseError(UnusableFolderError):
 
 
 class FolderLayoutError(UnusableFolderError):
-    """A file of the data folder was written by another version of the program.
+    """A file in the data folder was written by another version of the program.
 
     Parameters
     ----------
     name
         Name of the file.
     found, known
-        Layout number of the file, and the one that this version reads.
+        Layout number of the file, and the layout number that this version reads.
     """
 
     def __init__(self, name: str, found: int, known: int) -> None:
@@ -403,7 +403,7 @@ class DamagedFileError(Exception):
 
 
 class MissingExtraError(Exception):
-    """Traces are enabled without the extra that sends them; the message names the command that installs it."""
+    """Traces are enabled, but the extra that sends them is missing; the message names the command that installs it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -456,7 +456,7 @@ SOLVER_ERRORS: Mapping[type, tuple[HTTPStatus, str, str]] = {
 def problem_types() -> list[ProblemType]:
     """Return all problem types, sorted by type and status."""
     errors = [ServiceError]
-    for error in errors:  # The loop visits the subclasses that it appends, so that it walks the whole tree of errors.
+    for error in errors:  # The loop visits the subclasses that it appends, so it walks the whole tree of errors.
         errors += error.__subclasses__()
     found = {ProblemType(error.status, error.type, error.title) for error in errors}
     found |= {ProblemType(*each) for each in SOLVER_ERRORS.values()}
@@ -465,7 +465,7 @@ def problem_types() -> list[ProblemType]:
 
 
 def field_errors(exception: BaseException) -> list[dict[str, str]]:
-    """Return the errors of fields that an exception carries, each with its pointer and message."""
+    """Return the field errors that an exception carries, each with its pointer and message."""
     if isinstance(exception, InvalidBodyError):
         return exception.errors
     if isinstance(exception, ParameterError):
@@ -474,12 +474,12 @@ def field_errors(exception: BaseException) -> list[dict[str, str]]:
 
 
 def errors_found(error: ValidationError) -> list[Any]:
-    """Return the first `MAX_ERRORS` errors of pydantic, without links to its documentation."""
+    """Return the first `MAX_ERRORS` pydantic errors, without links to the documentation of pydantic."""
     return error.errors(include_url=False)[:MAX_ERRORS]
 
 
 def validation_errors(errors: Sequence[Any], before: str = "") -> list[dict[str, str]]:
-    """Convert errors of pydantic to pointers and messages; `before` is prepended to each pointer."""
+    """Convert pydantic errors to pointers and messages; `before` is prepended to each pointer."""
     found: list[dict[str, str]] = []
     unknown = 0
     for error in errors[:MAX_ERRORS]:
@@ -492,7 +492,7 @@ def validation_errors(errors: Sequence[Any], before: str = "") -> list[dict[str,
 
 
 def validated_as(model: type[Model], content: Any, pointer: str = "") -> Model:
-    """Validate the content of a body, or of its part at `pointer`, as a model.
+    """Validate the content of a body, or of the part of it at `pointer`, with a model.
 
     Raises
     ------
@@ -506,12 +506,12 @@ def validated_as(model: type[Model], content: Any, pointer: str = "") -> Model:
 
 
 def grid_of(model: type[Case], outline: Outline) -> Grid:
-    """Return the grid of a sweep.
+    """Validate the base and the axes of a sweep, and return the grid of its points.
 
     Parameters
     ----------
     model
-        Model that the base and every point are validated with.
+        Model with which the base and every point are validated.
 
     Raises
     ------
@@ -532,7 +532,7 @@ def grid_of(model: type[Case], outline: Outline) -> Grid:
 
 @contextmanager
 def errors_of_point(grid: Grid, number: int, point: Sequence[float]) -> Iterator[None]:
-    """Convert errors of one point of a sweep to an `InvalidBodyError` that names the values of the axes."""
+    """Convert errors raised for one point of a sweep to an `InvalidBodyError` that names the values of the axes."""
     try:
         yield
     except (ValidationError, ParameterError) as error:

@@ -1,6 +1,6 @@
-"""Display names of choices, inputs, outcomes and formulas of the contract, shared by page, reports and command line.
+"""Display names of terms of the contract, such as inputs and outcomes, for the page, reports and the command line.
 
-The module imports the standard library only, because `ricochet --help` and completion load it.
+The module imports the standard library only, because `ricochet --help` and shell completion load it.
 """
 
 from collections.abc import Mapping
@@ -42,7 +42,7 @@ CHOICES: Final[Mapping[str, Mapping[str, str]]] = {
     },
     "numerics.method": {"adaptive": "adaptive", "panels": "panels (paper)"},
 }
-"""Display names of the values of a field, by its dotted path, worded for the middle of a sentence."""
+"""Display names of field values, keyed by the dotted path of the field and worded for the middle of a sentence."""
 QUANTITIES: Final[Mapping[str, str]] = {
     "impact.velocity_m_s": "Speed",
     "impact.oblique_angle_deg": "Oblique angle",
@@ -105,7 +105,7 @@ QUANTITIES: Final[Mapping[str, str]] = {
     "sampling.max_samples": "Samples at most",
     "sampling.seed": "Seed",
 }
-"""Labels of the inputs, by their dotted paths."""
+"""Labels of the inputs, keyed by their dotted paths."""
 ALIASES: Final[Mapping[str, tuple[str, ...]]] = {
     "impact.velocity_m_s": (
         "velocity",
@@ -152,9 +152,8 @@ ALIASES: Final[Mapping[str, tuple[str, ...]]] = {
     "target.characteristic_strength_pa": ("characteristic_strength", "fck", "f_ck"),
     "custom_id": ("id", "name", "label", "case", "case_id", "shot", "test", "no", "nr", "number"),
 }
-"""Common names of inputs, without units, by the dotted path of the input. Headers of tables are matched against them,
-and suggestions made from them. They are lower-case, with an underscore for any character that is not a letter or
-digit."""
+"""Common names of inputs, without units, keyed by the dotted path of the input. Table headers and unknown fields are
+matched against them. They are lower-case, with an underscore for any character that is not a letter or digit."""
 FORMULAS: Final[Mapping[str, str]] = {
     "modified_ndrc": "Modified NDRC",
     "degen": "Degen",
@@ -170,14 +169,14 @@ FORMULAS: Final[Mapping[str, str]] = {
 }
 """Display names of the empirical formulas."""
 UNITS: Final[Mapping[str, str]] = {"si": "SI", "us": "US customary"}
-"""Display names of the systems of units in which texts are written."""
+"""Display names of the systems of units."""
 OUTCOMES: Final[Mapping[str, str]] = {
     "ricochet": "ricochet",
     "embedded": "embedded",
     "in_motion": "still in motion",
     "perforated": "perforated",
 }
-"""Display names of the outcomes of a strike, as in the sentence of a verdict."""
+"""Display names of the outcomes of a strike, as in the verdict sentence."""
 STATUSES: Final[Mapping[str, str]] = {
     "converged": "converged",
     "no_ricochet": "no ricochet",
@@ -210,7 +209,7 @@ WARNINGS: Final[Mapping[str, str]] = {
     "undecided": "still moving at the termination time",
     "velocity_beyond_rigid": "so fast that noses erode",
 }
-"""Short texts for warnings whose codes are not self-explanatory."""
+"""Short descriptions of warnings whose codes are not self-explanatory."""
 OPERATIONS: Final[Mapping[str, str]] = {
     "cra": "critical angles",
     "trajectory": "trajectories",
@@ -220,7 +219,7 @@ OPERATIONS: Final[Mapping[str, str]] = {
     "trajectory_uncertainty": "how sure an outcome is",
     "unknown": "cases that cannot be read",
 }
-"""Display names of the operations of a job, in the plural."""
+"""Display names of the operations that jobs perform, in the plural."""
 JOB_STATUSES: Final[Mapping[str, str]] = {
     "accepted": "waiting",
     "running": "running",
@@ -235,9 +234,9 @@ TITLES: Final[Mapping[str, str]] = {
     "impact.oblique_angle_deg": "angle",
     "target.compressive_strength_pa": "strength",
 }
-"""Short names of inputs for the title of a job, where the label is too long."""
+"""Short names of inputs for job titles, where the label would be too long."""
 
 
 def named(names: Mapping[str, str], value: str) -> str:
-    """Return the display name of a value, or the value itself if it is unknown, as from a newer service."""
+    """Return the display name of a value, or the value itself if it is unknown, for example from a newer service."""
     return names.get(value, value)

@@ -1,4 +1,4 @@
-"""Operations of the service, each described once: request, computation, answer, columns and key of the result."""
+"""Operations of the service, each defined once: request, computation, answer, columns and key of the result."""
 
 import hashlib
 import math
@@ -79,7 +79,7 @@ results are no longer found; `ENGINE_VERSION` does the same for answers."""
 
 
 class Request(Protocol):
-    """Protocol of the models of requests, after validation."""
+    """Protocol of validated request models."""
 
     def canonical(self) -> dict[str, Any]:
         """Return all fields as JSON data, with defaults filled in."""
@@ -111,13 +111,13 @@ def result_key(operation: str, request: dict[str, Any]) -> str:
     operation
         Name of the operation, such as ``"cra"``.
     request
-        Canonical request: validated, every default filled in.
+        Canonical request: validated, with all defaults filled in.
 
     Returns
     -------
     str
-        SHA-256, hexadecimal. It does not depend on the order of fields, the notation of a number (1 or 1.0) or the sign
-        of a zero, but on all other content to the last bit of each number.
+        Hexadecimal SHA-256 digest. It does not depend on the order of fields, the notation of a number (1 or 1.0) or
+        the sign of a zero, but it depends on everything else, to the last bit of each number.
     """
     content = {
         "operation": operation,
@@ -129,7 +129,7 @@ def result_key(operation: str, request: dict[str, Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Replace numbers by floats, so that equal numbers have the same JSON text."""
+    """Convert all numbers to floats, so that equal numbers have the same JSON text."""
     kind = type(value)
     if kind is float or kind is int:
         return float(value) + 0.0  # Adding 0.0 turns -0.0 into 0.0.
@@ -155,7 +155,7 @@ class Many:
     batch, sweep
         Operation id of the route, and the first words of its description.
     note
-        Further sentence for the description of the batch route.
+        Additional sentence for the description of the batch route.
     """
 
     models: CaseModels
@@ -188,18 +188,19 @@ class Operation:
         Function from the canonical request, as JSON, to the answer. It is at the top level of a module, because
         pickle sends functions to workers by name.
     request, answer
-        Models. `arguments` of a request raises ParameterError if values contradict each other.
+        Models of the request and the answer. Calling `arguments` of a request raises ParameterError if values
+        contradict each other.
     route, description, tag
         Operation id, description and tag of the route in the contract.
     cases
         Function that returns the cost of a request against a quota, if it differs from `work`. [ordinary cases]
     weight
-        Cost of a case with the adaptive method, against a quota and against the size up to which batches are answered
-        in the response. [ordinary cases]
+        Cost of a case with the adaptive method, which counts against quotas and against the size of a batch that is
+        answered in the response. [ordinary cases]
     runs
         Approximate number of runs of one computation.
     long
-        True if the body may be as long as that of a batch. It is then validated in a thread.
+        True if the body may be as long as the body of a batch. It is then validated in a thread.
     many
         Routes for batches and sweeps, if there are any.
     study
@@ -296,8 +297,8 @@ def _critical_angle(search: CriticalAngleRequest) -> Answer:
     strike = {name: arguments.pop(name) for name in ("velocity", "angle_of_attack", "angular_velocity")}
     impact = solver.Impact(oblique_angle=found.angle, **strike)
     numerics, trajectory = arguments.pop("numerics"), None
-    # At the critical angle the retained energy only just reaches its threshold, so with other settings than those of
-    # the search the run could end embedded. The settings of the level that decided reproduce the ricochet.
+    # At the critical angle the retained energy only just reaches its threshold, so the run could end embedded with
+    # settings other than those of the search. The settings of the deciding level reproduce the ricochet.
     for settings in DECIDING_SETTINGS:
         trajectory = solver.simulate(
             **arguments, impact=impact, numerics=replace(numerics, **settings), sample_interval=sample_interval
@@ -323,7 +324,7 @@ def compute_depth_calibration(request: bytes) -> Answer:
 
 
 def compute_motion_calibration(request: bytes) -> Answer:
-    """Fit a strength factor to motions by each decay law, and predict them with each strength factor to compare."""
+    """Fit a strength factor to motions with each decay law, and predict them with each strength factor to compare."""
     calibration = MotionCalibrationRequest.model_validate_json(request)
     arguments, strength_factors, times = calibration.arguments()
     try:
@@ -373,14 +374,14 @@ def compute_limit_speed(request: bytes) -> Answer:
 
 
 def compute_wall(request: bytes) -> Answer:
-    """Judge a wall for perforation and scabbing."""
+    """Judge whether a wall is thick enough against perforation and scabbing."""
     strike = WallRequest.model_validate_json(request)
     with written_in(strike.units):
         return wall_answer(judge_wall(**strike.arguments())), None
 
 
 StudyReport: TypeAlias = Callable[[int, float | None], None]
-"""Function that receives the number of samples taken and the half width reached, None before there is one."""
+"""Function that receives the number of samples taken and the half width reached (None before there is one)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -394,7 +395,7 @@ class StudyOperation:
     finding
         Function from the answer to a sample to the result that the study needs.
     failed, outside
-        Results that stand for a failed sample and for one outside the accepted range.
+        Results that stand for a failed sample and for a sample outside the accepted range.
     answer
         Function that converts the result of the study to JSON data.
     """
@@ -462,19 +463,19 @@ WALL_CASES = 20
 """Cost of a search for perforation, which takes 20 to 30 runs [ordinary cases]."""
 
 WALL_SEARCHES = 5
-"""Largest number of searches in a verdict on a wall: with the resistance of the request, without plug and crater, with
-a plug, with plug and crater, and with both in normal impact."""
+"""Largest number of searches in a verdict on a wall: with the resistance of the request, without a plug and a crater,
+with a plug, with both, and with both in normal impact."""
 
 
 SEARCH_RUNS = 10
-"""Approximate number of runs of a search for a critical angle. The secant search of the paper takes 9 to 12, see
+"""Approximate number of runs of a search for a critical angle. The secant search of the paper takes 9 to 12 runs; see
 benchmarks/results.md."""
 PANEL_STEPS = 1e6
-"""Product of panels and time steps whose run takes as long as an ordinary case, 10 to 20 ms [1]."""
+"""Product of panels and time steps of a run that takes as long as an ordinary case, 10 to 20 ms. [1]"""
 
 
 FIT_CASES = 20
-"""Cost of fitting one strength factor, by the time that it takes. [ordinary cases]"""
+"""Cost of fitting one strength factor, according to the time that it takes. [ordinary cases]"""
 
 
 def cases_of_a_fit(request: Calibration) -> int:
@@ -507,7 +508,7 @@ CRITICAL_ANGLE = Operation(
     CriticalAngleAnswer,
     route="find_critical_angle",
     description="Find the smallest oblique angle, from the normal, at which a projectile is turned away.\n\n"
-    "A range without such an angle is an answer too, not an error; its `status` says so.",
+    "If the range has no such angle, the `status` of the answer says so; this is not an error.",
     tag="critical ricochet angle",
     runs=SEARCH_RUNS,
     many=Many(
@@ -538,7 +539,8 @@ TRAJECTORY = Operation(
     TrajectoryRequest,
     TrajectoryAnswer,
     route="compute_trajectory",
-    description="Compute the motion of a projectile until it is turned away, through, at rest, or out of time.",
+    description="Compute the motion of a projectile until it is turned away, perforates the target, comes to rest or "
+    "reaches the termination time.",
     tag="trajectory",
     many=Many(
         CaseModels.of(
@@ -571,12 +573,12 @@ CRITICAL_ANGLE_UNCERTAINTY = Operation(
     CriticalAngleUncertaintyRequest,
     CriticalAngleUncertaintyAnswer,
     route="estimate_critical_angle",
-    description="Estimate the probability of ricochet over the oblique angle, and what the critical angle is sensitive "
-    f"to.\n\nUp to {MOST_SAMPLES_OF_A_REQUEST:,} searches, each a case that is kept and counted like any "
-    "other; a request that is sent again is\nanswered from the cache. "
-    "`max_samples` above 16,384 (unless the service is set otherwise) or `Prefer:\n"
-    "respond-async` makes a job, which counts as `max_samples` cases until it ends, then as the samples it has taken. "
-    "A\nsample outside the accepted range counts as not known and widens the intervals.",
+    description="Estimate the probability of ricochet over the oblique angle, and the sensitivity of the critical "
+    f"angle to its inputs.\n\nUp to {MOST_SAMPLES_OF_A_REQUEST:,} searches, each a case that is kept and counted like "
+    "any other; a request that is sent again is\nanswered from the cache. "
+    "`max_samples` above 16,384 (unless the service is configured otherwise) or `Prefer:\n"
+    "respond-async` creates a job, which counts as `max_samples` cases until it ends, then as the samples it has "
+    "taken. A\nsample outside the accepted range counts as unknown and widens the intervals.",
     tag="critical ricochet angle",
     runs=SEARCH_RUNS,
     many=Many(
@@ -647,8 +649,8 @@ DEPTH_CALIBRATION = Operation(
     DepthCalibrationRequest,
     DepthCalibrationAnswer,
     route="calibrate_by_depth",
-    description="Find the strength factor that fits depths of penetration best, by weighted least squares.\n\n"
-    "The shots are along the normal, of one projectile into one target.",
+    description="Find the strength factor that fits penetration depths best, by weighted least squares.\n\n"
+    "The shots are along the normal, with one kind of projectile into one target.",
     tag="calibration",
     cases=cases_of_a_fit,
     long=True,
@@ -659,9 +661,9 @@ MOTION_CALIBRATION = Operation(
     MotionCalibrationRequest,
     MotionCalibrationAnswer,
     route="calibrate_by_motion",
-    description="Find the strength factor that fits the motion in oblique strikes best, measured or by finite "
-    "elements.\n\nThe motion is that of one strike, or of several `runs` at any angles and speeds, which one strength "
-    "factor is to fit\ntogether. The fit is made with every decay law.",
+    description="Find the strength factor that fits the motion in oblique strikes best, from measurements or finite "
+    "element runs.\n\nThe request has the motion of one strike, or of several `runs` at any angles and speeds, to "
+    "which one strength factor is\nfitted. The fit is made with every decay law.",
     tag="calibration",
     cases=cases_of_motions,
     long=True,
@@ -672,8 +674,8 @@ OBLIQUITY_CALIBRATION = Operation(
     ObliquityCalibrationRequest,
     ObliquityCalibrationAnswer,
     route="calibrate_over_obliquity",
-    description="Fit a polynomial in the oblique angle to strength factors.\n\nThe answer holds it in the form in "
-    "which a `resistance` takes it, so that `/cra` gives its angle a standard error.",
+    description="Fit a polynomial in the oblique angle to strength factors.\n\nThe answer contains the "
+    "polynomial in the form that a `resistance` accepts, so that `/cra` gives its angle a standard error.",
     tag="calibration",
     weight=FIT_CASES,
     long=True,
@@ -685,8 +687,8 @@ FORMULAS = Operation(
     FormulasAnswer,
     route="evaluate_formulas",
     description="Evaluate the empirical formulas of the field: penetration depth, scabbing and perforation thickness."
-    "\n\nEach says whether the strike is in the range it was fitted to. An oblique strike counts with the component of "
-    "its\nvelocity along the normal.",
+    "\n\nEach result states whether the strike is in the range to which the formula was fitted. An oblique strike is "
+    "evaluated with\nthe component of its velocity along the normal.",
     tag="formulas",
 )
 FLIGHT = Operation(
@@ -696,8 +698,8 @@ FLIGHT = Operation(
     FlightAnswer,
     route="compute_flight",
     description="Compute where a body lands on level ground: a point mass with quadratic drag.\n\nThe direction in "
-    "which a tumbling body leaves is the least certain of all, so the answer\nhas the farthest distance over all "
-    "elevations too.",
+    "which a tumbling body leaves the target is the most uncertain quantity, so the answer\nalso has the farthest "
+    "distance over all elevations.",
     tag="flight",
 )
 LEAST_THICKNESS = Operation(
@@ -706,8 +708,8 @@ LEAST_THICKNESS = Operation(
     ThicknessRequest,
     ThicknessAnswer,
     route="find_least_thickness",
-    description="Find the least thickness of a wall that a strike does not perforate, beside what the empirical "
-    "formulas say.",
+    description="Find the least thickness of a wall that a strike does not perforate, with the results of the "
+    "empirical formulas.",
     tag="walls",
     weight=WALL_CASES,
     runs=WALL_CASES,
@@ -740,7 +742,8 @@ LIMIT_SPEED = Operation(
     LimitSpeedRequest,
     LimitSpeedAnswer,
     route="find_limit_speed",
-    description="Find the least speed at which a projectile perforates a wall, beside what the empirical formulas say.",
+    description="Find the least speed at which a projectile perforates a wall, with the results of the empirical "
+    "formulas.",
     tag="walls",
     weight=WALL_CASES,
     runs=WALL_CASES,
@@ -804,7 +807,7 @@ OPERATIONS: dict[str, Operation] = {
 
 
 def is_study(operation: str) -> bool:
-    """Return True if an operation is a study of uncertainty; False for an unknown name, as from a later version."""
+    """Return True if an operation is a study of uncertainty; False for an unknown name from a later version."""
     return operation in OPERATIONS and OPERATIONS[operation].study is not None
 
 

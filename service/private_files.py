@@ -45,12 +45,12 @@ def make_private_folder(path: Path) -> None:
 
 
 def warn_of_readers(*paths: Path) -> None:
-    """Log a warning for files that remain readable by others, as on file systems without permissions."""
+    """Log a warning for files that others can access, as on file systems without permissions."""
     for path in paths:
         with suppress(OSError):
             if path.stat().st_mode & OTHERS:
                 log.warning(
-                    "%s can be read by other users of the machine: its file system does not keep permissions, or they "
-                    "cannot be changed; keep the data folder on another one",
+                    "%s can be read by other users of the machine: its file system does not store permissions, or they "
+                    "cannot be changed; use another file system",
                     path,
                 )

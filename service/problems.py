@@ -38,7 +38,7 @@ def install_problem_handlers(app: FastAPI) -> None:
 
 
 async def answer_exception(request: Request, exception: Exception) -> Response:
-    """Answer an exception of service or solver, or an unexpected one, with its problem."""
+    """Answer an exception of the service or the solver, or an unexpected one, with its problem."""
     content = problem_of(exception)
     retry_after = exception.retry_after if isinstance(exception, ServiceError) else RETRY_SECONDS
     return problem_response(request, content, retry_after=retry_after)
@@ -46,15 +46,15 @@ async def answer_exception(request: Request, exception: Exception) -> Response:
 
 async def answer_validation_error(request: Request, exception: Exception) -> Response:
     """Answer validation errors that FastAPI found in a request."""
-    assert isinstance(exception, RequestValidationError)  # noqa: S101 (the handler of nothing else)
+    assert isinstance(exception, RequestValidationError)  # noqa: S101 (registered for this class only)
     # FastAPI prepends "body" or "query" to the location, which is not part of a pointer into the body.
     found = [{**error, "loc": error["loc"][1:]} for error in exception.errors()[:MAX_ERRORS]]
     return await answer_exception(request, InvalidBodyError(validation_errors(found)))
 
 
 async def answer_http_exception(request: Request, exception: Exception) -> Response:
-    """Answer an exception that carries an HTTP status and a text, such as those of the framework."""
-    assert isinstance(exception, HTTPException)  # noqa: S101 (the handler of nothing else)
+    """Answer an exception that carries an HTTP status and a message, such as one raised by Starlette."""
+    assert isinstance(exception, HTTPException)  # noqa: S101 (registered for this class only)
     status = HTTPStatus(exception.status_code)
     detail = exception.detail
     errors = [{"pointer": "", "detail": exception.detail}] if status in OF_THE_BODY else []
@@ -63,7 +63,7 @@ async def answer_http_exception(request: Request, exception: Exception) -> Respo
         # The call runs in a thread, because building the OpenAPI document for the first time takes most of a second.
         headers["Allow"] = ", ".join(await run_sync(allowed_methods, request, headers.get("Allow", "GET")))
         detail = f"this path does not take {request.method}; it takes {headers['Allow']}"
-    elif detail == HTTPStatus.NOT_FOUND.phrase:  # Only the framework raises 404 with this text: no route matched.
+    elif detail == HTTPStatus.NOT_FOUND.phrase:  # Only Starlette raises 404 with this message, if no route matched.
         detail = "there is no such path; `/openapi.json` lists them"
     return problem_response(request, ProblemType.of_status(status).content(detail, errors), headers)
 

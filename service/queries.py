@@ -1,4 +1,4 @@
-"""Single queries: cache lookup, sharing of computations in flight, computation by a worker, storing of the result."""
+"""Single queries: cache lookup, sharing of computations in flight, computation by a worker, storage of the result."""
 
 import asyncio
 import logging
@@ -30,16 +30,16 @@ from solver.warnings import IMPLAUSIBLE
 MEMORY_SECONDS = 30.0
 """Window over which the rate is measured [s]: it covers a few chunks of slow work, but not the work of earlier jobs."""
 SHORTEST_SECONDS = 0.05
-"""Shortest window [s]. The first chunk of a job may take less, and its rate would be nearly infinite."""
+"""Shortest window [s]. The first chunk of a job may take less time, which would give a nearly infinite rate."""
 STEP_SECONDS = 0.5
-"""Time within which completed cases share one entry of the window, so that it has about 60 entries at most. [s]"""
+"""Time within which completed cases share one entry of the window, which limits it to about 60 entries. [s]"""
 LONGEST_WAIT_SECONDS = 3600
 """Longest wait that is announced [s]. A rate measured over half a minute does not predict longer waits."""
 CASE_SECONDS = 0.02
 """Assumed time of an ordinary case on one core until a rate has been measured [s]; such cases take 10 to 20 ms."""
 ABANDONED_SECONDS = 0.5
-"""Time for which a running query continues after its last client has gone [s], enough to complete and cache an ordinary
-one."""
+"""Time for which a running query continues after its last client has left [s], enough for an ordinary query to be
+completed and cached."""
 
 
 def check_work(case: Any, most: float) -> None:
@@ -76,7 +76,7 @@ class Rate:
         self._entries: deque[tuple[float, int]] = deque()
         self._count = 0
         self._begin = 0.0
-        """Time at which the window begins, counted without idle time. [s]"""
+        """Start of the window, in busy time. [s]"""
         self._at_work = 0
         self._paused = self._idle = clock()
         """Time at which work last ended, and the idle time so far, counted from the origin of the clock. [s]"""
@@ -122,7 +122,7 @@ class Rate:
         return min(LONGEST_WAIT_SECONDS, max(1, math.ceil(count / rate)))
 
     def _now(self) -> float:
-        """Return the time so far without idle time. [s]"""
+        """Return the busy time so far. [s]"""
         return (self._clock() if self._at_work else self._paused) - self._idle
 
     def _forget(self, now: float) -> None:
@@ -137,7 +137,7 @@ CacheStatus: TypeAlias = Literal["hit", "miss"]
 Answered: TypeAlias = tuple[Record, CacheStatus]
 
 Count: TypeAlias = Callable[[str, str, str, int], None]
-"""Function that counts answered cases. Its arguments are operation, outcome, `hit` or `miss`, and number."""
+"""Function that counts answered cases. Its arguments are operation, outcome, `hit` or `miss`, and number of cases."""
 
 log = logging.getLogger(__name__)
 
@@ -145,9 +145,9 @@ IMPLAUSIBLE_MARK = f'"code":"{IMPLAUSIBLE}"'.encode()
 """Bytes that the JSON of an answer contains if and only if it has the warning `implausible`. Searching for them is
 cheaper than parsing every answer."""
 MAX_WAITING = 1000
-"""Default of the largest number of single queries that wait for a worker: at 10 ms each, a few seconds of work."""
+"""Default limit on the number of single queries that wait for a worker: at 10 ms each, a few seconds of work."""
 QUEUE_SECONDS = 30.0
-"""Default of the longest time that a single query waits for a worker, shorter than the timeout of proxies, 60 s. [s]"""
+"""Default queue timeout of a single query, shorter than the 60 s after which proxies give up. [s]"""
 
 
 class QueryService:
@@ -158,9 +158,9 @@ class QueryService:
     cache
         Cache in which results are looked up and stored.
     executor
-        Executor that computes them.
+        Executor that computes results.
     operations
-        Operations by name.
+        Operations, keyed by name.
     max_waiting
         Largest number of single queries that wait for a worker.
     queue_seconds
@@ -208,8 +208,8 @@ class QueryService:
     def seconds_until_done(self) -> int:
         """Return the estimated time until the present single queries are done, in whole seconds and at least 1. [s]
 
-        The estimate by the measured rate is capped by the time limits of the queries. The cap matters for large queries
-        that all run into their limit: none of them is completed, and at the assumed rate their work seems to take
+        The estimate from the measured rate is capped by the time limits of the queries. The cap matters if large
+        queries all run into their limit: none of them is completed, and at the assumed rate their work seems to take
         hours.
         """
         longest = math.ceil(self._submitted * self.executor.task_seconds / max(1, self.executor.single_capacity))
@@ -250,7 +250,7 @@ class QueryService:
         return self.cache.recall(key) or await run_sync(self.cache.get, key)
 
     def in_flight(self, keys: Iterable[str], *, queued: bool = True) -> dict[str, "asyncio.Future[Answered]"]:
-        """Return the computations in flight with these keys. Callers may wait for them, but never cancel them.
+        """Return the computations in flight with these keys. Callers may wait for them, but must not cancel them.
 
         A computation that is cancelled by its owner raises `ComputationCancelled`.
 
@@ -272,7 +272,7 @@ class QueryService:
         begun: Callable[[], None] = lambda: None,
         longest: float | None = None,
     ) -> "Chunk":
-        """Compute and store a chunk of cases. Other requests share its computations from this call on.
+        """Compute and store a chunk of cases. From this call on, other requests share its computations.
 
         Parameters
         ----------
@@ -281,7 +281,7 @@ class QueryService:
         owner
             Owner whose turn in the queue the chunk takes.
         remaining
-            Cost of the rest of the job. [ordinary cases]
+            Cost of the unfinished part of the job. [ordinary cases]
         begun
             Function called when a worker takes the chunk.
         longest
@@ -418,7 +418,7 @@ class QueryService:
                 json, outcome = result.value
                 outcomes.append(self._record(operation, case, json, outcome))
         records = {outcome.key: outcome for outcome in outcomes if isinstance(outcome, Record)}
-        known = self.cache.known(list(records))  # Another chunk may have stored some of these results meanwhile.
+        known = self.cache.known(list(records))  # Another chunk may have stored some of these results in the meantime.
         segments: Sequence[Segment] = results[-1].value or () if results and results[-1].error is None else ()
         missing = [record for key, record in records.items() if key not in known]
         # A file that a worker has written is stored as it is only if the cache has none of its results.
@@ -427,7 +427,7 @@ class QueryService:
         return [records[outcome.key] if isinstance(outcome, Record) else outcome for outcome in outcomes]
 
     def _record(self, operation: str, request: KeyedRequest, json: bytes, outcome: str) -> Record:
-        """Return the record of a computed answer; log and count answers that are implausible."""
+        """Return the record of a computed answer; log and count implausible answers."""
         if IMPLAUSIBLE_MARK in json:
             self.implausible += 1
             log.warning("implausible answer of %s, result %s: %s", operation, request.key, request.json.decode())
@@ -447,7 +447,7 @@ class Chunk(NamedTuple):
     Parameters
     ----------
     answers
-        Futures of the answers by key, all of them done.
+        Futures of the answers, keyed by result; all of them are done.
     seconds
         Time that each case took in its worker; empty if no worker has computed the chunk. [s]
     nbytes

@@ -30,12 +30,12 @@ def missing_package(feature: str, package: str, extra: str) -> str:
 
 
 def built_manual() -> Path:
-    """Folder `build/manual` beside the packages."""
+    """Return the folder `build/manual` beside the packages."""
     return Path(__file__).parents[1] / "build" / "manual"
 
 
 class SettingsGroup(BaseSettings):
-    """Base class of the groups of settings. The docstring of a setting is its description, also in the manual."""
+    """Base class of the groups of settings. The docstring of a setting is also its description in the manual."""
 
     model_config = SettingsConfigDict(use_attribute_docstrings=True)
 
@@ -53,7 +53,7 @@ class ServerSettings(SettingsGroup):
     """File with the private key of the certificate (PEM). Requires `RICOCHET_TLS_CERTIFICATE`."""
     trusted_proxies: Names = ()
     """Addresses or networks of proxies, such as `127.0.0.1,10.0.0.0/8`, whose `X-Forwarded-For` and `X-Forwarded-Proto`
-    headers are trusted. Those of other senders are ignored, since any client can forge them."""
+    headers are trusted. The headers of other senders are ignored, since any client can forge them."""
     root_path: Annotated[str, Field(pattern=r"^(/[A-Za-z0-9._~-]+)*$")] = ""
     """Path prefix, such as `/ricochet`, under which a proxy publishes the service. The proxy strips it from the
     requests that it forwards."""
@@ -92,7 +92,7 @@ class ServerSettings(SettingsGroup):
 
     @model_validator(mode="after")
     def check_tls(self) -> Self:
-        """Check that certificate and key are set together."""
+        """Check that the certificate and the key are set together."""
         if (self.tls_certificate is None) != (self.tls_key is None):
             raise ValueError("tls_certificate and tls_key go together: set both or none")
         return self
@@ -102,16 +102,17 @@ class AccessSettings(SettingsGroup):
     """Authentication, accepted hosts and origins, and the audit log."""
 
     access: Literal["auto", "keys", "open"] = "auto"
-    """Clients that are served. `keys`: those with an API key; `open`: everybody who can connect; `auto`: everybody on
-    this machine until a key exists, from then on those with a key."""
+    """Clients that are served: with `keys`, clients with an API key; with `open`, everybody who can connect; with
+    `auto`, everybody on this machine until a key exists, and from then on clients with a key."""
     allowed_hosts: Names = ()
     """Accepted names in the `Host` header, separated by commas. If the list is empty, every name is accepted where keys
-    are required; otherwise only `localhost`, `127.0.0.1` and `[::1]` are, because the page of another site could point
-    its own name at this machine (DNS rebinding)."""
+    are required; otherwise only `localhost`, `127.0.0.1` and `[::1]` are, because another site could point its own host
+    name at this machine (DNS rebinding)."""
     cors_origins: Names = ()
     """Other origins whose pages may send requests from a browser, such as `https://a.example`, separated by commas."""
     metrics_open: bool = False
-    """Serve `/metrics` without a key. The metrics are totals, sizes and times, and show no case."""
+    """Serve `/metrics` without a key. The metrics are totals, sizes and times, and reveal nothing about single
+    cases."""
     audit_log: Path | None = None
     """File of the audit log, reopened after log rotation has moved it. Without a file the entries go to standard
     error."""
@@ -159,12 +160,12 @@ class CacheSettings(SettingsGroup):
     memory_cache_bytes: Annotated[int, Field(ge=0)] = 128 * 1024 * 1024
     """Memory for the most recent results: some 1,300 with a history, tens of thousands without. [bytes]"""
     cache_bytes: Annotated[int, Field(ge=0)] = 10 * 1024**3
-    """Disk space for results, a tenth of it for downloads of whole jobs. [bytes] The least recently used are evicted
-    first. 10 GiB hold ten million critical angles or a hundred thousand histories."""
+    """Disk space for results, a tenth of it for downloads of whole jobs. [bytes] The least recently used results are
+    evicted first. 10 GiB hold ten million critical angles or a hundred thousand histories."""
 
 
 class JobSettings(SettingsGroup):
-    """Size from which work becomes a job, and limits on waiting and finished jobs."""
+    """Size above which work becomes a job, and limits on waiting and finished jobs."""
 
     # The bound of 1,000 is the largest batch that the contract accepts as JSON.
     small_cases: Annotated[int, Field(ge=0, le=1000)] = 100
@@ -174,13 +175,13 @@ class JobSettings(SettingsGroup):
     """Largest number of samples of a study of uncertainty that is answered in the response; a larger study becomes a
     job. [1] Sixteen thousand samples take about a minute."""
     max_queued_cases: Annotated[int, Field(ge=1)] = 2_000_000
-    """Largest number of cases that wait in all jobs. [1] The cases of one owner may fill half of the space that those
-    of other owners leave. On an idle service that is a million cases: ten of the largest batches, hours of work."""
+    """Largest number of cases that wait in all jobs. [1] The cases of one owner may fill half of the space that other
+    owners leave. On an idle service that is a million cases: ten of the largest batches, hours of work."""
     job_days: Annotated[float, Field(gt=0.0)] = 7.0
     """Time for which a job is kept after its end. The default leaves some working days after a weekend. [days]"""
     owner_jobs_bytes: Annotated[int, Field(ge=1)] = 1024**3
-    """Disk space for the jobs of one owner without their results, enough for ten million usual cases. [bytes] Jobs that
-    ended first are removed to make room for a new one."""
+    """Disk space for the jobs of one owner without their results, enough for ten million usual cases. [bytes] The jobs
+    that ended first are removed to make room for a new one."""
     most_wait_seconds: Annotated[float, Field(ge=0.0)] = 30.0
     """Longest wait that a client can request with `Prefer: wait`, shorter than the 60 s after which proxies give up.
     [s]"""
@@ -192,7 +193,7 @@ class ExecutorSettings(SettingsGroup):
     executor: Literal["pool", "dask", "in-process"] = "pool"
     """Executor of batches: worker processes (`pool`), a Dask cluster (`dask`) or, for use with a debugger, a thread of
     the service (`in-process`). With the first two, worker processes compute single queries."""
-    # The bound of 1,024 only catches typing errors: no machine of today has as many cores, and a process takes 100 MB.
+    # The bound of 1,024 only catches typing errors: few machines have more cores, and a process takes 100 MB.
     workers: Annotated[int, Field(default_factory=available_cores, ge=1, le=1024)]
     """Number of worker processes. [1] One per core, since a worker computes without waiting."""
     dask_scheduler: Annotated[str, Field(pattern=r"^((tcp|tls|ws|wss)://.+)?$")] = ""
@@ -202,12 +203,12 @@ class ExecutorSettings(SettingsGroup):
     """Longest time that a single query may run. [s] The paper's case takes well under a second; the largest query
     within the other limits would take minutes."""
     study_seconds: Annotated[float, Field(gt=0.0)] = 300.0
-    """Longest time for a study of uncertainty that is answered in the response, five times what the largest takes on
-    two cores. [s] A verdict and a report, which contain a study, may take twice as long. A job has no such limit; for
-    its cases it is `RICOCHET_TASK_SECONDS`."""
+    """Longest time for a study of uncertainty that is answered in the response, five times as long as the largest one
+    takes on two cores. [s] A verdict and a report, which contain a study, may take twice as long. A job has no such
+    limit; each of its cases is limited by `RICOCHET_TASK_SECONDS`."""
     probe_seconds: Annotated[float, Field(gt=0.0)] = 2.0
     """Longest time that the readiness probe waits for a worker. [s] The probe is served before waiting queries, but
-    cannot interrupt a running one."""
+    cannot interrupt a running query."""
 
     @model_validator(mode="after")
     def _dask_is_there(self) -> Self:
@@ -219,7 +220,7 @@ class ExecutorSettings(SettingsGroup):
 
 
 OTHER_VARIABLES = frozenset({"RICOCHET_URL", "RICOCHET_API_KEY"})
-"""Variables that the command line reads as a client of a service."""
+"""Environment variables that the command line reads as a client of a service."""
 
 
 def unknown_variables() -> list[str]:
@@ -236,7 +237,7 @@ GROUPS: dict[str, type[SettingsGroup]] = {
     "job": JobSettings,
     "executor": ExecutorSettings,
 }
-"""Groups of settings, by the headings of docs/operating.md."""
+"""Groups of settings, keyed by their headings in docs/operating.md."""
 
 
 class Settings(ServerSettings, AccessSettings, LimitSettings, CacheSettings, JobSettings, ExecutorSettings):

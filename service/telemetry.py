@@ -1,8 +1,8 @@
 """Log entries and traces of requests.
 
-Every request has a log entry with its id. Traces are optional and go to OpenTelemetry, those of requests through
-FastAPI's own hook. The variables of OpenTelemetry, such as `OTEL_EXPORTER_OTLP_ENDPOINT` and `OTEL_TRACES_SAMPLER`, set
-the collector and the sampling.
+Every request has a log entry with its id. Traces are optional and use OpenTelemetry; requests are traced by FastAPI's
+own hook. OpenTelemetry's environment variables, such as `OTEL_EXPORTER_OTLP_ENDPOINT` and `OTEL_TRACES_SAMPLER`,
+configure the collector and the sampling.
 """
 
 import logging
@@ -29,9 +29,9 @@ from service.settings import missing_package
 from service.version import VERSION
 
 BEGUN = "ricochet.begun"
-"""Key in the scope of a request: its start time on the performance counter [s]."""
+"""Key in the ASGI scope of a request for its start time on the performance counter. [s]"""
 SANE_ID = re.compile(rb"[0-9A-Za-z._:-]{1,128}")
-"""Pattern of request ids accepted from clients: no character that could forge a line or a field of the log."""
+"""Pattern of request ids accepted from clients. It excludes characters that could forge a line or field of the log."""
 UNKNOWN = "unknown"
 """Label of requests without a route. A label for each such path would let clients fill the metrics."""
 
@@ -108,7 +108,8 @@ class RequestLog:
     level
         Lowest severity that is logged.
     secret
-        Prefix of API keys. An id that contains it is replaced, as a client may have sent its key in the wrong header.
+        Prefix of API keys. An id that contains it is replaced, since a client may have sent its key in the wrong
+        header.
     """
 
     def __init__(self, app: ASGIApp, observe: Observe, level: str, secret: str) -> None:
@@ -167,7 +168,7 @@ def path_of(scope: Scope) -> str:
 UNTRACED = frozenset({"/livez", "/readyz", "/metrics"})
 """Paths without traces: monitors poll them every few seconds."""
 REQUEST_ID = "ricochet.request_id"
-"""Attribute of a span with the request id, the same as in the log and in `X-Request-ID` of the response."""
+"""Span attribute that holds the request id, as in the log and in `X-Request-ID` of the response."""
 NO_TRACER: trace.Tracer = NoOpTracer()
 """Tracer in use while traces are disabled."""
 TRACEPARENT = "traceparent"
@@ -217,7 +218,7 @@ def tracing_config(provider: trace.TracerProvider | None) -> TelemetryConfig:
 
 
 def tracer(provider: trace.TracerProvider | None) -> trace.Tracer:
-    """Return the tracer for the work of jobs; it does nothing while traces are disabled."""
+    """Return the tracer for jobs; it does nothing while traces are disabled."""
     return NO_TRACER if provider is None else provider.get_tracer("ricochet")
 
 
@@ -232,14 +233,14 @@ def current_traceparent() -> str | None:
 def span_within(
     tracer: trace.Tracer, name: str, traceparent: str | None, attributes: Mapping[str, str | int]
 ) -> Iterator[None]:
-    """Trace a part of a job as a child of the request that submitted it, by its stored `traceparent`."""
+    """Trace a part of a job as a child of the request that submitted it, whose `traceparent` was stored."""
     parent = PROPAGATOR.extract({TRACEPARENT: traceparent} if traceparent else {})
     with tracer.start_as_current_span(name, context=parent, attributes=attributes):
         yield
 
 
 async def finish_traces(provider: trace.TracerProvider, seconds: float) -> None:
-    """Send the remaining spans, and wait at most `seconds` for it. [s]"""
+    """Send the remaining spans, waiting at most `seconds`. [s]"""
     # The thread is a daemon so that a collector that does not answer cannot keep the process alive.
     sending = threading.Thread(target=getattr(provider, "shutdown"), daemon=True)  # noqa: B009 (a method of the SDK)
     sending.start()
@@ -247,7 +248,7 @@ async def finish_traces(provider: trace.TracerProvider, seconds: float) -> None:
 
 
 class LinkedTrace:
-    """Middleware that links the span of a request with its log entry: each carries the id of the other.
+    """Middleware that links the span of a request and its log entry: each carries the id of the other.
 
     Parameters
     ----------
@@ -263,7 +264,7 @@ class LinkedTrace:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on; add the id of its log entry to its span, and that of its span to its log entry."""
+        """Pass a request on, with the request id added to its span and the trace id added to its log entry."""
         span = trace.get_current_span()
         if scope["type"] != "http" or not span.get_span_context().is_valid:
             await self._app(scope, receive, send)

@@ -54,32 +54,32 @@ DESCRIPTION = """
 Critical ricochet angles of rigid projectiles on concrete.
 
 Angles are in degrees from the inward normal of the face: 0° is normal impact. Depth is positive inside the target.
-Fields are named with their units and never null: what is not given is absent.
+Names of quantities end with the unit. No field is null: a field without a value is absent.
 """
 TAGS = [
     {"name": "critical ricochet angle", "description": "Smallest oblique angles at which a projectile ricochets."},
-    {"name": "trajectory", "description": "Motions of single strikes, and how sure their outcomes are."},
-    {"name": "walls", "description": "Walls that are just not perforated, and speeds at which they just are not."},
-    {"name": "formulas", "description": "Empirical formulas of penetration, scabbing and perforation."},
-    {"name": "flight", "description": "Where a body lands after a ricochet."},
+    {"name": "trajectory", "description": "Motions of single strikes, and probabilities of their outcomes."},
+    {"name": "walls", "description": "Least thicknesses of walls, limit speeds, and verdicts on walls."},
+    {"name": "formulas", "description": "Empirical formulas for penetration, scabbing and perforation."},
+    {"name": "flight", "description": "Flight of a body after it leaves the target."},
     {"name": "calibration", "description": "Strength factors that fit tests and finite element runs."},
-    {"name": "results", "description": "Answers that are kept, by their keys."},
-    {"name": "jobs", "description": "Batches, sweeps and studies that take longer than a client waits."},
-    {"name": "health", "description": "The state of the service."},
+    {"name": "results", "description": "Stored results, by their keys."},
+    {"name": "jobs", "description": "Batches, sweeps and studies that are computed after the response."},
+    {"name": "health", "description": "State, versions and metrics of the service."},
 ]
 POOL_SECONDS = 1
 """Time allowed for workers to stop after the last request [s]: half for calls to finish, half for processes to end."""
 TRACES_SECONDS = 0.5
-"""Time allowed for sending the last traces, after jobs, workers and cache have stopped [s]. A collector nearby takes
-milliseconds, and one that does not answer must not delay the end; chosen by judgement."""
+"""Time allowed for sending the last traces, after jobs, workers and cache have stopped [s]. A nearby collector takes
+milliseconds, and one that does not answer must not delay the shutdown; the value is a rough choice."""
 STOP_SECONDS = POOL_SECONDS + 1
 """Part of the grace period reserved for stopping jobs and workers after the last response [s]: `POOL_SECONDS` for the
-workers, and one second, by judgement, for saving the progress of jobs and closing the caches."""
+workers, and one second, a rough choice, for saving the progress of jobs and closing the caches."""
 REFUSAL_SECONDS = 1
 """Part of the grace period in which unfinished requests are refused, just before jobs and workers are stopped [s]. The
 refusals are sent within milliseconds; one second leaves a margin."""
 RESOURCES = (studies, umbridge, queries, jobs, health, page)
-"""Modules whose routers follow those of the operations, in the order in which routes are matched."""
+"""Modules whose routers come after the routes of the operations, in the order in which routes are matched."""
 CORS: dict[str, Any] = {
     "allow_methods": ["GET", "HEAD", "POST", "PATCH", "DELETE"],
     "allow_headers": ["Authorization", "Content-Type", "Idempotency-Key", "If-None-Match", "Last-Event-ID", "Prefer"],
@@ -129,7 +129,7 @@ class Application(FastAPI):
     def build_middleware_stack(self) -> ASGIApp:
         """Return the application wrapped in middleware.
 
-        `add_middleware` would place the middleware inside Starlette's error handler, so that responses to unexpected
+        `add_middleware` would place the middleware inside Starlette's error handler, so responses to unexpected
         failures would have neither security headers nor a log entry.
         """
         services: Services = self.state.services
@@ -172,7 +172,8 @@ def create_app(settings: Settings | None = None, clock: Clock = SYSTEM) -> FastA
         openapi_tags=TAGS,
         license_info={"name": "BSD-3-Clause", "identifier": "BSD-3-Clause"},
         lifespan=lifespan,
-        # `service/api/page.py` serves `/openapi.json` and Swagger UI, as FastAPI's pages load scripts of other sites.
+        # `service/api/page.py` serves `/openapi.json` and Swagger UI, because FastAPI's pages load scripts from other
+        # sites.
         openapi_url=None,
         docs_url=None,
         redoc_url=None,
@@ -234,7 +235,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         services.executor = executor_for(settings)
         await asyncio.gather(
             start_executor(services.executor, stack),
-            # The next two take 0.1 to 0.2 s each. If they ran on first use, they would block the event loop.
+            # The next two take 0.1 to 0.2 s each, for which they would block the event loop if they ran on first use.
             run_sync(known_fields),
             run_sync(importlib.import_module, "scipy.special"),
         )
@@ -270,6 +271,6 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
 
 
 async def start_executor(executor: Executor, stack: AsyncExitStack) -> None:
-    """Start the workers, and register their stop at once, so that they are stopped if the rest of the start fails."""
+    """Start the workers, and register their shutdown, which then happens even if a later step of the start fails."""
     await executor.start()
     stack.push_async_callback(executor.stop, POOL_SECONDS)

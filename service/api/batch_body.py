@@ -1,4 +1,4 @@
-"""Reading of the bodies of batches and sweeps in blocks of cases, validated in a thread.
+"""Reading of batch and sweep bodies in blocks of cases, which are validated in a thread.
 
 Validating a whole body in one call, or listing all its errors, would hold the interpreter lock for too long.
 """
@@ -68,10 +68,11 @@ class BatchBody:
     count: int = 0
     sweep: StoredSweep | None = None
     estimate: Callable[[], int] = lambda: 0
-    """Function that extrapolates the number of cases of a JSONL body from the lines read; 0 without Content-Length."""
+    """Function that extrapolates the number of cases of a JSONL body from the lines read; returns 0 without a
+    length."""
 
     def digest(self) -> str:
-        """Return the hash of path, media type and body. It is complete only when the body has been read."""
+        """Return the hash of the path, the media type and the body. It is complete only when the body has been read."""
         return self._digest.hexdigest()
 
 
@@ -85,7 +86,7 @@ class BatchReader:
     operation
         Operation of every case.
     model
-        Model that every case is validated with.
+        Model with which every case is validated.
     """
 
     def __init__(self, request: Request, operation: str, model: type[Case]) -> None:
@@ -108,8 +109,8 @@ class BatchReader:
         media_type = require_type(self._request, JSON, JSONL)
         digest = hashlib.sha256(f"{path_of(self._request.scope)} {media_type}\n".encode())
         if media_type == JSONL:
-            # JSON lines are read as a stream: such a body may be far larger than one of JSON, which has to be parsed
-            # whole.
+            # JSON lines are read as a stream: such a body may be far larger than a JSON body, which has to be parsed as
+            # a whole.
             chunks = stream_up_to(self._request, self._limits.max_jsonl_bytes)
             lines = split_lines(chunks, self._limits.max_body_bytes, digest)
             return BatchBody(self._read_lines(lines), digest, estimate=self._estimate)
@@ -129,7 +130,7 @@ class BatchReader:
         return BatchBody(in_blocks(cases), digest, len(cases))
 
     async def read_sweep(self) -> BatchBody:
-        """Return the points of a sweep. Base and axes are validated here, each point as it is read.
+        """Return the points of a sweep. The base and the axes are validated here, each point as it is read.
 
         Raises
         ------
@@ -157,13 +158,13 @@ class BatchReader:
     def _validate_part(
         self, part: Sequence[Any], first: int
     ) -> tuple[dict[int, JobCase], dict[int, list[dict[str, str]]]]:
-        """Validate a part of a JSON batch; return valid cases, and the errors of the others, by number."""
+        """Validate a part of a JSON batch; return the valid cases, and the errors of the others, by case number."""
         cases: dict[int, JobCase] = {}
         errors: dict[int, list[dict[str, str]]] = {}
         for number, content in enumerate(part, first):
             place, longest = f"/cases/{number}", self._limits.max_body_bytes
             try:
-                # A case may be as long as the body of a single query, so that a batch is no way around that limit.
+                # Each case must keep the limit on the body of a single query, so that a batch is no way around it.
                 if len(to_json(content)) > longest:
                     errors[number] = [{"pointer": place, "detail": f"a case may be {longest} bytes long at most"}]
                 else:
@@ -172,13 +173,13 @@ class BatchReader:
                 errors[number] = validation_errors(errors_found(error), place)
             except ParameterError as error:
                 errors[number] = behind(place, field_errors(error))
-            # A response lists at most `MAX_ERRORS` errors, so that the rest of the part need not be validated.
+            # A response lists at most `MAX_ERRORS` errors, so the rest of the part need not be validated.
             if sum(map(len, errors.values())) > MAX_ERRORS:
                 break
         return cases, errors
 
     async def _check(self, cases: dict[int, JobCase]) -> dict[int, list[dict[str, str]]]:
-        """Have workers check that the values of each case are consistent; return the errors by number.
+        """Have workers check that the values of each case are consistent; return the errors by case number.
 
         Lines of JSONL and points of a sweep are not checked here: their errors are the results of their cases.
         """
@@ -232,7 +233,7 @@ class BatchReader:
         except InvalidBodyError as error:
             raise InvalidBodyError(behind(pointer, error.errors), place) from error
         except HTTPException as error:
-            # The parser has seen one line only, so that its line number is always 1. `place` has the real one.
+            # The parser has seen only this line, so its line number is always 1. `place` has the real number.
             detail = error.detail.replace(" at line 1 column ", " at column ")
             raise InvalidBodyError([{"pointer": pointer, "detail": detail}], place) from error
         except ValidationError as error:

@@ -1,4 +1,4 @@
-"""Responses to batches and sweeps: a job if there are many cases or the client prefers one, else the results."""
+"""Responses to batches and sweeps: a job if there are many cases or the client prefers a job, else the results."""
 
 import asyncio
 import re
@@ -27,7 +27,7 @@ from service.operations import OPERATIONS, KeyedRequest, Many, Operation
 FORMS = (JSON, JSONL, CSV)
 VARY = {"Vary": "Prefer, Accept"}
 LONGEST_RETRY = 60
-"""Largest value of `Retry-After` for a job, so that a job that ends early is noticed within a minute. [s]"""
+"""Largest value of `Retry-After` for a job, so that clients notice within a minute if it ends early. [s]"""
 
 Result = TypeVar("Result")
 
@@ -36,24 +36,24 @@ IdempotencyKey = Annotated[
     Header(
         alias="Idempotency-Key",
         max_length=255,
-        description="Key that the client chooses: a request that is sent again with the same key and body is answered "
-        "with the job it made the first time, also if the client was gone before the answer, as an accepted job goes "
-        "on. Without effect on work that is answered at once.",
+        description="Key chosen by the client. A request that is sent again with the same key and body is answered "
+        "with the job that the first one created, even if the client had disconnected before the answer. It has no "
+        "effect on work that is answered at once.",
     ),
 ]
 Prefer = Annotated[
     str,
     Header(
         alias="Prefer",
-        description="RFC 7240: `respond-async` makes a job whatever the size of the work, `wait=10` to be answered "
-        "with the results if they are ready after so many seconds.",
+        description="Preferences (RFC 7240): `respond-async` creates a job whatever the size of the work; `wait=10` "
+        "waits up to 10 seconds for the results of a job.",
     ),
 ]
 
 
 PREFERENCE = re.compile(r'(?:"(?:[^"\\]|\\.)*"?|[^",])+')
 """Pattern of an element of a comma-separated header; commas within quotes do not separate. The alternatives begin with
-different characters and nothing follows the group, so that no header can make the pattern backtrack."""
+different characters and nothing follows the group, so no header can make the pattern backtrack."""
 MOST_DIGITS = 9
 """Number of digits of `wait` that are read, enough for thirty years. Python refuses to convert thousands of digits."""
 
@@ -67,7 +67,7 @@ class Preference:
     respond_async
         True if the client wants a job whatever the size of the work.
     wait
-        Time that the client will wait for the results; None if not given. [s]
+        Time for which the client will wait for the results; None if not given. [s]
     """
 
     respond_async: bool = False
@@ -82,7 +82,7 @@ class Preference:
 
 
 def read_preference(headers: Iterable[str]) -> Preference:
-    """Return the preferences in `Prefer` headers. Unknown and malformed ones are ignored, as RFC 7240 demands."""
+    """Return the preferences in `Prefer` headers. Unknown and malformed ones are ignored, as RFC 7240 requires."""
     found: dict[str, str] = {}
     for text in PREFERENCE.findall(",".join(headers).lower()):
         name, _, value = text.partition(";")[0].partition("=")  # Neither preference has parameters after a semicolon.
@@ -205,8 +205,8 @@ class BatchResponse(JobResponse):
     async def to(self, body: BatchBody) -> Response:
         """Return a response with the results, or with the job that computes them. Refused work is not charged."""
         try:
-            # Only as many cases are read here as are needed to choose between results and a job. The rest is read by
-            # the job manager, which refuses too many cases early.
+            # Only as many cases are read here as are needed to choose between results and a job. The job manager reads
+            # the rest, and refuses too many cases early.
             operation, blocks = OPERATIONS[self.operation], self._charged(body.blocks)
             if operation.study is None:
                 small, rest = await take(blocks, self._settings.small_cases, operation.cost)
@@ -400,7 +400,7 @@ def to_job(
     partial: dict[str, Any] | None = None,
     queue: dict[str, int] | None = None,
 ) -> dict[str, Any]:
-    """Return the fields of a job in the contract; `request`, `partial` and `queue` are included if given."""
+    """Return a job in the form of the contract; `request`, `partial` and `queue` are included if given."""
     path = f"{root}/jobs/{state.id}"
     times = {name: getattr(state, name) for name in ("created", "started", "finished", "expires")}
     problem = None if state.problem is None else {**state.problem, "instance": path}

@@ -1,8 +1,8 @@
 """Bodies of requests, read and bounded before FastAPI validates them.
 
-Every route reads its body here. Length, depth, number of fields and values, and repeated fields are checked before
-validation, because the time of validation grows with each of them: listing the errors of a million fields takes
-seconds.
+Every route reads its body here. The length, the depth and the numbers of fields and values are checked before
+validation, because the validation time grows with each of them: listing the errors of a million fields takes seconds.
+Repeated fields are refused.
 """
 
 import asyncio
@@ -31,18 +31,18 @@ MAX_FIELDS = 30
 """Largest number of fields of one object, more than twice as many as the largest object of a request has."""
 MAX_LISTED_FIELDS = 10_000
 """Largest number of fields in the body of one request. A resistance with a thousand test shots of four fields has
-4,000. Validating this many takes some 10 ms."""
+4,000. Validating 10,000 takes some 10 ms."""
 MAX_LISTED_VALUES = 10_000
 """Largest number of list items and fields in the body of one request. A nose profile of 1,000 points has 3,000."""
 MAX_BATCH_FIELDS = 100_000
-"""Largest number of fields in a JSON batch, five times as many as 1,000 usual cases have. Parsing this many takes some
+"""Largest number of fields in a JSON batch, five times as many as 1,000 usual cases have. Parsing 100,000 takes some
 20 ms, in a thread."""
 MAX_SERIES_FIELDS = 25_000
 """Largest number of fields in a calibration or a sweep. A thousand tests of eight fields have 8,000."""
 MAX_SERIES_VALUES = 250_000
 """Largest number of list items and fields in a batch, a calibration or a sweep. An axis of a sweep may have 100,000
-values; a calibration to 20 runs with four columns of 3,000 rows has 240,000. Parsing and validation of this many take
-some 20 ms, in a thread."""
+values; a calibration to 20 runs with four columns of 3,000 rows has 240,000. Parsing and validating 250,000 takes some
+20 ms, in a thread."""
 CONTAINERS = (dict, list)
 
 
@@ -57,7 +57,7 @@ MARKS = {
 
 @dataclass(frozen=True, slots=True)
 class BodyLimits:
-    """Limits that a body must keep before it is validated.
+    """Limits on a body, which are checked before it is validated.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class BodyLimits:
 
     @classmethod
     def of_one(cls, settings: Settings) -> Self:
-        """Return the limits of a single request, which hold for each line of JSONL too."""
+        """Return the limits of a single request, which also apply to each line of JSONL."""
         return cls(settings.max_body_bytes, settings.max_body_depth)
 
     @classmethod
@@ -91,7 +91,7 @@ class BodyLimits:
 
 
 class BoundedRequest(Request):
-    """Request whose body has been read within its limits, and from which FastAPI takes the body and its JSON.
+    """Request whose body has already been read within its limits; FastAPI gets the body and its content from it.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class BoundedRequest(Request):
 class CheckedRoute(APIRoute):
     """Route that refuses unknown query parameters, and bounds a JSON body before FastAPI validates it.
 
-    FastAPI reads the body before it runs dependencies, and so would parse the bodies of requests without a valid key.
+    FastAPI reads the body before it runs dependencies, so it would parse the bodies of requests without a valid key.
     The key is therefore checked here as well.
     """
 
@@ -147,7 +147,7 @@ def query_parameters(dependant: Dependant) -> set[str]:
 
 
 def refuse_unknown(request: Request, known: Sequence[str]) -> None:
-    """Refuse unknown query parameters, as a misspelt one would silently have no effect.
+    """Refuse unknown query parameters, since a misspelt one would silently have no effect.
 
     Raises
     ------
@@ -175,8 +175,8 @@ async def bounded(request: Request, *, long: bool) -> BoundedRequest:
     Raises
     ------
     HTTPException
-        400 if the body is not JSON or exceeds another limit than its length, 413 if it is too long, 415 if it is of
-        another media type or compressed.
+        400 if the body is not JSON or exceeds a limit other than the length, 413 if it is too long, 415 if it is
+        compressed or of another media type.
     InvalidBodyError
         If the body is empty, or an object has too many fields.
     """
@@ -195,7 +195,7 @@ async def bounded(request: Request, *, long: bool) -> BoundedRequest:
 
 
 async def read_body(request: Request, limits: BodyLimits) -> bytes:
-    """Read the body.
+    """Read the whole body within the limit on its length.
 
     Raises
     ------
@@ -253,10 +253,10 @@ def require_type(request: Request, *accepted: str) -> str:
 
 
 def parse_json(text: bytes, limits: BodyLimits) -> Any:
-    """Parse a JSON text.
+    """Parse JSON within the limits of a body.
 
-    NaN, Infinity and 1e999 are accepted although they are not JSON, so that validation can name the field that holds
-    them.
+    NaN and Infinity, which are not JSON, and numbers beyond float64, such as 1e999, are accepted, so that validation
+    can name the field that holds them.
 
     Raises
     ------
@@ -270,8 +270,8 @@ def parse_json(text: bytes, limits: BodyLimits) -> Any:
         raise HTTPException(HTTPStatus.BAD_REQUEST, f"the body {named}; send UTF-8 without one")
     if text[1:2] == b"\x00" or text[:1] == b"\x00":
         raise HTTPException(HTTPStatus.BAD_REQUEST, "the body is in UTF-16 or UTF-32; send UTF-8")
-    # Counting colons and commas limits the time of parsing before it begins. Those within texts are counted too, which
-    # does not matter, because no text of a request is long.
+    # Counting colons and commas limits the time of parsing before it begins. Those within strings are counted too,
+    # which does not matter, because no string in a request is long.
     fields = text.count(b":")
     if fields > limits.fields or text.count(b",") > limits.values:
         detail = f"the body may have {limits.fields:,} fields and {limits.values:,} values at most"
@@ -283,8 +283,8 @@ def parse_json(text: bytes, limits: BodyLimits) -> Any:
         deep = "recursion limit" in str(error)
         detail = too_deep(limits.depth) if deep else f"not JSON: {error}"
         raise HTTPException(HTTPStatus.BAD_REQUEST, detail) from error
-    # If the numbers of fields and colons differ, the fast parser has dropped a repeated field, or a text has a colon.
-    # Only the slow parser of the standard library reports repeated fields, so it runs in these cases alone.
+    # If the numbers of fields and colons differ, the fast parser has dropped a repeated field, or a string contains a
+    # colon. Only the slow parser of the standard library reports repeated fields, so it runs in these cases alone.
     if count_fields(content, limits.depth) != fields:
         json.loads(text, object_pairs_hook=refuse_repeated)
     return content

@@ -66,11 +66,11 @@ RETRY_LATER: dict[str, Any] = {
 }
 PROBLEMS: Responses = {
     400: {"description": "The body cannot be parsed."},
-    404: {"description": "Nothing is stored under this name."},
+    404: {"description": "Nothing is stored under this key or id."},
     406: {"description": "The result is not available as any media type in `Accept`."},
     409: {"description": "The request with this idempotency key is still being accepted."},
     413: {"description": "The body is too long."},
-    415: {"description": "The body is of another media type."},
+    415: {"description": "The media type of the body is not supported."},
     422: {"description": "A field is wrong, or the case cannot be computed."},
     401: {
         "description": "The API key is missing, invalid, expired or revoked.",
@@ -80,7 +80,7 @@ PROBLEMS: Responses = {
         "description": "The key lacks the scope, its quota never allows so many cases, or the request comes from the "
         "page of another site."
     },
-    408: {"description": "The body comes too slowly."},
+    408: {"description": "The body arrives too slowly."},
     429: {
         "description": "Too many cases are waiting, or the quota of the key is used up.",
         "headers": RETRY_AFTER,
@@ -88,7 +88,7 @@ PROBLEMS: Responses = {
     500: {"description": "The service failed."},
     501: {"description": "The extra that draws reports is not installed."},
     503: {"description": "The service is not ready, or has no worker for the query.", "headers": RETRY_AFTER},
-    507: {"description": "Nothing can be stored now."},
+    507: {"description": "The service cannot store anything at present."},
 }
 
 
@@ -100,8 +100,8 @@ def problems(*statuses: int) -> Responses:
 COMPUTED: Responses = {
     200: {
         # CSV and HDF5 are named in words only. If they were declared as media types, generated clients would return
-        # either a model or a text, and callers would have to tell which.
-        "description": "The answer. `Accept` selects CSV or HDF5, as of `/results/{key}`.",
+        # either a model or a string, and callers would have to check which.
+        "description": "The answer. `Accept` selects CSV or HDF5, as for `/results/{key}`.",
         "headers": CACHE_STATUS,
         "links": RESULT_LINK,
     },
@@ -178,13 +178,13 @@ def reference(model: type[BaseModel]) -> dict[str, str]:
 
 
 def declare_bodies(schemas: dict[str, Any], models: Sequence[type[BaseModel]]) -> None:
-    """Add the models of bodies that routes read themselves. FastAPI adds only those of their parameters."""
+    """Add the models of bodies that routes read themselves. FastAPI adds only the models of route parameters."""
     _, found = models_json_schema(
         [(model, "validation") for model in models], ref_template="#/components/schemas/{model}"
     )
     for name, schema in found["$defs"].items():
         schemas.setdefault(name, schema)
-    for name in sorted(schemas):  # FastAPI sorts its components; in the same order, diffs of the document stay small.
+    for name in sorted(schemas):  # FastAPI sorts its components; keeping that order keeps diffs small.
         schemas[name] = schemas.pop(name)
 
 
@@ -233,7 +233,7 @@ def declare_formats(node: Any) -> None:
 
 
 def declare_access(operation: dict[str, Any]) -> None:
-    """Declare the key as optional, since a service may be open, and add the responses to requests without access."""
+    """Declare the key as optional, since a service may be open, and add the responses to requests that lack access."""
     if "security" not in operation:
         operation["security"] = []
         return
@@ -260,14 +260,14 @@ def declare_defaults(schemas: dict[str, Any]) -> None:
 
 
 def declare_events(responses: dict[str, Any]) -> None:
-    """Describe server-sent events in words, since the schema of FastAPI for them requires a later OpenAPI."""
+    """Describe server-sent events in words, since FastAPI's schema for them requires a later version of OpenAPI."""
     content = responses.get("200", {}).get("content", {})
     if "text/event-stream" in content:
         content["text/event-stream"] = {"schema": {"description": "Server-sent events."}}
 
 
 def declare_problems(responses: dict[str, Any]) -> None:
-    """Declare the media type of problem documents for error responses. FastAPI declares that of the route's answer."""
+    """Declare error responses as problem documents. FastAPI declares them with the media type of the route's answer."""
     for status, response in responses.items():
         if status >= "400":
             (content,) = response["content"].values()

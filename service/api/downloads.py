@@ -1,4 +1,4 @@
-"""Files of results for download, written on request, shared by clients, and kept until they are evicted."""
+"""Result files for download, written on request, shared by clients, and kept until they are evicted."""
 
 import asyncio
 import os
@@ -19,17 +19,17 @@ from service.private_files import make_private, make_private_folder
 FOLDER = "downloads"
 """Name of the folder of downloads in the data folder."""
 SHARE = 0.1
-"""Fraction of the disk limit of the cache that downloads may take. It is small, by judgement, because a download can be
-written again from results, while a result has to be computed again."""
+"""Fraction of the disk limit of the cache that downloads may take. A rough choice: it is small because a download can
+be written again from results, while a result has to be computed again."""
 WRITTEN_AT_ONCE = 2
 """Number of files that are written at the same time. Each takes some 10 MB of memory and most of a core."""
 PIECE_BYTES = 256 * 1024
 """Size of the pieces in which a file is sent [bytes]. A smaller piece costs more switches between threads, a larger one
-more memory per client; the value is chosen by judgement."""
+more memory per client; the value is a rough choice."""
 
 
 class Downloads:
-    """Cache of files for download on the disk. The least recently used files are evicted.
+    """On-disk cache of files for download. The least recently used files are evicted.
 
     Parameters
     ----------
@@ -47,15 +47,15 @@ class Downloads:
         self._most_bytes = most_bytes
         self._check_folder = check_folder
         self._kept: OrderedDict[str, int] = OrderedDict()
-        """Sizes of the files in the folder by name, the most recently used last. [bytes]"""
+        """Sizes of the files in the folder, keyed by name; the most recently used file is last. [bytes]"""
         self._open: WeakSet[BufferedReader] = WeakSet()
         """Open files that are being sent to clients."""
         self._turns = asyncio.Semaphore(WRITTEN_AT_ONCE)
         self._writing: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
-        """Locks of the files that are being opened or written, by name; dropped when no request uses them."""
+        """Locks of the files that are being opened or written, keyed by name; dropped when no request uses them."""
 
     def clear(self) -> None:
-        """Remove the files of an earlier process, which kept the record of them in memory only."""
+        """Remove the files of an earlier process, which listed them in memory only."""
         shutil.rmtree(self._folder, ignore_errors=True)
 
     async def open(self, name: str, write: Callable[[Path], Awaitable[None]], *, keep: bool) -> BufferedReader:
@@ -120,7 +120,7 @@ class Downloads:
                 self._kept[name] = size
             await self._make_room()
             return file
-        except OSError as error:  # The message of HDF5 contains the path, which clients must not see.
+        except OSError as error:  # The HDF5 error message contains the path, which clients must not see.
             why = os.strerror(error.errno) if error.errno else "the disk refuses it"
             raise StorageError(f"the file cannot be written: {why}") from error
         finally:

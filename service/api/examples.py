@@ -14,16 +14,16 @@ from service.workers.worker import compute_single
 
 FILE = Path(__file__).with_name("examples.json")
 LONG = frozenset({"formulas", "history", "iterations"})
-"""Fields whose lists are shortened in the examples, as they would fill pages of the contract."""
+"""Fields whose lists are shortened in the examples, since they would fill pages of the contract."""
 SHOWN = 2
-"""Number of items shown of a shortened list or column: the fewest that show that it is one."""
+"""Number of items shown of a shortened list or column: the fewest that show that there can be several."""
 DIGITS = 6
 """Number of significant digits of the numbers in the examples. Later digits differ between processors."""
 
 
 @cache
 def computed() -> dict[str, Any]:
-    """Return the stored examples by operation."""
+    """Return the stored examples, keyed by operation."""
     found: dict[str, Any] = json.loads(FILE.read_text(encoding="utf-8"))
     return found
 
@@ -67,7 +67,7 @@ def shortened(value: Any, *, cut: bool = False) -> Any:
 
 
 def write() -> None:
-    """Compute the examples and write them. Studies are left out, as they take seconds to minutes."""
+    """Compute the examples and write them. Studies are left out, since they take seconds to minutes."""
     found = {each.name: example_of(each) for each in OPERATIONS.values() if each.study is None}
     FILE.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 

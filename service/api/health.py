@@ -49,11 +49,11 @@ class Health(Part):
     status: HealthStatus
     chunks_on: ChunkPlace | MISSING = MISSING
     warnings: list[str] | MISSING = MISSING
-    """Faults that an operator should look at although the service works."""
+    """Faults that an operator should look into, although the service works."""
 
 
 class Version(Part):
-    """Versions of solver, contract and libraries."""
+    """Versions of the solver, the contract and the main libraries."""
 
     model_config = with_examples({"engine_version": "1", "schema_version": "1", "libraries": {"numpy": "2.4.6"}})
 
@@ -62,7 +62,7 @@ class Version(Part):
     schema_version: str
     """Version of the contract; raised whenever its meaning changes."""
     libraries: dict[str, str]
-    """Versions of this package and of the libraries it depends on."""
+    """Versions of this package and of the main libraries that it depends on."""
 
 
 @router.get("/livez", response_description="The service is alive.", responses=problems(500))
@@ -73,7 +73,7 @@ async def livez() -> Health:
 
 @router.get("/readyz", response_description="The service is ready.", responses=problems(500, 503))
 async def readyz(request: Request) -> Health:
-    """Report whether the service is ready: a worker answers or all are busy, and results can be written."""
+    """Report whether the service is ready: a worker answers or all are busy, and results and jobs can be stored."""
     services = services_of(request)
     idle = await services.executor.probe(services.settings.probe_seconds)
     if not idle and not services.executor.busy:
@@ -101,7 +101,7 @@ async def version() -> Version:
 
 @cache
 def library_versions() -> dict[str, str]:
-    """Return the versions of the package and its libraries. They are cached, as metadata are read from the disk."""
+    """Return the versions of the package and its libraries. They are cached, because reading them takes disk access."""
     return {"ricochet": VERSION} | {name: installed_version(name) for name in LIBRARIES}
 
 

@@ -70,7 +70,7 @@ else:
         "Request of the job, absent in lists of jobs: a sweep as the client sent it, or one study of uncertainty with "
         "all defaults filled in.",
     )
-    """Type of the request of a job."""
+    """Type of the field `request` of a job."""
 
 Number = Annotated[Count, Field(ge=0)]
 Path = Annotated[str, Field(description="Path on this service.")]
@@ -81,7 +81,7 @@ def in_jobs(operation: Operation) -> bool:
     return operation.many is not None or operation.study is not None
 
 
-JobOperation = StrEnum(  # type: ignore[misc] # mypy wants the names here
+JobOperation = StrEnum(  # type: ignore[misc] # mypy expects the names to be literals
     "JobOperation",
     {
         **{re.sub("[^A-Z]", "_", each.name.upper()): each.name for each in LISTED_OPERATIONS if in_jobs(each)},
@@ -94,7 +94,7 @@ JobOperation.__doc__ = (
 
 
 class JobStatus(StrEnum):
-    """Status of a job: waiting, running, or ended: all cases done, failed, cancelled (`dismissed`) or unreadable."""
+    """Status of a job: waiting (`accepted`), running, finished, failed, cancelled (`dismissed`), or unreadable."""
 
     ACCEPTED = "accepted"
     RUNNING = "running"
@@ -105,7 +105,7 @@ class JobStatus(StrEnum):
 
 
 class JobCounts(Part):
-    """Numbers of cases of a job."""
+    """Numbers of cases in a job."""
 
     model_config = with_examples(COUNTS)
 
@@ -119,7 +119,7 @@ class JobCounts(Part):
 
 
 class JobLinks(Part):
-    """Paths of a job and its results, and of its events and cancellation."""
+    """Paths of a job, its results, its events and its cancellation."""
 
     model_config = with_examples(LINKS)
 
@@ -130,19 +130,20 @@ class JobLinks(Part):
 
 
 class JobQueue(Part):
-    """Place in the queue of a job that has not ended, and its estimated remaining time."""
+    """Place of an unfinished job in the queue, and its estimated remaining time."""
 
     model_config = with_examples({"jobs_ahead": 1, "remaining_s": 12})
 
     jobs_ahead: Number
-    """Number of jobs of the same owner that are computed first: those with fewer cases left, or as many and older."""
+    """Number of jobs of the same owner that run before this one: jobs with fewer cases left, and older jobs with as
+    many."""
     remaining_s: Number
     """Estimated time until the job ends, at the rate of the last half minute; 3600 means an hour or more."""
 
 
 UNSHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
-"""Characters removed from titles: control characters, line ends and changes of the writing direction. They could forge
-the display of a title in a terminal or a list of jobs."""
+"""Characters removed from titles: control characters, line ends and changes of the writing direction. They could
+falsify the display of a title in a terminal or a list of jobs."""
 Title = Annotated[
     str,
     StringConstraints(strict=True, strip_whitespace=True, min_length=1, max_length=200),
@@ -180,7 +181,7 @@ class Job(Part):
     expires: AwareDatetime | MISSING = MISSING
     """Time at which the job will be removed. Its results may be kept longer under their keys."""
     queue: JobQueue | MISSING = MISSING
-    """Place in the queue and remaining time of a job that has not ended; absent in events and after `PATCH`."""
+    """Place in the queue and remaining time of an unfinished job; absent in events and in the answer to `PATCH`."""
     problem: Problem | MISSING = MISSING
     """Reason why the job failed or is damaged."""
     axes: list[str] | MISSING = MISSING
@@ -194,7 +195,7 @@ class Job(Part):
 
 
 class Jobs(Part):
-    """One page of the list of jobs, the newest first."""
+    """One page of the list of jobs, newest first."""
 
     model_config = with_examples({"jobs": [RUNNING], "next": "MTIz"})
 
@@ -218,4 +219,4 @@ class JobResults(Part):
 
     results: list[JobItem]
     next: str | MISSING = MISSING
-    """Cursor of the next page; absent once all results have been given."""
+    """Cursor of the next page; absent once all results have been returned."""

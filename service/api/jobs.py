@@ -1,4 +1,4 @@
-"""Routes of jobs: state, results in every form, events, cancellation and deletion."""
+"""Routes of jobs: state, results in all media types, events, cancellation and deletion."""
 
 import binascii
 from base64 import urlsafe_b64decode, urlsafe_b64encode
@@ -51,7 +51,7 @@ async def manager_of(request: Request) -> JobManager:
 
 
 async def event_stream(request: Request, context: ReadContext) -> AsyncIterator[None]:
-    """Count an open event stream until its request ends, by the owner of the key or, without a key, by the address."""
+    """Count an open event stream until its request ends, per owner of the key or, without a key, per client address."""
     principal = context.principal
     holder = principal.owner if principal.key else f"address {client_of(request.scope)}"
     with services_of(request).streams.held(holder):
@@ -63,7 +63,7 @@ JobId = Annotated[str, Path(description="Id of the job.", max_length=200)]
 
 
 async def job_of(job_id: JobId, jobs: CurrentManager, context: ReadContext) -> JobState:
-    """Return the requested job. The job of another owner gives 404 too, so that clients cannot find out its id."""
+    """Return the requested job. The job of another owner also gives 404, so that clients cannot find out its id."""
     return known(await jobs.job(job_id, context.principal.visible_owner))
 
 
@@ -87,7 +87,7 @@ Limit = Annotated[
     Query(
         ge=1,
         le=MOST_ROWS,
-        description="Number of results on a page. Other forms than JSON have all available results unless it is given.",
+        description="Number of results on a page. Without it, media types other than JSON have all available results.",
     ),
 ]
 
@@ -104,7 +104,7 @@ RESULTS: Responses = {
     **problems(404, 406, 422, 429, 500, 503, 507),
 }
 EVENTS: Responses = {
-    200: {"description": "A server-sent event with the `Job` at each of its changes; the last one has its end."},
+    200: {"description": "A server-sent event with the `Job` at each of its changes; the last has its final state."},
     **problems(404, 422, 429, 500, 503, 507),
 }
 LastEventId = Annotated[
@@ -121,7 +121,7 @@ async def list_jobs(
     cursor: Cursor = "",
     limit: Annotated[int, Query(ge=1, le=MOST_ROWS, description="Number of jobs on a page.")] = PAGE,
 ) -> Response:
-    """List the jobs of the owner in pages, the newest first. The scope `admin` lists those of all owners."""
+    """List the jobs of the owner in pages, newest first. With the scope `admin`, the jobs of all owners are listed."""
     owner, before = context.principal.visible_owner, read_cursor(cursor)
     # One job more than the page holds shows whether another page follows.
     states = await jobs.jobs(owner, before=before, limit=limit + 1)
@@ -162,7 +162,7 @@ async def get_job_results(
 ) -> Response:
     """Return the available results of a job, in the order of the request. The job may still be running.
 
-    JSON comes in pages. JSON lines, HDF5, CSV and Parquet (one row per case, with its summary) have all available
+    JSON is returned in pages. JSON lines, HDF5, CSV and Parquet (one row per case, with its summary) have all available
     results from the cursor on, unless a limit is given. Parquet is refused by a service without the extra `parquet`.
     """
     # Parquet, the last of the media types, needs an optional package.
@@ -194,7 +194,7 @@ class Page:
     Parameters
     ----------
     job
-        State of the job before its results were read. If it had ended by then, missing results will never come.
+        State of the job before its results were read. If it had ended by then, missing results will not follow.
     start
         Number of the first case.
     limit
@@ -238,7 +238,7 @@ def read_cursor(cursor: str) -> int:
         text = urlsafe_b64decode(cursor.encode("ascii") + b"=" * (-len(cursor) % 4)) or b"0"
     except (binascii.Error, UnicodeEncodeError):
         text = b""
-    # A cursor is encoded again and compared, as base64 has several texts for the same bytes.
+    # The number is encoded again and compared, because base64 has several encodings of the same bytes.
     if not text.isdigit() or len(text) > MOST_DIGITS or (cursor and write_cursor(int(text)) != cursor.encode()):
         raise HTTPException(HTTPStatus.UNPROCESSABLE_ENTITY, "`cursor` must be one that this service has given")
     return int(text)
@@ -257,7 +257,7 @@ async def follow_job(
     context: ReadContext,
     last_event_id: LastEventId = "",
 ) -> AsyncIterator[ServerSentEvent]:
-    """Send an event with the job at each of its changes until it has ended. A job that has ended is sent once."""
+    """Send an event with the job at each change until it has ended. A job that has already ended is sent once."""
     keys = services_of(request).keys
     async with aclosing(until(services_of(request).stopping, jobs.changes(job.id))) as changes:
         async for state in changes:
@@ -307,6 +307,6 @@ async def delete_job(request: Request, job_id: JobId, jobs: CurrentManager, cont
     """Cancel and delete a job. Its results stay under their keys until they are evicted."""
     if not await jobs.delete(job_id, context.principal.visible_owner):
         known(None)
-    # Files of the job are removed now, before they would be evicted, as the client does not want its results any more.
+    # The files of the job are removed at once instead of being evicted later, because the client no longer needs them.
     await services_of(request).downloads.remove_of(job_id)
     context.job = job_id

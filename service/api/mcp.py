@@ -35,14 +35,14 @@ def is_installed() -> bool:
 
 
 class McpServer:
-    """Stateless MCP server, which answers each message independently of earlier messages.
+    """Stateless MCP server, which answers each message independently of earlier ones.
 
     It starts when the first message arrives, because its imports take a second and few services need them.
 
     Parameters
     ----------
     max_body_bytes
-        Largest length of a message. [bytes]
+        Limit on the length of a message. [bytes]
     """
 
     def __init__(self, max_body_bytes: int) -> None:
@@ -130,7 +130,7 @@ async def serve_mcp(request: Request) -> Response:
 
 
 async def compute(operation: str, content: Mapping[str, Any], request: Request) -> dict[str, Any]:
-    """Return the answer to the request of a tool. The request is charged and counted like a request to a route.
+    """Return the answer to a tool call. The request is charged and counted like a request to a route.
 
     Raises
     ------

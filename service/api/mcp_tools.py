@@ -1,8 +1,8 @@
-"""Tools of the Model Context Protocol: single queries with the schemas of their routes. Imports the extra `mcp`.
+"""Tools of the Model Context Protocol: single queries with the schemas of their routes. Requires the extra `mcp`.
 
 An answer is a JSON object with `answer`, which is the answer of the route without the columns of a history, and
 `validity_limits`; its text is a summary. A refusal has `is_error` and two texts: a summary, and the problem document
-(RFC 9457) of the route. It has no structured content, because that must fit the schema of an answer.
+(RFC 9457) of the route. It has no structured content, because structured content must match the schema of an answer.
 """
 
 import re
@@ -29,7 +29,7 @@ from service.operations import OPERATIONS, Operation, ToolText
 from service.version import VERSION
 
 Compute: TypeAlias = Callable[[str, Mapping[str, Any], Any], Awaitable[dict[str, Any]]]
-"""Function that answers a request. Its arguments are operation, body and HTTP request, which is None over stdio."""
+"""Function that answers a request. Its arguments are the operation, the body and the HTTP request (None over stdio)."""
 
 VALIDITY_LIMITS = (
     "The projectile is rigid: it neither bends nor erodes. Noses of steel erode above some 800 m/s.",
@@ -40,7 +40,7 @@ VALIDITY_LIMITS = (
     "Walls hold more in the model than in tests: its thicknesses are not conservative.",
     "No test of the critical ricochet angle of a rigid body on concrete is known in the open literature.",
 )
-"""Limits of validity that hold for every answer. Those of a single strike are among its warnings."""
+"""Limits of validity that apply to every answer. Limits of a single strike are among its warnings."""
 INSTRUCTIONS = (
     "Oblique impact of rigid projectiles on concrete. Quantities are in SI units, angles in degrees from the inward "
     "normal of the face: 0 is normal impact. No tool assumes a quantity that its schema requires: a missing one is "
@@ -51,7 +51,7 @@ INSTRUCTIONS = (
 
 
 class ToolError(Exception):
-    """The request of a tool was refused or failed.
+    """The request of a tool call was refused or failed.
 
     Parameters
     ----------
@@ -73,8 +73,8 @@ class ToolOperations:
     text
         Name, title and description.
     operations
-        Operations by the field of the arguments that holds the request. With an empty name, the arguments themselves
-        are the request.
+        Operations, keyed by the field of the arguments that holds the request. If the key is empty, the arguments
+        themselves are the request.
     """
 
     text: ToolText
@@ -102,7 +102,7 @@ class ToolOperations:
         outputs = {
             "type": "object",
             "properties": {
-                "answer": {"type": "object", "description": f"As {routes} answers."},
+                "answer": {"type": "object", "description": f"Answer of {routes}."},
                 "validity_limits": {"type": "array", "items": {"type": "string"}},
             },
             "required": ["answer", "validity_limits"],
@@ -134,7 +134,7 @@ class ToolOperations:
 
 
 def tools_of(operations: Iterable[Operation]) -> dict[str, ToolOperations]:
-    """Return the tools of the given operations by name."""
+    """Return the tools of the given operations, keyed by name."""
     found: dict[str, dict[str, Operation]] = {}
     texts: dict[str, ToolText] = {}
     for operation in operations:
@@ -158,15 +158,15 @@ def brief(
 ) -> dict[str, Any]:
     """Return a shortened schema without references, titles, bounds or defaults.
 
-    Optional objects, unions and objects described before are shown by examples only, and the description of a model is
-    given once. That is enough to write a request, since errors are answered with a pointer to the field.
+    Optional objects, unions and objects described before are shown by examples only, and each model is described only
+    once. That is enough to write a request, since errors are answered with a pointer to the field.
 
     Parameters
     ----------
     listed
         Names and descriptions of the models described so far, to which those described here are added.
     definitions
-        Schemas that references lead to, by default those of the node itself.
+        Schemas that references point to, by default the definitions of the node itself.
     full
         Describe an object field by field if it has not been described before.
     """
@@ -200,7 +200,7 @@ def brief(
 
 
 def server_of(compute: Compute) -> Server[Any]:
-    """Return a server of the SDK with all tools.
+    """Return an SDK server with all tools.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def server_of(compute: Compute) -> Server[Any]:
 
     async def call_tool(context: ServerRequestContext[Any], params: CallToolRequestParams) -> CallToolResult:
         if params.name not in tools:
-            # A refusal is a result rather than an error of the protocol, as language models see only results.
+            # A refusal is a result rather than a protocol error, because language models see only results.
             return refusal(ProblemType.of_status(HTTPStatus.NOT_FOUND).content(f"there is no tool {params.name!r}"))
         before = ""
         try:

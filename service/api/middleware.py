@@ -1,4 +1,4 @@
-"""ASGI middleware: draining of refused bodies, limits of headers, request checks, compression, security headers.
+"""ASGI middleware: draining of refused bodies, limits on headers, request checks, compression, security headers.
 
 Keys and scopes are checked by the routes, in `service.auth.dependencies`.
 """
@@ -30,7 +30,7 @@ from service.telemetry import path_of
 DRAIN_BYTES = 64 * 1024 * 1024
 """Largest part of the body of a refused request that is read and discarded [bytes]. It takes half a second of work."""
 DRAIN_SECONDS = 5.0
-"""Longest time for which a refused body is read before the response is sent [s]. Chosen by judgement: long enough for
+"""Longest time for which a refused body is read before the response is sent [s]. A rough choice: long enough for
 `DRAIN_BYTES` on a usual connection, and a limit for clients that send slowly on purpose."""
 
 
@@ -86,12 +86,12 @@ MAX_HEADER_BYTES = 8 * 1024
 """Largest length of the value of a header, and of the target of a request [bytes]. nginx has the same limit; a key
 takes some 60 bytes."""
 MAX_HEAD_BYTES = 32 * 1024
-"""Length of all headers of a request together, as in nginx [bytes]. They include cookies that other services on the
-same host have set."""
+"""Largest total length of the headers of a request, as in nginx [bytes]. They include cookies that other services on
+the same host have set."""
 
 
 class HeaderLimits:
-    """Refuses requests with a long head, so that neither the middleware inside it nor the routes parse long headers."""
+    """Refuses requests with a long head, so that neither inner middleware nor the routes parse long headers."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -160,13 +160,13 @@ class HeadMiddleware:
 LEAST_BYTES = 1024
 """Length of the shortest response that is compressed [bytes]: a shorter one fits into one network packet anyway."""
 THREAD_BYTES = 8 * 1024
-"""Length of the shortest response that is compressed in a thread [bytes]. For a shorter one the change of threads would
+"""Length of the shortest response that is compressed in a thread [bytes]. For a shorter one, switching threads would
 take longer than the compression."""
 LEVEL = 1
 """Compression level of gzip. Level 6 takes four times as long and saves 3 % more."""
 EXCLUDED = (*DEFAULT_EXCLUDED_CONTENT_TYPES, HDF5, PARQUET)
-"""Media types that are not compressed: those that are compressed already, and event streams, whose events must not wait
-in the compressor."""
+"""Media types that are not compressed: formats that already are, and event streams, whose events must not wait in the
+compressor."""
 
 
 class CompressionMiddleware:
@@ -220,14 +220,14 @@ LOOPBACK_NAMES = frozenset({b"localhost", b"127.0.0.1", b"[::1]"})
 UNIQUE_HEADERS = frozenset(
     {b"authorization", b"content-length", b"host", b"origin", b"sec-fetch-site", b"transfer-encoding"}
 )
-"""Headers that decide whether a request is accepted, and so must not be repeated."""
+"""Headers that decide whether a request is accepted, and therefore must not be repeated."""
 
 CHUNKED = b"chunked"
 """The only transfer coding that the server decodes."""
 
 Pairs = list[tuple[bytes, bytes]]
 POLICY = b"default-src 'none'; frame-ancestors 'none'"
-"""Content security policy of responses other than pages, in case a browser displays one. Pages set their own."""
+"""Content security policy of responses other than pages, in case a browser displays one. Pages set their own policy."""
 ALWAYS: Pairs = [
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
@@ -253,7 +253,7 @@ class AuthMiddleware:
     app
         ASGI application to wrap.
     settings
-        Settings of access, host names, origins and TLS.
+        Settings for access, host names, origins and TLS.
     keys, quotas
         Stores of the data folder.
     audit
@@ -275,7 +275,7 @@ class AuthMiddleware:
         self._origins = frozenset(origin.encode() for origin in settings.cors_origins)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Check a request and pass it on, or refuse it. WebSockets are ignored, as there are none."""
+        """Check a request and pass it on, or refuse it. WebSockets are ignored, since the service has none."""
         if scope["type"] != "http":
             if scope["type"] == "lifespan":
                 await self._app(scope, receive, send)
@@ -302,7 +302,7 @@ class AuthMiddleware:
             self._check(scope, key_required)
         except HTTPException as refused:
             content = ProblemType.of_status(refused.status_code).content(refused.detail)
-            if PREFIX in path_of(scope):  # The response must not repeat a key, as clients log responses.
+            if PREFIX in path_of(scope):  # The response must not repeat a key, since clients log responses.
                 content["instance"] = ""
             await problem_response(Request(scope), content)(scope, receive, send_secured)
         else:
@@ -327,7 +327,7 @@ class AuthMiddleware:
         Raises
         ------
         HTTPException
-            400 for a repeated header or a key in the URL, 403 for a request by the page of another site, 421 for an
+            400 for a repeated header or a key in the URL, 403 for a request from the page of another site, 421 for an
             unknown host, 501 for an unsupported transfer coding.
         """
         headers = read_headers(scope)
@@ -353,7 +353,7 @@ def address_of(scope: Scope) -> str | None:
 
 
 def client_of(scope: Scope) -> str | None:
-    """Return the address of the client; behind a trusted proxy, the one in `X-Forwarded-For`."""
+    """Return the address of the client; behind a trusted proxy, the address in `X-Forwarded-For`."""
     client = scope.get("client")
     return client[0] if client else None
 
@@ -453,7 +453,7 @@ def refuse_other_sites(headers: Mapping[bytes, bytes], origins: frozenset[bytes]
 
 def secured(headers: Pairs, *, tls: bool) -> Pairs:
     """Return the headers of a response with the missing security headers added; existing ones are kept."""
-    # Most responses have none of the headers in `DECIDING`. They get a list that was prepared once.
+    # Most responses have none of the headers in `DECIDING`, and get one of the prepared lists.
     for name, _ in headers:
         if name in DECIDING:
             break

@@ -6,13 +6,13 @@ JSON, JSONL = "application/json", "application/jsonl"
 CSV, HDF5, PARQUET = "text/csv", "application/x-hdf5", "application/vnd.apache.parquet"
 
 remembered = lru_cache(maxsize=64)
-"""Decorator that caches results for headers, as a client sends the same header with every request. 64 entries are, by
-judgement, more than the kinds of clients that a service has at a time."""
+"""Decorator that caches the result for a header, because a client sends the same header with every request. 64 entries,
+a rough choice, exceed the number of different headers that the clients of a service send."""
 
 
 @remembered
 def choose(accept: str, offered: tuple[str, ...]) -> str | None:
-    """Return the offered media type that the client prefers, in a tie the first; None if the client accepts none."""
+    """Return the offered media type that the client prefers; the first wins a tie. None if the client accepts none."""
     ranges = [_parse(part) for part in accept.split(",") if part.strip()]
     qualities = [_quality(media_type, ranges) for media_type in offered]
     best = max(qualities)
@@ -21,7 +21,7 @@ def choose(accept: str, offered: tuple[str, ...]) -> str | None:
 
 @remembered
 def coding_of(accept_encoding: str, offered: tuple[str, ...] = ("gzip",)) -> str:
-    """Return the offered coding that the client prefers, in a tie the first; `identity` if the client accepts none.
+    """Return the offered coding that the client prefers; the first wins a tie. `identity` if the client accepts none.
 
     Codings that are not listed are not acceptable, except for `identity`, which then ranks last (RFC 9110, section
     12.5.3).

@@ -15,22 +15,22 @@ from service.auth.dependencies import RUN
 from service.operations import Many, Operation
 
 PREFERENCES = (
-    "`Prefer: respond-async` makes a job in any case. `Prefer: wait=10` waits up to 10 seconds for a job, at most 30 "
+    "`Prefer: respond-async` always creates a job. `Prefer: wait=10` waits up to 10 seconds for a job, at most 30 "
     "unless the service is configured otherwise; the answer is 200 if the job has succeeded by then, else 202."
 )
 ANSWERED = (
     "\n\nUp to 100 cases are answered at once with 200. More become a job: the answer is 202, and the results are at "
-    "`/jobs/{job_id}/results`. A search for perforation counts as 20 cases, and a service may be configured to another "
-    f"number than 100. {PREFERENCES}"
+    "`/jobs/{job_id}/results`. A search for perforation counts as 20 cases, and a service may be configured to "
+    f"a number other than 100. {PREFERENCES}"
 )
-"""Paragraph in the descriptions of most batch and sweep routes that states when the answer is a job."""
+"""Paragraph in the descriptions of other batch and sweep routes that states when the answer is a job."""
 STUDIES_ANSWERED = (
-    "\n\nEach study counts as its `max_samples`, against a quota too. Up to 16,384 samples are answered at once with "
+    "\n\nEach study counts as its `max_samples`, also against a quota. Up to 16,384 samples are answered at once with "
     "200. More become a job: the answer is 202, and the results are at `/jobs/{job_id}/results`. A service may be "
-    "configured to another number than 16,384. The answer to each study is stored, but not its samples. "
+    "configured to a number other than 16,384. The answer to each study is stored, but not its samples. "
     f"{PREFERENCES}"
 )
-"""The same paragraph for batches and sweeps of studies."""
+"""Paragraph in the descriptions of batch and sweep routes of studies that states when the answer is a job."""
 STUDY_ANSWERED = (
     "\n\nThe answer is 200 once the samples are computed. A study whose `max_samples` exceeds 16,384, unless the "
     "service is configured otherwise, becomes a job and is answered with 202, unless its answer is stored. "
@@ -124,9 +124,9 @@ def batch_description(operation: Operation) -> str:
     return (
         ": up to 1,000 as JSON, up to 100,000 as JSON lines.\n\n"
         f"{note}{' ' * bool(note)}"
-        "One invalid case refuses the whole batch, and the problem names it: `/cases/17/...` in JSON, counted from 0; "
-        "the line in JSONL, counted from 1 in the text and from 0 in the pointer. An error that only the solver finds "
-        "in a line is the problem of that case alone."
+        "The whole batch is refused if one case is invalid, and the problem names that case: `/cases/17/...` in JSON, "
+        "counted from 0; the line in JSONL, counted from 1 in the text and from 0 in the pointer. An error in a line "
+        "that only the solver finds is the problem of that case alone."
         f"{answered(operation)}"
     )
 
@@ -135,7 +135,8 @@ def sweep_description(operation: Operation) -> str:
     """Return the description of a sweep route without its first words, which name the operation."""
     return (
         " for every combination of the values of the axes, the last axis fastest."
-        "\n\nUp to 100,000 points. The first point that is no valid request refuses the sweep, and the problem names "
-        "the values of its axes. An error that only the solver finds at a point is the problem of that point alone."
+        "\n\nUp to 100,000 points. The sweep is refused at the first point that is not a valid request, and the problem "
+        "names the values of its axes. An error that only the solver finds at a point is the problem of that point "
+        "alone."
         f"{answered(operation)}"
     )

@@ -32,7 +32,7 @@ from service.schemas.verdict import usual_scatter_of_page
 
 router = APIRouter(include_in_schema=False)
 NAMES = ("choices", "quantities", "formulas", "outcomes", "statuses", "warnings", "operations", "job_statuses")
-"""Names of the lists of `service.names` that the page uses."""
+"""Names of the mappings in `service.names` that the page uses, in lower case."""
 
 FOLDER = Path(__file__).parents[1] / "page"
 NO_STYLE = "'sha256-47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU='"
@@ -65,7 +65,7 @@ HEADERS = {
 IMMUTABLE = "public, max-age=31536000, immutable"
 """Cache-Control of files at an address with a version, which never change; a year is the usual maximum."""
 VERSION = re.compile("[0-9a-f]{16}")
-"""Pattern of a version of the page, the first folder in the address of its files."""
+"""Pattern of the version of the page, which is the first folder in the addresses of its files."""
 OWN_FILE = re.compile(rb'"page/(?!contract\.json)')
 """Pattern of the address of a file of the page in index.html, except for contract.json, which has no version."""
 
@@ -80,7 +80,7 @@ class Assets(StaticFiles):
         response = await super().get_response(rest if is_versioned else path, scope)
         response.headers.update(HEADERS | {"Vary": "Accept-Encoding"})
         # A page that stays open while the service is upgraded requests files of its own, older version. It gets the
-        # present files, which must not be cached under the older address.
+        # current files, which must not be cached under the older address.
         if is_versioned and version == await run_sync(page_version):
             response.headers["Cache-Control"] = IMMUTABLE
         plain = coding_of(Headers(scope=scope).get("Accept-Encoding", ""), ("gzip",)) != "gzip"
@@ -92,7 +92,7 @@ class Assets(StaticFiles):
 
 
 def page_version() -> str:
-    """Return a digest of the present files of the page."""
+    """Return a digest of the current files of the page."""
     return _page_version(tuple(sorted((str(path), path.stat().st_mtime_ns) for path in FOLDER.rglob("*.*"))))
 
 
@@ -122,8 +122,8 @@ def compressed(path: Path) -> bytes:
 
 
 @lru_cache(maxsize=256)
-def compress(path: Path, mtime_ns: int) -> bytes:  # noqa: ARG001 (a file that has changed is compressed anew)
-    """Compress a file, once per modification, because the file of Plotly takes a third of a second."""
+def compress(path: Path, mtime_ns: int) -> bytes:  # noqa: ARG001 (cache key: a changed file is compressed again)
+    """Compress a file, once per modification, because Plotly's file takes a third of a second."""
     return gzip.compress(path.read_bytes(), mtime=0)
 
 
@@ -151,7 +151,7 @@ DOCS_DARK = """<style>
 }
 </style>
 """
-"""Style sheet that inverts the colours of Swagger UI on dark systems, as it has only light ones."""
+"""Style sheet that inverts the colours of Swagger UI, which has only a light theme, on systems with a dark theme."""
 ASSETS = Assets(directory=FOLDER)
 PLOTLY = Assets(directory=plotly_folder())
 
@@ -176,7 +176,7 @@ async def plotly(request: Request) -> Response:
 
 @router.get("/page/contract.json")
 async def contract(request: Request) -> Response:
-    """Serve schemas, usual scatter and display names, so that the page need not repeat them."""
+    """Serve the schemas, the usual scatter and the display names, so that the page need not repeat them."""
     content, tag = await run_sync(contract_content, request.app)
     headers = HEADERS | {"ETag": tag, "Content-Encoding": "gzip"}
     if tag in request.headers.get("If-None-Match", ""):
@@ -198,7 +198,7 @@ def openapi_content(app: FastAPI) -> bytes:
 
 @lru_cache(maxsize=1)
 def contract_content(app: FastAPI) -> tuple[bytes, str]:
-    """Return schemas, usual scatter and display names as compressed JSON, with their entity tag."""
+    """Return the schemas, the usual scatter and the display names as compressed JSON, and their entity tag."""
     parts = {
         "schemas": app.openapi()["components"]["schemas"],
         "usual_scatter": usual_scatter_of_page(),
@@ -260,7 +260,7 @@ class Manual(StaticFiles):
         """Accept a missing folder, for which Starlette would raise an error."""
 
     def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
-        """Find the file at a path. The path of the manual itself leads to its first page."""
+        """Find the file at a path. The path of the manual itself is resolved to its first page."""
         return super().lookup_path("index.html" if path == "." else path)
 
     async def get_response(self, path: str, scope: Scope) -> Response:
@@ -293,5 +293,5 @@ def policy_of(file: str, _modified: int) -> str:
 
 @router.get("/manual")
 async def manual() -> Response:
-    """Redirect to the first page. The relative address is valid behind the path prefix of a proxy too."""
+    """Redirect to the first page. The relative address also works behind the path prefix of a proxy."""
     return RedirectResponse("manual/", headers={"Cache-Control": "no-cache"})

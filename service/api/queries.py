@@ -58,7 +58,7 @@ def to_csv(record: Record) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text)
     writer.writerow(names)
-    # A loop releases the interpreter lock between rows, which a single call of `writerows` would hold to the end.
+    # A loop lets other threads run between rows, while a single call of `writerows` would hold the interpreter lock.
     for row in zip(*columns, strict=True):
         writer.writerow(csv_cells(row))
     return text.getvalue().encode()
@@ -97,7 +97,7 @@ class Resolved(NamedTuple):
 def single_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
     """Return the handler of the route for single requests."""
 
-    async def handle(request: Request, case: operation.request) -> Response:  # type: ignore[name-defined] # by row
+    async def handle(request: Request, case: operation.request) -> Response:  # type: ignore[name-defined] # set at run time
         check_work(case, services_of(request).settings.max_panel_steps)
         form = form_of(request)
         if operation.long:  # Hashing a long body would block the event loop.
@@ -124,7 +124,8 @@ async def resolve(
     query
         Canonical form of the request, if the caller has it.
     watched
-        Cancel the work when the client leaves. Callers that combine several requests watch the client themselves.
+        Cancel the work when the client leaves. Callers that combine several requests watch the client themselves, and
+        pass False.
     """
     context = context_in(request.scope)
     query = query or KeyedRequest.of(operation.name, case)
@@ -196,7 +197,7 @@ async def reply(
     read: float,
     content: bytes | None = None,
 ) -> Response:
-    """Return the response with a result, with `Cache-Status` and `Server-Timing`.
+    """Return the response with a result, including the headers `Cache-Status` and `Server-Timing`.
 
     Parameters
     ----------

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from pyarrow import DataType
 
 JSON_PIECE = 128 * 1024
-"""Size of the pieces of JSON that are sent [bytes]. A smaller piece costs as much to send as to encode; a larger one
-delays other requests. The value is chosen by judgement."""
+"""Size of the pieces of JSON that are sent [bytes]. Sending a smaller piece takes as long as encoding it; a larger one
+delays other requests. The value is a rough choice."""
 
 Value = TypeVar("Value")
 
@@ -82,7 +82,8 @@ def to_item(result: CaseResult, instance: str, sweep: StoredSweep | None) -> byt
         head["point"] = dict(zip(sweep.fields, sweep.point(result.number), strict=True))
     if result.record is None:
         return orjson.dumps({**head, "problem": {**(result.problem or {}), "instance": instance}})
-    # The answer is stored as it is sent, so it is inserted as bytes rather than parsed and encoded again.
+    # Answers are stored in the form in which they are sent, so the bytes are inserted rather than parsed and encoded
+    # again.
     return b'%b,"result":%b}' % (orjson.dumps(head)[:-1], result.record.json)
 
 

@@ -1,4 +1,4 @@
-"""State of a running application, which the routes share, and its metrics."""
+"""Shared state of a running application, and its metrics."""
 
 import asyncio
 from collections import Counter as Tally
@@ -52,7 +52,7 @@ class Metrics:
     """Metrics for Prometheus. Requests and cases are counted as they occur, other values are read at each scrape."""
 
     def __init__(self) -> None:
-        # By default each counter has a second series with the time of its creation, which nobody reads.
+        # By default each counter has a second series with its creation time, which nobody reads.
         disable_created_metrics()  # type: ignore[no-untyped-call]
         self.registry = registry = CollectorRegistry()
         self._cases = Counter(
@@ -73,7 +73,7 @@ class Metrics:
                 "running_chunks": "Chunks of jobs being prepared, computed or stored",
                 "workers": "Worker processes running",
                 "cache_bytes": "Size of the results on disk",
-                "cache_segments": "Files of results on disk",
+                "cache_segments": "Result files on disk",
                 "cache_cases": "Results on disk",
             }.items()
         }
@@ -110,7 +110,7 @@ class Metrics:
         self._cases.labels(operation, outcome, cache).inc(count)
 
     def look_up(self, manager: JobManager, queries: QueryService, jobs: Tally[Status]) -> None:
-        """Update the gauges and the counters of faults; `jobs` has the numbers of jobs by status."""
+        """Update the gauges and the fault counters; `jobs` has the number of jobs of each status."""
         stored, executor = queries.cache.statistics(), queries.executor
         values = {
             "queued_queries": queries.queued,
@@ -125,7 +125,7 @@ class Metrics:
             self._gauges[name].set(value)
         for place, used in (("pool", not executor.on_cluster), ("cluster", executor.on_cluster)):
             self._width.labels(place).set(executor.capacity if used else 0)
-        # The executor and the queries keep totals of their own; the counters are advanced by the difference.
+        # The executor and the queries keep their own totals; the counters are advanced by the difference.
         self._restarts.inc(executor.restarts - self._restarts_counted)
         self._restarts_counted = executor.restarts
         self._start_failures.inc(executor.start_failures - self._start_failures_counted)
@@ -174,12 +174,12 @@ def services_of(request: Request) -> Services:
 
 
 async def unless_left(request: Request, work: Coroutine[Any, Any, Result]) -> Result:
-    """Return the result of work, and cancel the work if the client leaves or the service stops.
+    """Return the result of a coroutine, and cancel it if the client leaves or the service stops.
 
     Raises
     ------
     HTTPException
-        400 if the client has left. Nobody receives it, but log and metrics count it.
+        400 if the client has left. Nobody receives it, but the log and the metrics record it.
     PoolUnavailableError
         If the grace period of the service is over.
     """
@@ -201,12 +201,12 @@ async def unless_left(request: Request, work: Coroutine[Any, Any, Result]) -> Re
 
 
 async def in_time(work: Coroutine[Any, Any, Result], seconds: float) -> Result:
-    """Return the result of work, for which `seconds` are allowed.
+    """Return the result of a coroutine, which may take `seconds` at most.
 
     Raises
     ------
     TaskTimeoutError
-        If the work has not finished in time.
+        If the coroutine has not finished in time.
     """
     try:
         async with asyncio.timeout(seconds):

@@ -48,7 +48,7 @@ def study_route(operation: Operation) -> Callable[..., Awaitable[Response]]:
 
     async def handle(
         request: Request,
-        case: operation.request,  # type: ignore[name-defined] # by row
+        case: operation.request,  # type: ignore[name-defined] # set at run time
         preference: WantedPreference,
         idempotency_key: IdempotencyKey = "",
     ) -> Response:
@@ -74,7 +74,7 @@ async def answer_with_job(
 ) -> Response:
     """Create the job of a study, and return the job, or the answer if it is ready while the client waits.
 
-    The job is charged with the cost of all samples that it may take; the unused rest is given back at its end.
+    The job is charged the cost of all samples that it may take; the unused part is given back when it ends.
     """
     services, context = services_of(request), context_in(request.scope)
     await run_sync(case.study)  # Raises an error for inconsistent inputs now, so that no job is created for them.
@@ -117,10 +117,11 @@ NEEDED = "cra"
 async def judge_strike(request: Request, strike: ReportRequest) -> Response:
     """Judge a strike in one sentence: outcome, probability of ricochet, critical angle with its 90 % range.
 
-    Page, report and command line print the same sentence. A verdict costs some 530 cases, most of them samples of the
-    usual scatter. It costs twice as many if the request chooses another decay law than `elastic_plastic`, or gives S as
-    a value or coefficients, because a second study then covers both decay theories with their usual S. Each case is
-    stored and counted like any other. A target with a thickness is also judged as a wall.
+    The page, the report and the command line show the same sentence. A verdict costs some 530 cases, most of them
+    samples of the usual scatter. It costs twice as many if the request chooses a decay law other than
+    `elastic_plastic`, or gives S as a value or coefficients, because a second study then covers both decay theories
+    with their usual S. Each case is stored and counted like any other. A target with a thickness is also judged as a
+    wall.
     """
     limit = 2.0 * services_of(request).settings.study_seconds
     answers = await unless_left(request, in_time(verdict_answers(request, strike), limit))
@@ -128,7 +129,7 @@ async def judge_strike(request: Request, strike: ReportRequest) -> Response:
 
 
 async def verdict_answers(request: Request, strike: ReportRequest) -> dict[str, Any]:
-    """Return the answers that a verdict is made from, by name. A failed query is answered with its `problem`."""
+    """Return the answers on which a verdict is based, keyed by name. A failed query is answered with its `problem`."""
     found = await answer_all(request, verdict_queries(strike))
     return found | await answer_all(request, weighing_queries(strike, found[NEEDED]))
 
@@ -138,7 +139,7 @@ async def verdict_answers(request: Request, strike: ReportRequest) -> dict[str, 
     response_class=HTMLResponse,
     responses={
         200: {
-            "description": "A self-contained page for two sheets of A4.",
+            "description": "A self-contained HTML page, which prints on two sheets of A4.",
             "content": {"text/html": {"schema": {"type": "string"}}},
         },
         **problems(400, 413, 415, 422, 429, 500, 501, 503),
@@ -146,10 +147,10 @@ async def verdict_answers(request: Request, strike: ReportRequest) -> dict[str, 
     tags=["critical ricochet angle"],
 )
 async def make_report(request: Request, strike: ReportRequest) -> HTMLResponse:
-    """Write the report of one strike: critical angle and spread, other models, runs, limits of validity, formulas.
+    """Write a report on one strike: critical angle and spread, other models, runs, limits of validity, formulas.
 
-    A report costs some 550 cases, most of them samples of the usual scatter. Each is stored and counted like any other.
-    With `impact.oblique_angle_deg` the strike at that angle is judged as well.
+    A report costs some 550 cases, most of them samples of the usual scatter. Each case is stored and counted like any
+    other. With `impact.oblique_angle_deg` the strike at that angle is judged as well.
     """
     # A missing package is reported before the answers are computed for a page that cannot be drawn.
     require_extra()
@@ -160,7 +161,7 @@ async def make_report(request: Request, strike: ReportRequest) -> HTMLResponse:
 
 
 async def write_report(request: Request, strike: ReportRequest, given: Any) -> str:
-    """Compute the answers of a report, and have a worker draw its page."""
+    """Compute the answers for a report, and have a worker draw its page."""
     answers = await answers_to(request, strike)
     return await services_of(request).queries.submit(
         write_page,
@@ -174,13 +175,13 @@ async def write_report(request: Request, strike: ReportRequest, given: Any) -> s
 
 
 async def answers_to(request: Request, strike: ReportRequest) -> dict[str, Any]:
-    """Return the answers that a report is made from, by name. A failed query is answered with its `problem`."""
+    """Return the answers on which a report is based, keyed by name. A failed query is answered with its `problem`."""
     found = await answer_all(request, first_queries(strike))
     return found | await answer_all(request, strike_queries(strike, found[NEEDED]))
 
 
 async def answer_all(request: Request, queries: Mapping[str, Query]) -> dict[str, Any]:
-    """Answer queries concurrently, and return the answers by name."""
+    """Answer queries concurrently, and return the answers, keyed by name."""
     found = await asyncio.gather(*(answer_query(request, name, query) for name, query in queries.items()))
     return dict(zip(queries, found, strict=True))
 

@@ -1,7 +1,7 @@
 """UM-Bridge 1.0 (Seelinger et al., 2023): critical angles and trajectories as models for uncertainty software.
 
 A model has one input vector and one output vector. `config` may replace parts of the paper's strike and choose the
-inputs; an input is the number in a field of the request divided by its `scale`. Errors are those of the protocol.
+inputs; an input is the number in a field of the request divided by its `scale`. Errors have the format of the protocol.
 
 References
 ----------
@@ -43,7 +43,7 @@ router = APIRouter(prefix="/umbridge", dependencies=[RUN], include_in_schema=Fal
 class ModelInput(Part):
     """One element of the input vector: the number in `field` of the request, divided by `scale`."""
 
-    field: Annotated[str, Field(max_length=100)]  # no path is as long
+    field: Annotated[str, Field(max_length=100)]  # longer than any path
     scale: Annotated[Num, Field(gt=0.0)] = 1.0
 
 
@@ -69,8 +69,8 @@ def critical_angle_output(answer: Mapping[str, Any]) -> list[float]:
 def trajectory_output(answer: Mapping[str, Any]) -> list[float]:
     """Return the index of the outcome in `OUTCOMES`, maximum depth, exit speed and exit angle. [1, m, m/s, °]
 
-    The depth is 0 if the wall is perforated, and the angle is 0 unless the projectile ricochets: the protocol has no
-    missing numbers.
+    The depth is 0 if the wall is perforated, and the angle is 0 unless the projectile ricochets: the protocol cannot
+    express missing numbers.
     """
     outcome, left = Outcome(answer["outcome"]), answer.get("exit", {"speed_m_s": 0.0})
     angle = left["direction_deg"] if outcome is Outcome.RICOCHET else 0.0
@@ -90,11 +90,11 @@ class Model:
 
 STRIKE = {**PAPER_AT_45, "output": {"history": False}}
 UMBRIDGE_MODELS = {"cra": Model(PAPER, 2, critical_angle_output), "trajectory": Model(STRIKE, 4, trajectory_output)}
-"""Models by the name of their operation."""
+"""Models, keyed by the names of their operations."""
 
 
 class ProtocolError(Exception):
-    """An error of the protocol.
+    """An error that is reported in the format of the protocol.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ async def info() -> dict[str, Any]:
 
 @router.post("/{endpoint}")
 async def call(endpoint: str, request: Request) -> Response:
-    """Respond to a call of the protocol, with an error in its format if the call fails."""
+    """Respond to a protocol call, with a protocol error if the call fails."""
     try:
         content = await answer(endpoint, request)
     except ProtocolError as error:
@@ -229,7 +229,7 @@ def read_input(content: object, size: int) -> list[float]:
 
 
 def protocol_error(error: Exception) -> ProtocolError:
-    """Convert an error of service or solver to an error of the protocol."""
+    """Convert an error of the service or the solver to a protocol error."""
     message, status = str(problem_of(error)["detail"]), ProblemType.of(error).status
     if status == HTTPStatus.UNPROCESSABLE_ENTITY:
         return ProtocolError("InvalidInput", message)

@@ -126,8 +126,8 @@ StrengthDispersion = Annotated[
     Num,
     Field(
         ge=0.0,
-        description="Standard deviation of ln S for the next shot into the same concrete, from own tests or from the "
-        "law of the published tests. [1]",
+        description="Standard deviation of ln S for the next shot into the same concrete, from the user's own tests or "
+        "from the law of the published tests. [1]",
     ),
 ]
 
@@ -145,7 +145,7 @@ class OwnTestsAnswer(Part):
     spread: Annotated[list[Num], Field(min_length=2, max_length=2)]
     """Posterior 90 % range of S for the next shot. [1]"""
     prior_median: Num
-    """Prior median of S, by the law of the published tests. [1]"""
+    """Prior median of S, from the law of the published tests. [1]"""
     prior_dispersion: Num
     """Prior standard deviation of ln S. [1]"""
     prior_spread: Annotated[list[Num], Field(min_length=2, max_length=2)]
@@ -155,7 +155,7 @@ class OwnTestsAnswer(Part):
 class Motion(Part, Generic[Value]):
     """Position, velocity, loads and energy of the projectile.
 
-    Depth is positive inside the target, and the lateral position in the direction of travel.
+    Depth is positive inside the target, and the lateral position is positive in the direction of travel.
     """
 
     solved = solver.Motion
@@ -177,21 +177,21 @@ class Motion(Part, Generic[Value]):
 class MotionState(Motion[Num]):
     """State of the motion at one instant.
 
-    Depth is positive inside the target, and the lateral position in the direction of travel.
+    Depth is positive inside the target, and the lateral position is positive in the direction of travel.
     """
 
     model_config = with_examples(STATE)
 
 
 class MotionInHistory(Motion[Value], Generic[Value]):
-    """Quantities of a motion over time: those of a state, and accelerations."""
+    """Quantities of a motion over time: the quantities of a state, and accelerations."""
 
     axial_acceleration_g: Value
     transverse_acceleration_g: Value
 
 
 class MotionHistory(MotionInHistory[list[Num]]):
-    """Motion over time, as columns of equal length: at even intervals, and at the event that ended the run."""
+    """Motion over time, as columns of equal length: at regular intervals and at the event that ended the run."""
 
     model_config = with_examples({name: [value] for name, value in (STATE | ACCELERATIONS).items()})
 
@@ -215,7 +215,7 @@ class Exit(Part):
 
 
 class FlightAnswer(FlightResult):
-    """Landing point of a body on level ground, and the farthest one over all elevations."""
+    """Landing point of a body on level ground, and the farthest landing point over all elevations."""
 
     model_config = with_examples(LANDING | VERSIONED)
 
@@ -280,31 +280,32 @@ class Trajectory(Part):
     protrusion: Annotated[Protrusion | MISSING, columns_of(Protrusion, "protrusion_")] = MISSING
     """Protrusion from the rear face of a wall that is not perforated, if any part comes out."""
     bending: Annotated[Bending | MISSING, columns_of(Bending, "bending_")] = MISSING
-    """Bending stress. Absent if a given centre of gravity or moment of inertia is not that of the homogeneous body."""
+    """Bending stress. Absent if a given centre of gravity or moment of inertia differs from the value of the
+    homogeneous body."""
     strength_factor: Num
     strength_factor_dispersion: StrengthDispersion
     own_tests: OwnTestsAnswer | MISSING = MISSING
     """Effect of the user's own tests on S, if there are any. With `paper_table_1` as `strength_scatter`, the four shots
-    in Table 1 of the paper count as own tests."""
+    in Table 1 of the paper count as the user's tests."""
     history: Annotated[MotionHistory | MISSING, GIVEN] = MISSING
     """Motion over time, if requested."""
     warnings: list[ModelWarning]
 
 
 class Alternative(Part):
-    """Result of the same case with another decay law or strength law."""
+    """Result of the same case with a different decay law or strength law."""
 
     free_surface: FreeSurfaceModel
     strength_factor: StrengthLaw
     obliquity_shape: ObliquityShape
     fitted_to: str
-    """Tests or computations to which the strength law was fitted, and basis of the decay law, which is a theory."""
+    """Tests or computations to which the strength law was fitted, and the basis of the decay law, which is a theory."""
     problem: Problem | MISSING = MISSING
     """Reason why there is no result with these laws."""
 
 
 class TrajectoryAlternative(Alternative):
-    """Outcome of the same strike with another decay law or strength law."""
+    """Outcome of the same strike with a different decay law or strength law."""
 
     model_config = with_examples(OTHER_OUTCOME)
 
@@ -312,7 +313,7 @@ class TrajectoryAlternative(Alternative):
 
 
 class CriticalAngleAlternative(Alternative):
-    """Result of the same search with another decay law or strength law."""
+    """Result of the same search with a different decay law or strength law."""
 
     model_config = with_examples(OTHER_ANGLE)
 
@@ -394,7 +395,7 @@ class CriticalAngleAnswer(Part):
     strength_factor_dispersion: StrengthDispersion | MISSING = MISSING
     own_tests: OwnTestsAnswer | MISSING = MISSING
     """Effect of the user's own tests on S, if there are any. With `paper_table_1` as `strength_scatter`, the four shots
-    in Table 1 of the paper count as own tests."""
+    in Table 1 of the paper count as the user's tests."""
     energy_fraction_below: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
     energy_fraction_above: Annotated[Num, Field(ge=0.0)] | MISSING = MISSING
     exit: Annotated[Exit | MISSING, columns_of(Exit, "exit_")] = MISSING
@@ -403,7 +404,7 @@ class CriticalAngleAnswer(Part):
     other_crossings_deg: list[Num]
     outcomes: list[OutcomeInterval] | MISSING = MISSING
     """Intervals of equal outcome over the whole range, in increasing order, with ends accurate to the tolerance.
-    Present if the target has a thickness and the search is by `outcome`."""
+    Present if the target has a thickness and the search method is `outcome`."""
     trajectory: Annotated[Trajectory | MISSING, GIVEN] = MISSING
     """Run at the critical angle, if requested."""
     alternatives: Annotated[list[CriticalAngleAlternative] | MISSING, GIVEN] = MISSING
@@ -414,7 +415,7 @@ class CriticalAngleAnswer(Part):
 
 
 Columns = dict[str, FloatArray]
-"""Columns of a history by their names in the contract."""
+"""Columns of a history, keyed by their names in the contract."""
 
 
 def trajectory_answer(

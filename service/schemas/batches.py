@@ -41,7 +41,7 @@ class Batch(Part, Generic[BatchCase]):
 
 
 class Cases(Part):
-    """Body of a batch before its cases are validated, some at a time."""
+    """Body of a batch whose cases have not been validated yet, since they are validated in blocks."""
 
     cases: Annotated[list[Any], Field(min_length=1, max_length=MOST_CASES)]
 
@@ -52,7 +52,7 @@ class Item(Part):
     index: Index
     custom_id: CustomId | MISSING = MISSING
     point: dict[str, Num] | MISSING = MISSING
-    """Values of the axes of a sweep, by field."""
+    """Values of the axes of a sweep, keyed by field."""
     problem: Problem | MISSING = MISSING
     """Reason why there is no result."""
 
@@ -75,11 +75,11 @@ class BatchOutput(TrajectoryOutput):
     model_config = with_examples({"history": True, "sample_interval_s": 1e-4})
 
     history: Flag = False
-    """Include the motion over time. It is left out by default, since the answers of a batch would be very long."""
+    """Include the motion over time. It is left out by default, since the answers to a batch would be very long."""
 
 
 class TrajectoryBase(TrajectoryFields):
-    """One strike in a batch or a sweep. Its answer has no history by default, unlike the answer to a single strike."""
+    """One strike in a batch or a sweep. By default, the answer has no history, unlike the answer to a single strike."""
 
     model_config = with_examples(PAPER_AT_45)
 

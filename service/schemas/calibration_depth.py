@@ -1,4 +1,4 @@
-"""Models of the calibration by depths of penetration, and of the polynomial of S over the oblique angle."""
+"""Models of the calibration by penetration depths, and of the fit of a polynomial of S in the oblique angle."""
 
 import itertools
 import math
@@ -37,10 +37,10 @@ from solver.checks import ParameterError
 MOST_TESTS = 1000
 """Largest number of tests, four times the 251 published tests to which the law of S was fitted."""
 CURVE_POINTS = 21
-"""Number of points of a curve of depth over velocity, enough for a smooth plot."""
+"""Number of points of a curve of depth against velocity, enough for a smooth plot."""
 # A fifth more on either side shows where the curve leads, without an extrapolation far from the tests.
 BELOW, ABOVE = 0.8, 1.2
-"""Lowest velocity of a curve relative to the lowest in the tests, and its highest relative to their highest. [1]"""
+"""Lowest and highest velocity of a curve, relative to the lowest and highest velocity of the tests. [1]"""
 
 TEST = {"velocity_m_s": 238.1, "depth_m": 0.30, "mass_kg": 12.923}
 TABLE_1 = [
@@ -58,7 +58,7 @@ Group = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=1
 
 
 class DepthTest(SolverPart[SolverTest]):
-    """One shot in normal impact with its depth of penetration."""
+    """One shot in normal impact with its penetration depth."""
 
     model_config = with_examples(TEST, TEST | {"weight": 0.5, "group": "80 mm"})
 
@@ -67,13 +67,13 @@ class DepthTest(SolverPart[SolverTest]):
     depth_m: Annotated[Num, Field(**within("shot.depth"))]
     """Greatest depth of the nose tip. [m]"""
     mass_kg: Annotated[Num, Field(**within("projectile.mass"))] | MISSING = MISSING
-    """Mass of the projectile, if it differs from that of `projectile`. [kg]"""
-    # Only ratios of weights matter. A ratio beyond a million leaves a test out, which is better done openly.
+    """Mass of the projectile, if it differs from the mass of `projectile`. [kg]"""
+    # Only ratios of weights matter. A ratio beyond a million has the effect of leaving a test out, without saying so.
     weight: Annotated[Num, Field(ge=1e-6, le=1e6)] = 1.0
     """Relative weight of the squared residual. [1]"""
     group: Group | MISSING = MISSING
-    """Name of the group of the test. Each group gets a strength factor of its own, in addition to the one for all
-    tests."""
+    """Name of the group of the test. Each group gets its own strength factor, in addition to the strength factor for
+    all tests."""
 
 
 class DepthCalibrationRequest(Calibration):
@@ -136,7 +136,7 @@ class DepthGroup(FittedStrength):
 
 
 class DepthCurve(Part):
-    """Depths that the model predicts with one strength factor for the mass of `projectile`."""
+    """Depths that the model predicts with one strength factor, for the mass of `projectile`."""
 
     model_config = with_examples(
         {"strength_factor": 8.5, "velocity_m_s": [238.1, 369.5], "depth_m": [0.274, 0.562]},
@@ -171,7 +171,7 @@ class Posterior(Part):
 
 
 class DepthCalibrationAnswer(Part):
-    """Strength factor that fits depths of penetration best."""
+    """Strength factor that fits penetration depths best."""
 
     model_config = with_examples(
         {
@@ -190,8 +190,8 @@ class DepthCalibrationAnswer(Part):
     strength_factor: Annotated[Num, Field(gt=0.0), Of("estimate.strength_factor")]
     """Strength factor that fits best. [1]"""
     standard_error: Annotated[StandardError | MISSING, Of(_error_in)] = MISSING
-    """Standard error of the strength factor, if there are several tests. The scatter within series of published tests
-    counts as three additional tests. [1]"""
+    """Standard error of the strength factor, if there are several tests. The scatter within the series of published
+    tests counts as three additional tests. [1]"""
     confidence_interval: Annotated[
         ConfidenceInterval | MISSING,
         Of(_interval_in),
@@ -215,7 +215,7 @@ class DepthCalibrationAnswer(Part):
 
 
 def depth_answer(fit: DepthFit, curves: Sequence[tuple[float, FloatArray, FloatArray]]) -> dict[str, Any]:
-    """Return the answer for a fit and its curves, each a strength factor with velocities and depths."""
+    """Return the answer for a fit and its curves; each curve is a strength factor with velocities and depths."""
     groups = [{"group": name} | walk(FittedStrength, group) for name, group in fit.groups.items()]
     compared = [
         {"strength_factor": factor, "velocity_m_s": velocities.tolist(), "depth_m": depths.tolist()}
@@ -225,7 +225,7 @@ def depth_answer(fit: DepthFit, curves: Sequence[tuple[float, FloatArray, FloatA
 
 
 MOST_POINTS = 1000
-"""Largest number of points of a fit over the angle, equal to `MOST_TESTS`."""
+"""Largest number of points of a polynomial fit, equal to `MOST_TESTS`."""
 TABLE_2 = [
     {"oblique_angle_deg": angle, "strength_factor": factor}
     for angle, factor in ((0.0, 8.52), (15.0, 8.25), (30.0, 7.91), (45.0, 6.48))
@@ -241,20 +241,21 @@ class ObliquityPoint(SolverPart[SolverPoint]):
     oblique_angle_deg: Obliquity
     """Angle between the velocity and the inward normal. [°]"""
     strength_factor: StrengthFactorValue
-    # The upper bound is that of a strength factor. The lower one keeps the weight, its inverse square, finite.
+    # The upper bound is the same as for a strength factor. The lower bound keeps the weight, its inverse square,
+    # finite.
     standard_error: Annotated[Num, Field(ge=1e-6, le=1000.0)] | MISSING = MISSING
     """Standard error of the strength factor, given for all points or for none. [1]"""
 
 
 class ObliquityCalibrationRequest(Part):
-    """Strength factors over the oblique angle, and the order of the polynomial to fit."""
+    """Strength factors at several oblique angles, and the order of the polynomial to fit."""
 
     model_config = with_examples(
         {"points": TABLE_2}, {"points": [point | {"standard_error": 0.1} for point in TABLE_2], "order": 1}
     )
 
     points: Annotated[list[ObliquityPoint], Field(min_length=1, max_length=MOST_POINTS, fail_fast=True)]
-    # 9 is `HIGHEST_ORDER` of the solver, 2 the order of eq. 9.
+    # The bound is the solver's `HIGHEST_ORDER`, and the default is the order of eq. 9.
     order: Annotated[Count, Field(ge=0, le=9), WHOLE] = 2
     """Degree of the polynomial, less than the number of different angles. [1]"""
 
@@ -268,7 +269,7 @@ class ObliquityCalibrationRequest(Part):
 
 
 class ObliquityCalibrationAnswer(Part):
-    """Polynomial that fits strength factors over the oblique angle best."""
+    """Polynomial in the oblique angle that fits the strength factors best."""
 
     model_config = with_examples(
         {
@@ -287,7 +288,7 @@ class ObliquityCalibrationAnswer(Part):
     residuals: Residuals
     """Given minus fitted strength factor of each point. [1]"""
     strength_factor_model: Annotated[ObliquityPolynomial, GIVEN]
-    """The polynomial in the form of the `strength_factor` of a `resistance`."""
+    """The polynomial in the form that `resistance.strength_factor` of a request has."""
     warnings: list[ModelWarning]
     key: Key
     engine_version: EngineVersion

@@ -1,4 +1,4 @@
-"""Models of the request of a calibration by motion, and the base class of all calibration requests."""
+"""Models of the request for a calibration by motion, and the base class of requests that fit a strength factor."""
 
 from typing import Annotated, Any
 
@@ -29,7 +29,7 @@ ConfidenceInterval = Annotated[
     Field(
         min_length=2,
         max_length=2,
-        description="Ends of the confidence interval at the requested level, by Student's distribution. [1]",
+        description="Ends of the confidence interval at the requested level, from Student's distribution. [1]",
     ),
 ]
 Residuals = Annotated[list[Num], Field(description="Given minus predicted values, in the order of the request.")]
@@ -49,27 +49,27 @@ class CalibrationResistance(SolverPart[solver.Resistance]):
 
 
 class Calibration(Part):
-    """Base of the requests that fit a strength factor."""
+    """Base class of the requests that fit a strength factor."""
 
     projectile: Projectile
     target: Target
     resistance: Annotated[CalibrationResistance, Field(default_factory=CalibrationResistance)]
     numerics: Numerics | MISSING = MISSING
-    """Method and resolution of the runs. In a fit to motions, each run ends with its history."""
-    # Below one half an interval is more often wrong than right; the upper bound is a rough choice.
+    """Method and resolution of the runs. In a fit to motions, each run ends when its history ends."""
+    # With a level below one half, an interval is more often wrong than right; the upper bound is a rough choice.
     confidence_level: Annotated[Num, Field(ge=0.5, le=0.9999)] = 0.95
     """Confidence level of the interval of the strength factor. [1]"""
     compare_strength_factors: (
         Annotated[list[StrengthFactorValue], Field(min_length=1, max_length=MOST_COMPARED)] | MISSING
     ) = MISSING
-    """Further strength factors for which the answer also contains predictions. [1]"""
+    """Strength factors for which the answer contains predictions, in addition to the fitted one. [1]"""
 
     def canonical(self) -> dict[str, Any]:
         """Return the request as JSON data, with defaults filled in."""
         return self.model_dump(mode="json")
 
     def model_arguments(self) -> dict[str, Any]:
-        """Return the arguments that are common to all fits and predictions of the solver."""
+        """Return the arguments that the solver's fits and predictions have in common."""
         return {
             "projectile": self.projectile.to_solver(),
             "target": self.target.to_solver(),
@@ -109,10 +109,10 @@ class FittedStrength(Part):
 
 
 COMPARED_ROWS = 1000
-"""Largest number of rows of a motion that is predicted for comparison, enough for a smooth curve in a plot."""
+"""Largest number of rows of a motion predicted for comparison, enough for a smooth curve in a plot."""
 MOST_RUNS = 20
-"""Largest number of runs of a calibration by motion. Each takes three fits, which cost 20 cases with the adaptive
-method, so that a request then costs up to 1,200 cases."""
+"""Largest number of runs of a calibration by motion. Each run takes three fits, which cost 20 cases each with the
+adaptive method, so a request costs up to 1,200 cases."""
 
 AT_30: dict[str, Any] = {
     "time_s": [0.0, 0.0005, 0.001, 0.0015, 0.002, 0.0025],
@@ -152,7 +152,7 @@ class MotionRecord(SolverPart[MotionHistory]):
 
 
 class MotionWeights(SolverPart[Weights]):
-    """Relative weights of the squared residuals of each quantity, which are relative to its span."""
+    """Relative weights of the squared residuals of each quantity, which are first divided by its span."""
 
     model_config = with_examples({"depth": 1.0, "lateral": 1.0, "rotation": 0.5})
 
@@ -172,7 +172,7 @@ UntilGreatestDepth = Annotated[
 
 
 class CalibrationRun(Part):
-    """One of several strikes that are fitted together. Omitted fields default to those of the request."""
+    """One of several strikes that are fitted together. Omitted fields default to the values of the request."""
 
     model_config = with_examples(
         {"impact": STRIKE_AT_30, "history": AT_30},
@@ -187,7 +187,7 @@ class CalibrationRun(Part):
 
 
 class MotionCalibrationRequest(Calibration):
-    """Strikes with the motion of the projectile, measured or from finite element runs.
+    """Strikes with the motion of the projectile, from measurements or from finite element runs.
 
     The request has either `impact` and `history` of one strike, or `runs`.
     """
@@ -221,8 +221,8 @@ class MotionCalibrationRequest(Calibration):
     impact: Impact | MISSING = MISSING
     history: MotionRecord | MISSING = MISSING
     runs: Annotated[list[CalibrationRun], Field(min_length=1, max_length=MOST_RUNS)] | MISSING = MISSING
-    """Strikes at any angles and speeds, instead of `impact` and `history`, to which one strength factor is fitted. All
-    have the same weight."""
+    """Strikes at any angles and speeds, given instead of `impact` and `history`. One strength factor is fitted to all
+    of them with equal weight."""
     weights: Annotated[MotionWeights, Field(default_factory=MotionWeights)]
     until_s: Until | MISSING = MISSING
     until_greatest_depth: UntilGreatestDepth = False
@@ -248,7 +248,7 @@ class MotionCalibrationRequest(Calibration):
         return [self._run(index, run) for index, run in enumerate(self.runs)]
 
     def _run(self, index: int, run: CalibrationRun) -> MotionRun:
-        """Return a run of `runs` for the solver, with the weights and the end of the fit of the request as defaults."""
+        """Return a run of `runs` for the solver; its weights and end of fit default to the values of the request."""
         until, greatest = run.until_s, run.until_greatest_depth
         # `until_s` and `until_greatest_depth` exclude each other, so a run that sets one must not inherit the other.
         if until is MISSING and greatest is MISSING:
@@ -276,7 +276,7 @@ class MotionCalibrationRequest(Calibration):
         return max((each.time_s[-1] for each in histories if each is not MISSING), default=0.0)
 
     def located(self, error: ParameterError) -> ParameterError:
-        """Return an error of the solver with the name of the field in the request.
+        """Return a solver error with the field name that the request uses.
 
         The solver does not number a single run, which the request may list as `runs.0`.
         """
@@ -314,7 +314,7 @@ def _used(record: MotionRecord, until_s: Any, until_greatest_depth: bool) -> Mot
 
 def _thinned(times: FloatArray) -> FloatArray:
     """Return at most `COMPARED_ROWS` evenly chosen times, for a motion that is predicted for comparison."""
-    # A short motion has fewer rows than that, so that some are chosen repeatedly; `unique` removes the repeats.
+    # A short motion has fewer rows than that, so some rows are chosen repeatedly; `unique` removes the repeats.
     rows = np.unique(np.linspace(0, times.size - 1, COMPARED_ROWS).round().astype(int))
     thinned: FloatArray = times[rows]
     return thinned

@@ -61,7 +61,7 @@ class FittedMotion(Part):
 
 
 class MotionMeasures(Part):
-    """A measure of the fit, as one number for each quantity of the request."""
+    """Measure of the quality of the fit, one number for each quantity of the request."""
 
     model_config = with_examples(ROOT_MEAN_SQUARE)
 
@@ -85,9 +85,9 @@ class ComparedMotion(Part):
 
 
 NAMES = {name.removesuffix(unit_end(name)): name for name in MotionMeasures.model_fields}
-"""Names of the quantities of a motion in the contract, by their names in the solver."""
+"""Names of the quantities of a motion in the contract, keyed by their names in the solver."""
 FittedResiduals = Annotated[FittedMotion, Field(description="Given minus predicted values of the fitted rows.")]
-Predicted = Annotated[FittedMotion, Field(description="Motion with the strength factor that fits best.")]
+Predicted = Annotated[FittedMotion, Field(description="Motion predicted with the fitted strength factor.")]
 RootMeanSquare = Annotated[
     MotionMeasures, Field(description="Root mean square of the residuals, in the unit of the quantity.")
 ]
@@ -101,7 +101,7 @@ NormalizedRootMeanSquare = Annotated[
 ]
 RSquared = Annotated[
     MotionMeasures,
-    Field(description="Share of the variance of each quantity that the model explains; absent without a variance. [1]"),
+    Field(description="Share of the variance of each quantity that the model explains; absent for zero variance. [1]"),
 ]
 Compared = Annotated[
     list[ComparedMotion], Field(description="Predicted motions for each of `compare_strength_factors`.")
@@ -122,7 +122,7 @@ class FittedRun(Part):
 
 
 class RunAlone(FittedStrength):
-    """Strength factor that fits one of several runs best."""
+    """Strength factor fitted to one of several runs alone."""
 
     model_config = with_examples(ESTIMATE | {"normalized_root_mean_square": 0.0019})
 
@@ -139,7 +139,7 @@ class DecayLawRun(Part):
     normalized_root_mean_square: NormalizedRootMeanSquare
     """Normalised root mean square with the common strength factor. [1]"""
     alone: Annotated[RunAlone | MISSING, GIVEN] = MISSING
-    """Fit of this run by itself; absent if the run does not determine the strength factor."""
+    """Fit of this run alone; absent if the run does not determine the strength factor."""
 
 
 class DecayLawFit(Part):
@@ -152,7 +152,7 @@ class DecayLawFit(Part):
 
     free_surface: Annotated[FreeSurfaceModel, Of("free_surface.name")]
     strength_factor: Annotated[Annotated[Num, Field(gt=0.0)] | MISSING, Of("estimate.strength_factor")] = MISSING
-    """Strength factor of all runs. [1]"""
+    """Strength factor fitted to all runs. [1]"""
     standard_error: Annotated[StandardError | MISSING, Of("estimate.standard_error")] = MISSING
     confidence_interval: Annotated[ConfidenceInterval | MISSING, Of("estimate.confidence_interval")] = MISSING
     normalized_root_mean_square: NormalizedRootMeanSquare | MISSING = MISSING
@@ -161,7 +161,7 @@ class DecayLawFit(Part):
 
 
 class MotionCalibrationAnswer(FittedStrength):
-    """Strength factor that fits motions best, with the requested decay law and with each of the others.
+    """Strength factor that fits motions best, with the requested decay law and with each of the other laws.
 
     `residuals`, `predicted`, `root_mean_square`, `r_squared` and `compared` belong to a single strike; if the request
     has `runs`, each of `runs` has its own.
@@ -205,7 +205,7 @@ def motion_answer(
 ) -> dict[str, Any]:
     """Return the answer from the fits and, for each run, the motions with the strength factors to compare.
 
-    With `several` the answer has a list of runs, even if there is only one.
+    If `several` is True, the answer has a list of runs, even of only one.
     """
     requested = fits.requested
     runs = [_run(fit, motions) for fit, motions in zip(requested.runs, compared, strict=True)]

@@ -1,4 +1,4 @@
-"""Messages of validation errors, completed by the unit of a bound, a likely unit of the value or a similar field."""
+"""Messages of validation errors, with the unit of a bound, a likely unit of the value or a similar field added."""
 
 import re
 from collections.abc import Mapping
@@ -21,12 +21,12 @@ OUT_OF_BOUNDS = {"greater_than", "greater_than_equal", "less_than", "less_than_e
 ITEM = re.compile(r"(/\d+)+$")
 """Indices at the end of a JSON pointer. They are removed, as an item has the unit of its list."""
 LONGEST_MISSPELT = 200
-"""Longest pointer for which a similar field is searched [characters]: the time of difflib grows with the length of the
-name. No pointer of the contract is half as long."""
+"""Longest pointer for which a similar field is suggested [characters]: difflib takes longer for longer names. No
+pointer of the contract is half as long."""
 
 
 def explained(pointer: str, error: Mapping[str, Any], *, suggest: bool = True) -> str:
-    """Return the message of an error of pydantic for the field at a pointer into a request.
+    """Return the message of a pydantic error for the field at a pointer into a request.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def suggestion(pointer: str) -> str:
     """Return the end of the message for an unknown field: a similar field, or the fields of the same object."""
     field = ".".join(step for step in pointer.split("/") if step and not step.isdigit())
     known = known_fields()
-    if field in known:  # The field exists in another request, so that it is not misspelt.
+    if field in known:  # The field exists in another request, so it is not misspelt.
         return SOUGHT.get(field, "; it belongs to another request, shape or model")
     if meant := meant_as(field, known):
         return f"; did you mean `{meant}`?"

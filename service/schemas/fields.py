@@ -1,4 +1,4 @@
-"""Mapping of results of the solver to answers: the source, the unit and the columns of each field of a model."""
+"""Conversion of solver results to answers: the source, the unit and the columns of each field of a model."""
 
 import math
 from collections.abc import Callable, Mapping, Sized
@@ -23,7 +23,7 @@ GIVEN = Of(None)
 
 
 NOT_TABLED = ()
-"""Marker of a number or a text that is not a column of the tables of results."""
+"""Marker of a number or a string that has no column in the tables of results."""
 
 
 IDENTIFYING = {column.name for column in IDENTITY}
@@ -35,18 +35,18 @@ class AnswerField(NamedTuple):
 
     name: str
     get: Callable[[Any], Any] | None
-    """Function from a result of the solver to the value; None for a field marked `GIVEN`."""
+    """Function from a solver result to the value; None for a field marked `GIVEN`."""
     part: type[Part] | None
     """Model of the value or, for a list, of its items."""
     optional: bool
     """True if an empty value is left out."""
     convert: Callable[[float], float]
-    """Function from the unit of the solver to that of the field."""
+    """Function that converts a number from the solver's unit to the unit of the field."""
 
 
 @cache
 def fields_of(model: type[Part]) -> tuple[AnswerField, ...]:
-    """Return the fields of a model in the order of an answer."""
+    """Return the fields of a model in the order in which an answer has them."""
     names = [name for name in model.model_fields if name not in model.answered_last]
     return tuple(_field(model, name) for name in (*names, *model.answered_last))
 
@@ -80,17 +80,17 @@ def part_of(model: type[Part], name: str) -> type[Part] | None:
 
 
 def walk(model: type[Part], found: Any, /, **given: Any) -> dict[str, Any]:
-    """Convert a result of the solver to an answer as JSON data, by the fields of its model.
+    """Convert a solver result to the JSON data of an answer, according to the fields of its model.
 
-    Fields with the suffix `_deg` are converted to degrees and those with `_g` to standard gravity. Nested models are
-    converted in turn, and optional fields that are None, empty or False are left out.
+    Fields with the suffix `_deg` are converted to degrees, and fields with the suffix `_g` to multiples of standard
+    gravity. Nested models are converted recursively, and optional fields that are None, empty or False are left out.
 
     Parameters
     ----------
     model
         Model of the answer.
     found
-        Result of the solver.
+        Solver result.
     given
         Values of fields that the result does not contain.
     """
@@ -146,7 +146,7 @@ def columns_of(model: type[Part], prefix: str = "", suffix: str = "") -> tuple[C
 
 
 def _columns_of(model: type[Part], name: str) -> tuple[Column, ...]:
-    """Return the columns in the annotations of a field; without any, one column for a number or a text."""
+    """Return the columns in the annotations of a field or, if it has none, one column for a number or a string."""
     info = model.model_fields[name]
     given = [mark for mark in info.metadata if isinstance(mark, Column | tuple)]
     if given or name in IDENTIFYING:
@@ -159,7 +159,7 @@ def _columns_of(model: type[Part], name: str) -> tuple[Column, ...]:
 
 
 def history_columns(model: type[Part], found: Any) -> dict[str, FloatArray]:
-    """Return the columns of a motion over time by their names in the contract."""
+    """Return the columns of a motion over time, keyed by their names in the contract."""
     return {field.name: in_unit(field.name, field.get(found)) for field in fields_of(model) if field.get}
 
 
@@ -169,7 +169,7 @@ def in_g(acceleration: float) -> float:
 
 
 def in_unit(name: str, values: Any) -> Any:
-    """Convert a number or an array from the solver's unit to that in the name of the field."""
+    """Convert a number or an array from the solver's unit to the unit that the name of the field states."""
     if name.endswith("_g"):
         return values / STANDARD_GRAVITY
     return np.degrees(values) if name.endswith("_deg") else values

@@ -49,7 +49,7 @@ class IncidencePlane(StrEnum):
 
 
 class FlightInput(SolverPart[solver.FlightConditions]):
-    """Struck face and drag, for the flight of a body that leaves the target."""
+    """Tilt of the face, drag and height, for the flight of a body that leaves the target."""
 
     model_config = with_examples(FACE)
 
@@ -72,7 +72,8 @@ class FlightRequest(Part):
     """Angle of the launch above the horizontal. [°]"""
     mass_kg: Annotated[Num, Field(**within("projectile.mass"))]
     projected_area_m2: Annotated[Num, Field(**within("flight.projected_area"))]
-    """Area that the drag coefficient refers to. For a tumbling convex body it is a quarter of the surface. [m²]"""
+    """Area to which the drag coefficient refers. For a tumbling convex body it is a quarter of the surface area.
+    [m²]"""
     drag_coefficient: DragCoefficient = TUMBLING_DRAG
     height_m: LaunchHeight = 0.0
 
@@ -86,7 +87,7 @@ class FlightRequest(Part):
 
 
 class FlightResult(Part):
-    """Landing point of a body on level ground, and the farthest one over all elevations."""
+    """Landing point of a body on level ground, and the farthest landing point over all elevations."""
 
     model_config = with_examples(LANDING)
 

@@ -65,7 +65,7 @@ class FormulasRequest(Part):
 
 
 class NotFitted(Part):
-    """An input or a result outside the range that a formula was fitted to."""
+    """An input or a result outside the range to which a formula was fitted."""
 
     model_config = with_examples(NOT_FITTED)
 
@@ -98,8 +98,8 @@ class FormulaRow(Part):
     note: str | MISSING = MISSING
     """Doubts about the formula, or assumptions; absent if there are none."""
     verified: bool
-    """True if the constants were compared with the original publication, a standard or a published shot. Those of the
-    other formulas come from secondary sources only."""
+    """True if the constants were compared with the original publication, a standard or a published shot. The constants
+    of the other formulas come from secondary sources only."""
     source: str
     """Authors and year of the source."""
 
@@ -119,7 +119,7 @@ class FormulaSpread(Part):
 
 
 def spread_of(limit: Limit) -> Of:
-    """Return the source of the field for the spread of a limit over the formulas."""
+    """Return the source of a field that holds the spread of a limit over the formulas."""
     return Of(partial(spread, limit=limit))
 
 
@@ -143,7 +143,7 @@ class FormulasAnswer(Part):
     scabbing_thickness_spread: Annotated[FormulaSpread | MISSING, spread_of("scabbing_thickness")] = MISSING
     perforation_thickness_spread: Annotated[FormulaSpread | MISSING, spread_of("perforation_thickness")] = MISSING
     nose_class: Annotated[str, GIVEN, NOT_TABLED]
-    """Nose class that the formulas use, from flat to sharp by the length of the nose."""
+    """Nose class that the formulas use, which ranges from flat to sharp with the length of the nose."""
     scabbing_margin: Annotated[Num, Of(lambda _: SCABBING_MARGIN), NOT_TABLED]
     """Factor on the scabbing thickness that DOE-STD-3014-2006 requires in a design. [1]"""
     perforation_margin: Annotated[Num, Of(lambda _: PERFORATION_MARGIN), NOT_TABLED]

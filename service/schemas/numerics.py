@@ -19,8 +19,8 @@ Obliquity = Annotated[Num, Field(ge=0.0, lt=90.0)]
 class Method(StrEnum):
     """Method of computing a trajectory.
 
-    `adaptive` has closed-form arcs and error-controlled steps, `panels` the surface elements and the fixed step of the
-    paper.
+    `adaptive` uses closed-form arcs and error-controlled time steps; `panels` uses the surface elements and the fixed
+    time step of the paper.
     """
 
     ADAPTIVE = "adaptive"
@@ -30,7 +30,8 @@ class Method(StrEnum):
 class SearchMethod(StrEnum):
     """Method of a search.
 
-    `outcome` brackets the change of outcome. `bisection` and `secant` are those of the paper, on the final position.
+    `outcome` brackets the change of outcome. `bisection` and `secant` are the searches of the paper, which find the
+    angle at which the final position of the nose tip is zero.
     """
 
     OUTCOME = "outcome"
@@ -48,8 +49,9 @@ class Numerics(SolverPart[solver.Numerics]):
     method: Method | MISSING = MISSING
     """Method of computing a trajectory. The default is `adaptive`, except in the searches `bisection` and `secant`,
     where it is `panels`."""
-    # The longest termination time is the longest default. The reference runs had 96,000 panels, and the time step may
-    # be a hundredth to a hundred times that of the paper. `max_panel_steps` of the settings bounds the work of a run.
+    # The upper bound of the termination time is also its longest default. The reference runs had 96,000 panels, and the
+    # time step may be a hundredth to a hundred times the time step of the paper. `max_panel_steps` of the settings
+    # bounds the work of a run.
     termination_time_s: Annotated[Num, Field(ge=1e-6, le=1.0)] | MISSING = MISSING
     panels: Annotated[Count, Field(ge=100, le=100_000), WHOLE] = NUMERICS.panels
     time_step_s: Annotated[Num, Field(ge=1e-7, le=1e-3)] = NUMERICS.time_step
@@ -74,6 +76,6 @@ class Search(SolverPart[solver.Search]):
     method: SearchMethod = SearchMethod(SEARCH.method)
     lower_deg: Obliquity | MISSING = MISSING
     upper_deg: Obliquity | MISSING = MISSING
-    # The bounds of both tolerances are those of the solver.
+    # The bounds of both tolerances are the same as in the solver.
     tolerance_deg: Annotated[Num, Field(ge=1e-6, le=10.0)] = degrees(SEARCH.tolerance)
     relative_tolerance: Annotated[Num, Field(ge=1e-8, le=0.5)] = SEARCH.relative_tolerance

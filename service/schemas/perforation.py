@@ -1,4 +1,4 @@
-"""Models of the searches for the least thickness of a wall and for the limit speed."""
+"""Models of the searches for the least thickness of a wall and for its limit speed."""
 
 from typing import Annotated, Any, ClassVar, Self
 
@@ -37,7 +37,7 @@ RANGE_COLUMNS = {
     )
     for unit in ("m", "m_s")
 }
-"""Columns of the 90 % range, by the unit of the answer."""
+"""Columns of the 90 % range, keyed by the unit of the answer."""
 VARIANT_COLUMNS = {
     unit: tuple(
         Column(f"{name}_{unit}", text)
@@ -49,7 +49,7 @@ VARIANT_COLUMNS = {
     )
     for unit in ("m", "m_s")
 }
-"""Columns of the variants, by the unit of the answer."""
+"""Columns of the variants, keyed by the unit of the answer."""
 WALL = PAPER | {
     "target": PAPER["target"] | {"thickness_m": 0.2},
     "impact": {"oblique_angle_deg": 20.0},
@@ -116,38 +116,37 @@ SPEED = {
 
 
 class LimitOutput(Part):
-    """Contents of the answer to a search for perforation."""
+    """Optional contents of the answer to a search for perforation."""
 
     model_config = with_examples({"range": False})
 
     range: Flag = True
-    """Include the 90 % range over the strength factor, the values with a plug and a crater, and the sentence. They take
-    five more searches."""
+    """Include the 90 % range over the strength factor, the values with a plug and a crater, and the `sentence`. They
+    take five more searches."""
 
 
 class BatchLimitOutput(LimitOutput):
     """Contents of the answer to a search for perforation in a batch or a sweep."""
 
     range: Flag = False
-    """Include the 90 % range over the strength factor, the values with a plug and a crater, and the sentence. They take
-    five more searches, and are left out by default."""
+    """Include the 90 % range over the strength factor, the values with a plug and a crater, and the `sentence`. They
+    take five more searches, and are left out by default."""
 
 
 class PerforationCase(Case):
-    """Base of the requests that search for perforation."""
+    """Base class of the requests that search for perforation."""
 
     output: Annotated[LimitOutput, Field(default_factory=LimitOutput)]
 
     @property
     def searches(self) -> int:
-        """Number of searches that the answer takes."""
-        # The range takes two more searches, at the ends of the range of S, and the variants with a plug and a crater
-        # three.
+        """Number of searches needed for the answer."""
+        # The range takes two more searches, with S at both ends of its range, and the variants take three.
         return 6 if self.output.range else 1
 
 
 class ThicknessFields(PerforationCase):
-    """A strike on a wall whose thickness is searched for, single or in a batch. The target must have no thickness."""
+    """Search for the least thickness of a wall that a strike does not perforate, single or in a batch."""
 
     model_config = with_examples(PAPER_AT_45)
 
@@ -178,7 +177,7 @@ class ThicknessFields(PerforationCase):
         return case.shared_arguments() | {"impact": case.impact.to_solver()}
 
     def formulas(self) -> list[FormulaResult]:
-        """Return the results of the empirical formulas; empty for a strike without a velocity along the normal."""
+        """Return the results of the empirical formulas; none for a strike without a velocity along the normal."""
         arguments = self.arguments()
         try:
             rows = solver.formulas(**{name: arguments[name] for name in ("projectile", "target", "impact")})
@@ -188,7 +187,7 @@ class ThicknessFields(PerforationCase):
 
 
 class ThicknessRequest(ThicknessFields):
-    """A strike on a wall whose thickness is searched for. The target must not have a thickness."""
+    """Search for the least thickness of a wall that a strike does not perforate. The target must have no thickness."""
 
     model_config = with_examples(PAPER_AT_45)
 
@@ -196,7 +195,7 @@ class ThicknessRequest(ThicknessFields):
 
 
 class ThicknessBase(ThicknessFields):
-    """A strike on a wall whose thickness is searched for, in a batch or a sweep, by default without the 90 % range."""
+    """Search for the least thickness of a wall, in a batch or a sweep. By default, the answer has no 90 % range."""
 
     model_config = with_examples(PAPER_AT_45)
 
@@ -204,7 +203,7 @@ class ThicknessBase(ThicknessFields):
 
 
 class LimitSpeedFields(PerforationCase):
-    """A wall and a projectile whose limit speed is searched for, single or in a batch."""
+    """Search for the least speed at which a projectile perforates a wall, single or in a batch."""
 
     model_config = with_examples(WALL)
 
@@ -237,7 +236,7 @@ class LimitSpeedFields(PerforationCase):
         return case.shared_arguments() | case.impact.arguments()
 
     def formulas(self) -> list[FormulaResult]:
-        """Return the limit speeds of the empirical formulas; empty for a strike along the face."""
+        """Return the limit speeds of the empirical formulas; none for a strike along the face."""
         arguments = self.arguments()
         strike = {name: arguments[name] for name in ("projectile", "target", "oblique_angle")}
         try:
@@ -247,7 +246,7 @@ class LimitSpeedFields(PerforationCase):
 
 
 class LimitSpeedRequest(LimitSpeedFields):
-    """A wall and a projectile whose limit speed is searched for."""
+    """Search for the least speed at which a projectile perforates a wall."""
 
     model_config = with_examples(WALL)
 
@@ -255,7 +254,7 @@ class LimitSpeedRequest(LimitSpeedFields):
 
 
 class LimitSpeedBase(LimitSpeedFields):
-    """A wall and a projectile whose limit speed is searched for, in a batch or a sweep, by default without a range."""
+    """Search for the limit speed of a wall, in a batch or a sweep. By default, the answer has no 90 % range."""
 
     model_config = with_examples(WALL)
 
@@ -274,7 +273,7 @@ class LimitRange(Part):
 
 
 class PerforationTrial(Part):
-    """Result of one run in a search for perforation."""
+    """Base class of the results of one run in a search for perforation."""
 
     solved = solver.PerforationTrial
     answered_last: ClassVar = ("outcome", "exit", "protrusion")
@@ -325,7 +324,7 @@ class ThicknessAnswer(Part):
         Num | MISSING, Column("without_protrusion_m", "least thickness without a protrusion from the rear")
     ] = MISSING
     """Least thickness found at which no part of the projectile comes out of the rear face. At `least_thickness_m` its
-    nose may stand out. [m]"""
+    nose may protrude. [m]"""
     iterations: Annotated[list[ThicknessTrial], Column("trials", "number of thicknesses tried")]
     """All thicknesses tried, in order."""
     range: Annotated[LimitRange | MISSING, GIVEN, *RANGE_COLUMNS["m"]] = MISSING
@@ -362,7 +361,7 @@ class LimitSpeedAnswer(Part):
         Num | MISSING, Column("without_protrusion_m_s", "greatest speed without a protrusion from the rear")
     ] = MISSING
     """Greatest speed found at which no part of the projectile comes out of the rear face. Just below `limit_speed_m_s`
-    its nose may stand out. [m/s]"""
+    its nose may protrude. [m/s]"""
     iterations: Annotated[list[SpeedTrial], Column("trials", "number of speeds tried")]
     """All speeds tried, in order."""
     range: Annotated[LimitRange | MISSING, GIVEN, *RANGE_COLUMNS["m_s"]] = MISSING

@@ -13,10 +13,10 @@ TAGGED = frozenset({"distribution", "nose", "strength_factor"})
 """Fields that are unions. In a location inside one of them, pydantic inserts the name of the variant."""
 
 PLACES = {"velocity": "impact.velocity", "sample_interval": "output.sample_interval"}
-"""Dotted paths in a request by the names of arguments that the solver takes directly, not within an object."""
+"""Dotted paths in a request, keyed by the names of solver arguments that do not belong to an object."""
 
 UNITLESS = frozenset({"distribution", "weights"})
-"""Parts of a request whose numbers have the names of quantities without the suffix of a unit."""
+"""Parts of a request in which the names of quantities have no unit suffix."""
 
 
 def json_pointer(steps: Iterable[str | int]) -> str:
@@ -25,7 +25,7 @@ def json_pointer(steps: Iterable[str | int]) -> str:
 
 
 def pointer_of_location(location: Iterable[str | int]) -> str:
-    """Convert a location of pydantic to a JSON pointer."""
+    """Convert the location of a pydantic error to a JSON pointer."""
     steps: list[str | int] = []
     in_tagged = False
     for step in location:
@@ -45,13 +45,13 @@ def pointer_of_parameter(field: str) -> str:
 
 
 def unit_ends() -> dict[str, str]:
-    """Return the unit suffixes that the contract adds to names of the solver, by the name in the solver.
+    """Return the unit suffixes that the contract adds to names of the solver, keyed by the solver's names.
 
     They are collected at each call, because not every command has imported all models yet.
     """
     ends: dict[str, str] = {}
     models = [Part]
-    for model in models:  # The loop visits the subclasses that it appends, so that it walks the whole tree of models.
+    for model in models:  # The loop visits the subclasses that it appends, so it walks the whole tree of models.
         models += model.__subclasses__()
         ends |= ends_in(model)
     return ends
@@ -59,7 +59,7 @@ def unit_ends() -> dict[str, str]:
 
 @cache
 def ends_in(model: type[Part]) -> dict[str, str]:
-    """Return the unit suffixes of the fields of a model, by the name without the suffix."""
+    """Return the unit suffixes of the fields of a model, keyed by the names without the suffix."""
     return {name.removesuffix(end): end for name in model.model_fields if (end := unit_end(name))}
 
 
@@ -105,4 +105,4 @@ class Problem(Part):
     instance: str
     """Path of the request."""
     errors: list[ProblemError]
-    """Errors in the request body, if there are any."""
+    """Errors in the request body; empty if there are none."""

@@ -32,7 +32,7 @@ Flag = Annotated[bool, Strict()]
 """JSON true or false. Numbers and strings, which pydantic would convert, are refused."""
 
 
-# The default is left out of dumps, so that keys of results in SI units are the same as before this field existed.
+# The default is left out of dumps, so that the keys of results in SI units are the same as before this field existed.
 Units = Annotated[
     UnitSystem,
     Field(
@@ -41,7 +41,7 @@ Units = Annotated[
         "Fields are in SI units.",
     ),
 ]
-"""Units of texts, in a request."""
+"""Field of a request that selects the units in the texts of the answer."""
 
 
 def _whole(value: Any) -> Any:
@@ -55,7 +55,7 @@ WHOLE = BeforeValidator(_whole)
 
 @dataclass(frozen=True, slots=True)
 class Of:
-    """Source of a field in the result of the solver, if it is not the attribute with the name of the field.
+    """Source of a field in a solver result, if it is not the attribute of the same name.
 
     Parameters
     ----------
@@ -67,14 +67,14 @@ class Of:
 
 
 class Part(BaseModel):
-    """Base of all models: unknown fields are refused, and fields that are not given are absent.
+    """Base class of all models: unknown fields are refused, and fields that are not given are absent.
 
     An optional field that is null in a request counts as absent, since some generated clients send null for it.
 
     The description of a field in the contract is its docstring or, without one, the description of the same field in
-    the solver with the unit converted. Docstrings are read when a schema is made; pydantic's `use_attribute_docstrings`
-    would read them when the class is made, and add 0.2 s to every start. Fields in `answered_last` follow the others in
-    an answer, which otherwise has the order of the model.
+    the solver with the unit converted. Docstrings are read when a schema is generated; pydantic's
+    `use_attribute_docstrings` would read them when the class is created, which would add 0.2 s to every start. Fields
+    in `answered_last` follow the others in an answer, which otherwise has the order of the model.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -83,7 +83,7 @@ class Part(BaseModel):
     """Class of the solver with the same fields."""
     answered_last: ClassVar[tuple[str, ...]] = ()
     tabled: ClassVar[tuple[str, ...]] = ()
-    """Fields that are columns of tables, in order; by default all numbers and texts in the order of the answer."""
+    """Fields that are columns of tables, in order; by default all numbers and strings in the order of the answer."""
 
     @model_validator(mode="before")
     @classmethod
@@ -117,7 +117,7 @@ def _docstring_of(model: type[Part], name: str) -> str:
 
 
 def _solver_description(model: type[Part], name: str) -> str:
-    """Return the description of a field in the solver, with the unit that the name of the model's field states."""
+    """Return the solver's description of a field, with the unit that the name of the field states."""
     marks = [mark.source for mark in model.model_fields[name].metadata if isinstance(mark, Of)]
     source = marks[-1] if marks else name.removesuffix(unit_end(name))
     kind = solver_class(model)
@@ -140,7 +140,7 @@ def short_description(model: type[Part], name: str) -> str:
 STANDARD_GRAVITY = 9.80665
 """Standard gravity, the unit of accelerations. [m/s²]"""
 KINDS = frozenset({"model", "shape", "type"})
-"""Discriminators of unions, for whose variants the solver has classes."""
+"""Fields that select the variant of a union; the solver has a class for each variant."""
 Solved = TypeVar("Solved")
 
 
@@ -174,10 +174,10 @@ def _plain(value: Any, *, angle: bool) -> Any:
 
 
 class SolverPart(Part, Generic[Solved]):
-    """Base of the models that have the same fields as a class of the solver. That class is the type argument."""
+    """Base class of the models that have the same fields as a class of the solver, which is the type argument."""
 
     def to_solver(self) -> Solved:
-        """Return the object of the solver."""
+        """Convert the model to an object of the solver's class."""
         kind: Any = solver_class(type(self))
         found: Solved = kind(**solver_arguments(self))
         return found

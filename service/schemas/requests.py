@@ -1,4 +1,4 @@
-"""Models of requests for trajectories, critical angles and reports, and the same requests with alternative laws."""
+"""Models of requests for trajectories, critical angles and reports, and their variants with alternative laws."""
 
 import math
 from abc import abstractmethod
@@ -46,7 +46,7 @@ SampleInterval = Annotated[
         ge=1e-8,
         le=1.0,
         description=f"Interval of the history, at least the termination time divided by {MOST_ROWS:,}. The default is "
-        f"{SAMPLE_INTERVAL:g} s or, if that is too short, this least value. [s]",
+        f"{SAMPLE_INTERVAL:g} s or, if that is too short, this minimum. [s]",
     ),
 ]
 
@@ -65,8 +65,8 @@ class StrengthScatter(StrEnum):
 Alternatives = Annotated[
     Flag,
     Field(
-        description="Include results with other laws: each decay near the face with each strength factor. Each is a "
-        "case of its own, with its key."
+        description="Include results with other laws: each decay law with each strength law. Each result is computed "
+        "and stored as a separate case."
     ),
 ]
 
@@ -95,20 +95,20 @@ PartOfRequest = TypeVar("PartOfRequest", bound=Part)
 
 
 def filled(part: PartOfRequest, **usual: Any) -> PartOfRequest:
-    """Return a part of a request with these values in its absent fields."""
+    """Return a part of a request with its absent fields set to these values."""
     return part.model_copy(update={name: value for name, value in usual.items() if getattr(part, name) is MISSING})
 
 
 class Case(Part):
-    """Base of the requests for one case, single or in a batch."""
+    """Base class of the requests for one case, single or in a batch."""
 
     projectile: Projectile
     target: Target
     resistance: Annotated[Resistance, Field(default_factory=Resistance)]
     numerics: Annotated[Numerics, Field(default_factory=Numerics)]
     strength_scatter: StrengthScatter = StrengthScatter.LAW
-    """Source of the scatter of S: the published tests, or own tests in the resistance (`law`); or the four shots of the
-    paper, as if fired into this concrete (`paper_table_1`)."""
+    """Source of the scatter of S: with `law`, the user's own tests in the resistance or, without any, the published
+    tests; with `paper_table_1`, the four shots of the paper, as if fired into this concrete."""
 
     def shared_arguments(self) -> dict[str, Any]:
         """Return the arguments that all functions of the solver share."""
@@ -165,7 +165,7 @@ class Case(Part):
         return 0.0 if end is MISSING else numerics.panels * end / numerics.time_step_s
 
     def sample_interval(self, output: TrajectoryOutput | CriticalAngleOutput) -> float | None:
-        """Return the interval of the history, or None if none is requested. [s]"""
+        """Return the interval of the history, or None if no history is requested. [s]"""
         if not output.history:
             return None
         end, interval = self.numerics.termination_time_s, output.sample_interval_s
@@ -183,12 +183,12 @@ class Case(Part):
 
 
 class TrajectoryFields(Case):
-    """One strike, single or in a batch."""
+    """Request to simulate one strike, single or in a batch."""
 
     impact: Impact
     output: Annotated[TrajectoryOutput, Field(default_factory=TrajectoryOutput)]
     flight: FlightInput | MISSING = MISSING
-    """Position of the face. If it is given, the flight after an exit is computed."""
+    """Conditions of the flight. If they are given, the flight after an exit is computed."""
 
     def resolved(self) -> Self:
         """Return the request with all defaults filled in."""
@@ -221,7 +221,7 @@ class TrajectoryFields(Case):
 
 
 class TrajectoryRequest(TrajectoryFields):
-    """One strike."""
+    """Request to simulate one strike."""
 
     model_config = with_examples(PAPER_AT_45, TRUNCATED_CONE)
 
@@ -230,7 +230,7 @@ class TrajectoryRequest(TrajectoryFields):
 
 
 class CriticalAngleBase(Case):
-    """A search over the oblique angle of a strike, single or in a batch."""
+    """Search for the critical angle of a strike, single or in a batch."""
 
     model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE)
 
@@ -277,7 +277,7 @@ class CriticalAngleBase(Case):
 
 
 class CriticalAngleRequest(CriticalAngleBase):
-    """A search over the oblique angle of a strike."""
+    """Search for the critical angle of a strike."""
 
     model_config = with_examples(PAPER, PAPER_BY_SECANT, HEMISPHERE)
 
@@ -297,11 +297,11 @@ def alternatives_in(request: Any) -> list[tuple[dict[str, Any], Any]]:
 
 
 def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request]]:
-    """Return the laws and the request of each alternative: the same case, with its `inertia`, and other laws."""
+    """Return the laws and the request of each alternative: the same case, including its `inertia`, with other laws."""
     found = []
     for each in alternative_resistances(request.resistance.to_solver()):
         laws = {"free_surface": each.free_surface.name, "strength_factor": each.strength_factor.name}
-        # Whether the inertia of the expanding solid counts is a choice of the case, not a part of the law.
+        # The case, not the law, determines whether the inertia of the expanding solid counts.
         decay = {"model": each.free_surface.name, "inertia": getattr(each.free_surface, "inertia", False)}
         strength = walk(
             STRENGTH_FACTORS[each.strength_factor.name], each.strength_factor, model=laws["strength_factor"]
@@ -310,7 +310,7 @@ def alternative_requests(request: Request) -> list[tuple[dict[str, Any], Request
         resistance = request.resistance.model_copy(
             update={"strength_factor": law.strength_factor, "free_surface": law.free_surface}
         )
-        # An alternative is answered without texts, so that its result does not depend on the units of the request.
+        # The answer shows no text of an alternative's result, so the units of the request need not be part of its key.
         changes = {"resistance": resistance, "alternatives": False, "units": UnitSystem.SI}
         other = cast("Request", request.model_copy(update=changes))
         with written_in(request.units):
@@ -340,33 +340,32 @@ class ReportedStrike(Strike):
 
 
 class ReportRequest(CriticalAngleRequest):
-    """One strike as in a search for its critical angle. `output` and `alternatives` have no effect."""
+    """One strike, in the form of a search for its critical angle. `output` and `alternatives` have no effect."""
 
     model_config = with_examples(PAPER, PAPER_AT_45)
 
     impact: ReportedStrike
     flight: FlightInput | MISSING = MISSING
-    """Position of the face, for the flight of a body that ricochets at the angle to judge. By default the face is
-    level."""
+    """Conditions of the flight of a body that ricochets at the angle to judge. By default the face is level."""
 
     @property
     def oblique_angle(self) -> float | None:
-        """Oblique angle to judge; None without one. [rad]"""
+        """Oblique angle to judge; None if the request has none. [rad]"""
         angle = self.impact.oblique_angle_deg
         return None if angle is MISSING else math.radians(angle)
 
     @property
     def has_own_law(self) -> bool:
-        """True if the request has its own law of S or decay, which is evaluated in addition to the theories."""
+        """True if the request has its own law of S or of the decay, which is evaluated in addition to the theories."""
         return has_own_law(self.resistance.to_solver())
 
     def check(self) -> None:
-        """Refuse methods that take seconds per case, since a report has hundreds of cases.
+        """Refuse methods that take seconds per case, because a report takes hundreds of cases.
 
         Raises
         ------
         ParameterError
-            If the search or the numerics are the paper's.
+            If the search or the numerics use a method of the paper.
         """
         if self.by_paper:
             raise ParameterError("search.method", "must be `outcome` in a report, which takes hundreds of searches")

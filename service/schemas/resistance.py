@@ -38,8 +38,8 @@ OWN_TESTS = {"model": "own_tests", "shots": [SHOT]}
 MOHR_COULOMB = {"model": "mohr_coulomb", "inertia": True}
 
 LARGEST_COEFFICIENT = 1e6
-"""Largest magnitude of a coefficient of the polynomial of S, a rough choice. Those of the paper are at most 8.5; the
-bound only keeps products finite."""
+"""Largest magnitude of a coefficient of the polynomial of S, a rough choice. The coefficients of the paper are at most
+8.5; the bound only keeps products finite."""
 
 Coefficient = Annotated[Num, Field(ge=-LARGEST_COEFFICIENT, le=LARGEST_COEFFICIENT)]
 CovarianceRow = Annotated[list[Coefficient], Field(min_length=1, max_length=10)]
@@ -55,7 +55,7 @@ CovarianceMatrix = Annotated[
 
 
 class ConstantStrengthFactor(SolverPart[solver.ConstantStrengthFactor]):
-    """Constant strength factor."""
+    """Strength factor that is the same at every oblique angle."""
 
     model_config = with_examples(CONSTANT)
 
@@ -117,8 +117,8 @@ class StrengthPowerLaw(SolverPart[solver.StrengthPowerLaw]):
 class PublishedTests(SolverPart[solver.PublishedTests]):
     """Power law fitted to 251 published penetration tests: 8.84 (f'c / 39 MPa)^-0.18 (d / 76.2 mm)^-0.24.
 
-    Projectiles of 9.9 to 203 mm at 67 to 897 m/s, concrete of 13 to 108 MPa, normal impact. The S of a concrete that
-    nobody has tested scatters about it: ln S has Student's distribution with a scale of 0.27 and 3 degrees of freedom.
+    Projectiles of 9.9 to 203 mm at 67 to 897 m/s, concrete of 13 to 108 MPa, normal impact. The S of an untested
+    concrete scatters about this law: ln S has Student's distribution with a scale of 0.27 and 3 degrees of freedom.
     """
 
     model_config = with_examples(PUBLISHED, PUBLISHED | {"obliquity_shape": "constant"})
@@ -149,7 +149,7 @@ class OwnTests(SolverPart[solver.OwnTests]):
 
 
 class StrengthLaw(StrEnum):
-    """Names of the models of the strength factor that have default constants."""
+    """Strength factor models that have default constants."""
 
     OBLIQUITY_POLYNOMIAL = "obliquity_polynomial"
     PUBLISHED_TESTS = "published_tests"
@@ -166,7 +166,7 @@ StrengthFactor = TypeAliasType(
 STRENGTH_FACTORS: Mapping[str, type[Part]] = {
     name: model for model in get_args(AnyStrengthFactor) for name in get_args(model.model_fields["model"].annotation)
 }
-"""Models of the strength factor by name."""
+"""Models of the strength factor, keyed by name."""
 
 
 class FreeSurfaceModel(StrEnum):
@@ -211,7 +211,7 @@ class Crater(SolverPart[solver.Crater]):
 
     model_config = with_examples({"depth_diameters": 2.0})
 
-    # The bounds are those of the solver.
+    # The bounds are the same as in the solver.
     depth_diameters: Annotated[Num, Field(gt=0.0, le=20.0)] = CRATER.depth_diameters
 
 
@@ -220,7 +220,7 @@ class ShearPlug(SolverPart[solver.ShearPlug]):
 
     model_config = with_examples({"cone_angle_deg": 66.1})
 
-    # The bounds are those of the solver.
+    # The bounds are the same as in the solver.
     cone_angle_deg: Annotated[Num, Field(ge=10.0, le=85.0)] = round(math.degrees(PLUG.cone_angle), 9)
 
 

@@ -10,7 +10,7 @@ from service.columns import unit_end
 from service.names import ALIASES
 
 CASE = {"projectile", "target", "impact", "resistance", "numerics", "search", "output", "alternatives"}
-"""Top-level fields of the request of a case."""
+"""Top-level fields of the request for a case."""
 SOUGHT = {
     "impact.oblique_angle_deg": "; the angle is what is searched for here: `/trajectory` takes a strike at one angle",
     "impact.velocity_m_s": "; the speed is what is searched for here: `/thickness` and `/trajectory` take one speed",
@@ -25,7 +25,7 @@ SIMILAR = 0.8
 def field_names(
     schema: dict[str, Any], node: dict[str, Any] | None = None, before: str = "", *, in_lists: bool = True
 ) -> Iterator[str]:
-    """Yield the dotted paths of the fields of a schema, including those of list items unless `in_lists` is False."""
+    """Yield the dotted paths of the fields of a schema, with the fields of list items unless `in_lists` is False."""
     node = schema if node is None else node
     while "$ref" in node:
         node = schema["$defs"][node["$ref"].rpartition("/")[2]]
@@ -42,7 +42,8 @@ def meant_as(field: str, known: Sequence[str]) -> str:
     """Return the known field that was probably meant by an unknown one; empty if none is similar.
 
     A common name of the same quantity takes precedence over a similar spelling, and a field of the same object over
-    fields of other objects. Of the latter only fields of a case are suggested, not those of a study or a calibration.
+    fields of other objects. Of other objects, only the fields of a case are suggested, not the fields of a study or a
+    calibration.
     """
     holder, _, last = field.rpartition(".")
     name = SEPARATORS.sub("_", last.lower())
@@ -68,5 +69,5 @@ def last_name(field: str) -> str:
 
 @cache
 def usual_names() -> dict[str, tuple[str, ...]]:
-    """Return the common names of quantities, by the last part of their path, which is the same in every object."""
+    """Return the common names of quantities, keyed by the last part of their path, which all objects share."""
     return {last_name(field): names for field, names in ALIASES.items()}

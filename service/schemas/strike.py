@@ -35,7 +35,7 @@ ProfilePoint = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
 
 
 class OgiveNose(SolverPart[solver.Ogive]):
-    """Nose with the shape of a tangent ogive."""
+    """Tangent ogive: a circular arc that meets the shank without a corner."""
 
     model_config = with_examples(OGIVE)
 
@@ -44,7 +44,7 @@ class OgiveNose(SolverPart[solver.Ogive]):
 
 
 class ConicalNose(SolverPart[solver.Conical]):
-    """Nose with the shape of a cone."""
+    """Cone from the tip to the shank."""
 
     model_config = with_examples(CONICAL)
 
@@ -53,7 +53,7 @@ class ConicalNose(SolverPart[solver.Conical]):
 
 
 class SphericalNose(SolverPart[solver.Spherical]):
-    """Nose with the shape of a spherical cap, such as a hemisphere."""
+    """Nose in the shape of a spherical cap, such as a hemisphere."""
 
     model_config = with_examples(SPHERICAL)
 
@@ -70,12 +70,12 @@ class FlatNose(SolverPart[solver.Flat]):
 
 
 class ProfileNose(SolverPart[solver.Profile]):
-    """Convex chain of cones through points. A first radius above zero makes a flat face."""
+    """Nose of truncated cones through the points of a convex outline. A first radius above zero makes a flat face."""
 
     model_config = with_examples(PROFILE)
 
     shape: Literal["profile"]
-    # The bounds are those of the solver.
+    # The bounds are the same as in the solver.
     points: Annotated[list[ProfilePoint], Field(min_length=2, max_length=1000)]
     """Points [x, r] of the outline: x is the distance behind the tip, from 0, and r the distance from the axis, up to
     the radius of the shank. x must not decrease, and the slope must not increase. If r decreases after its largest
@@ -83,7 +83,7 @@ class ProfileNose(SolverPart[solver.Profile]):
 
 
 class SphereNose(SolverPart[solver.Sphere]):
-    """Sphere, which is the whole body, so that its length is its diameter."""
+    """Sphere, which is the whole body, so its length is its diameter."""
 
     model_config = with_examples(SPHERE)
 

@@ -32,7 +32,7 @@ class Axis(Part):
 
     model_config = with_examples(EVEN, LISTED)
 
-    # No path is half as long; the bound keeps a crafted one out of messages.
+    # No path is half as long; the bound keeps crafted ones out of messages.
     field: Annotated[str, StringConstraints(strict=True, min_length=1, max_length=200)]
     """Dotted path to a number of the base, such as `impact.velocity_m_s`."""
     values: Annotated[list[AxisNumber], Field(min_length=1, max_length=MOST_LINES, fail_fast=True)] | MISSING = MISSING
@@ -127,7 +127,7 @@ class CaseModels:
         )
         item = model(
             "Item",
-            f"One {one} as a case of a batch: its result, or the problem that prevented one.",
+            f"One {one} as a case of a batch: its result, or the problem that prevented it.",
             *(items or (found, {"index": 1, "problem": INVALID})),
             bases=(ResultItem.__class_getitem__(answer),),
         )
@@ -156,7 +156,7 @@ class CaseModels:
 
 
 class Outline(Part):
-    """Body of a sweep before its points are validated, some at a time."""
+    """Body of a sweep whose points have not been validated yet, since they are validated in blocks."""
 
     base: dict[str, Any]
     axes: Annotated[list[Axis], Field(min_length=1, max_length=MOST_AXES, fail_fast=True)]
@@ -185,7 +185,7 @@ class Grid:
     Parameters
     ----------
     model
-        Model that every point is validated with.
+        Model with which every point is validated.
     outline
         Base and axes.
 
@@ -217,7 +217,7 @@ class Grid:
         return itertools.product(*self.values)
 
     def request(self, point: Sequence[float]) -> dict[str, Any]:
-        """Return the base with the values of a point."""
+        """Return the request of a point: the base with the values of the axes."""
         request = self.base
         for path, value in zip(self._paths, point, strict=True):
             request = put(request, path, value)
@@ -261,7 +261,7 @@ def check_field(model: type[BaseModel], base: dict[str, Any], path: Sequence[str
 
 
 def _reason(schema: dict[str, Any], field: str) -> str:
-    """Return the end of the message for a field that a request does not have."""
+    """Return the end of the message for a field that requests do not have."""
     names = set(field_names(schema))
     if field in names:
         return " with the shape or model that the base has there"
@@ -273,7 +273,7 @@ def _reason(schema: dict[str, Any], field: str) -> str:
 
 @cache
 def schema_of(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the JSON schema of a model of requests, from a cache after the first call."""
+    """Return the JSON schema of a request model, cached after the first call."""
     return model.model_json_schema()
 
 
@@ -284,7 +284,7 @@ def _resolved(schema: dict[str, Any], node: dict[str, Any]) -> dict[str, Any]:
 
 
 def _variant(schema: dict[str, Any], node: dict[str, Any], given: Any) -> dict[str, Any]:
-    """Return the variant of a union that the base has selected."""
+    """Return the variant of a union that the base selects."""
     if "discriminator" not in node:
         return node
     name, mapping = node["discriminator"]["propertyName"], node["discriminator"]["mapping"]

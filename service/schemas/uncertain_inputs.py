@@ -225,7 +225,7 @@ class UncertainInput(Part):
 
     field: Annotated[
         str,
-        StringConstraints(strict=True, min_length=1, max_length=200),  # as of an axis of a sweep
+        StringConstraints(strict=True, min_length=1, max_length=200),  # as for an axis of a sweep
         Field(
             description="Dotted path to a number of the request, such as `impact.velocity_m_s`; "
             "`resistance.free_surface.model` or `resistance.strength_factor.model` with names; "
@@ -302,7 +302,7 @@ def _not_discrete(index: int, field: str) -> ParameterError:
 
 
 def inputs_of(uncertain: Sequence[UncertainInput], model: type[BaseModel], base: dict[str, Any]) -> list[Uncertain]:
-    """Convert uncertain inputs to those of the solver, and check them against the request `base`.
+    """Convert uncertain inputs to inputs of the solver, and check them against the request `base`.
 
     Raises
     ------
@@ -454,7 +454,7 @@ def _with_theory(request: Mapping[str, Any], theory: str) -> dict[str, Any]:
 
 
 def _with_model(given: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Return a part with another model. Options that differ from their default are kept if that model has them."""
+    """Return a part with another model. Options that differ from their default are kept if the other model has them."""
     own, other = (STRENGTH_FACTORS.get(each, FreeSurface) for each in (str(given.get("model")), name))
     kept = {
         option: value

@@ -60,7 +60,7 @@ class AngleRange(Part):
     """First angle. [°]"""
     stop: Annotated[Num, Field(ge=0.0, lt=90.0)] = 85.0
     """Last angle. [°]"""
-    # The bound is that of the solver, `MOST_ANGLES`. The default is every half degree.
+    # The upper bound is `MOST_ANGLES` of the solver. The default is every half degree.
     count: Annotated[Count, Field(ge=2, le=2001), WHOLE] = 161
 
     @model_validator(mode="after")
@@ -91,8 +91,8 @@ class SamplingSettings(SolverPart[Sampling]):
     confidence: Annotated[Num, Field(ge=0.5, le=0.9999)] = SAMPLING.confidence
     """Confidence level of every interval. [1]"""
     max_samples: Annotated[Count, Field(ge=FEWEST_SAMPLES, le=MOST_SAMPLES_OF_A_REQUEST), WHOLE] = SAMPLING.max_samples
-    """Largest number of searches or runs. With `sensitivity` it must be at least 256, plus those in which a single
-    input is changed: two for each continuous input, one for each discrete value."""
+    """Largest number of searches or runs. With `sensitivity` it must be at least 256, plus the number of searches that
+    change a single input: two for each continuous input, one for each discrete value."""
     seed: Annotated[Count, Field(ge=0, le=2**53), WHOLE] = SAMPLING.seed
     """Seed of the samples. Sample i of a seed is always the same."""
     method: SamplingMethod = SamplingMethod.AUTO
@@ -221,7 +221,7 @@ class TrajectoryUncertaintyRequest(UncertainCase):
 
     impact: Impact
     flight: FlightInput | MISSING = MISSING
-    """Position of the face. If it is given, the answer has quantiles of the distance of flight."""
+    """Conditions of the flight. If they are given, the answer has quantiles of the distance of flight."""
 
     @property
     def base(self) -> dict[str, Any]:

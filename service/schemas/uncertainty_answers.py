@@ -1,4 +1,4 @@
-"""Models of the answers of uncertainty studies."""
+"""Models of the answers to uncertainty studies."""
 
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
@@ -149,9 +149,9 @@ class SensitivityAnswer(Part):
 
     field: str
     first_order: EstimateAnswer | MISSING = MISSING
-    """First-order Sobol index: share of the variance that the input explains by itself. [1]"""
+    """First-order Sobol index: share of the variance that the input explains alone. [1]"""
     total: EstimateAnswer | MISSING = MISSING
-    """Total Sobol index: share of the variance that the input explains by itself and by its interactions. [1]"""
+    """Total Sobol index: share of the variance that the input explains alone and through its interactions. [1]"""
     swing: list[SwingAnswer]
     after_shots: Annotated[list[AfterShotsAnswer] | MISSING, Of(lambda found: found.after_shots or None)] = MISSING
     """Expected range of the angle after one and after three shots of the user, given for a
@@ -165,11 +165,11 @@ class ConvergenceAnswer(Part):
 
     samples: Annotated[list[Count], Of(lambda found: [each.samples for each in found.convergence])]
     half_width: Annotated[list[Num], Of(lambda found: [each.half_width for each in found.convergence])]
-    """Largest half width of the intervals of probabilities. [1]"""
+    """Largest half width of the confidence intervals of the probabilities. [1]"""
 
 
 class UncertaintyAnswer(Part):
-    """Base of the answers of uncertainty studies."""
+    """Base class of the answers to uncertainty studies."""
 
     answered_last: ClassVar = tuple(SAMPLED)
 
@@ -286,7 +286,7 @@ QuantilesByName = Mapping[str, Sequence[tuple[float, Estimate]]]
 
 
 def exit_answer(found: QuantilesByName, flight: QuantilesByName | None = None) -> dict[str, Any]:
-    """Return the quantiles of exits by their names in the contract; empty if no projectile left the target."""
+    """Return the quantiles of exits, keyed by their names in the contract; empty if no projectile left the target."""
     flown = _by_contract(FlightQuantilesAnswer, flight or {})
     return _by_contract(ExitQuantilesAnswer, found) | ({"flight": flown} if flown else {})
 
@@ -347,5 +347,5 @@ class PartialUncertainty(Part):
     probability: ProbabilityCurve | MISSING = MISSING
     """Probability curve of a study of critical angles."""
     outcomes: list[OutcomeProbability] | MISSING = MISSING
-    """Probabilities of outcomes of a study of one strike."""
+    """Probabilities of the outcomes in a study of one strike."""
     convergence: ConvergenceAnswer

@@ -52,12 +52,12 @@ from solver.uncertainty.verdict import verdict_steps as solver_verdict_steps
 from solver.units import written_in
 
 CENTRES = {"normal": "mean", "lognormal": "median", "log_student_t": "median"}
-"""Parameter of each distribution that is set to the value of the case."""
+"""Parameter of each type of distribution that is set to the value in the case."""
 THEORY_MODELS = tuple(law.name for law in THEORY_LAWS)
 
 
 def contract_input(uncertain: Uncertain) -> dict[str, Any]:
-    """Convert an uncertain input of the solver to one of `/cra/uncertainty`."""
+    """Convert an uncertain input of the solver to an input of `/cra/uncertainty`."""
     distribution = uncertain.distribution
     found: dict[str, Any] = {"type": distribution.name}
     field = pointer_of_parameter(uncertain.field)[1:].replace("/", ".")
@@ -144,7 +144,7 @@ class LikelyAngles(Part):
 
 
 class ProbabilityInterval(Part):
-    """95 % confidence interval of a probability, from the number of samples."""
+    """95 % confidence interval of a probability, given the number of samples."""
 
     model_config = with_examples(VERDICT["ricochet_probability_interval"])
 
@@ -153,18 +153,18 @@ class ProbabilityInterval(Part):
 
 
 class TheoryAngle(Part):
-    """Critical angle by one theory of the decay, with the other inputs at their medians."""
+    """Critical angle according to one theory of the decay, with the other inputs at their medians."""
 
     model_config = with_examples(THEORY_ANGLE)
 
     free_surface: FreeSurfaceModel
     weight: Annotated[Num, Field(ge=0.0, le=1.0)]
-    """Weight of the theory in the range. [1]"""
+    """Weight of the theory in the 90 % range. [1]"""
     critical_angle_deg: Num | MISSING = MISSING
 
 
 class VerdictKeys(Part):
-    """Keys of the answers that the verdict is made from, for `GET /results/{key}`."""
+    """Keys of the answers on which the verdict is based, for `GET /results/{key}`."""
 
     model_config = with_examples(VERDICT["keys"])
 
@@ -176,31 +176,31 @@ class VerdictKeys(Part):
 
 
 class VerdictAnswer(Part):
-    """Verdict on a strike, which page, report and command line show first."""
+    """Verdict on a strike, which the page, the report and the command line show first."""
 
     model_config = with_examples(VERDICT)
 
     sentence: str
     """Verdict in words."""
     range_text: str
-    """Text of the 90 % range, as in the sentence; empty if there is none."""
+    """Text of the 90 % range, as in `sentence`; empty if there is no range."""
     status: SearchStatus
     critical_angle_deg: Num | MISSING = MISSING
     """Critical angle with the inputs as given; absent if there is none. [°]"""
     range: LikelyAngles | MISSING = MISSING
     """90 % range of the critical angle with the usual scatter, over the samples that have an angle. It includes
-    `critical_angle_deg`. If the request has a law of its own, the range is by that law."""
+    `critical_angle_deg`. If the request has its own law, the range follows from that law."""
     held_angle_deg: Num | MISSING = MISSING
-    """Critical angle with a strength factor that is constant from 55° on. Present if that of the request is constant
-    from 60° on and the critical angle is beyond 55°. `range` includes both angles. [°]"""
+    """Critical angle with a strength factor that is constant from 55° on. Present if the strength factor of the request
+    is constant from 60° on and the critical angle is beyond 55°. `range` includes both angles. [°]"""
     share_without_angle: Annotated[Num, Field(ge=0.0, le=1.0)]
     """Share of samples without a critical angle in the range searched. [1]"""
     theories: list[TheoryAngle]
     own_law: Flag | MISSING = MISSING
-    """Present and true if outcome, probability and range follow a law of the request that is not one of the
-    theories."""
+    """Present and true if the outcome, the probability and the range follow from a law of the request that is not one
+    of the theories."""
     theory_range: LikelyAngles | MISSING = MISSING
-    """90 % range over the theories, in addition to the range by a law of the request."""
+    """90 % range that follows from the theories, in addition to `range`, which follows from the law of the request."""
     oblique_angle_deg: Num | MISSING = MISSING
     """Oblique angle to judge, if one was given. [°]"""
     outcome: Outcome | MISSING = MISSING
@@ -213,22 +213,23 @@ class VerdictAnswer(Part):
     """Probability of ricochet at the angle to judge, with the usual scatter. [1]"""
     ricochet_probability_interval: ProbabilityInterval | MISSING = MISSING
     probability_text: str | MISSING = MISSING
-    """Text of the probability, as in the sentence."""
+    """Text of the probability, as in `sentence`."""
     wall: WallDesign | MISSING = MISSING
     """Design of the wall, if the target has a thickness. Without an angle to judge it is for normal impact."""
     strength_factor: Num | MISSING = MISSING
     """Strength factor at the critical angle, if there is such an angle. [1]"""
     strength_factor_dispersion: Num
-    """Standard deviation of ln S at the given compressive strength, from own tests or from the law of the published
-    tests. [1]"""
+    """Standard deviation of ln S at the given compressive strength, from the user's own tests or from the law of the
+    published tests. [1]"""
     own_tests: OwnTestsAnswer | MISSING = MISSING
     """Effect of the user's own tests on S, if there are any and there is a critical angle. With `paper_table_1` as
-    `strength_scatter`, the four shots in Table 1 of the paper count as own tests."""
+    `strength_scatter`, the four shots in Table 1 of the paper count as the user's tests."""
     usual_scatter: list[UncertainInput]
     """Usual scatter of the inputs, in the form of `/cra/uncertainty`."""
     warnings: list[ModelWarning]
-    """Warnings of the strike at the angle to judge, then of the search. With a 90 % range, each warning of the search
-    with a known effect has its `angle_shift_deg`, and is standing if that is at most a quarter of the range."""
+    """Warnings of the strike at the angle to judge, then of the search. If there is a 90 % range, each warning of the
+    search with a known effect has an `angle_shift_deg`, and is a standing note if this shift is at most a quarter of
+    the range."""
     keys: VerdictKeys
     engine_version: EngineVersion
 
@@ -248,13 +249,13 @@ def verdict_steps(request: ReportRequest) -> Steps:
 
 
 def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
-    """Return the verdict that follows from answers of the service.
+    """Return the verdict that follows from the answers of the service.
 
     Parameters
     ----------
     answers
-        Answers by the names of the questions that `verdict_steps` yields; an object with a `problem` for a failed one.
-        Only `cra` is required.
+        Answers, keyed by the names of the questions that `verdict_steps` yields; an object with a `problem` for a
+        question that failed. Only `cra` is required.
     """
     return conclude(
         verdict_steps(request),
@@ -263,7 +264,7 @@ def verdict_in(request: ReportRequest, answers: Mapping[str, Any]) -> Verdict:
 
 
 def found_in(request: ReportRequest, question: Question, answer: Mapping[str, Any]) -> Found:
-    """Convert an answer of the service to the result of a question; None if it is a problem or missing."""
+    """Convert an answer of the service to the result of a question; None if it is missing or has a `problem`."""
     if not answer or "problem" in answer:
         return None
     if question.kind == "search":
@@ -319,7 +320,7 @@ def _spread_in(study: Mapping[str, Any], oblique_angle: float | None) -> Spread:
 
 
 def _warning(found: Mapping[str, Any]) -> solver.ModelWarning:
-    """Convert a warning of an answer to one of the solver."""
+    """Convert a warning in an answer to a warning of the solver."""
     return solver.ModelWarning(
         found["code"],
         found["detail"],
@@ -410,7 +411,7 @@ def _likely_angles(spread: tuple[float, float]) -> dict[str, float]:
 
 
 def angle_in(found: Mapping[str, Any]) -> float | None:
-    """Return the critical angle in the answer of a search; None if there is none. [rad]"""
+    """Return the critical angle in the answer to a search; None if there is none. [rad]"""
     return _radians(found.get("critical_angle_deg"))
 
 

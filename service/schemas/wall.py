@@ -32,7 +32,7 @@ class WallRequest(Case):
     units: Units = UnitSystem.SI
 
     def resolved(self) -> Self:
-        """Return the request with defaults filled in, except for the tolerances of its searches and of its run."""
+        """Return the request with defaults filled in, except for the tolerances of its searches and its run."""
         return self.adaptive(termination_time_s=self.usual_termination_time(self.impact.velocity_m_s))
 
     def arguments(self) -> dict[str, Any]:
@@ -48,7 +48,7 @@ class WallRequest(Case):
 
 
 class WallQuestion(Part):
-    """Design of a wall against perforation or scabbing; empty if no formula is within its range."""
+    """Design of a wall against perforation or scabbing; an empty object if no formula is within its range."""
 
     model_config = with_examples(PERFORATION)
 
@@ -62,7 +62,7 @@ class WallQuestion(Part):
     perforation it is at least the thickness at which the projectile, in the model with a plug and a crater, does not
     protrude from the rear face. [m]"""
     formula: str | MISSING = MISSING
-    """Formula that decides the design thickness; `this_model` if the model requires a thicker wall than the formulas
+    """Formula that determines the design thickness; `this_model` if the model requires a thicker wall than the formulas
     with their margins."""
 
 
@@ -86,22 +86,22 @@ class WallDesign(Part):
     model_config = with_examples(WALL)
 
     enough: Flag | MISSING = MISSING
-    """True if the wall is thick enough in both respects. Absent if it fails neither, but no formula is within its range
-    for one of them."""
+    """True if the wall is thick enough against both. Absent if it is not too thin against either, but no formula is
+    within its range for one of them."""
     perforation: WallQuestion
-    """Design against perforation, the passage of the body."""
+    """Design against perforation, in which the body passes through the wall."""
     scabbing: WallQuestion
-    """Design against scabbing, the ejection of concrete from the rear face."""
+    """Design against scabbing, in which concrete breaks off the rear face."""
     normal_impact: NormalImpactDesign
 
 
 class Variants(Part):
-    """Limits by the model: without plug and crater, with a plug that shears out of the rear, and with both."""
+    """Limits in the model: without a plug and a crater, with a plug that shears out of the rear, and with both."""
 
     model_config = with_examples(VARIANTS)
 
     plain: Num | MISSING = MISSING
-    """Limit without plug and crater, in the unit of the answer."""
+    """Limit without a plug and a crater, in the unit of the answer."""
     rear_plug: Num | MISSING = MISSING
     """Limit with the plug of the request, or the default plug."""
     rear_plug_and_crater: Num | MISSING = MISSING
@@ -124,7 +124,7 @@ class WallAnswer(WallDesign):
     )
 
     sentence: Annotated[str, NOT_TABLED]
-    """Verdict in words, as page, report and command line show it."""
+    """Verdict in words, which the page, the report and the command line show."""
     variants: Variants
     """Least thickness that is not perforated in the model, which is not a design value. [m]"""
     outcome: Outcome | MISSING = MISSING
@@ -152,12 +152,12 @@ def wall_answer(found: WallVerdict) -> dict[str, Any]:
 
 
 def design_in(answer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the part of an answer that the verdict on a strike contains."""
+    """Return the part of an answer that the verdict on a strike repeats."""
     return {name: answer[name] for name in WallDesign.model_fields if name in answer}
 
 
 def wall_in(request: Case, answer: Mapping[str, Any], oblique_angle: float) -> WallVerdict:
-    """Convert an answer back to the verdict on a wall of the solver.
+    """Convert an answer back to the solver's `WallVerdict`.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def wall_in(request: Case, answer: Mapping[str, Any], oblique_angle: float) -> W
 
 
 def protrusion_in(answer: Mapping[str, Any]) -> solver.Protrusion | None:
-    """Convert the protrusion in the answer of a run back to that of the solver; None without one."""
+    """Convert the protrusion in the answer to a run back to the solver's `Protrusion`; None if there is none."""
     found = answer.get("protrusion")
     return None if found is None else solver.Protrusion(final=found.get("final_m"), greatest=found["greatest_m"])
 

@@ -1,4 +1,4 @@
-"""Messages for errors of pydantic, with the value given and without the names of Python types."""
+"""Messages for pydantic errors, which quote the given value and do not name Python types."""
 
 import re
 from collections.abc import Mapping, Sized
@@ -27,12 +27,12 @@ EXPECTED = {
     "bool_parsing": "true or false",
     "tuple_type": "a list",
 }
-"""Expected kind of value by the type of pydantic's error, where the message of pydantic names a Python type."""
+"""Expected kind of value, keyed by the type of a pydantic error whose message names a Python type."""
 LENGTH = re.compile(r"\w+ should have (.*?)(?: after validation.*)?")
 
 
 def worded(error: Mapping[str, Any], unit: str = "") -> str:
-    """Return the message for an error of pydantic, with the value given.
+    """Return the message for a pydantic error, which quotes the given value.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def tag_worded(context: Mapping[str, str]) -> str:
 
 
 def shown(value: Any) -> str:
-    """Return a value as a message quotes it, shortened if it is long."""
+    """Return a value as it is quoted in a message, shortened if it is long."""
     if isinstance(value, Mapping):
         return "an object"
     if isinstance(value, list | tuple):
