@@ -121,22 +121,22 @@ def result_key(operation: str, request: dict[str, Any]) -> str:
     """
     content = {
         "operation": operation,
-        "request": _plain(request),
+        "request": _with_floats(request),
         "engine_version": ENGINE_VERSION,
         "schema_version": SCHEMA_VERSION,
     }
     return hashlib.sha256(orjson.dumps(content, option=orjson.OPT_SORT_KEYS)).hexdigest()
 
 
-def _plain(value: Any) -> Any:
+def _with_floats(value: Any) -> Any:
     """Convert all numbers to floats, so that equal numbers have the same JSON text."""
     kind = type(value)
     if kind is float or kind is int:
         return float(value) + 0.0  # Adding 0.0 turns -0.0 into 0.0.
     if kind is dict:
-        return {name: _plain(item) for name, item in value.items()}
+        return {name: _with_floats(item) for name, item in value.items()}
     if kind is list:
-        return [_plain(item) for item in value]
+        return [_with_floats(item) for item in value]
     return value
 
 

@@ -211,7 +211,7 @@ class ExecutorSettings(SettingsGroup):
     cannot interrupt a running query."""
 
     @model_validator(mode="after")
-    def _dask_is_there(self) -> Self:
+    def _check_dask(self) -> Self:
         if self.executor == "dask" and not self.dask_scheduler:
             raise ValueError("RICOCHET_EXECUTOR=dask needs RICOCHET_DASK_SCHEDULER, such as tcp://scheduler:8786")
         if self.executor == "dask" and find_spec("distributed") is None:

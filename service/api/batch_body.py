@@ -142,7 +142,7 @@ class BatchReader:
         limits = BodyLimits.of_series(self._limits)
         body = await read_body(self._request, limits)
         digest.update(body)
-        outline, grid = await run_sync(self._lay_grid, body, limits, limiter=self._services.reading)
+        outline, grid = await run_sync(self._make_grid, body, limits, limiter=self._services.reading)
         # The sweep is stored as the client sent it, so that the job can be shown and repeated with the same request.
         sent = {"base": outline.base, "axes": [axis.model_dump(mode="json") for axis in outline.axes]}
         sweep = StoredSweep(sent, tuple(grid.fields), tuple(grid.values))
@@ -241,7 +241,7 @@ class BatchReader:
         except ParameterError as error:
             raise InvalidBodyError(behind(pointer, field_errors(error)), place) from error
 
-    def _lay_grid(self, body: bytes, limits: BodyLimits) -> tuple[Outline, Grid]:
+    def _make_grid(self, body: bytes, limits: BodyLimits) -> tuple[Outline, Grid]:
         """Parse the body of a sweep, and return its base and axes, and its grid."""
         outline = validated_as(Outline, parse_json(body, limits))
         if len(to_json(outline.base)) > self._limits.max_body_bytes:

@@ -105,7 +105,7 @@ def walk(model: type[Part], found: Any, /, **given: Any) -> dict[str, Any]:
         if isinstance(value, float):  # Most values are numbers, which are handled here without another call.
             answer[field.name] = field.convert(value)
         elif not field.optional or says_something(value):
-            answer[field.name] = _plain(field, value)
+            answer[field.name] = _to_json(field, value)
     return answer
 
 
@@ -114,12 +114,12 @@ def says_something(value: Any) -> bool:
     return not (value is None or value is False or (isinstance(value, Sized) and not len(value)))
 
 
-def _plain(field: AnswerField, value: Any) -> Any:
+def _to_json(field: AnswerField, value: Any) -> Any:
     """Convert a value to JSON data."""
     if isinstance(value, float):
         return field.convert(value)
     if isinstance(value, list | tuple):
-        return [_plain(field, item) for item in value]
+        return [_to_json(field, item) for item in value]
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, np.ndarray):

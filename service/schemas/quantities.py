@@ -150,7 +150,7 @@ def solver_arguments(part: Part) -> dict[str, Any]:
     Absent fields are left out, so that the defaults of the solver apply.
     """
     return {
-        name: _plain(value, angle=angle)
+        name: _solver_value(value, angle=angle)
         for field, name, angle in _solver_names(type(part))
         if (value := getattr(part, field)) is not MISSING
     }
@@ -163,11 +163,11 @@ def _solver_names(model: type[Part]) -> list[tuple[str, str, bool]]:
     return [(name, name.removesuffix(unit_end(name)), name.endswith("_deg")) for name in fields]
 
 
-def _plain(value: Any, *, angle: bool) -> Any:
+def _solver_value(value: Any, *, angle: bool) -> Any:
     if isinstance(value, SolverPart):
         return value.to_solver()
     if isinstance(value, list):
-        return tuple(_plain(each, angle=angle) for each in value)
+        return tuple(_solver_value(each, angle=angle) for each in value)
     if isinstance(value, Enum):
         return value.value
     return math.radians(value) if angle else value

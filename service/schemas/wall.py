@@ -138,14 +138,14 @@ class WallAnswer(WallDesign):
 
 def wall_answer(found: WallVerdict) -> dict[str, Any]:
     """Return the answer without its key and version."""
-    answer: dict[str, Any] = {"sentence": found.sentence, **_given(enough=found.enough)}
+    answer: dict[str, Any] = {"sentence": found.sentence, **_present(enough=found.enough)}
     for name in QUESTIONS:
         value: DesignValue = getattr(found, name)
-        answer[name] = _given(enough=value.enough, limit_m=value.limit, design_m=value.design, formula=value.formula)
+        answer[name] = _present(enough=value.enough, limit_m=value.limit, design_m=value.design, formula=value.formula)
     names = [f"{name}_design_m" for name in QUESTIONS]
-    answer["normal_impact"] = _given(**dict(zip(names, found.normal_impact, strict=True)))
+    answer["normal_impact"] = _present(**dict(zip(names, found.normal_impact, strict=True)))
     answer["variants"] = walk(Variants, found.variants)
-    answer |= _given(outcome=found.outcome and found.outcome.value)
+    answer |= _present(outcome=found.outcome and found.outcome.value)
     if found.protrusion is not None:
         answer["protrusion"] = walk(Protrusion, found.protrusion)
     return answer | {"warnings": [walk(ModelWarning, each) for each in found.warnings]}
@@ -191,6 +191,6 @@ def protrusion_in(answer: Mapping[str, Any]) -> solver.Protrusion | None:
     return None if found is None else solver.Protrusion(final=found.get("final_m"), greatest=found["greatest_m"])
 
 
-def _given(**values: Any) -> dict[str, Any]:
+def _present(**values: Any) -> dict[str, Any]:
     """Return the values that are not None."""
     return {name: value for name, value in values.items() if value is not None}
