@@ -245,7 +245,7 @@ class Operation:
     def samples(self, request: bytes) -> int:
         """Return the largest number of samples of a study, from its canonical request; 1 for other operations.
 
-        A study that is a case of a job counts as so many cases in queues and estimates.
+        In queues and estimates, a study in a job counts as this many cases.
         """
         if self.study is None:
             return 1

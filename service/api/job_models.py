@@ -188,9 +188,9 @@ class Job(Part):
     """Fields that a sweep varies."""
     request: JobRequest | MISSING = MISSING
     progress: StudyProgress | MISSING = MISSING
-    """Progress of a job of one study of uncertainty that has begun."""
+    """Progress of a job that consists of one study of uncertainty and has begun."""
     partial: PartialUncertainty | MISSING = MISSING
-    """Answer so far of a job of one study that has not succeeded; absent in lists of jobs."""
+    """Answer so far of a job that consists of one study and has not succeeded; absent in lists of jobs."""
     links: JobLinks
 
 

@@ -23,7 +23,7 @@ ANSWERED = (
     "`/jobs/{job_id}/results`. A search for perforation counts as 20 cases, and a service may be configured to "
     f"a number other than 100. {PREFERENCES}"
 )
-"""Paragraph in the descriptions of other batch and sweep routes that states when the answer is a job."""
+"""Paragraph in the descriptions of batch and sweep routes, except for studies, that states when the answer is a job."""
 STUDIES_ANSWERED = (
     "\n\nEach study counts as its `max_samples`, also against a quota. Up to 16,384 samples are answered at once with "
     "200. More become a job: the answer is 202, and the results are at `/jobs/{job_id}/results`. A service may be "
@@ -135,8 +135,8 @@ def sweep_description(operation: Operation) -> str:
     """Return the description of a sweep route without its first words, which name the operation."""
     return (
         " for every combination of the values of the axes, the last axis fastest."
-        "\n\nUp to 100,000 points. The sweep is refused at the first point that is not a valid request, and the problem "
-        "names the values of its axes. An error that only the solver finds at a point is the problem of that point "
-        "alone."
+        "\n\nUp to 100,000 points. The sweep is refused at the first point that is not a valid request, and the "
+        "problem names the values of its axes. An error that only the solver finds at a point is the problem of that "
+        "point alone."
         f"{answered(operation)}"
     )

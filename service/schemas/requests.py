@@ -124,7 +124,7 @@ class Case(Part):
         """Return the request with all defaults filled in."""
 
     def check_fields(self) -> None:
-        """Check that the fields named in the request exist, which a sweep does once, for its base.
+        """Check that the fields that the request names exist. A sweep checks them once, for its base.
 
         Raises
         ------

@@ -56,20 +56,20 @@ CENTRED = [
     {"field": "target.compressive_strength_pa", "distribution": {"type": "lognormal", "dispersion": 0.12}},
     {"field": THEORY, "distribution": THEORIES},
 ]
-"""The inputs of `SCATTER` about the values of any case."""
+"""Inputs of `SCATTER` without centres, which are then the values of any case."""
 
 Finite = Annotated[Num, Field(ge=-1e300, le=1e300)]
 
 
 class Centred(Part):
-    """Base of the distributions whose centre may be omitted; it is then the value that the case has for the field."""
+    """Base class of the distributions whose centre may be omitted; it is then the value of the field in the case."""
 
     centre: ClassVar[str]
-    """Name of the parameter that is the centre."""
+    """Name of the parameter that is the centre of the distribution."""
 
     @property
     def open_centre(self) -> str:
-        """Name of the centre if it is omitted, else an empty text."""
+        """Name of the centre if it is omitted, else an empty string."""
         return self.centre if getattr(self, self.centre) is MISSING else ""
 
 
@@ -95,7 +95,7 @@ class NormalDistribution(Spread, SolverPart[Normal]):
 
 
 class TruncatedNormalDistribution(Spread, SolverPart[TruncatedNormal]):
-    """Normal distribution truncated at one or two bounds. Mean and deviation are those before the truncation."""
+    """Normal distribution truncated at one or two bounds. Its mean and deviation apply before the truncation."""
 
     model_config = with_examples(
         {"type": "truncated_normal", "mean": 0.02, "standard_deviation": 0.01, "lower": 0.005, "upper": 0.05}
@@ -119,7 +119,7 @@ class LognormalDistribution(Centred, SolverPart[Lognormal]):
     dispersion: Finite | MISSING = MISSING
     """Standard deviation of the natural logarithm. [1]"""
     mean: Finite | MISSING = MISSING
-    """Mean in place of the median. By default, with a deviation, the value of the case."""
+    """Mean, instead of the median. By default, if a deviation is given, the value of the case."""
     standard_deviation: Finite | MISSING = MISSING
     """Standard deviation, in the unit of the field."""
     coefficient_of_variation: Finite | MISSING = MISSING
@@ -127,7 +127,7 @@ class LognormalDistribution(Centred, SolverPart[Lognormal]):
 
     @property
     def open_centre(self) -> str:
-        """Name of the centre if it is omitted, else an empty text: the mean if the deviation is given."""
+        """Name of the centre if it is omitted, else an empty string. The centre is the mean if a deviation is given."""
         if self.median is not MISSING or self.mean is not MISSING:
             return ""
         by_mean = any(each is not MISSING for each in (self.standard_deviation, self.coefficient_of_variation))
@@ -150,7 +150,7 @@ class LogStudentTDistribution(Centred, SolverPart[LogStudentT]):
     scale: Finite
     """Scale of the natural logarithm. [1]"""
     degrees_of_freedom: Finite
-    """Degrees of freedom, 1 or more. With many the distribution is nearly lognormal. [1]"""
+    """Degrees of freedom, 1 or more. With many degrees of freedom, the distribution is nearly lognormal. [1]"""
     lower: Finite | MISSING = MISSING
     upper: Finite | MISSING = MISSING
     """Upper bound of a truncated distribution. A field with a limited range needs both, since the tails are heavy."""
@@ -238,7 +238,7 @@ class UncertainInput(Part):
 
 
 def with_centres(uncertain: Sequence[UncertainInput], case: Case) -> list[UncertainInput]:
-    """Return uncertain inputs whose omitted centres are the values that the case has for their fields.
+    """Return the uncertain inputs with omitted centres set to the values of their fields in the case.
 
     Raises
     ------
@@ -257,7 +257,7 @@ def with_centres(uncertain: Sequence[UncertainInput], case: Case) -> list[Uncert
 
 
 def open_centre(uncertain: UncertainInput) -> str:
-    """Return the name of the centre of a distribution if it is omitted, else an empty text."""
+    """Return the name of the centre of a distribution if it is omitted, else an empty string."""
     distribution = uncertain.distribution
     return distribution.open_centre if isinstance(distribution, Centred) else ""
 
@@ -269,13 +269,13 @@ NATURAL: Mapping[str, Callable[[Case], float]] = {
     "target.youngs_modulus_pa": lambda case: case.target.to_solver().elastic_modulus,
     "resistance.strength_factor.held_from_deg": lambda case: math.degrees(case.resistance.to_solver().held_from),
 }
-"""Functions that return the value in use of a field that the case leaves open."""
+"""Functions that return the value used for a field that the case does not set."""
 
 
 def _centre(
     index: int, name: str, field: str, uncertain: Sequence[UncertainInput], case: Case, content: dict[str, Any]
 ) -> float:
-    """Return the value that a case has for a field."""
+    """Return the value of a field in a case."""
     if field in MODELS:
         raise _not_discrete(index, field)
     path, value = field.split("."), cast("Any", content)
@@ -283,7 +283,7 @@ def _centre(
         value = value.get(part, {}) if isinstance(value, dict) else {}
     if isinstance(value, float | int) and not isinstance(value, bool):
         return value
-    # A field of an uncertain model need not be one of the model in the case.
+    # A field of an uncertain model need not exist in the model that the case has.
     chosen = any(each.field in MODELS and field.startswith(each.field.removesuffix("model")) for each in uncertain)
     if field != RESIDUAL and not chosen:
         try:
@@ -333,14 +333,14 @@ def inputs_of(uncertain: Sequence[UncertainInput], model: type[BaseModel], base:
 
 
 def check_fields(uncertain: Sequence[UncertainInput], model: type[BaseModel], base: dict[str, Any]) -> None:
-    """Check that the fields of uncertain inputs exist, and that no two inputs have the same.
+    """Check that the fields of uncertain inputs exist, and that no two inputs have the same field.
 
     Raises
     ------
     ParameterError
-        If a field does not exist, or two inputs have the same.
+        If a field does not exist, or two inputs have the same field.
     """
-    check_inputs(cast("Any", uncertain))  # It reads the names of the fields only.
+    check_inputs(cast("Any", uncertain))  # Only the names of the fields are read.
     for index, each in enumerate(uncertain):
         if each.field in MODELS:
             if not isinstance(each.distribution, DiscreteDistribution):

@@ -1,4 +1,4 @@
-"""Models of the requests of uncertainty studies, and the results that a study needs from its samples."""
+"""Models of the requests for uncertainty studies, and the results that a study needs from its samples."""
 
 import math
 from abc import abstractmethod
@@ -104,22 +104,22 @@ Inputs = Annotated[list[UncertainInput], Field(min_length=1, max_length=24)]
 
 
 class UncertainCase(Case):
-    """Base of the requests of uncertainty studies."""
+    """Base class of the requests for uncertainty studies."""
 
     sample_model: ClassVar[type[Case]]
-    """Model of the requests of the samples."""
+    """Model of the request of each sample."""
 
     uncertain: Inputs
     sampling: Annotated[SamplingSettings, Field(default_factory=SamplingSettings)]
     units: Units = UnitSystem.SI
 
     def resolved(self) -> Self:
-        """Return the request with omitted centres filled in. Samples fill in all other defaults.
+        """Return the request with omitted centres filled in. The requests of the samples fill in all other defaults.
 
         Raises
         ------
         ParameterError
-            If the case has no value for the centre of a distribution.
+            If the case has no value for an omitted centre.
         """
         if not any(map(open_centre, self.uncertain)):
             return self
@@ -131,12 +131,12 @@ class UncertainCase(Case):
         """Request of a sample before its values are set."""
 
     def check_fields(self) -> None:
-        """Check that the fields of the uncertain inputs exist, and that no two inputs have the same.
+        """Check that the fields of the uncertain inputs exist, and that no two inputs have the same field.
 
         Raises
         ------
         ParameterError
-            If a field does not exist, or two inputs have the same.
+            If a field does not exist, or two inputs have the same field.
         """
         check_fields(self.uncertain, self.sample_model, self.base)
 
@@ -154,7 +154,7 @@ class UncertainCase(Case):
     def central(self) -> Case:
         """Case that the samples vary."""
         shared = self.sample_model.model_fields.keys() & type(self).model_fields.keys()
-        # The parts have been validated with this request.
+        # The parts have already been validated as parts of this request.
         return self.sample_model.model_construct(**{name: getattr(self, name) for name in shared})
 
     @property
