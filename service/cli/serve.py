@@ -203,10 +203,34 @@ def run_mcp(args: argparse.Namespace) -> int:
     import anyio
 
     from service.cli.jobs import service_for
+    from service.cli.server import TERMINATED
 
     with service_for(args) as client:
-        anyio.run(serve_tools, client)
-    return 0
+        return TERMINATED if anyio.run(serve_until_terminated, client) else 0
+
+
+async def serve_until_terminated(client: "Client") -> bool:
+    """Serve the tools, and return True if SIGTERM ended that.
+
+    The event loop receives the signal. A handler that raises SystemExit could interrupt any callback of the loop, which
+    would then end with a traceback.
+    """
+    import anyio
+
+    terminated = False
+    with anyio.open_signal_receiver(signal.SIGTERM) as signals:
+
+        async def stop_on_signal() -> None:
+            nonlocal terminated
+            async for _ in signals:
+                terminated = True
+                group.cancel_scope.cancel()
+
+        async with anyio.create_task_group() as group:
+            group.start_soon(stop_on_signal)
+            await serve_tools(client)
+            group.cancel_scope.cancel()
+    return terminated
 
 
 async def serve_tools(client: "Client") -> None:
