@@ -1,7 +1,7 @@
 #!/bin/sh
 # Copies the data folder of a service into a new folder named after the time: back-up.sh DATA BACKUPS
-# The service may run. Jobs come first, then the journal, then the segments: every result that the copied jobs call done
-# is then in the copy. Settings are not copied; /etc/ricochet.env is yours to keep.
+# The service may run. Jobs come first, then the journal, then the segments, so that the copy has every result that a copied
+# job lists as done. Settings are not copied: back up /etc/ricochet.env yourself.
 set -eu
 umask 077
 data=$1
@@ -13,9 +13,9 @@ for name in jobs auth results/journal; do
     python -c 'import sqlite3, sys; sqlite3.connect(sys.argv[1]).execute("VACUUM INTO ?", sys.argv[2:])' \
         "$data/$name.sqlite" "$copy/$name.sqlite"
 done
-# With this file and without auth.sqlite the service refuses to start, rather than let everybody in.
+# With this file but without auth.sqlite the service refuses to start; without both it would serve everybody.
 [ ! -e "$data/auth.lock" ] || cp "$data/auth.lock" "$copy/"
-# cp fails if the service removes a segment meanwhile; the second attempt tells that from a disk that is full.
+# cp fails if the service removes a segment in the meantime; the second attempt distinguishes that from a full disk.
 if [ -d "$data/results/segments" ]; then
     cp -pR "$data/results/segments" "$copy/results/" || cp -pR "$data/results/segments" "$copy/results/"
 fi
