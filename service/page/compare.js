@@ -14,7 +14,7 @@ import { outcomeShown, statusShown } from "./words.js";
 export const MOST_PINS = 3;
 const OWN = "This strike";
 const ABOUT =
-  "Change a field, or take another preset: this strike then differs from those that are pinned. In brackets is how far each differs from this strike.";
+  "Change a field, or choose another preset, to compare this strike with the pinned ones. Differences from this strike are in brackets.";
 const LETTERS = ["A", "B", "C"];
 /** Rows of results in the table: label, value (a number or a word) and, for a number, its decimals and its unit in SI. */
 const RESULTS = [
@@ -69,7 +69,7 @@ export class Compare {
       } catch (error) {
         if (isAbort(error) || isLost(error)) throw error;
         this.#unpin(pin);
-        this.problem.textContent = `A pinned strike is not accepted, and left out: ${error.message}`;
+        this.problem.textContent = `A pinned strike was not accepted, and is left out: ${error.message}`;
       }
     };
     await Promise.all(this.pinned.map(load));
@@ -91,7 +91,7 @@ export class Compare {
 
   #pin() {
     const values = this.currentCase();
-    if (this.cases.some((each) => JSON.stringify(each) === JSON.stringify(values))) return announce("This strike is pinned already.");
+    if (this.cases.some((each) => JSON.stringify(each) === JSON.stringify(values))) return announce("This strike is already pinned.");
     this.pinned.push({ values });
     this.#refresh();
     return this.onChange();

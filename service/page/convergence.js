@@ -22,7 +22,7 @@ export function summary(answers) {
     (found.bracket_deg ?? []).map((angle) => degreesShown(angle)).join(" to "),
     String(found.iterations.length),
   ]);
-  return table("table", { caption: "Results", heads: ["Search", "Critical angle", "Last between", "Trials"], rows });
+  return table("table", { caption: "Results", heads: ["Search", "Critical angle", "Final bracket", "Trials"], rows });
 }
 
 /** Return a table of the trials of a search. */

@@ -31,7 +31,7 @@ print(answer["status"], answer.get("critical_angle_deg"))
  * @returns {{root: HTMLElement, clear: () => void}} `clear` hides the copied text, for when the case changes
  */
 export function copyButtons(read) {
-  const shown = element("pre", { hidden: true, tabindex: 0, "aria-label": "What was copied" });
+  const shown = element("pre", { hidden: true, tabindex: 0, "aria-label": "Copied text" });
   const button = (text, make) =>
     element("button", { type: "button", onclick: () => copy(make(read()), text, shown) }, `Copy ${text}`);
   const buttons = [
@@ -56,7 +56,7 @@ async function copy(text, what, shown) {
     await navigator.clipboard.writeText(text); // browsers allow it only over https or on localhost
     announce(`Copied ${what}.`);
   } catch {
-    announce("The browser does not let the page copy; the text is shown beside the buttons.");
+    announce("The browser does not allow the page to copy; the text is shown beside the buttons.");
   }
 }
 

@@ -87,7 +87,7 @@ function rowsOf({ field, values, status, angles }) {
 
 function inWords({ field, values, angles }) {
   const found = [...angles.keys()].filter((i) => angles[i] !== null);
-  if (!found.length) return `None over ${field.label.toLowerCase()}.`;
+  if (!found.length) return `No critical angle over ${field.label.toLowerCase()}.`;
   const at = (i) => `${angles[i].toFixed(2)}° at ${shownNumber(field, values[i])} ${field.unit}`;
   return `Over ${field.label.toLowerCase()} from ${at(found[0])} to ${at(found.at(-1))}.`;
 }

@@ -20,10 +20,10 @@ const FORMS = {
 export function downloadButtons(id, readTitle, onError) {
   return Object.entries(FORMS).map(([name, { type, ending }]) => {
     const download = async () => {
-      announce(`${name} is being made ...`);
+      announce(`Preparing the ${name} file ...`);
       const { data } = await request(`jobs/${id}/results`, { headers: { Accept: type }, as: "blob" });
       save(data, `ricochet-${slug(readTitle())}.${ending}`, type);
-      announce(`${name} is downloaded.`);
+      announce(`The ${name} file is downloaded.`);
     };
     return taskButton(name, { "aria-label": `${name} of job ${shortId(id)}` }, download, onError);
   });

@@ -112,7 +112,7 @@ const INPUTS = {
   choice(field, values, read) {
     const given = valueAt(values, field.path) ?? nodeAt(field.path, values).default;
     const option = ([value, text]) => element("option", { value, selected: value === String(given ?? "") }, text);
-    const open = field.classes ? [["", "not of a class"]] : [];
+    const open = field.classes ? [["", "no class"]] : [];
     const other = field.classes && given !== undefined && !(given in field.classes) ? [[given, `${quantityShown(given, "MPa")} characteristic`]] : [];
     const taken = (text) => (field.classes ? (text === "" ? undefined : Number(text)) : text);
     const options = [...open, ...other, ...Object.entries(field.choices)].map(option);

@@ -50,19 +50,19 @@ function readShots(text, { label }) {
   });
   const wrong = shots.find((_, i) => !(value[i].velocity_m_s > 0 && value[i].depth_m > 0));
   if (shots.length && wrong === undefined) return { value };
-  const found = wrong === undefined ? "" : `"${wrong.trim()}" is not right, `;
-  return { wrong: `${label}: ${found}each line is a speed [${unitOf("m/s").unit}] and a depth [${unitOf("mm").unit}] with a comma between, as in 250, 310.` };
+  const found = wrong === undefined ? "" : `"${wrong.trim()}" is not valid; `;
+  return { wrong: `${label}: ${found}each line must be a speed [${unitOf("m/s").unit}] and a depth [${unitOf("mm").unit}], separated by a comma, as in 250, 310.` };
 }
 
 function readPairs(text, field) {
   const pairs = text.split("\n").map((line) => numbersOf(line, field));
   const isRight = pairs.every((pair) => pair.length === 2 && pair.every(Number.isFinite));
-  return isRight ? { value: pairs } : { wrong: `${field.label}: each line is a pair of numbers, as in 60, 30.` };
+  return isRight ? { value: pairs } : { wrong: `${field.label}: each line must be a pair of numbers, as in 60, 30.` };
 }
 
 function readList(text, field) {
   const value = numbersOf(text, field);
-  return value.every(Number.isFinite) ? { value } : { wrong: `${field.label}: numbers are needed, with commas between.` };
+  return value.every(Number.isFinite) ? { value } : { wrong: `${field.label} must be numbers separated by commas.` };
 }
 
 function numbersOf(line, { factor }) {

@@ -29,12 +29,12 @@ export function casesOf(text, base, operation) {
 
 function pathOf(name, base) {
   const part = PARTS.find((each) => nodeAt(each + name, base));
-  if (name !== ID && part === undefined) throw new Error(`Column "${name}" is no field of a case.`);
+  if (name !== ID && part === undefined) throw new Error(`Column "${name}" is not a field of a case.`);
   return name === ID ? ID : part + name;
 }
 
 function withCell(values, path, cell, i) {
   const value = path === ID ? cell : readParameter(path, cell, values);
-  if (value === undefined) throw new Error(`Case ${i + 1}, ${path}: "${cell}" is not right.`);
+  if (value === undefined) throw new Error(`Case ${i + 1}, ${path}: "${cell}" is not valid.`);
   return withValue(values, path, value);
 }

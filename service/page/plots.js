@@ -99,7 +99,7 @@ function loadPlotly() {
     const script = element("script", {
       src: locate("page/plotly/plotly.min.js"),
       onload: () => resolve(window.Plotly),
-      onerror: () => reject(new Error("what draws the plots could not be loaded")),
+      onerror: () => reject(new Error("the plotting library could not be loaded")),
     });
     document.head.append(script);
   });

@@ -50,7 +50,7 @@ export function presetLinks(view) {
   };
   const forget = (each) => {
     const { [each]: _, ...others } = read();
-    write(others, `${each} is forgotten.`);
+    write(others, `${each} is no longer saved.`);
   };
   const show = () => {
     const lines = Object.entries(read()).map(([each, query]) =>

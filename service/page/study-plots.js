@@ -7,7 +7,7 @@ import { headline, probabilityAt } from "./study.js";
 import { degreesShown, digits, withInterval } from "./words.js";
 
 const MARGIN_DEG = 4; // shown on both sides of the range in which the probability changes
-const ABOUT_MEAN = "Mean and median are of the samples, which reach further to one side; the verdict has the angle with the inputs as given.";
+const ABOUT_MEAN = "Mean and median are those of the samples, whose distribution is skewed; the verdict has the angle with the inputs as given.";
 const [ROW_PX, AXIS_PX] = [38, 70];
 
 /** Draw the probability of ricochet over the oblique angle with its band. */
@@ -102,8 +102,8 @@ export function sensitivityTable(study) {
   const heads = ["Input", "First order", "Total", "Swing"];
   const caption = "Sobol indices of the critical angle";
   const note =
-    "First order: the share of the variance of the critical angle that an input explains by itself; total: with all that it " +
-    "does together with others. In brackets their intervals, unless they round to the value. Swing: the length of the bar.";
+    "First order: the share of the variance of the critical angle that an input explains alone; total: including its " +
+    "interactions with other inputs. Their intervals are in brackets, unless they round to the value. Swing: the length of the bar.";
   const indices = table("table.indices", { heads, rows, caption, label: "Table of sensitivities", isNamed: true, isNumber: Boolean });
   return element("div", {}, indices, element("p.quiet", {}, note));
 }

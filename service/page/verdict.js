@@ -224,7 +224,7 @@ function decimalsOf(judged) {
 /** Describe in a sentence where a run ended. */
 function endOf({ outcome, final, exit, maximum_depth_m: depth }) {
   const given = "With the inputs as given it";
-  if (outcome === "perforated") return `${given} goes on at ${quantityShown(exit?.speed_m_s ?? final.depth_velocity_m_s, "m/s")}.`;
+  if (outcome === "perforated") return `${given} continues at ${quantityShown(exit?.speed_m_s ?? final.depth_velocity_m_s, "m/s")}.`;
   if (exit) return `${given} leaves at ${quantityShown(exit.speed_m_s, "m/s")}, ${quantityShown(exit.elevation_deg, "°")} from the face.`;
   const after = `after ${digits(final.time_s * 1e3)} ms, at most ${lengthShown(depth)} deep.`;
   return `${given} ${outcome === "embedded" ? "stops" : "is in motion"} ${after}`;
@@ -240,7 +240,7 @@ function describeRange(judged) {
   });
   return [
     `90 % range: usual scatter of ${inputs}; S scatters by ${percent(dispersion)}.`,
-    judged.own_law ? "It is that of the law chosen." : "",
+    judged.own_law ? "It is for the law chosen." : "",
     by.length ? `Theories: ${by.join(", ")}${range ? `, their 90 % range ${range.lower_deg.toFixed(1)}° to ${range.upper_deg.toFixed(1)}°` : ""}.` : "",
     without ? `${percent(without)} of the samples have no critical angle.` : "",
   ].filter(Boolean).join(" ");
@@ -321,7 +321,7 @@ function changesOf({ before, ...judged }) {
   const rows = [["S at 0°", withInterval(tests.prior_median, ...tests.prior_spread, digits), withInterval(tests.median, ...tests.spread, digits)]];
   if (before) rows.push(row("Critical angle", angleOf), row("90 % range", (each) => each.range_text), row(`Ricochet at ${mine}°`, (each) => each.probability_text));
   const heads = ["", "Published tests", `With ${tests.shots} depth test${tests.shots === 1 ? "" : "s"}`];
-  return table("table", { heads, rows, isNamed: true, label: "What own tests change" });
+  return table("table", { heads, rows, isNamed: true, label: "What your own tests change" });
 }
 
 function percent(share) {

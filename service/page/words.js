@@ -75,8 +75,8 @@ export function warningShown(code) {
 export function describeRun(run) {
   const { final, target } = run;
   return (
-    `After ${digits(final.time_s * 1e3)} ms, with its nose tip ${place(final.nose_tip_depth_m, target.thickness_m)} and its axis at ` +
-    `${(Math.round(10 * final.axis_angle_deg) / 10 || 0).toFixed(1)}° from the normal.${wallOf(run)} Strength factor S at this oblique angle ${digits(run.strength_factor)}.`
+    `At the end, after ${digits(final.time_s * 1e3)} ms, its nose tip is ${place(final.nose_tip_depth_m, target.thickness_m)} and its axis at ` +
+    `${(Math.round(10 * final.axis_angle_deg) / 10 || 0).toFixed(1)}° from the normal.${wallOf(run)} The strength factor S at this oblique angle is ${digits(run.strength_factor)}.`
   );
 }
 
@@ -96,8 +96,8 @@ export function describeAngle(found, decimals) {
   const error = found.critical_angle_standard_error_deg;
   const others = found.other_crossings_deg.map((angle) => degreesShown(angle, decimals)).join(", ");
   return [
-    `Strength factor S at the critical angle ${digits(found.strength_factor)}.`,
-    error === undefined ? "" : `Standard error of the angle ${degreesShown(error)}.`,
+    `The strength factor S at the critical angle is ${digits(found.strength_factor)}.`,
+    error === undefined ? "" : `The standard error of the angle is ${degreesShown(error)}.`,
     others && !outcomes ? `The outcome changes again at ${others}.` : "",
     outcomes,
     found.status === "not_converged" ? STATUSES.not_converged : "",

@@ -115,7 +115,7 @@ def test_pinned_strike_that_cannot_be_read_is_named(page: Page) -> None:
 
 def test_pinned_strike_that_the_service_refuses_is_left_out(page: Page, faults: list[str]) -> None:
     page.goto("/#/explore?pin=projectile.length_m%3D0.05")
-    words = page.get_by_text("A pinned strike is not accepted, and left out")
+    words = page.get_by_text("A pinned strike was not accepted, and is left out")
     expect(words).to_have_count(1)
     page.wait_for_function(IDLE)
     assert "pin" not in page.url

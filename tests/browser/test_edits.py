@@ -289,7 +289,7 @@ def test_shots_begin_empty_and_an_invalid_line_is_named(page: Page) -> None:
     expect(page.locator("#status")).to_have_text("Shots: speed, depth: none yet.")
     picture = page.locator(".side-view .drawing")
     field.fill("250, 310\n300 deep")
-    expect(field).to_have_accessible_description(re.compile('"300 deep" is not right, each line is a speed'))
+    expect(field).to_have_accessible_description(re.compile('"300 deep" is not valid; each line must be a speed'))
     expect(picture).to_be_visible()
     assert not any("own_tests" in body for body in sent), "an example would count as evidence"
     field.fill("250, 310")

@@ -168,19 +168,19 @@ def test_every_nose_has_its_fields_and_a_picture(page: Page) -> None:
 def test_every_strength_law_has_its_fields_and_its_factor(page: Page) -> None:
     open_explore(page)
     outcome = page.get_by_role("group", name="Outcome")
-    expect(outcome).to_contain_text("Strength factor S at this oblique angle 6.51.")  # eq. 9 at 45°
+    expect(outcome).to_contain_text("The strength factor S at this oblique angle is 6.51.")  # eq. 9 at 45°
     unfold(page)
     page.get_by_label("Strength factor").select_option("published_tests")
     shape = page.get_by_label("Over the angle")
     expect(shape).to_have_value("equation_9")
     shape.select_option("constant")
-    expect(outcome).to_contain_text("Strength factor S at this oblique angle 8.74.")  # 8.84 (80 / 76.2)^-0.24
+    expect(outcome).to_contain_text("The strength factor S at this oblique angle is 8.74.")  # 8.84 (80 / 76.2)^-0.24
     expect(page).to_have_url(re.compile("resistance.strength_factor.obliquity_shape=constant"))
     page.get_by_label("Strength factor").select_option("strength_power_law")
     expect(shape).to_have_value("constant")
-    expect(outcome).to_contain_text("Strength factor S at this oblique angle 11.3.")  # 82.6 39^-0.544
+    expect(outcome).to_contain_text("The strength factor S at this oblique angle is 11.3.")  # 82.6 39^-0.544
     page.get_by_label("Diameter exponent").fill("-1")
-    expect(outcome).to_contain_text("Strength factor S at this oblique angle 10.7.")
+    expect(outcome).to_contain_text("The strength factor S at this oblique angle is 10.7.")
 
 
 def test_other_laws_include_this_strike_and_its_angle(page: Page) -> None:
@@ -438,7 +438,7 @@ def test_copied_command_and_program_request_what_is_shown(page: Page) -> None:
     program = page.evaluate("navigator.clipboard.readText()")
     compile(program, "copied", "exec")
     assert '"oblique_angle_deg": 52' in program
-    copied = page.get_by_label("What was copied")
+    copied = page.get_by_label("Copied text")
     expect(copied).to_be_visible()
     page.get_by_label("Oblique angle", exact=True).fill("53")
     expect(copied).to_be_hidden()

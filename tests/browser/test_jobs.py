@@ -38,8 +38,8 @@ def test_job_is_seen_to_run_and_can_be_cancelled(page: Page, client: httpx.Clien
 @pytest.mark.parametrize(
     ("table", "problem"),
     [
-        ("speed,oblique_angle_deg\n238,45", 'Column "speed" is no field of a case.'),
-        ("velocity_m_s;oblique_angle_deg\n238;45\n238,5;45", 'Case 2, impact.velocity_m_s: "238,5" is not right.'),
+        ("speed,oblique_angle_deg\n238,45", 'Column "speed" is not a field of a case.'),
+        ("velocity_m_s;oblique_angle_deg\n238;45\n238,5;45", 'Case 2, impact.velocity_m_s: "238,5" is not valid.'),
         ("velocity_m_s\n238\n240,1", "Case 2 has 2 cells, the header 1."),
         ("velocity_m_s\n238\n-3", "Case 2, impact.velocity_m_s: "),
         ("velocity_m_s", "The table needs a header and a row for each case."),

@@ -119,7 +119,7 @@ function searchOf(values, method) {
 }
 
 function searchParts() {
-  const note = "Filled marks count as a ricochet, in the paper's searches by which side of the face the tip ends on.";
+  const note = "Filled marks count as a ricochet; the paper's searches decide this by the side of the face on which the tip ends.";
   return element(
     "div.searches",
     {},
@@ -128,7 +128,7 @@ function searchParts() {
     element("p.quiet", {}, `${note} The dashed line is the critical angle.`),
     element("div.trials.angles", {}),
     element("h3", {}, "Final positions"),
-    element("p.quiet", {}, "Outside the face is above."),
+    element("p.quiet", {}, "The dashed line is the face; above it is outside."),
     element("div.trials.positions", {}),
     element("h3", {}, "Trials"),
     element("div.thirds", {}),

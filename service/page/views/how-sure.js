@@ -244,8 +244,8 @@ function build(root, verdict, onRun, onStop, onResults) {
   const buttons = element("p.actions", {}, parts.run, parts.stop, parts.toResults);
   const start = element("section.panel", { "aria-label": "Study" }, buttons, parts.progress, parts.problem, lostNote());
   const others = element("details", {}, element("summary", {}, "The case"), parts.others);
-  const band = `The band is the sampling error, at a confidence of ${100 * confidence} %: more samples make it narrower, not the world more certain.`;
-  const swing = "From the 5 % to the 95 % quantile of each input, the others at their median or likeliest value.";
+  const band = `The band is the sampling error, at a confidence of ${100 * confidence} %: more samples make it narrower, but the inputs no more certain.`;
+  const swing = "Each input goes from its 5 % to its 95 % quantile, with the others at their median or most likely value.";
   parts.answerPanel = element("section.panel", { "aria-label": "Answer", hidden: true }, parts.answer);
   parts.sensitivity = element(
     "section.panel",

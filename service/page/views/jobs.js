@@ -51,7 +51,7 @@ class JobsView {
     const options = ["trajectory", "cra"].map((value) => element("option", { value }, names.operations[value]));
     const operation = element("select", { "aria-label": "What is computed" }, ...options);
     const note =
-      "A header of fields in SI, such as velocity_m_s or projectile.length_m, and up to 1,000 cases, one a row. What has no column is that of the case in the other views.";
+      "A header of fields in SI, such as velocity_m_s or projectile.length_m, and up to 1,000 cases, one in each row. Fields without a column are those of the case in the other views.";
     takeFiles(text);
     const onsubmit = (event) => {
       event.preventDefault();
@@ -163,7 +163,7 @@ class JobsView {
   }
 
   async #delete(job) {
-    const words = element("p", {}, "It is cancelled if it runs, and its results can no longer be downloaded here.");
+    const words = element("p", {}, "If it is running, it is cancelled. Its results can no longer be downloaded here.");
     if (!(await this.#ask(`Delete job ${shortId(job.id)}?`, words, "Delete", "Keep"))) return;
     await request(`jobs/${job.id}`, { method: "DELETE" });
     this.#showJobs([...this.#rows.values()].map((row) => row.job).filter(({ id }) => id !== job.id));
@@ -177,7 +177,7 @@ class JobsView {
     if (!(await this.#ask(`Rename job ${shortId(job.id)}`, element("p", {}, element("label", {}, "Title ", input)), "Rename", "Cancel"))) return;
     const { data } = await request(`jobs/${job.id}`, { method: "PATCH", body: { title: input.value } });
     this.#rows.get(job.id)?.update(data);
-    announce(`Job ${shortId(job.id)} has another title.`);
+    announce(`Job ${shortId(job.id)} is renamed.`);
   }
 
   /** Ask a question, and return whether the answer is yes; Escape means no. The focus is on `no`, unless the content has an input. */
