@@ -6,7 +6,7 @@ const TAGS = ["shape", "model"];
 const ROOTS = { search: "CriticalAngleRequest", sampling: "CriticalAngleUncertaintyRequest" };
 
 let schemas;
-/** Display names: `choices` by field and value, worded as inside a sentence; `quantities` by path; `outcomes`, `formulas` and others. */
+/** Display names: `choices` by field and value, worded for use inside a sentence; `quantities` by path; `outcomes`, `formulas` and others. */
 export let names;
 /** Usual distributions of the inputs that scatter, by field, without the parameter that the value of the case provides. */
 export let usualScatter;

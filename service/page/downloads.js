@@ -11,7 +11,7 @@ const FORMS = {
 };
 
 /**
- * Return buttons that download the results so far of a job. Links could not send the headers with the format and the API key.
+ * Return buttons that download the results computed so far. Links would not do, because they cannot send the headers for format and key.
  *
  * @param {string} id of the job
  * @param {() => string} readTitle returns its current title

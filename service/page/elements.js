@@ -114,7 +114,7 @@ export function announce(text, ofState = !text) {
 /** Show a state of the view, unless the status line shows the response to a user's action. */
 export const announceQuietly = (text) => isState && announce(text, true);
 
-/** Show `text`, that the service does not answer, instead of any other status until called with an empty text. */
+/** Show that the service does not answer, in place of any other status; an empty text restores that status. */
 export function announceAway(text) {
   away = text;
   announce(said, isState);

@@ -74,7 +74,7 @@ export function drawFlight(root, run, flight) {
   });
 }
 
-/** Reconstruct the flight path with the drag that leads to the range of the answer, which has only the end of the flight. */
+/** Reconstruct the flight path. The answer has only its end, so the drag is chosen to match the range. */
 function pathTo({ speed_m_s: speed, elevation_deg: elevation, flight }) {
   let [least, most] = [0, 10 / flight.range_m];
   for (let i = 0; i < HALVINGS; i += 1) {

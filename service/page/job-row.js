@@ -40,7 +40,7 @@ export class JobRow {
     this.update(job);
   }
 
-  /** Show a new state of the job. */
+  /** Update the row to a new state of the job. */
   update(job) {
     this.job = job;
     const { total, done } = job.counts;

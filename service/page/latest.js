@@ -1,4 +1,4 @@
-// Works on the latest of values that keep changing, with at most one request at a time.
+// Runs work for the latest of quickly changing values, one run at a time.
 
 import { untilAnswered } from "./lost.js";
 import { isAbort } from "./service.js";

@@ -113,4 +113,4 @@ document.querySelector("nav").addEventListener("click", ({ target }) => {
 });
 addEventListener("hashchange", show);
 show();
-showVersions().catch(() => {}); // the view itself reports that the service fails
+showVersions().catch(() => {}); // the view itself reports that the service does not answer

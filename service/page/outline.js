@@ -1,7 +1,7 @@
 // The outline of the projectile in a meridian plane, with noses as solver/projectile.py defines them.
 
 const ARC_POINTS = 24;
-const MATCH = 1e-5; // relative tolerance of the radius at which a profile ends
+const MATCH = 1e-5; // relative tolerance within which a profile ends at the radius of the shank
 
 /**
  * Return the upper half of the outline, from the nose tip to the rear edge.
@@ -76,7 +76,7 @@ function fractions(at) {
   return Array.from({ length: ARC_POINTS + 1 }, (_, i) => at(i / ARC_POINTS));
 }
 
-/** Return the volume of the body without a cavity [m³]. */
+/** Return the volume of the body as if it had no cavity [m³]. */
 export function solidVolume(projectile) {
   return (Math.PI / 3) * integrals(upperOutline(projectile)).volume;
 }

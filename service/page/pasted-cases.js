@@ -4,7 +4,7 @@ import { readParameter } from "./address.js";
 import { angleRequest, trajectoryRequest, withValue } from "./case.js";
 import { nodeAt } from "./contract.js";
 
-const PARTS = ["", "impact.", "projectile.", "projectile.nose.", "target."]; // parts searched for a field that the header names by its last name only
+const PARTS = ["", "impact.", "projectile.", "projectile.nose.", "target."]; // where to look for a field of which the header has only the last name
 const ID = "custom_id";
 const REQUESTS = { trajectory: trajectoryRequest, cra: angleRequest };
 

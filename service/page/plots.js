@@ -106,7 +106,7 @@ function loadPlotly() {
   return loading;
 }
 
-/** Set `style` attributes, which Plotly uses and the content security policy forbids, through the object model, which it allows. */
+/** Make Plotly set styles through the object model, because the content security policy forbids `style` attributes. */
 function setStylesByObject() {
   const { setAttribute } = Element.prototype;
   Element.prototype.setAttribute = function set(name, value) {

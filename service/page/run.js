@@ -31,7 +31,7 @@ export async function computeRun(values, signal) {
   const given = clipped(values);
   const most = given.numerics?.termination_time_s ?? TERMINATION_S;
   const requestRun = async (time) => {
-    const interval = Math.min(Math.max(nice(time / INSTANTS), most / MOST_ROWS), most); // round intervals, so that similar runs find results in the cache
+    const interval = Math.min(Math.max(nice(time / INSTANTS), most / MOST_ROWS), most); // rounded intervals let similar runs share cached results
     return requestStrike(trajectoryRequest(given, interval), signal);
   };
   const speed = given.impact.velocity_m_s;

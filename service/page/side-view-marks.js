@@ -104,7 +104,7 @@ export function bendingMark({ bending, history, path, projectile: { diameter_m: 
   ];
 }
 
-/** Return an arrow for the force on the projectile at an instant, where it acts on the axis, to the scale of the greatest force of the run. */
+/** Return an arrow for the force on the projectile at an instant, where it acts on the axis; its length is relative to the greatest force of the run. */
 export function forceMarks({ history, path, projectile }, row) {
   const force = [history.lateral_force_n[row], history.depth_force_n[row]];
   const size = Math.hypot(...force);
@@ -124,7 +124,7 @@ function line(points, attributes = {}) {
   return { points, stroke: colour("quiet"), "stroke-width": 1, ...attributes };
 }
 
-/** Return a line with an arrowhead in proportion to its length. */
+/** Return an arrow whose head is proportional to its length. */
 function arrow(start, direction, color, name) {
   const end = start.map((value, i) => value + direction[i]);
   const wing = (sign) => [0, 1].map((i) => end[i] - 0.22 * direction[i] + (i ? -sign : sign) * 0.1 * direction[1 - i]);
@@ -136,7 +136,7 @@ function besideNormal(distance) {
   return [0.05 * distance, from(0, distance)[1]];
 }
 
-/** Return the position from which a body comes at an angle from the normal, at a distance from the point of contact. */
+/** Return the position outside the face at an angle from the normal, at a distance from the point of contact. */
 function from(angle, distance) {
   return [-distance * Math.sin(angle * RADIAN), -distance * Math.cos(angle * RADIAN)];
 }

@@ -86,7 +86,7 @@ function render(root, scene) {
   const compared = others.map(({ run }) => outlinesOf(run));
   const moving = outlineAt(own, row);
   const time = own.history.time_s[row];
-  const besides = others.map(({ run }) => outlineAt(run, rowAt(run, time))); // strikes move together
+  const besides = others.map(({ run }) => outlineAt(run, rowAt(run, time))); // all strikes are shown at the same instant
   const beside = (options.beside ?? []).flatMap((run) => [pathOf(run), ...outlinesOf(run), ...marksOf(run).map(({ points }) => points ?? [])]);
   const lines = [...outlines, ...compared.flat(), ...runs.map(({ run }) => pathOf(run)), ...marks.map(({ points }) => points ?? []), ...beside];
   scene.frame ??= frameOf(size, lines.flat(), own, options.turns ? own.projectile.length_m : 0);

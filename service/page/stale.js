@@ -10,7 +10,7 @@ export function markStale(...parts) {
   announce("Out of date. Computing ...", true);
 }
 
-/** Mark parts of a view that are computed only on request, and say so in the status line. */
+/** Mark parts of a view that stay out of date until the user runs them again, and say so in the status line. */
 export function markUntilRun(...parts) {
   mark(parts);
   announce("Out of date. Run again.", true);

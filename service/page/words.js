@@ -80,7 +80,7 @@ export function describeRun(run) {
   );
 }
 
-/** Say what the outcome of a run means for a wall, on which the Walls view and the verdict say more. */
+/** Say what the outcome of a run means for a wall, and where the page judges the wall. */
 function wallOf({ outcome, protrusion, target: { thickness_m: thickness } }) {
   if (outcome === "in_motion") return "";
   if (thickness === undefined) return outcome === "embedded" ? " This concrete has no rear face: Walls says how thick a wall must be." : "";
@@ -119,7 +119,7 @@ function outcomesShown(outcomes, decimals) {
 const WORST = ["implausible", "base_strikes_first", "velocity_beyond_rigid", "bends", "undecided", "tumbling", "range_clipped", "rear_face_unconservative", "retention_decides", "shallow_penetration"];
 
 /**
- * Return two collapsed lists: the warnings, below their number and the worst of them, and the standing notes. A warning whose text
+ * Return two collapsed lists: the warnings, summarized by their number and the worst one, and the standing notes. A warning whose text
  * begins another, longer one is left out; the last of identical warnings counts.
  */
 export function warningList(...lists) {

@@ -29,7 +29,7 @@ const REST_MS = 300; // pause without a change before the curves are computed, w
 /** Show the view. */
 export async function show(root, query) {
   const fail = (error) => form.fail(error);
-  let [found, foundFor] = [undefined, undefined]; // the answer for the search of the case, and this case
+  let [found, foundFor] = [undefined, undefined]; // the latest answer of `/cra`, and its case
   const laws = lawsFold(fail, { hasStrike: false });
   const searches = buildFold("How it was found", searchParts(), (values, signal) => showSearches(searches.root, values, signal), fail);
   const verdict = new Verdict({
