@@ -137,10 +137,10 @@ function fieldRows(strikes) {
 function resultRow(quantity, values, decimals) {
   const [own, ...others] = values.map((value) => (typeof value === "number" ? value / quantity.factor : value));
   const text = (value) => (typeof value === "number" ? value.toFixed(decimals) : value);
-  const further = (value) => {
+  const withDifference = (value) => {
     if (typeof value !== "number" || typeof own !== "number") return text(value);
     const difference = value - own;
     return `${text(value)} (${difference < 0 ? "−" : "+"}${text(Math.abs(difference))})`;
   };
-  return [labelWithUnit(quantity), text(own), ...others.map(further)];
+  return [labelWithUnit(quantity), text(own), ...others.map(withDifference)];
 }

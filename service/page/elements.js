@@ -84,7 +84,7 @@ export function taskButton(text, attributes, act, onError) {
 }
 
 /** Let a file that is dropped on a text area replace its text, as if typed; browsers handle dropped text themselves. */
-export function takeFiles(area) {
+export function acceptDroppedFile(area) {
   area.addEventListener("dragover", (event) => event.preventDefault());
   area.addEventListener("drop", async (event) => {
     const [file] = event.dataTransfer.files;

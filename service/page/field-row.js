@@ -2,7 +2,7 @@
 
 import { valueAt } from "./case.js";
 import { nodeAt } from "./contract.js";
-import { element, showText, takeFiles } from "./elements.js";
+import { acceptDroppedFile, element, showText } from "./elements.js";
 import { readValue } from "./field-value.js";
 import { openShown, shownNumber, shownValue } from "./fields.js";
 import { unitOf } from "./units.js";
@@ -141,7 +141,7 @@ function buildShots(field, values, read) {
   const lines = (valueAt(values, field.path) ?? []).map((shot) => `${shown(shot.velocity_m_s, "m/s")}, ${shown(shot.depth_m, "mm")}`);
   const example = [[250, 0.31], [300, 0.42]].map(([speed, depth]) => `${quantityShown(speed, "m/s")}, ${lengthShown(depth)}`);
   const area = buildArea(lines.join("\n"), read, { rows: 4, placeholder: `none yet, as in\n${example.join("\n")}` });
-  takeFiles(area);
+  acceptDroppedFile(area);
   return area;
 }
 

@@ -35,8 +35,8 @@ export function latest(work, onError, { supersede = false, restMs = 0 } = {}) {
       try {
         await untilAnswered(send, signal);
       } catch (error) {
-        const isOfBefore = isAbort(error) || signal.aborted || waiting.length; // the failure concerns an earlier value
-        if (!isOfBefore) onError(error);
+        const isOutdated = isAbort(error) || signal.aborted || waiting.length; // the failure concerns an earlier value
+        if (!isOutdated) onError(error);
       }
     }
     running = undefined;

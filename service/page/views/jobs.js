@@ -3,7 +3,7 @@
 import { readCase } from "../address.js";
 import { names } from "../contract.js";
 import { shortId } from "../downloads.js";
-import { announce, element, takeFiles } from "../elements.js";
+import { acceptDroppedFile, announce, element } from "../elements.js";
 import { isFinal, submit } from "../job-progress.js";
 import { COLUMNS, JobRow, titleOf } from "../job-row.js";
 import { pause } from "../lost.js";
@@ -52,7 +52,7 @@ class JobsView {
     const operation = element("select", { "aria-label": "What is computed" }, ...options);
     const note =
       "A header of fields in SI, such as velocity_m_s or projectile.length_m, and up to 1,000 cases, one in each row. Fields without a column are those of the case in the other views.";
-    takeFiles(text);
+    acceptDroppedFile(text);
     const onsubmit = (event) => {
       event.preventDefault();
       this.#try(() => this.#submit(operation.value, text.value));
