@@ -1,12 +1,12 @@
-# The service and nothing else: no tests, no developers' tools, no compiler.
+# The service and nothing else: no tests, no development tools, no compiler.
 #   docker build --tag ricochet .
 #   docker build --build-arg REQUIREMENTS=cluster --tag ricochet:cluster .    # with Dask, see compose.yaml
 #   docker build --build-arg REQUIREMENTS=full --tag ricochet:full .    # with every extra: Parquet, /mcp, traces, Dask
 #   docker run --rm --volume ricochet:/data ricochet ricochet keys add --owner NAME
 #   docker run --init --publish 127.0.0.1:8000:8000 --volume ricochet:/data ricochet
-# It listens on all addresses and so takes a key; RICOCHET_ACCESS=open lets everybody in (docs/access.md).
+# It listens on all addresses and therefore requires a key; RICOCHET_ACCESS=open serves everybody (docs/access.md).
 
-# The digest is that of the index for all platforms: Python 3.13.15 on Debian 13. Both lines have the same; see CONTRIBUTING.md.
+# The digest names the index for all platforms: Python 3.13.15 on Debian 13. Both FROM lines have the same digest; see CONTRIBUTING.md.
 FROM python:3.13-slim@sha256:7c61056e61ac89e852de05f3dc6fa51a6dd2181797bceed46aa725dd7cb2cd3b AS build
 
 ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
@@ -47,7 +47,7 @@ RUN useradd --system --user-group --uid 10001 --no-create-home --shell /usr/sbin
     && install --directory --owner ricochet --group ricochet /data /var/cache/ricochet
 COPY --from=build /opt/ricochet /opt/ricochet
 COPY entry-point.sh /opt/ricochet/bin/
-# Code for each of the processors named there that the build machine can run. On any other the first start compiles, into XDG_CACHE_HOME.
+# Compile for each processor named in entry-point.sh that the build machine can run. On others the first start compiles, into XDG_CACHE_HOME.
 RUN entry-point.sh --each python -c "import solver; solver.warm_up(print)"
 USER 10001
 

@@ -1,8 +1,8 @@
 #!/bin/sh
-# Runs a command with the compiled code of the image that suits this processor: numba's variables choose it.
-#   entry-point.sh COMMAND...           with the best code
-#   entry-point.sh --each COMMAND...    once with each that runs here, to compile it
-# Where they are set already, or no code suits, the command runs as it is, and compiles what it lacks.
+# Runs a command with the compiled code of the image that suits this processor, which numba's variables select.
+#   entry-point.sh COMMAND...           with the best code for this processor
+#   entry-point.sh --each COMMAND...    once for each kind of processor whose code can run here, to compile that code
+# If the variables are set already, or no code suits, the command runs without changes, and compiles code that is missing.
 set -eu
 
 cpu=$(cat "${CPUINFO:-/proc/cpuinfo}")
@@ -14,7 +14,7 @@ has() {
     done
 }
 
-# AMD's processors with AVX-512 gain by registers of 512 bits, Intel's are faster with 256 (benchmarks/NOTES.md).
+# With AVX-512, AMD's processors are faster with 512-bit registers, and Intel's with 256-bit ones (benchmarks/NOTES.md).
 suits=
 runs=
 if has avx2 bmi1 bmi2 f16c fma abm movbe; then
@@ -27,7 +27,7 @@ fi
 
 choose() {
     export NUMBA_CPU_NAME="$1" NUMBA_CPU_FEATURES=
-    # Zen 4's order of instructions, without what other processors with AVX-512 lack: they can compile it as well.
+    # Schedule instructions for Zen 4, but leave out those that other processors with AVX-512 lack, so that they can compile this code too.
     if [ "$1" = znver4 ]; then
         NUMBA_CPU_FEATURES=-sse4a,-gfni,-avx512bf16,-avx512bitalg,-avx512ifma
         NUMBA_CPU_FEATURES=$NUMBA_CPU_FEATURES,-avx512vbmi,-avx512vbmi2,-avx512vnni,-avx512vpopcntdq
