@@ -70,7 +70,7 @@ def test_each_strength_factor_says_what_it_is_of(page: Page) -> None:
     words = page.locator("main").inner_text()
     for place in ("this oblique angle", "the critical angle", "0°"):
         assert f"S at {place}" in words
-    assert re.findall(r"(?:Strength factor|\bS)[: ]+\d[\d.]*", words) == []
+    assert re.findall(r"(?:[Ss]trength factor|\bS)[: ]+\d[\d.]*", words) == []
 
 
 def fields_of(part: dict[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
