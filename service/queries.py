@@ -398,8 +398,8 @@ class QueryService:
                     function, *arguments, owner=owner, cost=cost, begun=begun, longest_wait=self._queue_seconds
                 )
         except QueueTimeoutError:
-            # The query has waited this long behind cheaper work of its owner, such as jobs, that `_work` does not
-            # count. Nothing suggests that another attempt would wait less.
+            # The query has waited this long behind work of its owner that has less remaining cost, such as jobs, which
+            # `_work` does not count. Nothing suggests that another attempt would wait less.
             seconds = max(self.seconds_until_done(), math.ceil(self._queue_seconds))
             raise QueriesWaitingError(seconds) from None
         finally:

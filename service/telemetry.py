@@ -199,7 +199,7 @@ def tracer_provider() -> trace.TracerProvider:
 
 
 def hide_header(record: logging.LogRecord) -> bool:
-    """Replace OpenTelemetry's warning about a malformed header, whose text contains the key of the collector."""
+    """Replace OpenTelemetry's warning about a malformed header, because it contains the key for the collector."""
     record.msg, record.args = "OTEL_EXPORTER_OTLP_HEADERS: an entry is not NAME=VALUE, URL encoded; it is left out", ()
     return True
 

@@ -164,7 +164,8 @@ class BatchReader:
         for number, content in enumerate(part, first):
             place, longest = f"/cases/{number}", self._limits.max_body_bytes
             try:
-                # Each case must keep the limit on the body of a single query, so that a batch is no way around it.
+                # Each case must keep within the limit on the body of a single query, so that a batch is no way around
+                # it.
                 if len(to_json(content)) > longest:
                     errors[number] = [{"pointer": place, "detail": f"a case may be {longest} bytes long at most"}]
                 else:

@@ -156,7 +156,7 @@ async def compute(operation: str, content: Mapping[str, Any], request: Request) 
 
 async def _answer(operation: str, content: Mapping[str, Any], request: Request) -> bytes:
     services = services_of(request)
-    try:  # The limit was checked with the envelope included; the request alone must keep the limit of its route.
+    try:  # The limit was checked with the envelope included; the request alone must keep within the limit of its route.
         count_fields(content, services.settings.max_body_depth)
     except HTTPException:
         detail = f"may be nested {services.settings.max_body_depth} deep at most"
