@@ -1,6 +1,6 @@
 """Check that a test run left no test out: `python -m tests.completeness build/tests.xml`.
 
-The file is a report of pytest (`--junitxml`). Every test must have run, except those listed in `slow.csv`, and the
+The file is a pytest report (`--junitxml`). Every test must have run, except those listed in `slow.csv`, and the
 reason of each skipped test must be listed in `skips.csv`. With `--record`, the results are written to `slow.csv`.
 """
 
@@ -32,7 +32,7 @@ class Result:
 
 
 def read_report(text: str) -> dict[str, Result]:
-    """Return the results in a report of pytest, by the name of the test as in `name_in_report`."""
+    """Return the results in a pytest report, by the name that `name_in_report` returns for each test."""
     found: dict[str, Result] = {}
     for case in ET.fromstring(text).iter("testcase"):  # noqa: S314 (a file that our own run wrote)
         skipped = case.find("skipped")

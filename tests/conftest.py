@@ -150,7 +150,7 @@ def live_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def hurried_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of a service that ends queries after 2 s and makes a study of more than 300 samples a job.
+    """Address of a service that ends queries after 2 s and turns a study of more than 300 samples into a job.
 
     Queries wait up to 100 s for a worker, so that tests with few requests are not answered with 503.
     """

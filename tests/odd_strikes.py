@@ -1,4 +1,4 @@
-"""Random request bodies for `/verdict`, of every kind that it distinguishes; equal seeds give equal bodies."""
+"""Random request bodies for `/verdict`, of every kind that verdicts distinguish; equal seeds give equal bodies."""
 
 from typing import Any
 
@@ -23,7 +23,7 @@ LAWS: tuple[dict[str, Any], ...] = (
 
 
 def odd_strikes(count: int, seed: int) -> list[dict[str, Any]]:
-    """Return `count` random strikes, of each kind in turn.
+    """Return `count` random strikes, taking the kinds in turn.
 
     The velocity is 40 to 900 m/s, the angle of attack -4 to 4°, the strength 15 to 90 MPa, and the diameter 15 to
     250 mm. Noses are ogival, conical, spherical or flat.

@@ -44,7 +44,7 @@ HEAD_IN_SI = re.compile(r"\[(?:mm|m|m/s|kg|[MG]?Pa)\]")
 
 
 def check_converted(in_si: str, in_us: str) -> None:
-    """Check that two texts differ in their units only, and that no quantity of the second is in SI."""
+    """Check that two texts differ only in their units, and that no quantity in the second is in SI units."""
     assert SI.findall(in_us) == []
     assert SI.sub("#", in_si) == US.sub("#", in_us)
     for si, us in zip(SI.finditer(in_si), US.finditer(in_us), strict=True):

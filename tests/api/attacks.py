@@ -20,7 +20,7 @@ from service.schemas.strike import PAPER, PAPER_AT_45
 
 BODY = json.dumps(PAPER).encode()
 PAUSE = 0.005
-"""Pause between two requests, of the attacker and of the other owner alike. [s]"""
+"""Pause between two requests of the attacker, and between two requests of the other owner. [s]"""
 DRIP_SECONDS = 0.5
 HELD = 200
 """Largest number of connections that an attacker holds open."""
@@ -54,7 +54,7 @@ class Target:
         return socket.create_connection(("127.0.0.1", self.port), timeout=seconds)
 
     def send(self, line: bytes, *headers: bytes, body: bytes = b"") -> tuple[int, bytes]:
-        """Send a request exactly as given; return its status (0 without an answer) and the raw answer."""
+        """Send a request exactly as given; return the status of the answer (0 if there is none) and the raw answer."""
         head = [line, *([] if any(h.startswith(b"Host") for h in headers) else [b"Host: localhost"]), *headers]
         coded = any(header.startswith(b"Transfer-Encoding") for header in headers)
         head += [b"Connection: close", *([b"Content-Length: %d" % len(body)] if body and not coded else [])]
@@ -135,7 +135,7 @@ def jobs_of_others(attacker: Attacker) -> None:
 
 
 def path_tricks(attacker: Attacker) -> None:
-    """Request a protected path by `..` behind an open one."""
+    """Request a protected path with `..` after the prefix of an open path."""
     attacker.send(b"GET /docs/assets/..%2f..%2fjobs HTTP/1.1")
 
 
@@ -237,15 +237,15 @@ class Effect:
 def effect_of(attack: Attack, target: Target, token: str, attacker_token: str) -> Effect:
     """Run an attack while another owner sends queries; return its effect on these queries."""
     attacker, stop = Attacker(target, attacker_token), threading.Event()
-    if attack is event_streams:  # Only these need a job, which would occupy workers during other attacks.
+    if attack is event_streams:  # Only this attack needs a job, which would occupy workers during the others.
         attacker.job = submit_job(attacker)
 
-    def go_on() -> None:
+    def attack_repeatedly() -> None:
         while not stop.wait(PAUSE):
             attack(attacker)
 
     with ThreadPoolExecutor(1) as thread:
-        attacking = thread.submit(go_on)
+        attacking = thread.submit(attack_repeatedly)
         try:
             answered = query(target, token, lambda: attacker.requests < REQUESTS and not attacking.done())
         finally:
@@ -260,7 +260,7 @@ def effect_of(attack: Attack, target: Target, token: str, attacker_token: str) -
 
 
 def query(target: Target, token: str, more: Callable[[], bool]) -> int:
-    """Request at least `QUERIES` critical angles, cached and new in turn, while `more()` is true; return the number."""
+    """Request cached and new angles in turn, at least `QUERIES` and while `more()` is true; return how many."""
     connection = HTTPConnection("127.0.0.1", target.port, timeout=60.0)
     headers = {"Content-Type": "application/json", "Authorization": f"Bearer {token}"}
     answered = 0

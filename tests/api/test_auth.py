@@ -179,7 +179,7 @@ def test_cases_of_a_key_are_limited(guarded: Guarded) -> None:
 
 
 def test_panel_steps_count_as_cases_in_the_quota(guarded: Guarded) -> None:
-    """1,000 panels for 50,000 steps count as 50 ordinary cases, in a query, a batch, a sweep and by UM-Bridge."""
+    """1,000 panels for 50,000 steps count as 50 ordinary cases, in a query, a batch, a sweep and over UM-Bridge."""
     numerics = {"method": "panels", "panels": 1000, "time_step_s": 1e-6, "termination_time_s": 0.05}
     strike = PAPER_AT_45 | {"numerics": numerics, "output": {"history": False}}
     scattered = PAPER_AT_45 | {"numerics": numerics, "uncertain": [SPEED]}
@@ -528,7 +528,7 @@ def test_keys_that_are_damaged_let_nobody_in(tmp_path: Path, monkeypatch: pytest
 def test_start_after_the_keys_are_lost_is_refused_with_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Without keys everybody on this machine could list the jobs of all owners."""
+    """Without keys, any user of this machine could list the jobs of all owners."""
     key_in(tmp_path, "anna")
     jobs_of("anna")(tmp_path)
     (tmp_path / "auth.sqlite").unlink()

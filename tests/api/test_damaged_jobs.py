@@ -95,7 +95,7 @@ def opened(folder: Path) -> Iterator[sqlite3.Connection]:
 
 
 def columns() -> list[tuple[str, str, str]]:
-    """Return table, column and job of each damage: every column except `number`, `job` and `slice`."""
+    """Return the table, column and job of each case of damage: every column except `number`, `job` and `slice`."""
     with closing(sqlite3.connect(":memory:")) as database:
         database.executescript(TABLES)
         found = []

@@ -1,4 +1,4 @@
-"""A number at or beyond its bounds is answered, or refused with its name, for every number of a request."""
+"""For every number in a request, a value at or beyond its bounds is either answered or refused with its name."""
 
 import json
 import math
@@ -96,7 +96,7 @@ def numbers(schema: Mapping[str, Any], value: Any, pointer: str = "") -> Iterato
 
 
 def edges(schema: Mapping[str, Any]) -> list[float]:
-    """Return the bounds of a schema; unless it is of integers, also 0 and the floats next to it and to the bounds."""
+    """Return the bounds of a schema; for floats also 0, and the floats next to 0 and just inside the bounds."""
     least = schema.get("minimum", math.nextafter(schema.get("exclusiveMinimum", -math.inf), math.inf))
     most = schema.get("maximum", math.nextafter(schema.get("exclusiveMaximum", math.inf), -math.inf))
     if schema["type"] == "integer":

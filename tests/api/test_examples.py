@@ -1,4 +1,4 @@
-"""Examples in the contract: those of requests are accepted, and those of answers match what the service answers."""
+"""Examples in the contract: requests are accepted, and answers match the answers of the service."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -64,7 +64,7 @@ MANY: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "Approach": ("/limit-speed", lambda example: SCHEMAS["LimitSpeedRequest"]["examples"][0] | {"impact": example}),
     "Axis": ("/cra/sweep", lambda example: {"base": PAPER, "axes": [example]}),
 }
-"""Path, and function that makes the body, to send the example of each part of a request for many cases."""
+"""For each part of a request with many cases: its path, and a function that puts the example into a body."""
 TESTS = SCHEMAS["DepthCalibrationRequest"]["examples"][0]
 MOTION = SCHEMAS["MotionCalibrationRequest"]["examples"][0]
 POINTS = SCHEMAS["ObliquityCalibrationRequest"]["examples"][0]
@@ -75,13 +75,13 @@ CALIBRATIONS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "MotionWeights": ("/calibration/motion", lambda example: MOTION | {"weights": example}),
     "ObliquityPoint": ("/calibration/obliquity", lambda example: {"points": [example], "order": 0}),
 }
-"""As `MANY`, for each part that only calibrations have."""
+"""Like `MANY`, for each part that only calibrations have."""
 WHOLE: dict[str, tuple[str, Callable[[Any], Any]]] = {
     operation["post"]["requestBody"]["content"]["application/json"]["schema"]["$ref"].rpartition("/")[2]: (path, dict)
     for path, operation in CONTRACT["paths"].items()
     if path.endswith(("/batch", "/sweep", "/thickness", "/limit-speed")) or path.startswith("/calibration")
 }
-"""As `MANY`, for each example that is a whole request."""
+"""Like `MANY`, for each example that is a whole request."""
 OTHERS = WHOLE | MANY | CALIBRATIONS
 SENT += [
     pytest.param(path, body(example), id=f"{name}-{number}-{path}")

@@ -57,7 +57,7 @@ def examples(path: str) -> list[Any]:
 
 
 def broken(body: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield a name and a body for each fault: a field that is missing, of wrong type, misspelt, negative or unknown."""
+    """Yield a name and a body for each faulty field: missing, of the wrong type, misspelt, negative or unknown."""
     for name, part in body.items():
         yield f"without {name}", {key: value for key, value in body.items() if key != name}
         yield f"{name} as text", body | {name: "text"}

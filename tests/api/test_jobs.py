@@ -44,7 +44,7 @@ def test_finished_job_gives_its_times_and_counts(client: httpx.Client, job: dict
 
 
 def test_queued_job_reports_its_place_and_expected_end(client: httpx.Client) -> None:
-    """A small job overtakes the large ones of its owner, which its `Retry-After` does not include."""
+    """A small job overtakes the large jobs of its owner, so its `Retry-After` does not include their time."""
     sent = [client.post("/trajectory/batch", json={"cases": slow_strikes(n)}, headers=ASYNC) for n in (400, 600, 2)]
     jobs = [answer.json() for answer in sent]
     try:

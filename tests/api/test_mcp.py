@@ -243,7 +243,7 @@ def test_answer_is_that_of_the_route_with_its_warnings_and_limits(live_url: str,
 
 
 def check_caveats(result: CallToolResult) -> None:
-    """Check that the text lists the warnings (or `none`), the standing notes and the limits of validity."""
+    """Check that the text lists the warnings (or `none`), the notes marked `standing`, and the limits of validity."""
     answer, limits = (result.structured_content[name] for name in ("answer", "validity_limits"))
     details, standing = (
         [each["detail"] for each in answer["warnings"] if each.get("standing", False) is kind] for kind in (False, True)

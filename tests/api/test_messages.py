@@ -322,7 +322,7 @@ LONG: list[tuple[str, str, Any]] = [
 """Changes whose new value is too long for a line of `CHANGES`."""
 
 MATRIX = [[0.05, 0.0, 0.0], [0.0, 1e-4, 0.0], [0.0, 0.0, 1e-8]]
-"""A valid covariance of three coefficients, as eq. 9 has."""
+"""A valid covariance matrix for the three coefficients of eq. 9."""
 COVARIANCES: list[Any] = [
     [],
     MATRIX[:2],
@@ -378,7 +378,7 @@ TEXTS = [
     json.dumps(dict.fromkeys(map(str, range(100_000)), 1)).encode(),
     json.dumps(dict.fromkeys(map(str, range(31)), 1)).encode(),
 ]
-"""Bodies for `/cra` that are no JSON object, or no valid JSON."""
+"""Bodies for `/cra` that are not a JSON object, or not valid JSON."""
 
 CASE = json.dumps(PAPER).encode()
 BODIES_OF_LINES = [
@@ -431,7 +431,7 @@ REQUESTS: list[tuple[str, str, dict[str, Any]]] = [
     ("POST", "/cra/batch", LINES | {"Idempotency-Key": "x" * 256}),
     ("POST", "/calibration/depth", {"Content-Type": "text/csv"}),
 ]
-"""Method, path with query, and headers of requests with the body `{}`, if the method has one."""
+"""Method, path with query, and headers of other invalid requests; the body is `{}` if the method has one."""
 
 INTERNAL = re.compile(
     r"Input should|Extra inputs|Field required|pydantic|instance of|Traceback|None\b|NoneType|dict\b|"

@@ -88,7 +88,7 @@ Answer = tuple[int, dict[str, Any]]
 
 
 def by_urllib(server: Server, refusal: Refusal, body: Path) -> Answer:
-    """Send a body by urllib, which sends all of it before it reads, with `Connection: close`."""
+    """Send a body with urllib, which sends `Connection: close` and all of the body before it reads."""
     handlers = [urllib.request.ProxyHandler({}), urllib.request.HTTPSHandler(context=server.trusted())]
     request = urllib.request.Request(server.url + refusal.path, body.read_bytes(), refusal.headers)  # noqa: S310
     with pytest.raises(urllib.error.HTTPError) as refused:

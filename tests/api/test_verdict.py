@@ -32,10 +32,10 @@ OFF_A_WALL = PAPER | {
 def check_is_the_same_everywhere(
     body: dict[str, Any], client: httpx.Client, live_url: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Compare the sentence on a strike by HTTP, Python, the command line with and without a service, and the report."""
+    """Check that HTTP, Python, the report, and the command line with and without a service give the same sentence."""
     found = answered(client, "/verdict", body)
     request, angle = ReportRequest.model_validate(body), body["impact"].get("oblique_angle_deg")
-    # Without `numerics`, searches and strikes have different default tolerances; the arguments have that of searches.
+    # Searches and strikes have different default tolerances; the arguments use the tolerance of searches.
     arguments = request.arguments()[0] | ({} if "numerics" in body else {"numerics": None})
     flight = FlightInput.model_validate(body.get("flight", {})).to_solver()
     oblique_angle = None if angle is None else math.radians(angle)
