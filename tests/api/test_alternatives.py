@@ -39,7 +39,7 @@ def under(body: dict[str, Any], alternative: dict[str, Any]) -> dict[str, Any]:
     return body | {"resistance": resistance}
 
 
-def test_each_alternative_is_the_answer_of_its_own_query_which_is_then_known(client: httpx.Client) -> None:
+def test_alternative_equals_the_answer_to_its_own_query_which_is_then_cached(client: httpx.Client) -> None:
     body = strike(231.25)
     response = client.post("/cra", json=body | {"alternatives": True})
     assert response.headers["Cache-Status"] == "ricochet; fwd=miss"
@@ -67,7 +67,7 @@ def test_outcome_is_found_under_each_law(client: httpx.Client) -> None:
         assert "status" not in each
 
 
-def test_key_and_answer_are_those_of_the_case_without(client: httpx.Client) -> None:
+def test_alternatives_change_neither_key_nor_answer_of_the_case(client: httpx.Client) -> None:
     for path, body in (("/cra", strike(232.25)), ("/trajectory", PAPER_AT_45)):
         answers = [
             client.post(path, json=body | extra).json()
@@ -116,7 +116,7 @@ def test_law_without_an_answer_has_a_problem_and_the_others_their_angles(client:
             assert each["problem"]["instance"] == "/cra"
 
 
-def test_alternatives_without_an_angle_say_why(client: httpx.Client) -> None:
+def test_alternatives_without_an_angle_have_a_status(client: httpx.Client) -> None:
     body = strike(238.0, search={"lower_deg": 10.0, "upper_deg": 20.0}, alternatives=True)
     for each in client.post("/cra", json=body).json()["alternatives"]:
         assert each["status"] == "no_ricochet"
@@ -149,6 +149,6 @@ def test_equal_requests_at_once_share_their_work(live_url: str) -> None:
     assert len({response.content for response in responses}) == 1
 
 
-def test_case_that_is_wrong_is_refused_whole(client: httpx.Client) -> None:
+def test_invalid_case_is_refused_with_all_its_alternatives(client: httpx.Client) -> None:
     body = strike(238.0, alternatives=True) | {"target": NEVER_YIELDS}
     refused_at(client.post("/cra", json=body), "/target/youngs_modulus_pa")

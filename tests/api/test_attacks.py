@@ -63,7 +63,7 @@ def test_request_without_a_valid_key_is_refused(guarded: Guarded, method: str, p
         problem_of(told, 401)
 
 
-def test_wrong_keys_open_nothing_and_are_answered_alike(guarded: Guarded) -> None:
+def test_all_wrong_keys_get_the_same_refusal(guarded: Guarded) -> None:
     right = guarded.anna.headers["Authorization"].removeprefix("Bearer ")
     revoked = key_in(guarded.folder, "gone", days=1e-9)
     other_case = right[:-1] + ("A" if right[-1] != "A" else "B")
@@ -81,7 +81,7 @@ def test_two_keys_in_one_request_are_refused(guarded: Guarded) -> None:
 
 
 @pytest.mark.parametrize("name", ["key", "token", "api_key", "access_token", "Authorization", "other"])
-def test_key_in_the_address_is_refused_even_if_it_is_right(guarded: Guarded, name: str) -> None:
+def test_key_in_the_url_is_refused_even_if_it_is_valid(guarded: Guarded, name: str) -> None:
     token = guarded.anna.headers["Authorization"].removeprefix("Bearer ")
     with holder(guarded.url) as nobody:
         for told in (nobody.get("/jobs", params={name: token}), guarded.anna.get("/jobs", params={name: token})):
@@ -142,7 +142,7 @@ def test_invalid_request_line_is_refused(guarded: Guarded, line: bytes) -> None:
         b"Host: 127.0.0.1",
     ],
 )
-def test_header_that_other_servers_trust_does_not_replace_a_key(guarded: Guarded, header: bytes) -> None:
+def test_header_trusted_by_other_servers_does_not_replace_a_key(guarded: Guarded, header: bytes) -> None:
     status, _ = Target.of(guarded.url).send(b"GET /jobs HTTP/1.1", header)
     assert status in {400, 401}
 
@@ -160,7 +160,7 @@ def test_compressed_body_is_not_unpacked(guarded: Guarded, bomb: bytes, coding: 
 
 
 @pytest.mark.parametrize("coding", [b"gzip, chunked", b"GZIP,Chunked", b"deflate , chunked", b"identity, chunked"])
-def test_body_in_another_transfer_coding_than_chunked_is_refused(guarded: Guarded, coding: bytes) -> None:
+def test_transfer_coding_other_than_chunked_is_refused(guarded: Guarded, coding: bytes) -> None:
     target, authorization = Target.of(guarded.url), f"Authorization: {guarded.anna.headers['Authorization']}".encode()
     for coded, status in ((coding, 501), (b"chunked", 200), (b"Chunked", 200)):
         header = b"Transfer-Encoding: " + coded
@@ -181,7 +181,7 @@ def test_body_without_an_end_is_refused(guarded: Guarded, coding: bytes) -> None
 
 
 @pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.__name__)
-def test_others_are_answered_meanwhile(guarded: Guarded, mallory: str, attack: Attack) -> None:
+def test_other_owners_are_answered_during_an_attack(guarded: Guarded, mallory: str, attack: Attack) -> None:
     token = guarded.anna.headers["Authorization"].removeprefix("Bearer ")
     effect = effect_of(attack, Target.of(guarded.url), token, mallory)
     assert effect.requests >= REQUESTS
@@ -190,7 +190,7 @@ def test_others_are_answered_meanwhile(guarded: Guarded, mallory: str, attack: A
     assert guarded.anna.get("/readyz").status_code == 200
 
 
-def test_answers_are_right_after_all_attacks(guarded: Guarded) -> None:
+def test_answers_are_correct_after_all_attacks(guarded: Guarded) -> None:
     assert guarded.anna.post("/cra", json=PAPER).json()["critical_angle_deg"] == pytest.approx(48.63, abs=0.05)
     assert guarded.chief.get("/jobs").status_code == 200
     with httpx.Client(base_url=guarded.url, trust_env=False) as nobody:

@@ -122,7 +122,7 @@ def test_idempotency_key_belongs_to_its_owner(guarded: Guarded) -> None:
     assert first == again != others
 
 
-def test_scope_limits_what_a_key_permits(guarded: Guarded) -> None:
+def test_key_permits_only_what_its_scopes_allow(guarded: Guarded) -> None:
     with guarded.with_key("reader", "read") as reader, guarded.with_key("runner", "run") as runner:
         assert reader.get("/jobs").status_code == 200
         assert "`run`" in problem_of(reader.post("/cra", json=PAPER), 403).detail
@@ -164,7 +164,7 @@ def test_expired_key_is_refused(guarded: Guarded) -> None:
         problem_of(fred.get("/jobs"), 401)
 
 
-def test_cases_of_a_key_are_limited(guarded: Guarded) -> None:
+def test_cases_per_hour_of_a_key_are_limited(guarded: Guarded) -> None:
     with guarded.with_key("gina", cases_per_hour=10) as gina:
         assert gina.post("/cra/batch", json={"cases": searches(6)}).status_code == 200
         answer = gina.post("/cra/batch", json={"cases": searches(5)})
@@ -208,7 +208,7 @@ class SetClock:
 
 
 @pytest.mark.parametrize("jump", [-7200.0, 7200.0])
-def test_quota_uses_a_clock_that_cannot_be_set(jump: float, tmp_path: Path) -> None:
+def test_setting_the_clock_does_not_change_a_quota(jump: float, tmp_path: Path) -> None:
     key_in(tmp_path, "anna")
     machine = SetClock()
     quota = QuotaStore(tmp_path, machine.clock).quota("5f0c21d9", 10)
@@ -221,7 +221,7 @@ def test_quota_uses_a_clock_that_cannot_be_set(jump: float, tmp_path: Path) -> N
     quota.take(10)
 
 
-def test_keys_expire_by_the_date(tmp_path: Path) -> None:
+def test_key_expires_by_the_date_and_not_by_elapsed_time(tmp_path: Path) -> None:
     machine = SetClock()
     key, token = make_key("anna", frozenset({"read"}))
     add_key(tmp_path, replace(key, expires=machine.date + 86_400.0))
@@ -233,9 +233,7 @@ def test_keys_expire_by_the_date(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("jump", "words"), [(7200.0, "forward by 7200 s"), (-90.0, "back by 90 s"), (5.0, "")])
-def test_date_and_duration_that_diverge_are_named_in_the_log_once(
-    jump: float, words: str, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_jump_of_the_clock_is_logged_once(jump: float, words: str, caplog: pytest.LogCaptureFixture) -> None:
     machine = SetClock()
     watch = ClockWatch(machine.clock)
     for _ in range(3):
@@ -250,7 +248,7 @@ def test_date_and_duration_that_diverge_are_named_in_the_log_once(
     assert words in caplog.text
 
 
-def test_query_that_is_refused_does_not_count(guarded: Guarded) -> None:
+def test_refused_query_does_not_count_in_the_quota(guarded: Guarded) -> None:
     short = PAPER["projectile"] | {"length_m": 0.1}  # The body is shorter than its nose, which only a worker detects.
     call = {"name": "cra", "input": [[238.0, 39.0]], "config": {"projectile": short}}
     with guarded.with_key("gwen", cases_per_hour=2) as gwen:
@@ -271,7 +269,7 @@ def test_query_that_is_refused_does_not_count(guarded: Guarded) -> None:
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_cases_count_unless_they_are_refused(error: Exception, counted: int, tmp_path: Path) -> None:
+def test_cases_count_in_the_quota_unless_they_are_refused(error: Exception, counted: int, tmp_path: Path) -> None:
     key, token = make_key("anna", frozenset({"run"}), cases_per_hour=10)
     add_key(tmp_path, key)
     context = RequestContext(ApiKeyStore(tmp_path, print), quotas := QuotaStore(tmp_path), key_required=True)
@@ -287,7 +285,7 @@ def study(**sampling: Any) -> dict[str, Any]:
     return PAPER | {"uncertain": [SPEED], "sensitivity": False, "sampling": sampling}
 
 
-def test_study_counts_as_the_samples_it_takes_once_its_job_ends(guarded: Guarded) -> None:
+def test_ended_study_counts_only_the_samples_it_took(guarded: Guarded) -> None:
     def submit(client: httpx.Client, **sampling: Any) -> httpx.Response:
         return client.post("/cra/uncertainty", json=study(**sampling), headers=ASYNC)
 
@@ -321,7 +319,7 @@ def test_job_cancelled_after_a_restart_frees_its_quota(tmp_path: Path) -> None:
         assert anna.post("/cra", json=PAPER).status_code == 200
 
 
-def test_request_sent_again_counts_once(guarded: Guarded) -> None:
+def test_repeated_request_with_an_idempotency_key_counts_once(guarded: Guarded) -> None:
     with guarded.with_key("hans", cases_per_hour=8) as hans:
         body, headers = lines(searches(4)), LINES | ASYNC | {"Idempotency-Key": "once"}
         assert [hans.post("/cra/batch", content=body, headers=headers).status_code for _ in range(2)] == [202] * 2
@@ -363,7 +361,7 @@ def test_audit_log_records_owner_request_and_result(guarded: Guarded) -> None:
     assert stat.S_IMODE(log.stat().st_mode) == 0o600
 
 
-def test_audit_log_names_whose_key_lacks_a_scope(guarded: Guarded) -> None:
+def test_audit_log_names_the_owner_whose_key_lacks_a_scope(guarded: Guarded) -> None:
     log = guarded.folder.parent / "audit.log"
     requests = [("POST", "/cra"), ("POST", "/cra/batch"), ("DELETE", "/jobs/1"), ("POST", "/mcp"), ("POST", "/nothing")]
     with guarded.with_key("carl", "read") as reads:
@@ -379,7 +377,7 @@ def test_audit_log_names_whose_key_lacks_a_scope(guarded: Guarded) -> None:
     assert token not in text
 
 
-def test_key_in_the_wrong_header_is_in_no_log(guarded: Guarded) -> None:
+def test_key_in_the_wrong_header_is_not_logged(guarded: Guarded) -> None:
     log = guarded.folder.parent / "audit.log"
     token = guarded.anna.headers["Authorization"].removeprefix("Bearer ")
     assert guarded.anna.post("/cra", json=PAPER, headers={"X-Request-ID": token}).status_code == 200
@@ -387,7 +385,7 @@ def test_key_in_the_wrong_header_is_in_no_log(guarded: Guarded) -> None:
     assert token not in audited(log, "behind-the-token")
 
 
-def test_audit_log_goes_on_in_a_new_file_once_it_is_moved_away(guarded: Guarded) -> None:
+def test_audit_log_continues_in_a_new_file_after_it_is_moved(guarded: Guarded) -> None:
     log = guarded.folder.parent / "audit.log"
     moved = log.with_suffix(".old")
     guarded.anna.post("/cra", json=PAPER)
@@ -443,7 +441,9 @@ def opens(client: httpx.Client, path: str) -> bool:
         ("PURGE", "/anything", "run"),
     ],
 )
-def test_path_that_is_not_open_requires_a_key(guarded: Guarded, method: str, path: str, scope: str | None) -> None:
+def test_every_path_but_the_open_ones_requires_a_key(
+    guarded: Guarded, method: str, path: str, scope: str | None
+) -> None:
     """Requests are sent over a socket, because clients would normalise the path."""
     target, line = Target.of(guarded.url), f"{method} {path} HTTP/1.1".encode()
     assert target.send(line)[0] == (200 if scope is None else 401)
@@ -465,7 +465,7 @@ def test_contract_declares_the_scope_of_every_operation_that_is_not_open(guarded
         assert f"the scope `{scope}`" in declared[name]["responses"]["403"]["description"], name
 
 
-def test_without_a_key_it_starts_for_this_machine_alone(
+def test_start_on_all_addresses_without_a_key_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
@@ -507,7 +507,7 @@ def test_revoking_the_last_key_does_not_open_the_service(tmp_path: Path) -> None
     assert not ApiKeyStore(tmp_path, print).usable
 
 
-def test_keys_that_are_damaged_let_nobody_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_damaged_keys_admit_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.auth.api_keys.RELOAD_SECONDS", 0.0)
     key, token = make_key("anna", frozenset({"read"}))
     add_key(tmp_path, key)
@@ -525,7 +525,7 @@ def test_keys_that_are_damaged_let_nobody_in(tmp_path: Path, monkeypatch: pytest
     assert store.required
 
 
-def test_start_after_the_keys_are_lost_is_refused_with_what_to_do(
+def test_start_after_loss_of_the_keys_is_refused_with_a_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Without keys, any user of this machine could list the jobs of all owners."""
@@ -541,13 +541,13 @@ def test_start_after_the_keys_are_lost_is_refused_with_what_to_do(
     assert "ricochet keys add" in line
 
 
-def test_empty_file_of_keys_is_damaged(tmp_path: Path) -> None:
+def test_empty_key_file_counts_as_damaged(tmp_path: Path) -> None:
     (tmp_path / "auth.sqlite").touch()
     with pytest.raises(KeysUnreadableError):
         ApiKeyStore(tmp_path, print)
 
 
-def test_keys_are_added_by_several_processes_at_once(tmp_path: Path) -> None:
+def test_several_processes_can_add_keys_at_once(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "service.cli", "keys", "add", "--owner"]
     environment = os.environ | {"RICOCHET_DATA_DIR": str(tmp_path)}
     adding = [
@@ -569,7 +569,7 @@ def jobs_of(owner: str) -> Callable[[Path], None]:
 
 
 @pytest.mark.parametrize("left", ["auth.lock", "", "audit.log", "jobs.sqlite"])
-def test_lock_beside_the_keys_shows_that_there_were_some(tmp_path: Path, left: str) -> None:
+def test_lock_file_without_keys_shows_that_keys_were_lost(tmp_path: Path, left: str) -> None:
     if left:
         (tmp_path / left).touch()
     store = ApiKeyStore(tmp_path, print)
@@ -579,7 +579,7 @@ def test_lock_beside_the_keys_shows_that_there_were_some(tmp_path: Path, left: s
     check_access(Settings(data_dir=tmp_path, access="open"), store)
 
 
-def test_keys_of_another_layout_are_refused(tmp_path: Path) -> None:
+def test_key_file_with_an_unknown_layout_is_refused_unchanged(tmp_path: Path) -> None:
     key_in(tmp_path, "anna")
     with closing(sqlite3.connect(tmp_path / "auth.sqlite")) as keys:
         keys.execute("PRAGMA user_version = 9")
@@ -589,7 +589,7 @@ def test_keys_of_another_layout_are_refused(tmp_path: Path) -> None:
     assert (tmp_path / "auth.sqlite").read_bytes() == before
 
 
-def test_new_keys_open_a_folder_that_has_lost_its_own(tmp_path: Path) -> None:
+def test_new_key_gives_access_to_a_folder_that_lost_its_keys(tmp_path: Path) -> None:
     (tmp_path / "auth.lock").touch()
     token = key_in(tmp_path, "anna")
     store = ApiKeyStore(tmp_path, print)
@@ -598,7 +598,7 @@ def test_new_keys_open_a_folder_that_has_lost_its_own(tmp_path: Path) -> None:
     assert store.find(token) is not None
 
 
-def test_revoking_a_key_that_never_was_leaves_no_trace(tmp_path: Path) -> None:
+def test_revoking_an_unknown_key_writes_no_file(tmp_path: Path) -> None:
     assert revoke_key(tmp_path, "5f0c21d9") is None
     assert not list(tmp_path.iterdir())
 
@@ -609,7 +609,7 @@ def ricochet_keys(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return capsys.readouterr().out.strip()
 
 
-def test_token_is_shown_once_and_kept_as_a_hash(
+def test_token_is_shown_once_and_stored_as_a_hash(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
@@ -640,7 +640,7 @@ def test_token_is_shown_once_and_kept_as_a_hash(
         ["--owner", "a", "--expires", "nan"],
     ],
 )
-def test_key_with_invalid_options_is_not_made(
+def test_key_with_invalid_options_is_not_created(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
 ) -> None:
     monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path))
@@ -648,7 +648,7 @@ def test_key_with_invalid_options_is_not_made(
     assert not read_keys(tmp_path)
 
 
-def test_two_tokens_differ_and_open_only_their_own_key() -> None:
+def test_tokens_are_unique_and_match_only_their_own_key() -> None:
     made: list[tuple[ApiKey, str]] = [make_key("anna", frozenset({"read"})) for _ in range(100)]
     assert len({token for _, token in made}) == len({key.digest for key, _ in made}) == 100
     (key, token), (other, others) = made[:2]
@@ -659,7 +659,7 @@ def test_two_tokens_differ_and_open_only_their_own_key() -> None:
     assert not key.fits(token + "x")
 
 
-def test_window_frees_what_was_requested_an_hour_ago() -> None:
+def test_cases_of_an_hour_ago_no_longer_count_in_the_quota() -> None:
     now = 1_000_000.0
     quota = Quota(10, time=lambda: now)
     quota.take(6)
@@ -674,21 +674,21 @@ def test_window_frees_what_was_requested_an_hour_ago() -> None:
         quota.take(1)
 
 
-def test_more_than_the_limit_is_never_allowed_and_says_so() -> None:
+def test_request_larger_than_the_quota_is_refused_with_its_size() -> None:
     with pytest.raises(QuotaTooSmallError, match="at least 11 cases, of which this key may have 10 an hour"):
         Quota(10).take(11)
     with pytest.raises(QuotaTooSmallError, match="at least 12 cases"):
         Quota(10).take(3, before=9)
 
 
-def test_quota_that_is_used_up_names_the_true_numbers() -> None:
+def test_refusal_states_how_much_of_the_quota_is_left() -> None:
     quota = Quota(10)
     quota.take(7)
     with pytest.raises(QuotaError, match="5 cases exceed the 3 that are left of the 10 an hour"):
         quota.take(5)
 
 
-def test_client_is_told_its_quota(guarded: Guarded) -> None:
+def test_answer_states_the_quota_of_the_client(guarded: Guarded) -> None:
     with guarded.with_key("rita", cases_per_hour=10) as rita:
         for left in (9, 8):
             answer = rita.post("/cra", json=PAPER)
@@ -700,7 +700,7 @@ def test_client_is_told_its_quota(guarded: Guarded) -> None:
     assert "RateLimit" not in guarded.anna.get("/jobs").headers
 
 
-def test_request_that_no_quota_of_the_key_can_hold_is_not_to_be_sent_again(guarded: Guarded) -> None:
+def test_request_larger_than_the_quota_has_no_retry_time(guarded: Guarded) -> None:
     with guarded.with_key("rosa", cases_per_hour=4) as rosa:
         for body in ({"json": {"cases": searches(5)}}, {"content": lines(searches(5)), "headers": LINES}):
             answer = rosa.post("/cra/batch", **body)
@@ -710,7 +710,7 @@ def test_request_that_no_quota_of_the_key_can_hold_is_not_to_be_sent_again(guard
 
 
 @pytest.mark.anyio
-async def test_counts_outlive_a_restart(tmp_path: Path) -> None:
+async def test_quota_counts_survive_a_restart(tmp_path: Path) -> None:
     key_in(tmp_path, "anna")
     before = QuotaStore(tmp_path)
     before.quota("5f0c21d9", 10).take(7)

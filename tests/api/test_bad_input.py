@@ -30,7 +30,9 @@ USUAL = {each.path: each.request.model_json_schema()["examples"][0] for each in 
         ("/calibration/obliquity", "/points/2/strength_factor"),
     ],
 )
-def test_value_that_is_no_finite_number_is_named(client: httpx.Client, path: str, pointer: str, literal: str) -> None:
+def test_value_that_is_not_a_finite_number_is_named(
+    client: httpx.Client, path: str, pointer: str, literal: str
+) -> None:
     body = json.dumps(changed(USUAL[path], pointer, "HERE"))
     answer = client.post(path, content=body.replace('"HERE"', literal), headers=TEXT)
     # For optional fields, null means absent and is accepted.
@@ -47,7 +49,7 @@ def test_long_body_without_a_declared_length_is_refused(client: httpx.Client) ->
     problem_of(client.post("/cra", content=(b" " * 65_536 for _ in range(80)), headers=TEXT), 413)
 
 
-def test_content_type_is_read_as_the_standard_says(client: httpx.Client) -> None:
+def test_content_type_is_parsed_as_the_standard_says(client: httpx.Client) -> None:
     headers = {"Content-Type": 'Application/JSON ; charset="utf-8"'}
     assert client.post("/cra", content=PAPER_TEXT, headers=headers).status_code == 200
 
@@ -68,7 +70,7 @@ def test_unknown_key_is_not_found(client: httpx.Client, key: str) -> None:
         ("PATCH", "/cra", "POST"),
     ],
 )
-def test_unknown_method_is_answered_with_those_that_are_known(
+def test_refused_method_is_answered_with_the_allowed_ones(
     client: httpx.Client, method: str, path: str, allowed: str
 ) -> None:
     response = client.request(method, path)
@@ -78,7 +80,7 @@ def test_unknown_method_is_answered_with_those_that_are_known(
 
 @pytest.mark.parametrize("body_encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "utf-32-be"])
 @pytest.mark.parametrize("path", ["/trajectory", "/trajectory/batch"])
-def test_encoding_that_json_does_not_have_is_named(client: httpx.Client, path: str, body_encoding: str) -> None:
+def test_encoding_not_allowed_in_json_is_named(client: httpx.Client, path: str, body_encoding: str) -> None:
     text = json.dumps(PAPER_AT_45)
     lines = {"Content-Type": "application/jsonl"} if path.endswith("batch") else TEXT
     problem = problem_of(
@@ -105,14 +107,14 @@ def with_nulls(schema: dict[str, Any], node: dict[str, Any], part: Any) -> Any:
 
 
 @pytest.mark.parametrize("operation", OPERATIONS.values(), ids=lambda each: each.name)
-def test_null_is_absent_in_optional_fields(operation: Operation) -> None:
+def test_null_in_an_optional_field_means_absent(operation: Operation) -> None:
     schema = operation.request.model_json_schema()
     for example in schema["examples"]:
         filled = with_nulls(schema, schema, example)
         assert operation.request.model_validate(filled) == operation.request.model_validate(example)
 
 
-def test_null_is_absent_in_the_base_of_a_sweep(client: httpx.Client) -> None:
+def test_null_in_the_base_of_a_sweep_means_absent(client: httpx.Client) -> None:
     axes = [{"field": "resistance.inertia_factor", "values": [1.0, 1.1]}]
     bases = (PAPER_AT_45, PAPER_AT_45 | {"resistance": None, "numerics": None, "output": None})
     with_null, without = (client.post("/trajectory/sweep", json={"base": base, "axes": axes}) for base in bases)
@@ -128,7 +130,7 @@ def test_null_is_absent_in_the_base_of_a_sweep(client: httpx.Client) -> None:
     ],
     ids=["100,000 fields", "31 fields of a part"],
 )
-def test_body_with_too_many_fields_is_refused_whole(
+def test_body_with_too_many_fields_is_refused_with_one_error(
     client: httpx.Client, path: str, content: bytes, status: int, pointer: str
 ) -> None:
     found = problem_of(client.post(path, content=content, headers=TEXT), status)

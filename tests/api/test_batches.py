@@ -16,7 +16,7 @@ from .refused import refused_at
 
 @pytest.mark.parametrize("accept", ["application/json", JSONL])
 @pytest.mark.parametrize("as_lines", [False, True])
-def test_batch_answers_each_case_as_it_is_answered_alone(client: httpx.Client, accept: str, as_lines: bool) -> None:
+def test_batch_answers_each_case_like_a_single_query(client: httpx.Client, accept: str, as_lines: bool) -> None:
     cases = searches(7)
     named = [case | {"custom_id": f"№ {number}"} if number % 2 else case for number, case in enumerate(cases)]
     body: dict[str, Any] = {"content": lines(named)} if as_lines else {"json": {"cases": named}}
@@ -34,7 +34,7 @@ def test_batch_answers_each_case_as_it_is_answered_alone(client: httpx.Client, a
     check_results("cra", items)
 
 
-def test_json_answer_is_in_the_order_of_the_request_and_says_what_was_cached(client: httpx.Client) -> None:
+def test_json_answer_keeps_the_order_of_the_request_and_names_cache_hits(client: httpx.Client) -> None:
     cases = searches(5)
     first = client.post("/cra/batch", json={"cases": cases})
     second = client.post("/cra/batch", json={"cases": cases[::-1]})
@@ -44,7 +44,7 @@ def test_json_answer_is_in_the_order_of_the_request_and_says_what_was_cached(cli
     assert second.headers["Cache-Status"] == "ricochet; hit"
 
 
-def test_history_is_given_only_to_cases_that_ask_for_it(client: httpx.Client) -> None:
+def test_only_cases_that_request_a_history_get_one(client: httpx.Client) -> None:
     quiet, told = strikes(2)
     items = items_of(client.post("/trajectory/batch", json={"cases": [quiet, told | {"output": {"history": True}}]}))
     assert "history" not in items[0]["result"]
@@ -55,7 +55,7 @@ def test_history_is_given_only_to_cases_that_ask_for_it(client: httpx.Client) ->
     assert alone.json() == items[0]["result"]
 
 
-def test_line_that_only_the_solver_can_refuse_is_a_result_with_a_problem(client: httpx.Client) -> None:
+def test_line_refused_only_by_the_solver_is_a_result_with_a_problem(client: httpx.Client) -> None:
     items = items_of(client.post("/cra/batch", content=lines([*searches(1), TOO_SHORT]), headers=LINES))
     problem = Problem.model_validate(items[1]["problem"])
     assert (problem.type, problem.errors[0].pointer) == ("urn:ricochet:problem:invalid-request", "/projectile/length_m")
@@ -73,7 +73,7 @@ LINE = json.dumps(PAPER).encode()
 
 
 @pytest.mark.parametrize("end", [b"", b"\n", b"\r\n"])
-def test_lines_may_end_as_files_do(client: httpx.Client, end: bytes) -> None:
+def test_line_ends_of_any_platform_are_accepted(client: httpx.Client, end: bytes) -> None:
     body = LINE + (end or b"\n") + LINE + end
     assert len(items_of(client.post("/cra/batch", content=body, headers=LINES))) == 2
 
@@ -99,7 +99,7 @@ def test_large_work_becomes_a_job_with_every_result(client: httpx.Client) -> Non
     assert results[42]["result"] == client.post("/cra", json=cases[42]).json()
 
 
-def test_preference_makes_a_job_of_small_work(client: httpx.Client) -> None:
+def test_respond_async_turns_a_small_batch_into_a_job(client: httpx.Client) -> None:
     response = client.post("/cra/batch", json={"cases": searches(1)}, headers=ASYNC)
     assert response.status_code == 202
     assert response.headers["Preference-Applied"] == "respond-async"
@@ -107,7 +107,7 @@ def test_preference_makes_a_job_of_small_work(client: httpx.Client) -> None:
 
 
 @pytest.mark.parametrize("accept", ["application/json", JSONL])
-def test_who_waits_gets_the_results_themselves(client: httpx.Client, accept: str) -> None:
+def test_client_that_waits_gets_results_instead_of_a_job(client: httpx.Client, accept: str) -> None:
     headers = [("Prefer", "Respond-Async"), ("Prefer", "wait=20"), ("Accept", accept)]
     response = client.post("/cra/batch", json={"cases": searches(3)}, headers=headers)
     assert response.headers["Preference-Applied"] == "respond-async, wait=20"
@@ -115,7 +115,7 @@ def test_who_waits_gets_the_results_themselves(client: httpx.Client, accept: str
     assert client.get(response.headers["Content-Location"]).json()["results"]
 
 
-def test_same_key_and_body_is_the_same_job(client: httpx.Client) -> None:
+def test_same_idempotency_key_and_body_give_the_same_job(client: httpx.Client) -> None:
     body, headers = lines(searches(2)), LINES | ASYNC | {"Idempotency-Key": "again and again"}
     first = client.post("/cra/batch", content=body, headers=headers)
     again = client.post("/cra/batch", content=body, headers=headers)

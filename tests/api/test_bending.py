@@ -22,7 +22,7 @@ def with_projectile(**fields: float) -> dict[str, Any]:
     return PAPER_AT_45 | {"projectile": PAPER_AT_45["projectile"] | fields}
 
 
-def test_bending_is_that_of_the_solver_with_its_history_if_there_is_one(client: httpx.Client) -> None:
+def test_bending_is_the_one_the_solver_computes(client: httpx.Client) -> None:
     answer = answered(client, "/trajectory", PAPER_AT_45)
     TrajectoryAnswer.model_validate(answer)
     impact = paper_impact(oblique_angle_degrees=45.0)
@@ -36,7 +36,7 @@ def test_bending_is_that_of_the_solver_with_its_history_if_there_is_one(client: 
     assert plain["bending"] == {name: value for name, value in bending.items() if name != "history"}
 
 
-def test_bending_is_a_column_empty_where_the_mass_lies_otherwise(client: httpx.Client) -> None:
+def test_column_of_bending_is_empty_for_another_center_of_gravity(client: httpx.Client) -> None:
     cases = [case | {"output": {"history": False}} for case in (PAPER_AT_45, OTHER_CENTER)]
     answer = client.post("/trajectory/batch", content=lines(cases), headers=LINES | {"Accept": "text/csv"})
     usual, other = csv.DictReader(io.StringIO(answer.text))
@@ -46,7 +46,7 @@ def test_bending_is_a_column_empty_where_the_mass_lies_otherwise(client: httpx.C
     assert "bending_unknown" in other["warnings"].split()
 
 
-def test_yield_strength_given_decides_the_warning(client: httpx.Client) -> None:
+def test_given_yield_strength_decides_about_the_warning(client: httpx.Client) -> None:
     answer = answered(client, "/trajectory", with_projectile(yield_strength_pa=1.9e9))
     assert "bends" not in {each["code"] for each in answer["warnings"]}
 
@@ -54,7 +54,7 @@ def test_yield_strength_given_decides_the_warning(client: httpx.Client) -> None:
 @pytest.mark.parametrize(
     ("field", "value"), [("inner_diameter_m", 0.09), ("yield_strength_pa", 0.0), ("inner_diameter_m", 0.0)]
 )
-def test_bore_beyond_the_body_and_no_strength_are_refused(client: httpx.Client, field: str, value: float) -> None:
+def test_bore_wider_than_the_body_and_zero_strength_are_refused(client: httpx.Client, field: str, value: float) -> None:
     answer = client.post("/trajectory", json=with_projectile(**{field: value}))
     assert answer.status_code == 422
     assert [each["pointer"] for each in answer.json()["errors"]] == [f"/projectile/{field}"]

@@ -35,7 +35,7 @@ def densities(answer: dict[str, Any]) -> list[str]:
 
 
 @pytest.mark.parametrize("path", OPERATIONS)
-def test_mean_density_outside_that_of_bodies_is_named(client: httpx.Client, path: str) -> None:
+def test_implausible_mean_density_is_named(client: httpx.Client, path: str) -> None:
     usual = {name: part for name, part in PAPER.items() if name != "impact"} | {"impact": {"velocity_m_s": 100.0}}
     body = usual | OPERATIONS[path]
     (detail,) = densities(answered(client, path, body | {"projectile": LIGHT}))
@@ -43,7 +43,7 @@ def test_mean_density_outside_that_of_bodies_is_named(client: httpx.Client, path
     assert densities(answered(client, path, body)) == []
 
 
-def test_mean_density_is_named_by_calibrations(client: httpx.Client) -> None:
+def test_calibrations_name_an_implausible_mean_density(client: httpx.Client) -> None:
     motion = strike_at(30.0, history_at(client, 30.0, 8.0))
     assert densities(answered(client, "/calibration/motion", motion)) == []
     (_,) = densities(answered(client, "/calibration/motion", motion | {"projectile": LIGHT}))

@@ -105,7 +105,7 @@ def test_too_many_values_are_refused_at_once(client: httpx.Client, route: Route)
 
 
 @each_route
-def test_field_that_is_there_twice_is_refused(client: httpx.Client, route: Route) -> None:
+def test_repeated_field_is_refused(client: httpx.Client, route: Route) -> None:
     text = json.dumps(route.body)
     name = next(iter(route.body))
     twice = [f'{{"{name}":1,{text[1:]}'.encode(), f'{text[:-1]},"a":{{"b":{{"x":"1:2","x":3}}}}}}'.encode()]
@@ -140,7 +140,7 @@ def test_no_refusal_lists_more_than_a_hundred_errors(client: httpx.Client, route
                 assert 0 < len(answer.json()["errors"]) <= MAX_ERRORS
 
 
-def test_thousand_wrong_points_are_a_hundred_errors(client: httpx.Client) -> None:
+def test_thousand_wrong_points_give_a_hundred_errors(client: httpx.Client) -> None:
     nose = {"shape": "profile", "points": [["a", "b"]] * 1000}
     body = PAPER | {"projectile": PAPER["projectile"] | {"nose": nose}}
     assert len(problem_of(client.post("/cra", json=body), 422).errors) == MAX_ERRORS
@@ -157,13 +157,13 @@ def test_suggestions_are_made_for_the_first_unknown_fields(client: httpx.Client)
     "text",
     [b'{"a":1,"a":2}', b'[{"x":{"b":[],"b":{}}}]', b'{"":0,"":0}', b'{"a":1,"\\u0061":1}', b'{"t":"::","a":1,"a":1}'],
 )
-def test_repeated_field_is_found_however_it_is_written(text: bytes) -> None:
+def test_repeated_field_is_found_whatever_its_spelling(text: bytes) -> None:
     with pytest.raises(HTTPException, match="twice"):
         parse_json(text, BodyLimits.of_one(SETTINGS))
 
 
 @pytest.mark.parametrize("text", ['{"a":"x:y","b":":"}', '{"a:b":1,"c":{"a:b":1}}', '{"a":1,"b":[{"a":1},{"a":1}]}'])
-def test_colons_in_texts_and_fields_of_other_objects_are_no_repetition(text: str) -> None:
+def test_colons_in_strings_and_equal_fields_of_other_objects_are_accepted(text: str) -> None:
     assert parse_json(text.encode(), BodyLimits.of_one(SETTINGS)) == json.loads(text)
 
 
@@ -209,7 +209,7 @@ def test_line_with_a_repeated_field_is_named(client: httpx.Client) -> None:
     assert "line 2" in found.detail
 
 
-def test_answer_from_memory_is_not_that_of_a_body_with_a_repeated_field(client: httpx.Client) -> None:
+def test_body_with_a_repeated_field_is_not_answered_from_the_cache(client: httpx.Client) -> None:
     text = json.dumps(PAPER)
     assert client.post("/cra", content=text, headers=TEXT).status_code == 200
     for _ in range(2):

@@ -54,7 +54,7 @@ def test_one_shot_has_a_posterior_and_no_standard_error(client: httpx.Client) ->
     assert 0.07 < posterior["scale"] < 0.1
 
 
-def test_mass_that_is_not_given_is_that_of_the_projectile(client: httpx.Client) -> None:
+def test_test_without_a_mass_has_the_mass_of_the_projectile(client: httpx.Client) -> None:
     light = {name: value for name, value in TABLE_1[0].items() if name != "mass_kg"}
     bodies = [BODY | {"tests": [first, *TABLE_1[1:]]} for first in (light, light | {"mass_kg": 13.0})]
     one, other = (answered(client, "/calibration/depth", body) for body in bodies)
@@ -71,7 +71,7 @@ def test_groups_get_strength_factors_of_their_own(client: httpx.Client) -> None:
     assert slow["strength_factor"] < answer["strength_factor"] < fast["strength_factor"]
 
 
-def test_curves_are_those_of_the_trajectory_model(client: httpx.Client) -> None:
+def test_curves_are_computed_by_the_trajectory_model(client: httpx.Client) -> None:
     answer = answered(client, "/calibration/depth", TESTS | {"compare_strength_factors": [7.0, 10.0]})
     curves = answer["curves"]
     assert [curve["strength_factor"] for curve in curves] == [7.0, 10.0]
@@ -87,7 +87,7 @@ def test_curves_are_those_of_the_trajectory_model(client: httpx.Client) -> None:
     assert curves[0]["depth_m"][10] == pytest.approx(deepest, rel=1e-4)
 
 
-def test_history_of_the_model_gives_its_strength_factor_back(client: httpx.Client, motion: dict[str, Any]) -> None:
+def test_fit_to_a_computed_motion_recovers_its_strength_factor(client: httpx.Client, motion: dict[str, Any]) -> None:
     answer = answered(client, "/calibration/motion", motion)
     told = MotionCalibrationAnswer.model_validate(answer)
     assert told.strength_factor == pytest.approx(7.5, rel=1e-3)
@@ -102,7 +102,7 @@ def test_history_of_the_model_gives_its_strength_factor_back(client: httpx.Clien
         assert answer["r_squared"][name] == pytest.approx(1.0, abs=1e-4)
 
 
-def test_quantities_that_are_not_given_are_absent(client: httpx.Client, motion: dict[str, Any]) -> None:
+def test_omitted_quantities_are_absent_from_the_answer(client: httpx.Client, motion: dict[str, Any]) -> None:
     history = {name: motion["history"][name] for name in ("time_s", "rotation_deg")}
     body = motion | {"history": history, "compare_strength_factors": [7.0]}
     answer = answered(client, "/calibration/motion", body)
@@ -113,7 +113,7 @@ def test_quantities_that_are_not_given_are_absent(client: httpx.Client, motion: 
     assert list(answer["root_mean_square"]) == list(answer["r_squared"]) == ["rotation_deg"]
 
 
-def test_rows_behind_the_requested_end_are_not_used(client: httpx.Client, motion: dict[str, Any]) -> None:
+def test_rows_after_the_requested_end_are_not_used(client: httpx.Client, motion: dict[str, Any]) -> None:
     history = motion["history"]
     deepest = int(np.argmax(history["depth_displacement_m"]))
     until = answered(client, "/calibration/motion", motion | {"until_s": 0.001})
@@ -132,7 +132,7 @@ def test_weight_of_zero_leaves_a_quantity_out(client: httpx.Client, motion: dict
     assert answer["strength_factor"] == pytest.approx(7.5, rel=1e-3)
 
 
-def test_every_decay_law_is_fitted_and_the_best_named(client: httpx.Client) -> None:
+def test_every_decay_law_is_fitted_and_the_best_is_named(client: httpx.Client) -> None:
     law = {"free_surface": {"model": "mohr_coulomb"}}
     made = strike_at(30.0, history_at(client, 30.0, 7.5, **law))
     answer = MotionCalibrationAnswer.model_validate(answered(client, "/calibration/motion", made))
@@ -148,7 +148,7 @@ def test_every_decay_law_is_fitted_and_the_best_named(client: httpx.Client) -> N
     assert [fit["free_surface"] for fit in requested["decay_laws"]] == list(laws)
 
 
-def test_crater_and_numerics_of_a_request_are_those_of_its_runs(client: httpx.Client) -> None:
+def test_calibration_computes_with_the_crater_and_numerics_of_the_request(client: httpx.Client) -> None:
     crater = {"crater": {"depth_diameters": 3.0}}
     made = strike_at(30.0, history_at(client, 30.0, 7.5, **crater))
     with_crater = answered(client, "/calibration/motion", made | {"resistance": crater, "numerics": {}})
@@ -162,7 +162,7 @@ def test_crater_and_numerics_of_a_request_are_those_of_its_runs(client: httpx.Cl
     assert rough["key"] != fine["key"]
 
 
-def test_law_that_leaves_the_factor_open_is_named_alone(client: httpx.Client) -> None:
+def test_decay_law_that_does_not_determine_the_factor_has_no_result(client: httpx.Client) -> None:
     law = {"free_surface": {"model": "mohr_coulomb"}}
     made = strike_at(48.0, history_at(client, 48.0, 8.0, **law)) | {"until_s": 0.003, "resistance": law}
     answer = answered(client, "/calibration/motion", made)
@@ -170,7 +170,7 @@ def test_law_that_leaves_the_factor_open_is_named_alone(client: httpx.Client) ->
     problem_of(client.post("/calibration/motion", json=made | {"resistance": {"free_surface": {"model": "none"}}}), 422)
 
 
-def test_runs_at_several_angles_share_a_factor_and_have_their_own(client: httpx.Client) -> None:
+def test_runs_at_several_angles_get_a_common_and_separate_factors(client: httpx.Client) -> None:
     runs = [
         {name: strike_at(angle, history_at(client, angle, factor))[name] for name in ("impact", "history")}
         for angle, factor in ((15.0, 8.0), (30.0, 8.0), (45.0, 6.5))
@@ -197,7 +197,7 @@ def test_runs_at_several_angles_share_a_factor_and_have_their_own(client: httpx.
     assert answer["best_decay_law"] == "elastic_plastic"
 
 
-def test_single_run_among_runs_is_that_strike(client: httpx.Client, motion: dict[str, Any]) -> None:
+def test_list_of_one_run_gives_the_result_of_a_single_strike(client: httpx.Client, motion: dict[str, Any]) -> None:
     alone = answered(client, "/calibration/motion", motion)
     runs = [{"impact": motion["impact"], "history": motion["history"]}]
     answer = answered(client, "/calibration/motion", BODY | {"runs": runs})
@@ -253,7 +253,7 @@ def test_covariance_gives_the_critical_angle_a_standard_error(client: httpx.Clie
     assert other["critical_angle_standard_error_deg"] == pytest.approx(half, abs=0.01)
 
 
-def test_standard_error_is_given_of_many_angles_too(client: httpx.Client) -> None:
+def test_angles_of_batches_have_standard_errors_too(client: httpx.Client) -> None:
     case = PAPER | {"search": NARROW, "resistance": {"strength_factor": EQ_9 | {"covariance": COVARIANCE}}}
     alone = answered(client, "/cra", case)
     axes = [{"field": "impact.velocity_m_s", "values": [238.0]}]
@@ -268,7 +268,7 @@ def test_standard_error_is_given_of_many_angles_too(client: httpx.Client) -> Non
     ]
 
 
-def test_strength_factors_of_several_strikes_end_in_an_angle_with_its_standard_error(client: httpx.Client) -> None:
+def test_factors_of_several_strikes_lead_to_an_angle_with_a_standard_error(client: httpx.Client) -> None:
     factors = {15.0: 8.25, 30.0: 7.91, 40.0: 7.1, 45.0: 6.48}
     noise = np.random.default_rng(5)
     points = []

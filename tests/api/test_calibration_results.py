@@ -21,7 +21,7 @@ def motion(client: httpx.Client) -> dict[str, Any]:
     return strike_at(30.0, history_at(client, 30.0, 7.5))
 
 
-def test_group_that_a_spreadsheet_would_compute_is_quoted_in_the_table(client: httpx.Client) -> None:
+def test_group_that_a_spreadsheet_would_evaluate_is_quoted_in_the_table(client: httpx.Client) -> None:
     tests = [test | {"group": "=1+1" if number < 2 else "-A1"} for number, test in enumerate(TABLE_1)]
     key = answered(client, "/calibration/depth", BODY | {"tests": tests})["key"]
     rows = rows_at(client, f"/results/{key}")
@@ -57,7 +57,7 @@ COLUMNS = {
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_csv_of_a_calibration_is_its_residuals(client: httpx.Client, path: str, motion: dict[str, Any]) -> None:
+def test_csv_of_a_calibration_lists_its_residuals(client: httpx.Client, path: str, motion: dict[str, Any]) -> None:
     answer = answered(client, path, body_of(path, motion) | ({"until_s": 0.001} if path.endswith("motion") else {}))
     table = table_of(client, answer["key"])
     assert list(table) == COLUMNS[path]
@@ -89,7 +89,7 @@ def test_hdf5_of_a_calibration_has_its_numbers(client: httpx.Client, path: str, 
     assert units.get("residual_rotation_deg", "deg") == "deg"
 
 
-def test_residuals_of_several_runs_are_one_table(client: httpx.Client, motion: dict[str, Any]) -> None:
+def test_residuals_of_several_runs_are_in_one_table(client: httpx.Client, motion: dict[str, Any]) -> None:
     short = {name: motion["history"][name] for name in ("time_s", "rotation_deg")}
     runs = [{"impact": motion["impact"], "history": history} for history in (motion["history"], short)]
     answer = answered(client, "/calibration/motion", BODY | {"runs": runs, "until_s": 0.001})
@@ -115,7 +115,7 @@ def test_groups_are_a_column_of_the_residuals(client: httpx.Client) -> None:
         assert file["residuals"]["group"].asstr()[()].tolist() == names
 
 
-def test_history_of_the_most_rows_is_answered(client: httpx.Client) -> None:
+def test_history_with_the_most_rows_allowed_is_answered(client: httpx.Client) -> None:
     digits = np.random.default_rng(1)
     time = np.linspace(0.0, 0.003, MOST_ROWS) * (1.0 + 1e-15)
     columns = {

@@ -22,7 +22,7 @@ def received(client: httpx.Client, path: str, **headers: str) -> tuple[httpx.Res
     return response, raw
 
 
-def test_answer_is_compressed_for_clients_that_accept_it_and_is_the_same(client: httpx.Client) -> None:
+def test_answer_is_compressed_for_clients_that_accept_it(client: httpx.Client) -> None:
     accepted = GZIP
     for _ in ("computed", "known"):
         compressed, plain = (
@@ -53,7 +53,7 @@ def test_answer_is_compressed_for_clients_that_accept_it_and_is_the_same(client:
     ],
 )
 @pytest.mark.parametrize("path", ["/openapi.json", "/metrics", "/page/main.js"])
-def test_answer_is_compressed_if_the_client_likes_it_best(
+def test_compression_follows_accept_encoding(
     client: httpx.Client, path: str, accepted: str, coding: str | None
 ) -> None:
     found = client.get(path, headers={"Accept-Encoding": accepted}).raise_for_status().headers.get("Content-Encoding")
@@ -66,7 +66,7 @@ def test_problem_is_compressed_too(client: httpx.Client) -> None:
     assert len(wrong.json()["errors"]) > 30
 
 
-def test_small_answer_and_files_that_are_compressed_already_are_left_as_they_are(client: httpx.Client) -> None:
+def test_small_answers_and_compressed_files_are_not_compressed(client: httpx.Client) -> None:
     key = client.post("/trajectory", json=PAPER_AT_45).json()["key"]
     assert "Content-Encoding" not in client.get("/version", headers=GZIP).headers
     answer, raw = received(client, f"/results/{key}", Accept="application/x-hdf5", **GZIP)
@@ -75,7 +75,7 @@ def test_small_answer_and_files_that_are_compressed_already_are_left_as_they_are
     assert not answer.headers["ETag"].startswith("W/")
 
 
-def test_compressed_answer_has_a_weak_tag_that_still_spares_sending_it_again(client: httpx.Client) -> None:
+def test_weak_tag_of_a_compressed_answer_avoids_sending_it_again(client: httpx.Client) -> None:
     accepted = GZIP
     key = client.post("/trajectory", json=PAPER_AT_45).json()["key"]
     plain, compressed = (client.get(f"/results/{key}", headers=headers) for headers in (PLAIN, accepted))
@@ -97,7 +97,7 @@ def test_results_of_a_job_are_compressed_as_they_are_sent_and_events_are_not(cli
     assert "Content-Encoding" not in events.headers
 
 
-def test_nothing_is_compressed_where_it_is_set_off(client: httpx.Client, tmp_path: Path) -> None:
+def test_nothing_is_compressed_if_the_setting_forbids_it(client: httpx.Client, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "data", gzip=False, executor="in-process")
     with TestClient(create_app(settings), "http://127.0.0.1") as other:
         answer = other.post("/trajectory", json=PAPER_AT_45, headers=GZIP)

@@ -59,7 +59,7 @@ def test_history_runs_from_first_contact_to_the_final_instant(trajectory: dict[s
     assert {name: history[name][-1] for name in trajectory["final"]} == pytest.approx(trajectory["final"], rel=1e-12)
 
 
-def test_accelerations_are_the_resistance_over_the_weight(trajectory: dict[str, Any]) -> None:
+def test_accelerations_are_the_resistance_divided_by_the_weight(trajectory: dict[str, Any]) -> None:
     history = trajectory["history"]
     axial, transverse = history["axial_acceleration_g"], history["transverse_acceleration_g"]
     forces = map(math.hypot, history["depth_force_n"], history["lateral_force_n"])
@@ -81,7 +81,7 @@ def test_trajectory_at_the_critical_angle_is_a_ricochet(client: httpx.Client) ->
     assert answer["trajectory"]["history"]["axis_angle_deg"][0] == pytest.approx(answer["critical_angle_deg"])
 
 
-def test_no_critical_angle_is_an_answer(client: httpx.Client) -> None:
+def test_search_without_a_critical_angle_is_answered(client: httpx.Client) -> None:
     for lower, upper, status in ((10.0, 20.0, "no_ricochet"), (60.0, 70.0, "always_ricochet")):
         search = {"lower_deg": lower, "upper_deg": upper}
         response = client.post("/cra", json=PAPER | {"search": search, "output": {"history": True}})
@@ -90,7 +90,7 @@ def test_no_critical_angle_is_an_answer(client: httpx.Client) -> None:
         assert not {"critical_angle_deg", "bracket_deg", "trajectory"} & response.json().keys()
 
 
-def test_angles_come_back_as_they_were_sent(client: httpx.Client) -> None:
+def test_angles_are_returned_as_they_were_sent(client: httpx.Client) -> None:
     for lower, upper in ((47.1, 50.3), (48.3, 48.7)):
         search = {"lower_deg": lower, "upper_deg": upper, "tolerance_deg": 0.1}
         answer = client.post("/cra", json=PAPER | {"search": search}).json()
@@ -99,7 +99,7 @@ def test_angles_come_back_as_they_were_sent(client: httpx.Client) -> None:
 
 
 @pytest.mark.parametrize(("path", "body"), SINGLE)
-def test_second_answer_is_a_hit_and_the_same_and_so_is_the_result(
+def test_second_answer_is_a_cache_hit_and_equals_the_stored_result(
     client: httpx.Client, path: str, body: dict[str, Any]
 ) -> None:
     has_target = path not in {"/calibration/obliquity", "/flight"}
@@ -112,7 +112,7 @@ def test_second_answer_is_a_hit_and_the_same_and_so_is_the_result(
     assert client.get(f"/results/{first.json()['key']}").json() == first.json()
 
 
-def test_equal_requests_in_other_words_share_a_result(client: httpx.Client, search: dict[str, Any]) -> None:
+def test_equal_requests_in_other_notation_share_a_result(client: httpx.Client, search: dict[str, Any]) -> None:
     text = """{"impact": {"angular_velocity_rad_s": -0.0, "velocity_m_s": 238}, "search": {"upper_deg": 85},
                "numerics": {"panels": 12e3}, "target": {"density_kg_m3": 2.25e3, "compressive_strength_pa": 39000000},
                "projectile": {"mass_kg": 13, "length_m": 0.53, "diameter_m": 8e-2,
@@ -123,7 +123,9 @@ def test_equal_requests_in_other_words_share_a_result(client: httpx.Client, sear
     assert "validate;dur=" in response.headers["Server-Timing"]
 
 
-def test_result_is_the_answer_again(client: httpx.Client, trajectory: dict[str, Any], search: dict[str, Any]) -> None:
+def test_stored_result_equals_the_answer(
+    client: httpx.Client, trajectory: dict[str, Any], search: dict[str, Any]
+) -> None:
     for answer in (trajectory, search):
         response = client.get(f"/results/{answer['key']}")
         assert response.headers["Content-Type"] == "application/json"
@@ -136,12 +138,12 @@ def table_of(client: httpx.Client, key: str) -> dict[str, list[str]]:
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
-def test_csv_of_a_trajectory_is_its_history(client: httpx.Client, trajectory: dict[str, Any]) -> None:
+def test_csv_of_a_trajectory_lists_its_history(client: httpx.Client, trajectory: dict[str, Any]) -> None:
     table = table_of(client, trajectory["key"])
     assert {name: [float(cell) for cell in column] for name, column in table.items()} == trajectory["history"]
 
 
-def test_csv_of_a_trajectory_without_history_is_its_end(client: httpx.Client) -> None:
+def test_csv_of_a_trajectory_without_history_has_its_end(client: httpx.Client) -> None:
     answer = client.post("/trajectory", json=PAPER_AT_45 | {"output": {"history": False}}).json()
     table = table_of(client, answer["key"])
     assert {name: [float(cell) for cell in column] for name, column in table.items()} == {
@@ -149,13 +151,13 @@ def test_csv_of_a_trajectory_without_history_is_its_end(client: httpx.Client) ->
     }
 
 
-def test_csv_of_a_search_is_its_trials(client: httpx.Client, search: dict[str, Any]) -> None:
+def test_csv_of_a_search_lists_its_trials(client: httpx.Client, search: dict[str, Any]) -> None:
     table = table_of(client, search["key"])
     assert list(table) == ["oblique_angle_deg", "final_position_m", "outcome", "fine"]
     assert table["outcome"] == [trial["outcome"] for trial in search["iterations"]]
 
 
-def test_hdf5_of_a_result_opens(client: httpx.Client, trajectory: dict[str, Any]) -> None:
+def test_hdf5_file_of_a_result_can_be_read(client: httpx.Client, trajectory: dict[str, Any]) -> None:
     with file_at(client, f"/results/{trajectory['key']}") as file:
         assert file["history"]["time_s"][()].tolist() == trajectory["history"]["time_s"]
 
@@ -174,7 +176,7 @@ def test_hdf5_of_a_result_opens(client: httpx.Client, trajectory: dict[str, Any]
         ("application/json;q=0, */*", "text/csv"),
     ],
 )
-def test_form_is_chosen_by_accept(
+def test_accept_header_chooses_the_format(
     client: httpx.Client, search: dict[str, Any], accept: str | None, media_type: str
 ) -> None:
     request = client.build_request("GET", f"/results/{search['key']}")
@@ -185,7 +187,7 @@ def test_form_is_chosen_by_accept(
 
 
 @pytest.mark.parametrize("accept", ["text/html", "image/png, application/xml;q=0.5", "*/*;q=0", "text/csv;q=none"])
-def test_form_that_is_not_given_is_not_acceptable(client: httpx.Client, search: dict[str, Any], accept: str) -> None:
+def test_unsupported_format_is_not_acceptable(client: httpx.Client, search: dict[str, Any], accept: str) -> None:
     asked = [("GET", f"/results/{search['key']}", None), *(("POST", path, body) for path, body in SINGLE)]
     for method, path, body in asked:
         response = client.request(method, path, json=body, headers={"Accept": accept})
@@ -195,7 +197,7 @@ def test_form_that_is_not_given_is_not_acceptable(client: httpx.Client, search: 
 
 @pytest.mark.parametrize(("path", "body"), SINGLE)
 @pytest.mark.parametrize("form", [CSV, HDF5], ids=lambda form: form["Accept"])
-def test_answer_is_given_in_the_forms_of_a_result(
+def test_answers_have_the_formats_of_stored_results(
     client: httpx.Client, path: str, body: dict[str, Any], form: dict[str, str]
 ) -> None:
     answer = client.post(path, json=body, headers=form)  # computed, then cached
@@ -209,7 +211,7 @@ def test_answer_is_given_in_the_forms_of_a_result(
 
 
 @pytest.mark.parametrize("form", [{"Accept": "application/json"}, CSV, HDF5], ids=lambda form: form["Accept"])
-def test_etag_spares_what_the_client_has(
+def test_etag_avoids_sending_what_the_client_has(
     client: httpx.Client, trajectory: dict[str, Any], form: dict[str, str]
 ) -> None:
     path = f"/results/{trajectory['key']}"
@@ -225,14 +227,14 @@ def test_etag_spares_what_the_client_has(
     assert client.get(path, headers=form | {"If-None-Match": '"other"'}).status_code == 200
 
 
-def test_forms_of_a_result_have_tags_of_their_own(client: httpx.Client, search: dict[str, Any]) -> None:
+def test_each_format_of_a_result_has_its_own_tag(client: httpx.Client, search: dict[str, Any]) -> None:
     forms = ({"Accept": "application/json"}, CSV, HDF5)
     responses = [client.get(f"/results/{search['key']}", headers=form) for form in forms]
     assert len({response.headers["ETag"] for response in responses}) == 3
     assert len({hashlib.sha256(response.content).digest() for response in responses}) == 3
 
 
-def test_health_and_versions(client: httpx.Client) -> None:
+def test_service_reports_health_and_versions(client: httpx.Client) -> None:
     assert client.get("/livez").json() == {"status": "ok"}
     assert client.get("/readyz").json() == {"status": "ok", "chunks_on": "pool"}
     places = ('{place="pool"} 2.0', '{place="cluster"} 0.0')
@@ -242,7 +244,7 @@ def test_health_and_versions(client: httpx.Client) -> None:
     assert {"ricochet", "numpy"} <= versions["libraries"].keys()
 
 
-def test_docs_name_no_address_outside_the_service(client: httpx.Client) -> None:
+def test_docs_refer_to_no_other_host(client: httpx.Client) -> None:
     page = client.get("/docs")
     assert page.headers["Content-Type"].startswith("text/html")
     assert "//" not in re.sub(r"<!--.*?-->", "", page.text)

@@ -137,7 +137,7 @@ def check_others(client: TestClient, ids: dict[str, str], damaged: str) -> None:
 
 @pytest.mark.parametrize("junk", [JUNK, "junk", b"", -1], ids=["bytes", "text", "empty", "number"])
 @pytest.mark.parametrize(("table", "column", "kind"), columns())
-def test_damaged_column_costs_its_job_and_nothing_else(
+def test_damaged_column_affects_only_its_own_job(
     table: str, column: str, kind: str, junk: object, whole: tuple[Path, dict[str, str]], tmp_path: Path
 ) -> None:
     folder, ids = tmp_path / "data", whole[1]
@@ -176,7 +176,7 @@ def test_damaged_column_costs_its_job_and_nothing_else(
         assert len(client.get("/jobs").json()["jobs"]) == 2
 
 
-def test_key_of_another_case_is_a_damaged_case(whole: tuple[Path, dict[str, str]], tmp_path: Path) -> None:
+def test_case_with_a_wrong_key_is_reported_as_damaged(whole: tuple[Path, dict[str, str]], tmp_path: Path) -> None:
     """Two keys of the batch are exchanged, and others have a flipped bit, so that they match no result."""
     folder, ids = tmp_path / "data", whole[1]
     shutil.copytree(whole[0], folder)
@@ -196,7 +196,7 @@ def test_key_of_another_case_is_a_damaged_case(whole: tuple[Path, dict[str, str]
     assert found.status_code == 404, "nothing is kept under a key that is not its own"
 
 
-def test_key_damaged_before_its_case_is_computed_is_a_damaged_case(
+def test_key_damaged_before_its_computation_is_reported_as_damaged(
     whole: tuple[Path, dict[str, str]], tmp_path: Path
 ) -> None:
     folder, ids = tmp_path / "data", whole[1]

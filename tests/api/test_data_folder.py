@@ -111,7 +111,7 @@ def content_of(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("name", ["jobs.sqlite", "results/index.sqlite", "results/journal.sqlite"])
 @pytest.mark.parametrize("layout", [1, 2, 99])
-def test_folder_of_another_layout_is_refused_and_left_as_it_is(name: str, layout: int, tmp_path: Path) -> None:
+def test_folder_with_an_unknown_layout_is_refused_unchanged(name: str, layout: int, tmp_path: Path) -> None:
     folder = tmp_path / "data"
     with service_in(folder) as client:
         job_in(client)
@@ -135,7 +135,7 @@ def test_folder_of_another_layout_is_refused_and_left_as_it_is(name: str, layout
 
 
 @pytest.mark.parametrize("how", ["gone", "empty", "whole"])
-def test_jobs_that_are_gone_while_there_are_results_are_named(
+def test_loss_of_the_job_database_is_a_warning_if_results_remain(
     how: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "data"
@@ -178,7 +178,7 @@ async def test_downloads_held_by_slow_clients_count_against_the_limit(keep: bool
         assert len(file.read()) == 61_000
 
 
-def test_results_that_were_evicted_count_as_work_of_who_reads_them(tmp_path: Path) -> None:
+def test_recomputing_evicted_results_counts_in_the_quota_of_the_reader(tmp_path: Path) -> None:
     folder = tmp_path / "data"
     key_in(folder, "anna")
     token = key_in(folder, "bert", cases_per_hour=5)
@@ -201,7 +201,7 @@ def test_results_that_were_evicted_count_as_work_of_who_reads_them(tmp_path: Pat
         assert all('"result"' in line for line in lines)
 
 
-def test_jobs_are_kept_by_the_date_and_not_by_what_has_passed(tmp_path: Path) -> None:
+def test_job_expires_by_the_date_and_not_by_elapsed_time(tmp_path: Path) -> None:
     date, passed = 1.8e9, 1000.0
     clock = Clock(now=lambda: date, monotonic=lambda: passed)
     folder = tmp_path / "data"

@@ -107,7 +107,7 @@ def edges(schema: Mapping[str, Any]) -> list[float]:
 
 @pytest.mark.system
 @pytest.mark.parametrize(("path", "body", "part"), [pytest.param(*each, id=name) for name, *each in requests()])
-def test_number_at_an_edge_is_answered_or_refused_by_its_name(
+def test_number_at_an_edge_is_answered_or_refused_with_its_name(
     path: str, body: dict[str, Any], part: str, client: httpx.Client
 ) -> None:
     schema = CONTRACT["paths"][path]["post"]["requestBody"]["content"]["application/json"]["schema"]
@@ -127,7 +127,7 @@ def test_number_at_an_edge_is_answered_or_refused_by_its_name(
 
 
 @pytest.mark.parametrize("path", ["/cra", "/cra/uncertainty", "/trajectory/uncertainty"])
-def test_shot_whose_depth_takes_no_strength_factor_of_concrete_is_refused(path: str, client: httpx.Client) -> None:
+def test_shot_whose_strength_factor_is_impossible_for_concrete_is_refused(path: str, client: httpx.Client) -> None:
     shot = {"velocity_m_s": 0.1, "depth_m": 1e-6}
     law = {"strength_factor": {"model": "own_tests", "shots": [SHOT, shot]}}
     body = {"projectile": strike.PROJECTILE, "target": TARGET, "resistance": law, "impact": {"velocity_m_s": 238.0}}

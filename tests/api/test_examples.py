@@ -108,11 +108,11 @@ def models(root: type[Part] = Part) -> Iterator[tuple[str, type[Part]]]:
     ("name", "example"),
     [(name, example) for name in sorted(IN_ANSWERS) for example in SCHEMAS[name].get("examples", ())],
 )
-def test_example_of_an_answer_is_one(name: str, example: Any) -> None:
+def test_example_of_an_answer_is_valid(name: str, example: Any) -> None:
     dict(models())[name].model_validate(example)
 
 
-def test_example_of_a_trajectory_is_that_of_the_paper(client: httpx.Client) -> None:
+def test_example_of_a_trajectory_matches_the_paper_strike(client: httpx.Client) -> None:
     answer = client.post("/trajectory", json=PAPER_AT_45).json()
     example = SCHEMAS["TrajectoryAnswer"]["examples"][0]
     assert example["outcome"] == answer["outcome"]
@@ -125,7 +125,7 @@ def test_example_of_a_trajectory_is_that_of_the_paper(client: httpx.Client) -> N
     assert answers.WARNING["code"] in {warning["code"] for warning in answer["warnings"]}
 
 
-def test_example_of_a_critical_angle_is_that_of_the_paper(client: httpx.Client) -> None:
+def test_example_of_a_critical_angle_matches_the_paper_strike(client: httpx.Client) -> None:
     answer = client.post("/cra", json=PAPER).json()
     example = SCHEMAS["CriticalAngleAnswer"]["examples"][0]
     assert example["status"] == answer["status"]
@@ -134,7 +134,7 @@ def test_example_of_a_critical_angle_is_that_of_the_paper(client: httpx.Client) 
 
 
 @pytest.mark.parametrize("kind", ["Depth", "Motion", "Obliquity"])
-def test_example_of_a_calibration_is_answered_as_its_example_says(client: httpx.Client, kind: str) -> None:
+def test_example_of_a_calibration_gets_its_example_answer(client: httpx.Client, kind: str) -> None:
     request, example = (SCHEMAS[f"{kind}Calibration{part}"]["examples"][0] for part in ("Request", "Answer"))
     answer = client.post(f"/calibration/{kind.lower()}", json=request).json()
     told, shown = dict(leaves(answer)), dict(leaves(example))
@@ -165,7 +165,7 @@ def test_example_answer_is_the_answer_to_the_example_request(client: httpx.Clien
         assert SCHEMAS[operation.many.models.results.__name__]["examples"][0]["results"][0]["result"] == example
 
 
-def test_example_of_a_problem_is_answered(client: httpx.Client) -> None:
+def test_example_of_a_problem_is_a_real_answer(client: httpx.Client) -> None:
     answer = client.post("/cra", json=put(PAPER, ("projectile", "length_m"), 0.1)).json()
     assert answer == SCHEMAS["Problem"]["examples"][0]
     assert answer["errors"] == SCHEMAS["ProblemError"]["examples"]

@@ -22,7 +22,7 @@ def bare_path(tmp_path: Path) -> str:
     return f"{tmp_path}:{ROOT}"
 
 
-def test_service_without_extras_says_so_and_does_the_rest(
+def test_service_without_extras_refuses_only_what_needs_them(
     service_on: RunService,
     tmp_path: Path,
     bare_path: str,

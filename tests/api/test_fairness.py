@@ -67,7 +67,7 @@ def one_worker(service_on: RunService, tmp_path_factory: pytest.TempPathFactory)
 
 
 @pytest.mark.parametrize("path", ["/cra", "/cra/batch"])
-def test_abandoned_work_is_dropped(one_worker: str, path: str) -> None:
+def test_work_of_a_disconnected_client_is_dropped(one_worker: str, path: str) -> None:
     """The 20 queued and running requests of a client that disconnects would take 20 minutes."""
     bodies = [search(number, **MINUTE) for number in range(20)]
     if path == "/cra/batch":
@@ -94,7 +94,7 @@ def test_client_addresses_get_equal_shares_of_the_workers(one_worker: str) -> No
         assert [query.result().status_code for query in queries] == [200] * 24
 
 
-def test_service_whose_workers_are_all_at_work_is_ready_and_says_so(one_worker: str) -> None:
+def test_service_with_busy_workers_is_ready_and_reports_busy(one_worker: str) -> None:
     with client_at(one_worker, "127.0.0.3") as other:
         with sent(one_worker, "/cra", [search(50, **MINUTE), search(51, **MINUTE)], "127.0.0.2"):
             until(lambda: gauge(other, "ricochet_queued_queries") >= 1)
@@ -103,7 +103,7 @@ def test_service_whose_workers_are_all_at_work_is_ready_and_says_so(one_worker: 
         until(lambda: bool(other.get("/readyz").json()["status"] == "ok"))
 
 
-def test_shutdown_refuses_work_that_cannot_be_finished_in_time(service_on: RunService, tmp_path: Path) -> None:
+def test_shutdown_refuses_work_that_would_not_finish_in_time(service_on: RunService, tmp_path: Path) -> None:
     """Running and queued queries and batches are answered with 503; the fixture checks that no failure is logged."""
     with service_on(tmp_path, workers="1", grace_seconds="3") as service, client_at(service.url, "127.0.0.1") as client:
         bodies = [search(number, **MINUTE) for number in range(5)]
@@ -131,7 +131,7 @@ REPORTS = 30
 
 
 @pytest.mark.timeout(400)
-def test_reports_of_one_owner_do_not_hold_up_the_query_of_another(service_on: RunService, tmp_path: Path) -> None:
+def test_reports_of_one_owner_do_not_delay_the_query_of_another(service_on: RunService, tmp_path: Path) -> None:
     """A query is answered before half of 30 reports, and reports of disconnected clients are abandoned."""
     with service_on(tmp_path, workers="1") as service, client_at(service.url, "127.0.0.3") as other:
         other.post("/report", json=PAPER, timeout=300.0).raise_for_status()  # Now all cases of the report are cached.
@@ -142,7 +142,7 @@ def test_reports_of_one_owner_do_not_hold_up_the_query_of_another(service_on: Ru
         until(lambda: gauge(other, "ricochet_queued_queries") == 0)
 
 
-def test_time_of_a_study_is_limited(service_on: RunService, tmp_path: Path) -> None:
+def test_study_beyond_its_time_limit_is_refused(service_on: RunService, tmp_path: Path) -> None:
     study = PAPER | {
         "uncertain": [
             {

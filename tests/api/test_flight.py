@@ -28,7 +28,7 @@ def run(client: httpx.Client, body: dict[str, Any]) -> dict[str, Any]:
     return answer
 
 
-def test_flight_of_a_body_that_left_is_that_of_its_speed_and_elevation(client: httpx.Client) -> None:
+def test_flight_after_a_ricochet_follows_from_exit_speed_and_elevation(client: httpx.Client) -> None:
     left = run(client, STEEP | {"flight": {}})["exit"]
     alone = client.post(
         "/flight",
@@ -43,7 +43,7 @@ def test_flight_of_a_body_that_left_is_that_of_its_speed_and_elevation(client: h
         assert alone[name] == pytest.approx(value, rel=1e-6)
 
 
-def test_face_decides_where_the_body_flies(client: httpx.Client) -> None:
+def test_direction_of_the_face_decides_where_the_body_flies(client: httpx.Client) -> None:
     def distance(**face: Any) -> float:
         found: float = run(client, STEEP | {"flight": face})["exit"]["flight"]["range_m"]
         return found
@@ -55,12 +55,12 @@ def test_face_decides_where_the_body_flies(client: httpx.Client) -> None:
     assert distance(incidence_plane="down") == level  # The plane of incidence matters only if the face is tilted.
 
 
-def test_body_that_stays_has_no_flight(client: httpx.Client) -> None:
+def test_embedded_body_has_no_flight(client: httpx.Client) -> None:
     answer = run(client, PAPER_AT_45 | {"flight": {}, "output": {"history": False}})
     assert "exit" not in answer
 
 
-def test_flight_is_given_on_request_alone(client: httpx.Client) -> None:
+def test_flight_is_given_only_on_request(client: httpx.Client) -> None:
     assert "flight" not in run(client, STEEP)["exit"]
 
 
@@ -88,7 +88,7 @@ def test_study_has_quantiles_of_the_distances(client: httpx.Client) -> None:
     assert "ricochet_exit_flight_farthest_range_m,0.95," in table
 
 
-def test_study_in_python_has_the_distances_of_http(client: httpx.Client) -> None:
+def test_study_in_python_gives_the_distances_of_the_http_answer(client: httpx.Client) -> None:
     answer = (
         client.post("/trajectory/uncertainty", json=STRAY | {"flight": {"height_m": 5.0}}).raise_for_status().json()
     )

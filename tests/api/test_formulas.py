@@ -33,7 +33,7 @@ def rows_of(answer: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {row["formula"]: row for row in answer["formulas"]}
 
 
-def test_rows_are_those_of_the_solver(client: httpx.Client) -> None:
+def test_rows_are_the_ones_of_the_solver(client: httpx.Client) -> None:
     answer = answered(client, "/formulas", BODY)
     FormulasAnswer.model_validate(answer)
     rows = rows_of(answer)
@@ -48,12 +48,12 @@ def test_rows_are_those_of_the_solver(client: httpx.Client) -> None:
     assert not rows
 
 
-def test_worked_value(client: httpx.Client) -> None:
+def test_ndrc_depth_is_the_worked_value(client: httpx.Client) -> None:
     rows = rows_of(client.post("/formulas", json=FORRESTAL).json())
     assert rows["modified_ndrc"]["penetration_depth_m"] / 0.0269 == pytest.approx(5.11, abs=0.01)
 
 
-def test_value_out_of_range_is_answered_and_points_at_the_field(client: httpx.Client) -> None:
+def test_value_out_of_range_is_answered_and_names_the_field(client: httpx.Client) -> None:
     row = rows_of(client.post("/formulas", json=BODY).json())["cea_edf"]
     assert row["perforation_thickness_m"] > 0.0
     assert not row["in_range"]
@@ -70,7 +70,7 @@ def test_formula_without_a_known_range_is_flagged(client: httpx.Client) -> None:
     assert rows["brl"]["out_of_range"] == []
 
 
-def test_doubts_and_assumptions_are_stated(client: httpx.Client) -> None:
+def test_answer_states_doubts_and_assumptions(client: httpx.Client) -> None:
     rows = rows_of(client.post("/formulas", json=BODY).json())
     assert {name for name, row in rows.items() if "note" in row} == {"brl", "whiffen"}
     assert rows["brl"]["note"].startswith("in doubt")
@@ -81,7 +81,7 @@ def test_doubts_and_assumptions_are_stated(client: httpx.Client) -> None:
     assert "1.0, the safe side" in rows_of(answer)["modified_ndrc"]["note"]
 
 
-def test_spread_is_over_the_formulas_in_range(client: httpx.Client) -> None:
+def test_spread_covers_the_formulas_in_range(client: httpx.Client) -> None:
     answer = client.post("/formulas", json=BODY).json()
     found = {
         row["perforation_thickness_m"]
@@ -96,7 +96,7 @@ def test_spread_is_over_the_formulas_in_range(client: httpx.Client) -> None:
     assert len(found) < sum("perforation_thickness_m" in row for row in answer["formulas"])
 
 
-def test_oblique_strike_counts_with_its_normal_component_and_says_so(client: httpx.Client) -> None:
+def test_oblique_strike_enters_with_its_normal_component_and_a_warning(client: httpx.Client) -> None:
     oblique = BODY | {"impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 60.0}}
     half = BODY | {"impact": {"velocity_m_s": 119.0}}
     answers = [client.post("/formulas", json=body).json() for body in (oblique, half)]
@@ -109,7 +109,7 @@ def test_oblique_strike_counts_with_its_normal_component_and_says_so(client: htt
         )
 
 
-def test_result_is_kept_as_json_csv_and_hdf5(client: httpx.Client) -> None:
+def test_result_is_returned_as_json_csv_and_hdf5(client: httpx.Client) -> None:
     answer = client.post("/formulas", json=BODY).json()
     assert client.post("/formulas", json=BODY).headers["Cache-Status"] == "ricochet; hit"
     address = f"/results/{answer['key']}"
@@ -125,7 +125,7 @@ def test_result_is_kept_as_json_csv_and_hdf5(client: httpx.Client) -> None:
         assert any("residuals" in name for name in content)
 
 
-def test_reinforcement_that_changes_nothing_is_said(client: httpx.Client) -> None:
+def test_reinforcement_without_effect_is_a_warning(client: httpx.Client) -> None:
     plain, zero, reinforced = (
         answered(client, "/formulas", BODY | {"target": BODY["target"] | extra})
         for extra in ({}, {"reinforcement_ratio_percent": 0.0}, {"reinforcement_ratio_percent": 10.0})

@@ -25,7 +25,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_generated_client_requests_follows_reads_and_cancels(installed: Path, live_url: str) -> None:
+def test_generated_client_sends_requests_and_follows_jobs(installed: Path, live_url: str) -> None:
     command = [sys.executable, "-W", "error", str(ROOT / "tests" / "clients" / "python" / "conversation.py"), live_url]
     environment = os.environ | {"NO_PROXY": "*", "PYTHONPATH": str(installed)}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)

@@ -53,7 +53,7 @@ def test_computed_and_cached_answers_have_the_security_headers(client: httpx.Cli
         assert headers["Cache-Control"] == "no-store"
 
 
-def test_result_may_be_kept_and_revalidated(client: httpx.Client) -> None:
+def test_clients_may_store_and_revalidate_a_result(client: httpx.Client) -> None:
     key = client.post("/cra", json=PAPER).json()["key"]
     first = client.get(f"/results/{key}")
     assert first.headers["Cache-Control"] == "private, no-cache"
@@ -61,7 +61,7 @@ def test_result_may_be_kept_and_revalidated(client: httpx.Client) -> None:
     assert again.status_code == 304
 
 
-def test_header_that_a_route_has_set_stays() -> None:
+def test_header_set_by_a_route_is_kept() -> None:
     own = [(b"content-security-policy", b"default-src 'self'"), (b"cache-control", b"max-age=60")]
     found = dict(secured(own, tls=False))
     assert [found[name] for name, _ in own] == [value for _, value in own]
@@ -76,7 +76,7 @@ def test_documentation_keeps_its_own_policy(client: httpx.Client) -> None:
 @pytest.mark.parametrize(
     "host", ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example:80", "", "[::1", "a/b"]
 )
-def test_other_name_on_the_loopback_interface_is_refused(client: httpx.Client, host: str) -> None:
+def test_unknown_host_name_on_the_loopback_interface_is_refused(client: httpx.Client, host: str) -> None:
     """In a DNS rebinding attack the name of a loaded page is made to resolve to 127.0.0.1."""
     problem_of(client.get("/jobs", headers={"Host": host}), 421)
     problem_of(client.post("/cra", json=PAPER, headers={"Host": host}), 421)
@@ -84,11 +84,11 @@ def test_other_name_on_the_loopback_interface_is_refused(client: httpx.Client, h
 
 
 @pytest.mark.parametrize("host", ["localhost", "LOCALHOST:8000", "127.0.0.1", "127.0.0.1:1", "[::1]", "[::1]:8000"])
-def test_own_name_on_the_loopback_interface_is_answered(client: httpx.Client, host: str) -> None:
+def test_localhost_is_answered_on_the_loopback_interface(client: httpx.Client, host: str) -> None:
     assert client.get("/jobs", headers={"Host": host}).status_code == 200
 
 
-def test_other_name_is_refused_on_any_address_of_an_open_service(tmp_path: Path) -> None:
+def test_unknown_host_name_is_refused_on_any_address_of_an_open_service(tmp_path: Path) -> None:
     """A container whose port is published on the loopback interface of its host is such a service."""
     settings = Settings(data_dir=tmp_path, host="0.0.0.0", access="open", executor="in-process")  # noqa: S104
     with TestClient(create_app(settings), "http://192.0.2.7:8000") as client:
@@ -98,7 +98,7 @@ def test_other_name_is_refused_on_any_address_of_an_open_service(tmp_path: Path)
         assert client.get("/jobs", headers={"Host": "localhost:8000"}).status_code == 200
 
 
-def test_names_that_are_set_are_the_only_ones(named: httpx.Client) -> None:
+def test_only_the_host_names_in_the_settings_are_answered(named: httpx.Client) -> None:
     assert named.get("/jobs", headers={"Host": "ricochet.example"}).status_code == 200
     problem_of(named.get("/jobs", headers={"Host": "localhost"}), 421)
 
@@ -113,14 +113,14 @@ def test_names_that_are_set_are_the_only_ones(named: httpx.Client) -> None:
         {"Origin": "http://localhost:1"},
     ],
 )
-def test_page_of_another_site_changes_nothing(client: httpx.Client, headers: dict[str, str]) -> None:
+def test_page_of_another_site_cannot_change_anything(client: httpx.Client, headers: dict[str, str]) -> None:
     problem_of(client.post("/cra", json=PAPER, headers=headers), 403)
     problem_of(client.delete("/jobs/1", headers=headers), 403)
     # The browser does not let that page read the answer.
     assert client.get("/jobs", headers=headers).status_code == 200
 
 
-def test_page_of_the_service_itself_may_ask(client: httpx.Client) -> None:
+def test_page_of_the_service_itself_may_send_requests(client: httpx.Client) -> None:
     origin = str(client.base_url).rstrip("/")
     for headers in (
         {"Sec-Fetch-Site": "same-origin", "Origin": origin},
@@ -130,7 +130,7 @@ def test_page_of_the_service_itself_may_ask(client: httpx.Client) -> None:
         assert client.post("/cra", json=PAPER, headers=headers).status_code == 200
 
 
-def test_no_other_origin_may_read_unless_it_is_set(client: httpx.Client, named: httpx.Client) -> None:
+def test_only_origins_in_the_settings_may_read_answers(client: httpx.Client, named: httpx.Client) -> None:
     asks = {"Origin": HERE, "Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": "authorization"}
     told = client.options("/cra", headers=asks)
     assert told.status_code >= 400
@@ -144,7 +144,7 @@ def test_no_other_origin_may_read_unless_it_is_set(client: httpx.Client, named: 
     problem_of(named.post("/cra", json=PAPER, headers={"Origin": ELSEWHERE, "Sec-Fetch-Site": "cross-site"}), 403)
 
 
-def test_service_speaks_tls_with_the_certificate_it_is_given(named: httpx.Client) -> None:
+def test_service_uses_tls_with_its_certificate(named: httpx.Client) -> None:
     assert named.get("/livez").headers["Strict-Transport-Security"] == "max-age=31536000"
     with pytest.raises(httpx.ConnectError):
         httpx.get(f"{named.base_url}/livez", trust_env=False)
@@ -152,11 +152,11 @@ def test_service_speaks_tls_with_the_certificate_it_is_given(named: httpx.Client
         httpx.get(f"{named.base_url}/livez".replace("https", "http"), trust_env=False)
 
 
-def test_half_of_tls_is_refused(tmp_path: Path) -> None:
+def test_certificate_without_a_key_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="tls_key"):
         Settings(tls_certificate=tmp_path / "certificate.pem")
 
 
-def test_names_are_listed_with_commas_between_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_host_names_in_the_settings_are_separated_by_commas(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RICOCHET_ALLOWED_HOSTS", "a.example, b.example")
     assert Settings().allowed_hosts == ("a.example", "b.example")

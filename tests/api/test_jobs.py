@@ -33,7 +33,7 @@ def items(client: httpx.Client, job: dict[str, Any]) -> list[dict[str, Any]]:
     return items_of(client.get(job["links"]["results"], headers={"Accept": JSONL}))
 
 
-def test_finished_job_gives_its_times_and_counts(client: httpx.Client, job: dict[str, Any]) -> None:
+def test_finished_job_has_times_and_counts(client: httpx.Client, job: dict[str, Any]) -> None:
     told = Job.model_validate(job)
     assert job["counts"] == {"total": 260, "done": 260, "cached": 0, "failed": 1}
     assert told.started is not None
@@ -61,7 +61,9 @@ def test_queued_job_reports_its_place_and_expected_end(client: httpx.Client) -> 
     assert all("queue" not in job for job in ended)
 
 
-def test_pages_hold_every_result_once(client: httpx.Client, job: dict[str, Any], items: list[dict[str, Any]]) -> None:
+def test_pages_contain_every_result_once(
+    client: httpx.Client, job: dict[str, Any], items: list[dict[str, Any]]
+) -> None:
     found, cursor = [], ""
     while True:
         page = client.get(job["links"]["results"], params={"limit": 100, "cursor": cursor}).json()
@@ -95,7 +97,7 @@ def test_pages_of_jobs_contain_every_job_once(client: httpx.Client) -> None:
 
 
 @pytest.mark.parametrize("cursor", ["x", "!", "MQ==", "LTE", "999", "MTAwMDAwMDAwMDAwMA", "MDE", "\u00e9"])
-def test_cursor_of_another_make_is_refused(client: httpx.Client, job: dict[str, Any], cursor: str) -> None:
+def test_malformed_cursor_is_refused(client: httpx.Client, job: dict[str, Any], cursor: str) -> None:
     assert client.get(job["links"]["results"], params={"cursor": cursor}).status_code == 422
     assert client.get("/jobs", params={"cursor": cursor}).status_code == 422
 
@@ -116,7 +118,7 @@ def test_lines_and_tables_start_at_the_cursor(
     assert items_of(some) == items[250:253]
 
 
-def test_table_has_a_row_a_case(client: httpx.Client, job: dict[str, Any], items: list[dict[str, Any]]) -> None:
+def test_table_has_one_row_per_case(client: httpx.Client, job: dict[str, Any], items: list[dict[str, Any]]) -> None:
     response = client.get(job["links"]["results"], headers={"Accept": "text/csv"})
     assert response.headers["Content-Type"] == "text/csv; charset=utf-8"
     rows = list(csv.DictReader(io.StringIO(response.text)))
@@ -137,7 +139,7 @@ def test_table_has_a_row_a_case(client: httpx.Client, job: dict[str, Any], items
 COMPUTED_BY_SPREADSHEETS = ["=1+1", "+A1", "-1+1", "@SUM(A1)", "\t=1", "\r=1", "\uff1d1"]
 
 
-def test_texts_that_a_spreadsheet_would_compute_are_quoted_in_tables_alone(client: httpx.Client) -> None:
+def test_only_tables_quote_texts_that_a_spreadsheet_would_evaluate(client: httpx.Client) -> None:
     names = [*COMPUTED_BY_SPREADSHEETS, "a=1", "'=1"]
     cases = [case | {"custom_id": name} for case, name in zip(strikes(len(names)), names, strict=True)]
     at_once = client.post("/trajectory/batch", json={"cases": cases}, headers={"Accept": "text/csv"})
@@ -152,7 +154,7 @@ def test_texts_that_a_spreadsheet_would_compute_are_quoted_in_tables_alone(clien
         assert any(velocity.startswith("-") for velocity in velocities)
 
 
-def test_table_of_trajectories_has_their_ends(client: httpx.Client) -> None:
+def test_table_of_trajectories_has_their_final_states(client: httpx.Client) -> None:
     job = finished(client, client.post("/trajectory/batch", json={"cases": strikes(2)}, headers=ASYNC).json())
     row = rows_at(client, job["links"]["results"])[1]
     result = client.get(job["links"]["results"]).json()["results"][1]["result"]
@@ -160,7 +162,7 @@ def test_table_of_trajectories_has_their_ends(client: httpx.Client) -> None:
     assert (row["outcome"], float(row["maximum_depth_m"])) == (result["outcome"], result["maximum_depth_m"])
 
 
-def test_whole_job_as_one_file_opens(client: httpx.Client, job: dict[str, Any], items: list[dict[str, Any]]) -> None:
+def test_hdf5_file_of_a_job_can_be_read(client: httpx.Client, job: dict[str, Any], items: list[dict[str, Any]]) -> None:
     response = client.get(job["links"]["results"], headers={"Accept": "application/x-hdf5"})
     assert response.headers["Content-Type"] == "application/x-hdf5"
     assert int(response.headers["Content-Length"]) == len(response.content)
@@ -170,7 +172,7 @@ def test_whole_job_as_one_file_opens(client: httpx.Client, job: dict[str, Any], 
         assert angles[3] == items[3]["result"]["critical_angle_deg"]
 
 
-def test_form_that_is_not_given_is_not_acceptable(client: httpx.Client, job: dict[str, Any]) -> None:
+def test_unsupported_format_is_not_acceptable(client: httpx.Client, job: dict[str, Any]) -> None:
     assert client.get(job["links"]["results"], headers={"Accept": "text/html"}).status_code == 406
 
 
@@ -181,7 +183,7 @@ def events_of(response: httpx.Response) -> list[tuple[int, dict[str, Any]]]:
     return [(int(block["id"]), json.loads(block["data"])) for block in blocks if "data" in block]
 
 
-def test_events_tell_of_a_job_until_its_end(client: httpx.Client) -> None:
+def test_events_report_a_job_until_it_ends(client: httpx.Client) -> None:
     job = client.post("/cra/batch", json={"cases": searches(200)}).json()
     response = client.get(job["links"]["events"])
     assert response.headers["Content-Type"].startswith("text/event-stream")
@@ -196,7 +198,7 @@ def test_events_tell_of_a_job_until_its_end(client: httpx.Client) -> None:
     assert resumed == events[-1:]
 
 
-def test_events_of_a_job_under_way_are_not_sent_again(client: httpx.Client) -> None:
+def test_events_already_received_are_not_sent_again(client: httpx.Client) -> None:
     job = client.post("/trajectory/batch", json={"cases": slow_strikes(12)}, headers=ASYNC).json()
     with client.stream("GET", job["links"]["events"]) as response:
         seen = next(line for line in response.iter_lines() if line.startswith("id: ")).removeprefix("id: ")
@@ -239,7 +241,7 @@ def test_event_stream_of_an_unchanged_job_is_kept_alive(dedicated_service: Servi
         client.delete(job["links"]["self"])
 
 
-def test_cancelled_job_keeps_what_it_has(client: httpx.Client) -> None:
+def test_cancelled_job_keeps_its_results(client: httpx.Client) -> None:
     job = client.post("/trajectory/batch", json={"cases": slow_strikes(60)}, headers=ASYNC).json()
     until(lambda: bool(client.get(job["links"]["self"]).json()["counts"]["done"]))
     ended = client.post(job["links"]["cancel"])
@@ -251,7 +253,7 @@ def test_cancelled_job_keeps_what_it_has(client: httpx.Client) -> None:
     assert events_of(client.get(job["links"]["events"]))[-1][1]["status"] == "dismissed"
 
 
-def test_results_come_while_the_job_runs(client: httpx.Client) -> None:
+def test_results_can_be_read_while_the_job_runs(client: httpx.Client) -> None:
     job = client.post("/trajectory/batch", json={"cases": slow_strikes(10)}, headers=ASYNC).json()
     found, cursor = [], ""
     while True:
@@ -264,7 +266,7 @@ def test_results_come_while_the_job_runs(client: httpx.Client) -> None:
     assert found == list(range(10))
 
 
-def test_deleted_job_is_gone_and_its_results_stay(client: httpx.Client) -> None:
+def test_deleting_a_job_leaves_its_results_in_the_cache(client: httpx.Client) -> None:
     cases = searches(2)
     job = finished(client, client.post("/cra/batch", json={"cases": cases}, headers=ASYNC).json())
     deleted = client.delete(job["links"]["self"])
@@ -278,7 +280,7 @@ def test_deleted_job_is_gone_and_its_results_stay(client: httpx.Client) -> None:
 
 
 @pytest.mark.timeout(120)
-def test_job_that_is_deleted_while_it_is_changed_is_not_found(client: httpx.Client) -> None:
+def test_job_deleted_during_a_change_is_not_found(client: httpx.Client) -> None:
     body = {"base": PAPER, "axes": [{"field": "impact.velocity_m_s", "values": [230.0]}]}
     found = set()
     with ThreadPoolExecutor() as pool:

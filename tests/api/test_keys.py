@@ -127,7 +127,7 @@ def test_key_depends_on_every_value(request_: Any, data: st.DataObject) -> None:
 
 
 @given(requests)
-def test_json_to_solver_and_back_is_exact_and_a_default_that_is_given_is_the_same_request(request_: Any) -> None:
+def test_round_trip_to_the_solver_is_exact_and_explicit_defaults_change_no_key(request_: Any) -> None:
     model, body = request_
     request = model.model_validate(body)
     full = request.canonical()
@@ -150,12 +150,12 @@ def given_values_are_kept(body: Any, canonical: Any) -> bool:
 
 
 @given(st.decimals(0, 90, places=13).map(float))
-def test_degrees_of_up_to_fifteen_digits_survive_the_way_to_radians_and_back(angle: float) -> None:
+def test_degrees_with_fifteen_digits_survive_the_round_trip_to_radians(angle: float) -> None:
     assert degrees(math.radians(angle)) == angle
 
 
 @given(st.floats(-math.pi, math.pi))
-def test_degrees_are_those_of_the_angle(angle: float) -> None:
+def test_degrees_agree_with_the_standard_conversion(angle: float) -> None:
     assert degrees(angle) == pytest.approx(math.degrees(angle), rel=1e-15, abs=0.0)
 
 
@@ -186,7 +186,7 @@ PINNED = PAPER | {
 }
 
 
-def test_keys_are_those_of_earlier_releases(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keys_equal_the_keys_of_earlier_releases(monkeypatch: pytest.MonkeyPatch) -> None:
     """If these keys changed, no stored result would be found: raise ENGINE_VERSION or SCHEMA_VERSION instead."""
     monkeypatch.setattr("service.operations.ENGINE_VERSION", "pinned")
     monkeypatch.setattr("service.operations.SCHEMA_VERSION", "pinned")

@@ -89,7 +89,7 @@ def test_line_may_be_nested_as_deep_as_the_limit(tight: httpx.Client) -> None:
     assert f"{BODY_DEPTH} deep" in refused.errors[0].detail
 
 
-def test_brackets_beside_one_another_are_not_nesting(tight: httpx.Client) -> None:
+def test_consecutive_brackets_are_not_nesting(tight: httpx.Client) -> None:
     cases = {"cases": [{**PAPER, "search": ROUGH}] * (2 * BODY_DEPTH // 10)}
     text = json.dumps(cases).encode()
     assert text.count(b"{") > BODY_DEPTH
@@ -104,7 +104,7 @@ def test_batch_may_have_as_many_cases_as_the_limit(client: httpx.Client) -> None
     assert problem_of(client.post("/cra/batch", json=batch(1001)), 422).errors[0].pointer == "/cases"
 
 
-def test_cases_may_wait_up_to_the_limit(tight: httpx.Client) -> None:
+def test_queue_accepts_cases_up_to_the_limit(tight: httpx.Client) -> None:
     jobs = [tight.post("/trajectory/batch", content=lines(slow_strikes(150)), headers=LINES | ASYNC) for _ in range(2)]
     assert [job.status_code for job in jobs] == [202, 202]
     try:
@@ -116,7 +116,7 @@ def test_cases_may_wait_up_to_the_limit(tight: httpx.Client) -> None:
             tight.delete(job.json()["links"]["self"])
 
 
-def test_retry_time_is_that_of_room_for_the_whole_request(tight: httpx.Client) -> None:
+def test_retry_time_lasts_until_there_is_room_for_the_whole_request(tight: httpx.Client) -> None:
     def seconds_until(refused: httpx.Response) -> int:
         assert problem_of(refused, 429).type == "urn:ricochet:problem:queue-full"
         return int(refused.headers["Retry-After"])
@@ -138,7 +138,7 @@ def test_retry_time_is_that_of_room_for_the_whole_request(tight: httpx.Client) -
 
 
 @pytest.mark.parametrize("path", ["/trajectory", "/trajectory/batch", "/trajectory/sweep", "lines"])
-def test_panels_times_steps_are_limited_however_a_case_comes(tight: httpx.Client, path: str) -> None:
+def test_panels_times_steps_are_limited_on_every_route(tight: httpx.Client, path: str) -> None:
     def answer(panels: int) -> httpx.Response:
         numerics = {"method": "panels", "panels": panels, "termination_time_s": 1.0, "time_step_s": 1e-5}
         case = PAPER_AT_45 | {"numerics": numerics, "output": {"history": False}}
@@ -154,12 +154,12 @@ def test_panels_times_steps_are_limited_however_a_case_comes(tight: httpx.Client
     assert f"{PANEL_STEPS:g}" in found.detail
 
 
-def test_search_by_the_paper_counts_its_panels(tight: httpx.Client) -> None:
+def test_search_by_the_paper_procedure_counts_its_panels(tight: httpx.Client) -> None:
     body = PAPER | {"search": {"method": "bisection"}, "numerics": {"panels": 100_000, "time_step_s": 1e-6}}
     assert problem_of(tight.post("/cra", json=body), 422).errors[0].pointer == "/numerics/panels"
 
 
-def test_case_may_run_as_long_as_the_limit_alone_and_among_others(tight: httpx.Client) -> None:
+def test_case_beyond_the_time_limit_fails_alone_and_in_a_batch(tight: httpx.Client) -> None:
     numerics = {"method": "panels", "panels": 100_000, "termination_time_s": 0.01, "time_step_s": 1e-5}
     search = {"method": "outcome", "tolerance_deg": 1e-6}
     endless = PAPER | {"numerics": numerics, "search": search}
@@ -186,14 +186,14 @@ def test_single_queries_of_an_owner_are_limited() -> None:
 
 
 @pytest.mark.parametrize(("count", "weight", "seconds"), [(0, 1, 1), (1200, 1, 12), (1200, 20, 240)])
-def test_wait_for_a_job_goes_by_the_cost_of_its_cases_until_a_rate_is_measured(
+def test_expected_wait_follows_from_the_cost_of_cases_until_a_rate_is_measured(
     count: int, weight: int, seconds: int
 ) -> None:
     assert CASE_SECONDS == 0.02
     assert Rate(lambda: 2).seconds_for(count, weight) == seconds
 
 
-def test_time_without_work_does_not_lower_a_rate() -> None:
+def test_idle_time_does_not_lower_a_rate() -> None:
     """Otherwise a service that is idle most of the time would announce minutes for a job of seconds."""
     now = 100.0
     rate = Rate(lambda: 1, clock=lambda: now)
@@ -213,5 +213,5 @@ def test_time_without_work_does_not_lower_a_rate() -> None:
         assert rate.per_second == 0.0
 
 
-def test_probes_may_have_what_a_monitor_adds(client: httpx.Client) -> None:
+def test_probes_accept_unknown_query_parameters(client: httpx.Client) -> None:
     assert client.get("/livez?time=1").status_code == 200

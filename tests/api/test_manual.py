@@ -8,7 +8,7 @@ from service.api.app import create_app
 from service.settings import Settings
 
 
-def test_without_a_manual_the_page_says_what_to_do(tmp_path: Path) -> None:
+def test_page_in_place_of_an_unbuilt_manual_says_how_to_build_it(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "data", manual_dir=tmp_path / "none")
     client = TestClient(create_app(settings), "http://127.0.0.1")
     for address in ("/manual", "/manual/"):

@@ -124,9 +124,7 @@ def test_list_of_tools_is_small_enough_for_the_context_of_a_model(client: httpx.
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-def test_structured_content_fits_the_schema_of_its_tool_whether_the_call_is_refused_or_not(
-    live_url: str, mode: str
-) -> None:
+def test_structured_content_fits_the_schema_of_its_tool_even_in_a_refusal(live_url: str, mode: str) -> None:
     """Clients validate structured content against the schema, and would reject a refusal that does not fit it."""
     jsonschema = import_module("jsonschema")  # The import takes two seconds.
     short = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
@@ -185,7 +183,7 @@ def keyed(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> I
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-def test_study_ends_with_its_client(keyed: Keyed, mode: str) -> None:
+def test_study_stops_when_its_client_disconnects(keyed: Keyed, mode: str) -> None:
     before = measured(keyed.url, "ricochet_cases_total")
 
     async def leave() -> None:
@@ -199,7 +197,7 @@ def test_study_ends_with_its_client(keyed: Keyed, mode: str) -> None:
     check_that_it_has_ended(keyed.url, before)
 
 
-def test_study_over_pipes_ends_with_their_input(keyed: Keyed, tmp_path: Path) -> None:
+def test_study_over_pipes_stops_when_the_input_closes(keyed: Keyed, tmp_path: Path) -> None:
     before = measured(keyed.url, "ricochet_cases_total")
     command = [sys.executable, "-W", "error", "-m", "service.cli", "mcp", "--url", keyed.url]
     study = {"name": "uncertainty", "arguments": {"critical_angle": long_study("pipes")}}
@@ -232,7 +230,7 @@ def measured(url: str, name: str) -> float:
     return sum(float(line.split()[-1]) for line in lines if line.startswith((f"{name} ", f"{name}{{")))
 
 
-def test_answer_is_that_of_the_route_with_its_warnings_and_limits(live_url: str, client: httpx.Client) -> None:
+def test_tool_gives_the_answer_of_the_route_with_warnings_and_limits(live_url: str, client: httpx.Client) -> None:
     [result] = converse(over_http(live_url), ("critical_angle", PAPER)).results
     response = client.post("/cra", json=PAPER)
     assert response.headers["Cache-Status"] == "ricochet; hit"
@@ -282,9 +280,7 @@ def test_walls_and_uncertainty_are_answered(live_url: str, client: httpx.Client)
     assert both.is_error
 
 
-def test_uncertainty_of_a_trajectory_has_its_probabilities_those_of_zero_too(
-    live_url: str, client: httpx.Client
-) -> None:
+def test_uncertainty_of_a_trajectory_lists_probabilities_of_zero_too(live_url: str, client: httpx.Client) -> None:
     normal = PAPER_AT_45 | {"impact": PAPER_AT_45["impact"] | {"oblique_angle_deg": 0.0}}
     study = normal | {"uncertain": UNCERTAIN, "sampling": {"max_samples": 256}}
     outcomes, one = converse(
@@ -304,7 +300,7 @@ def test_uncertainty_of_a_trajectory_has_its_probabilities_those_of_zero_too(
 @pytest.mark.parametrize(
     ("tool", "before"), [("critical_angle", ""), ("thickness", ""), ("trajectory", ""), ("uncertainty", "/trajectory")]
 )
-def test_missing_quantity_is_an_error_that_names_it(live_url: str, tool: str, before: str) -> None:
+def test_missing_quantity_is_named_in_the_error(live_url: str, tool: str, before: str) -> None:
     projectile = {name: value for name, value in PAPER["projectile"].items() if name != "mass_kg"}
     body = PAPER_AT_45 | {"projectile": projectile} | ({"uncertain": UNCERTAIN} if before else {})
     if tool == "critical_angle":
@@ -317,7 +313,7 @@ def test_missing_quantity_is_an_error_that_names_it(live_url: str, tool: str, be
     assert f"{before}/projectile/mass_kg: is missing" in text_of(result)
 
 
-def test_tool_that_does_not_exist_is_a_problem_with_a_type(live_url: str) -> None:
+def test_unknown_tool_is_answered_with_a_problem_type(live_url: str) -> None:
     [result] = converse(over_http(live_url), ("ballistics", {})).results
     assert result.is_error
     problem = problem_of(result)
@@ -325,7 +321,7 @@ def test_tool_that_does_not_exist_is_a_problem_with_a_type(live_url: str) -> Non
     assert "no tool 'ballistics'" in text_of(result)
 
 
-def test_keys_scopes_and_quotas_are_those_of_the_routes(keyed: Keyed) -> None:
+def test_keys_scopes_and_quotas_apply_as_on_the_routes(keyed: Keyed) -> None:
     message = {"jsonrpc": "2.0", "id": 1, "method": "ping"}
     with httpx.Client(base_url=keyed.url, trust_env=False, timeout=60.0) as client:
         assert client.post("/mcp", json=message).status_code == 401
@@ -341,7 +337,7 @@ def test_keys_scopes_and_quotas_are_those_of_the_routes(keyed: Keyed) -> None:
     assert problem["retry_after_s"] > 0
 
 
-def test_message_too_long_is_refused(client: httpx.Client) -> None:
+def test_too_long_message_is_refused(client: httpx.Client) -> None:
     message = {"jsonrpc": "2.0", "id": 1, "method": "ping", "params": {"_meta": {"x": "y" * 200_000}}}
     headers = {"Accept": "application/json, text/event-stream"}
     assert client.post("/mcp", json=message, headers=headers).status_code == 413
@@ -407,7 +403,7 @@ def test_command_reads_messages_from_a_file(live_url: str, tmp_path: Path, endin
 
 
 @pytest.mark.parametrize("where", ["service", "here"])
-def test_command_offers_the_same_over_its_pipes(
+def test_command_offers_the_same_tools_over_pipes(
     live_url: str, client: httpx.Client, tmp_path: Path, where: str
 ) -> None:
     arguments = ["--url", live_url] if where == "service" else []

@@ -50,7 +50,7 @@ def own(service_on: RunService, tmp_path_factory: pytest.TempPathFactory) -> Ite
         yield Own(client, folder / "log")
 
 
-def test_cases_are_counted_by_how_they_ended(own: Own) -> None:
+def test_cases_are_counted_by_outcome(own: Own) -> None:
     client = own.client
     before = metrics(client)
     single, *several = searches(4)
@@ -79,7 +79,7 @@ def test_cases_are_counted_by_how_they_ended(own: Own) -> None:
     assert any(name == "ricochet_build_info" and ENGINE_VERSION in rest for name, *rest in after)
 
 
-def test_paths_are_counted_by_their_route(client: httpx.Client) -> None:
+def test_requests_are_counted_by_route(client: httpx.Client) -> None:
     client.get("/results/" + "0" * 64)
     client.get("/some/secret/path")
     names = metrics(client).keys()
@@ -100,7 +100,7 @@ def test_invalid_request_id_is_replaced(client: httpx.Client, given: str) -> Non
     assert answers[0] != answers[1]
 
 
-def test_answer_says_how_long_it_took(client: httpx.Client) -> None:
+def test_answer_states_how_long_it_took(client: httpx.Client) -> None:
     (case,) = searches(1)
     computed, known = client.post("/cra", json=case), client.post("/cra", json=case)
     for answer in (computed, known):
@@ -110,7 +110,7 @@ def test_answer_says_how_long_it_took(client: httpx.Client) -> None:
         assert float(parts["total"]) < 1e3 * answer.elapsed.total_seconds()
 
 
-def test_log_has_a_line_of_json_for_each_request(own: Own) -> None:
+def test_log_has_one_json_line_per_request(own: Own) -> None:
     for _ in range(2):  # The second request is answered from the cache.
         own.client.post("/cra", json=PAPER, headers={"X-Request-ID": "traced"})
     own.client.get(f"/results/{'1' * 64}")
@@ -128,7 +128,7 @@ def test_log_has_a_line_of_json_for_each_request(own: Own) -> None:
 
 
 @pytest.mark.anyio
-async def test_metrics_are_written_beside_the_event_loop_and_no_job_is_read(
+async def test_metrics_are_written_outside_the_event_loop_without_reading_jobs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     threads: set[int] = set()

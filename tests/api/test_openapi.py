@@ -43,12 +43,12 @@ REQUESTED = components_in([operation.get("requestBody") for operation in OPERATI
 """Names of the schemas that requests use."""
 
 
-def test_committed_contract_is_that_of_the_application() -> None:
+def test_committed_contract_matches_the_application() -> None:
     assert json.loads(COMMITTED.read_text(encoding="utf-8")) == json.loads(serve.contract())
     assert COMMITTED.read_text(encoding="utf-8") == serve.contract(), "run `make openapi`"
 
 
-def test_exporter_writes_checks_and_refuses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_exporter_writes_and_checks_the_contract(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert cli.main(["openapi", "--check"]) == 1
     assert cli.main(["openapi"]) == 0
@@ -62,7 +62,7 @@ def test_service_serves_its_contract(client: httpx.Client) -> None:
     assert CONTRACT["openapi"].startswith("3.1")
 
 
-def test_operation_ids_are_names_of_functions_and_no_two_alike() -> None:
+def test_operation_ids_are_unique_function_names() -> None:
     ids = [operation["operationId"] for operation in OPERATIONS.values()]
     assert len(set(ids)) == len(ids)
     assert all(re.fullmatch("[a-z]+(_[a-z]+)*", name) for name in ids), ids
@@ -100,7 +100,7 @@ def test_contract_follows_the_rules_of_linters_and_openapi_typescript() -> None:
         assert all("default" not in field for field in schema.get("properties", {}).values()), name
 
 
-def test_fields_of_several_shapes_are_known_to_the_pointers() -> None:
+def test_tagged_lists_every_field_with_a_discriminated_union() -> None:
     tagged = {f"#/components/schemas/{name}" for name, schema in SCHEMAS.items() if "discriminator" in schema}
     fields = {
         name
@@ -111,7 +111,7 @@ def test_fields_of_several_shapes_are_known_to_the_pointers() -> None:
     assert fields == TAGGED
 
 
-def test_objects_and_enumerations_are_components() -> None:
+def test_every_object_and_enumeration_is_a_component() -> None:
     for place, node in nodes(CONTRACT):
         if (node.get("type") == "object" and "properties" in node) or "enum" in node:
             assert re.fullmatch("/components/schemas/[A-Za-z]+", place)
@@ -159,7 +159,7 @@ def test_every_number_has_a_format_of_64_bits() -> None:
 
 
 @pytest.mark.parametrize("path", [f"{operation.path}/{kind}" for operation in MANY for kind in ("batch", "sweep")])
-def test_contract_says_when_many_cases_are_answered_and_what_preferences_do(path: str) -> None:
+def test_contract_explains_preferences_of_many_cases(path: str) -> None:
     text = OPERATIONS[f"POST {path}"]["description"]
     most = "16,384 samples" if "uncertainty" in path else "100 cases"
     for words in (f"Up to {most} are answered at once with 200", "202", "respond-async", "wait=10"):
@@ -199,7 +199,7 @@ def test_answers_are_described_and_typed() -> None:
                 assert content.get("schema") or media_type in FILES, (name, status, media_type)
 
 
-def test_headers_are_spelled_as_everybody_does() -> None:
+def test_headers_have_their_usual_spelling() -> None:
     headers = {
         parameter["name"]
         for operation in OPERATIONS.values()
@@ -215,7 +215,7 @@ def test_json_lines_are_sent_as_a_file() -> None:
     assert [(schema["type"], schema["format"]) for schema in lines] == [("string", "binary")] * len(MANY)
 
 
-def test_every_reference_leads_somewhere() -> None:
+def test_every_reference_has_a_target() -> None:
     for place, node in nodes(CONTRACT):
         if "$ref" in node:
             assert node["$ref"].removeprefix("#/components/schemas/") in SCHEMAS, place

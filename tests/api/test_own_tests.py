@@ -26,7 +26,7 @@ def with_shots(*shots: Any, case: dict[str, Any] = PAPER) -> dict[str, Any]:
     return case | {"resistance": {"strength_factor": {"model": "own_tests", "shots": list(shots)}}}
 
 
-def test_answer_is_that_of_python_and_says_what_the_shots_changed(client: httpx.Client) -> None:
+def test_answer_equals_python_and_states_the_effect_of_the_shots(client: httpx.Client) -> None:
     found = client.post("/cra", json=with_shots(SHOT, WIDER)).json()
     case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
     same = critical_angle(**case, velocity=PAPER_VELOCITY, resistance=Resistance(strength_factor=LAW))
@@ -49,7 +49,7 @@ def test_answer_is_that_of_python_and_says_what_the_shots_changed(client: httpx.
     assert run["own_tests"] == found["own_tests"]
 
 
-def test_every_shot_is_in_the_key(client: httpx.Client) -> None:
+def test_every_shot_changes_the_key(client: httpx.Client) -> None:
     bodies = [
         with_shots(SHOT),
         with_shots(SHOT, SHOT),
@@ -64,14 +64,14 @@ def test_every_shot_is_in_the_key(client: httpx.Client) -> None:
     ("shot", "target", "code"),
     [(SHOT, {"thickness_m": 0.25}, "own_tests_deeper_than_wall"), (SHOT | {"depth_m": 0.9}, {}, "own_tests_apart")],
 )
-def test_shots_that_cannot_be_meant_are_a_warning(
+def test_implausible_shots_cause_a_warning(
     client: httpx.Client, shot: dict[str, float], target: dict[str, float], code: str
 ) -> None:
     body = with_shots(shot, case=PAPER_AT_45 | {"target": PAPER["target"] | target})
     assert code in [each["code"] for each in client.post("/trajectory", json=body).json()["warnings"]]
 
 
-def test_trial_walls_of_a_thickness_are_not_the_target_of_the_shots(client: httpx.Client) -> None:
+def test_search_for_a_thickness_does_not_compare_shots_with_trial_walls(client: httpx.Client) -> None:
     shot = SHOT | {"depth_m": 0.5}
     found = client.post("/thickness", json=with_shots(shot, case=PAPER_AT_45)).json()
     assert found["least_thickness_m"] < shot["depth_m"]
@@ -79,12 +79,12 @@ def test_trial_walls_of_a_thickness_are_not_the_target_of_the_shots(client: http
 
 
 @pytest.mark.parametrize("count", [12, 1000])
-def test_many_equal_shots_leave_less_than_the_usual_scatter_within_a_series(client: httpx.Client, count: int) -> None:
+def test_many_equal_shots_reduce_the_usual_scatter_within_a_series(client: httpx.Client, count: int) -> None:
     found = client.post("/cra", json=with_shots(*[SHOT] * count)).json()
     assert found["strength_factor_dispersion"] < PublishedTests.within_series
 
 
-def test_samples_of_a_study_do_not_carry_the_shots(client: httpx.Client) -> None:
+def test_study_with_many_shots_has_the_median_of_the_single_angle(client: httpx.Client) -> None:
     scatter = {
         "field": "resistance.strength_residual",
         "distribution": {"type": "lognormal", "median": 1, "dispersion": 0.1},

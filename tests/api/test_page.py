@@ -65,7 +65,7 @@ def test_page_is_at_the_root(client: httpx.Client) -> None:
     assert_guarded(answer)
 
 
-def test_page_refers_by_relative_addresses_to_what_is_served(client: httpx.Client, references: References) -> None:
+def test_page_refers_to_served_files_by_relative_urls(client: httpx.Client, references: References) -> None:
     assert references.addresses
     for address in references.addresses:
         assert not address.startswith("/"), f"{address} would be lost behind a prefix"
@@ -82,7 +82,7 @@ def test_page_has_neither_script_nor_style_inline(references: References) -> Non
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_file_is_served_guarded_with_its_type(client: httpx.Client, name: str) -> None:
+def test_file_is_served_with_media_type_and_security_headers(client: httpx.Client, name: str) -> None:
     answer = client.get(f"/page/{name}")
     assert answer.status_code == 200
     assert answer.content == (FOLDER / name).read_bytes()
@@ -91,7 +91,7 @@ def test_file_is_served_guarded_with_its_type(client: httpx.Client, name: str) -
 
 
 @pytest.mark.parametrize("name", [name for name in FILES if name.endswith(".js")])
-def test_module_imports_modules_that_are_there(name: str) -> None:
+def test_imported_modules_exist(name: str) -> None:
     for imported in IMPORT.findall((FOLDER / name).read_text("utf-8")):
         assert ((FOLDER / name).parent / imported).is_file(), imported
 
@@ -103,35 +103,35 @@ def test_no_file_names_another_host() -> None:
 
 
 @pytest.mark.parametrize("address", ["/", "/page/main.js", f"/{PLOTLY}", "/page/contract.json"])
-def test_page_is_compressed_for_those_who_accept_it(client: httpx.Client, address: str) -> None:
+def test_page_is_compressed_for_clients_that_accept_it(client: httpx.Client, address: str) -> None:
     answer = client.get(address, headers={"Accept-Encoding": "gzip"})
     assert answer.headers["Content-Encoding"] == "gzip"
     assert int(answer.headers["Content-Length"]) < 0.6 * len(answer.content)
     assert_guarded(answer)
 
 
-def test_page_is_sent_as_it_is_to_others(client: httpx.Client) -> None:
+def test_page_is_sent_uncompressed_to_other_clients(client: httpx.Client) -> None:
     answer = client.get("/page/main.js", headers={"Accept-Encoding": "identity"})
     assert "Content-Encoding" not in answer.headers
     assert answer.headers["Vary"] == "Accept-Encoding"
     assert answer.content == (FOLDER / "main.js").read_bytes()
 
 
-def test_page_takes_schemas_scatter_and_names_from_the_service(client: httpx.Client) -> None:
+def test_page_takes_schemas_scatter_and_display_names_from_the_service(client: httpx.Client) -> None:
     schemas = json.loads(client.get("/openapi.json").text.replace('"x-default"', '"default"'))["components"]["schemas"]
     lists = {name: getattr(names, name.upper()) for name in LISTS}
     parts = {"schemas": schemas, "usual_scatter": usual_scatter_of_page(), "names": lists}
     assert client.get("/page/contract.json").json() == parts
 
 
-def test_plotly_is_the_installed_one(client: httpx.Client) -> None:
+def test_served_plotly_is_the_installed_version(client: httpx.Client) -> None:
     answer = client.get(f"/{PLOTLY}")
     assert answer.content == (plotly_folder() / "plotly.min.js").read_bytes()
     assert answer.headers["Content-Type"].startswith("text/javascript")
     assert_guarded(answer)
 
 
-def test_policy_lets_in_the_style_sheets_of_the_installed_plotly() -> None:
+def test_content_policy_allows_the_style_sheets_of_the_installed_plotly() -> None:
     bundle = (plotly_folder() / "plotly.min.js").read_text("utf-8")
     sheets = re.findall(r"textContent='((?:[^'\\]|\\.)*)'", bundle)
     assert [hash_source(sheet) for sheet in sheets] == [MAP_STYLE]
@@ -144,7 +144,7 @@ def hash_source(text: str) -> str:
 
 @pytest.mark.parametrize("coding", ["identity", "gzip"])
 @pytest.mark.parametrize("address", ["/", "/page/main.js", f"/{PLOTLY}", "/page/contract.json"])
-def test_file_that_has_not_changed_is_answered_304(client: httpx.Client, address: str, coding: str) -> None:
+def test_unchanged_file_of_the_page_is_answered_with_304(client: httpx.Client, address: str, coding: str) -> None:
     accepted = {"Accept-Encoding": coding}
     first = client.get(address, headers=accepted)
     assert first.headers["Cache-Control"] == "no-cache"
@@ -156,9 +156,7 @@ def test_file_that_has_not_changed_is_answered_304(client: httpx.Client, address
     assert other.status_code == 200
 
 
-def test_browser_that_has_the_page_asks_for_none_of_its_files_again(
-    client: httpx.Client, references: References
-) -> None:
+def test_versioned_files_are_cached_forever(client: httpx.Client, references: References) -> None:
     files = [address for address in references.addresses if address.startswith("page/")]
     files.remove("page/contract.json")
     assert len(files) > 40
@@ -193,7 +191,7 @@ def test_browser_that_has_the_page_asks_for_none_of_its_files_again(
         "/page/main.js%00.css",
     ],
 )
-def test_nothing_else_can_be_read(client: httpx.Client, address: str) -> None:
+def test_no_other_file_can_be_read(client: httpx.Client, address: str) -> None:
     url = httpx.URL(client.base_url, raw_path=address.encode())
     answer = client.send(client.build_request("GET", url))
     assert answer.status_code == 404

@@ -31,11 +31,11 @@ from service.api.batch_response import Preference, read_preference
         (["return=minimal,,,respond-async,"], True, None),
     ],
 )
-def test_preference_is_read_as_the_standard_says(headers: list[str], respond_async: bool, wait: int | None) -> None:
+def test_preference_is_parsed_as_the_standard_says(headers: list[str], respond_async: bool, wait: int | None) -> None:
     assert read_preference(headers) == Preference(respond_async, wait)
 
 
-def test_no_header_takes_long_to_read() -> None:
+def test_no_header_takes_long_to_parse() -> None:
     for text in ('"' * 60_000, "a=" * 30_000, ";" * 60_000, '"\\' * 30_000, "wait=" + "1" * 60_000, ', "' * 20_000):
         assert not read_preference([text]).respond_async
 

@@ -87,7 +87,7 @@ async def test_names_of_problems_are_unique() -> None:
     ],
     ids=lambda value: value if isinstance(value, str) else None,
 )
-def test_status_has_a_type(
+def test_each_status_has_a_problem_type(
     client: httpx.Client, request_: tuple[str, str, dict[str, Any]], status: int, name: str
 ) -> None:
     method, path, arguments = request_
@@ -103,7 +103,7 @@ async def test_manual_lists_every_type_of_problem() -> None:
     assert "about:blank" not in {each.type for each in types}
 
 
-async def test_problem_of_many_cases_gives_the_line() -> None:
+async def test_problem_in_json_lines_names_the_line() -> None:
     found = (await answer_to(errors.InvalidBodyError([{"pointer": "/17", "detail": "is empty"}], "line 18"))).json()
     assert (found["detail"], found["errors"]) == ("line 18: /17: is empty", [{"pointer": "/17", "detail": "is empty"}])
 
@@ -124,7 +124,7 @@ async def test_parameter_is_named_as_in_the_request(field: str, pointer: str) ->
     assert response.json()["errors"] == [{"pointer": pointer, "detail": "is wrong"}]
 
 
-def test_wrong_method_is_answered_with_all_that_the_path_allows(client: httpx.Client) -> None:
+def test_wrong_method_is_answered_with_all_methods_of_the_path(client: httpx.Client) -> None:
     paths = {"/jobs/1": "DELETE, GET, HEAD, PATCH", "/cra": "POST", "/jobs/1/cancel": "POST", "/livez": "GET, HEAD"}
     for path, allowed in paths.items():
         answer = client.request("PUT", path)

@@ -46,7 +46,7 @@ def assert_unavailable(response: httpx.Response) -> Problem:
     return Problem.model_validate_json(response.content)
 
 
-async def test_without_a_data_folder_it_answers_with_a_warning_and_is_not_ready(client: httpx.AsyncClient) -> None:
+async def test_service_without_a_data_folder_answers_with_a_warning_but_is_not_ready(client: httpx.AsyncClient) -> None:
     assert "cannot be written" in assert_unavailable(await client.get("/readyz")).detail
     assert (await client.get("/livez")).is_success
     answer = CriticalAngleAnswer.model_validate_json((await client.post("/cra", json=PAPER)).content)
@@ -62,7 +62,7 @@ async def test_service_without_workers_is_alive_and_not_ready(app: FastAPI, clie
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-async def test_idle_worker_that_is_stopped_is_replaced(app: FastAPI, client: httpx.AsyncClient) -> None:
+async def test_stopped_idle_worker_is_replaced(app: FastAPI, client: httpx.AsyncClient) -> None:
     executor = app.state.services.executor
     [pid] = executor.worker_pids
     os.kill(pid, signal.SIGSTOP)
@@ -71,7 +71,7 @@ async def test_idle_worker_that_is_stopped_is_replaced(app: FastAPI, client: htt
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-async def test_query_whose_worker_is_stopped_is_to_be_sent_again(app: FastAPI, client: httpx.AsyncClient) -> None:
+async def test_query_whose_worker_is_stopped_is_refused_as_unavailable(app: FastAPI, client: httpx.AsyncClient) -> None:
     [pid] = app.state.services.executor.worker_pids
     long = {"method": "panels", "panels": 96_000, "time_step_s": 1e-6, "termination_time_s": 0.05}
     query = asyncio.ensure_future(client.post("/cra", json=PAPER | {"numerics": long}))
@@ -123,7 +123,7 @@ def files_in(folder: Path) -> dict[Path, int]:
 
 
 @pytest.mark.parametrize("change", [remove, replace, replace_lock, replace_jobs])
-async def test_folder_replaced_under_a_running_service_takes_no_jobs_any_more(
+async def test_service_whose_folder_is_replaced_accepts_no_jobs(
     change: Callable[[Path], None], on_disk: httpx.AsyncClient, tmp_path: Path
 ) -> None:
     data, headers = tmp_path / "data", {"Prefer": "respond-async, wait=30"}
@@ -175,7 +175,7 @@ def group() -> Iterator[Path]:
 
 @pytest.mark.timeout(240)
 @pytest.mark.parametrize("most", [2, 8])
-def test_limit_on_processes_is_reported_in_a_sentence(most: int, group: Path, tmp_path: Path) -> None:
+def test_limit_on_processes_is_reported_without_a_traceback(most: int, group: Path, tmp_path: Path) -> None:
     """The limits allow the service to begin, but not to start eight workers."""
     (group / "pids.max").write_text(str(most))
     settings = {"RICOCHET_WORKERS": "8", "RICOCHET_PORT": "0", "RICOCHET_DATA_DIR": str(tmp_path / "data")}

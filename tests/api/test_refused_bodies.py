@@ -171,18 +171,18 @@ def check(answer: Answer, refusal: Refusal) -> None:
 
 
 @pytest.mark.parametrize("client", ["urllib", "httpx", "curl with HTTP/1.0"])
-def test_every_refusal_of_a_large_body_is_read(server: Server, bodies: Path, client: str) -> None:
+def test_client_reads_every_refusal_of_a_large_body(server: Server, bodies: Path, client: str) -> None:
     for refusal in REFUSALS * 2:
         check(CLIENTS[client](server, refusal, bodies / "5"), refusal)
 
 
 @pytest.mark.parametrize("client", CLIENTS)
-def test_every_client_reads_that_its_body_is_too_long(server: Server, bodies: Path, client: str) -> None:
+def test_every_client_reads_the_refusal_of_a_long_body(server: Server, bodies: Path, client: str) -> None:
     for size in ("5", "5", "50"):
         check(CLIENTS[client](server, TOO_LONG, bodies / size), TOO_LONG)
 
 
-def test_fetch_of_node_reads_every_refusal(server: Server, bodies: Path) -> None:
+def test_fetch_in_node_reads_every_refusal(server: Server, bodies: Path) -> None:
     for refusal in WITHOUT_FORBIDDEN_HEADERS:
         check(by_node(server, refusal, bodies / "5"), refusal)
 
@@ -236,7 +236,7 @@ def behind_nginx(request: pytest.FixtureRequest, server: Server, tmp_path: Path)
             process.terminate()
 
 
-def test_proxy_passes_the_refusal_on(behind_nginx: Server, bodies: Path) -> None:
+def test_proxy_forwards_the_refusal(behind_nginx: Server, bodies: Path) -> None:
     for refusal in WITHOUT_FORBIDDEN_HEADERS + [TOO_LONG] * 2:
         check(by_httpx(behind_nginx, refusal, bodies / "5"), refusal)
     check(by_httpx(behind_nginx, TOO_LONG, bodies / "50"), TOO_LONG)
@@ -253,7 +253,7 @@ def request(path: str, length: int, *more: str) -> bytes:
     return "\r\n".join([*lines, *more, "", ""]).encode()
 
 
-def test_connection_that_is_kept_alive_is_good_for_the_next_request(server: Server) -> None:
+def test_kept_connection_serves_the_next_request_after_a_refusal(server: Server) -> None:
     with httpx.Client(base_url=server.url, trust_env=False, verify=server.trusted()) as client:
         for _ in range(3):
             refused = client.post("/cra", content=bytes(5 * MEGABYTE), headers=JSON, timeout=PATIENCE_S)
@@ -261,7 +261,7 @@ def test_connection_that_is_kept_alive_is_good_for_the_next_request(server: Serv
             assert client.get("/livez").status_code == 200
 
 
-def test_request_behind_the_last_one_is_not_answered(server: Server) -> None:
+def test_request_after_connection_close_is_not_answered(server: Server) -> None:
     with connect(server) as end:
         end.sendall(request("/nothing", 100_000, "Connection: close") + bytes(100_000))
         end.sendall(b"GET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n")
@@ -283,7 +283,7 @@ def check_closed(end: socket.socket, status: bytes) -> None:
     assert b"connection: close" in answer.lower()
 
 
-def test_rest_of_a_body_that_does_not_come_is_not_waited_for(servers: dict[str, Server]) -> None:
+def test_service_does_not_wait_for_the_missing_rest_of_a_body(servers: dict[str, Server]) -> None:
     with ExitStack() as opened:  # All connections wait at once, because each takes `DRAIN_SECONDS`.
         ends = [opened.enter_context(connect(server)) for server in servers.values() for _ in CONNECTIONS]
         for end, header in zip(ends, CONNECTIONS * 2, strict=True):
@@ -293,14 +293,14 @@ def test_rest_of_a_body_that_does_not_come_is_not_waited_for(servers: dict[str, 
 
 
 @pytest.mark.parametrize("header", CONNECTIONS)
-def test_body_that_is_far_too_long_is_not_read(server: Server, header: str) -> None:
+def test_much_too_long_body_is_not_read(server: Server, header: str) -> None:
     with connect(server) as end:
         end.sendall(request("/cra", 10**9, header))
         check_closed(end, b"413")
 
 
 @pytest.mark.parametrize("server", ["plain"], indirect=True)  # With TLS, asyncio keeps reading for up to 30 s.
-def test_no_more_than_the_limit_of_a_body_without_a_length_is_read(server: Server) -> None:
+def test_body_without_a_length_is_read_only_up_to_the_limit(server: Server) -> None:
     head = "POST /nothing HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
     chunk, sent = b"10000\r\n" + bytes(0x10000) + b"\r\n", 0
     with connect(server) as end, suppress(OSError):
@@ -311,7 +311,7 @@ def test_no_more_than_the_limit_of_a_body_without_a_length_is_read(server: Serve
     assert sent < 2 * DRAIN_BYTES  # The kernel buffers some bytes.
 
 
-def test_client_that_waits_to_be_asked_for_the_body_is_refused_without_it(server: Server) -> None:
+def test_client_that_expects_100_continue_is_refused_before_it_sends_the_body(server: Server) -> None:
     with connect(server) as end:
         end.sendall(request("/cra", 5 * MEGABYTE, "Expect: 100-continue"))
         assert end.recv(65536).split(b" ")[1] == b"413"

@@ -42,7 +42,7 @@ def passed_on(address: str) -> str:
     return address.removeprefix(PREFIX)
 
 
-def test_job_and_its_links_are_below_the_prefix(below: httpx.Client) -> None:
+def test_links_of_a_job_are_below_the_prefix(below: httpx.Client) -> None:
     accepted = below.post("/cra/batch", json={"cases": [PAPER, {}]}, headers=JOB | {"Idempotency-Key": "one"})
     assert accepted.status_code == 422
     accepted = below.post("/cra/batch", json={"cases": [PAPER]}, headers=JOB)
@@ -56,7 +56,7 @@ def test_job_and_its_links_are_below_the_prefix(below: httpx.Client) -> None:
     assert job["links"]["cancel"] in below.get(passed_on(job["links"]["events"])).text
 
 
-def test_content_is_located_below_the_prefix(below: httpx.Client) -> None:
+def test_content_location_is_below_the_prefix(below: httpx.Client) -> None:
     batch = below.post("/cra/batch", json={"cases": [PAPER]}, headers=WAIT)
     study = below.post("/cra/uncertainty", json=STUDY, headers=WAIT)
     for answer in (batch, study):
@@ -71,7 +71,7 @@ def test_problems_and_the_contract_name_the_prefix(below: httpx.Client) -> None:
     assert below.put("/cra").headers["Allow"] == "POST"
 
 
-def test_open_paths_stay_open_and_no_others(below: httpx.Client) -> None:
+def test_only_the_open_paths_are_open_below_the_prefix(below: httpx.Client) -> None:
     with httpx.Client(base_url=below.base_url, trust_env=False, headers={"Host": "a.example"}) as nobody:
         assert nobody.get("/livez", headers={"Host": "other.example"}).status_code == 200
         assert nobody.get("/metrics").status_code == 200
@@ -84,7 +84,7 @@ def test_open_paths_stay_open_and_no_others(below: httpx.Client) -> None:
 
 
 @pytest.mark.parametrize("path", ["ricochet", "/ricochet/", "/", "//a.example", "/a b", "https://a.example/ricochet"])
-def test_prefix_is_a_path_without_a_slash_at_its_end(monkeypatch: pytest.MonkeyPatch, path: str) -> None:
+def test_prefix_is_a_path_without_a_trailing_slash(monkeypatch: pytest.MonkeyPatch, path: str) -> None:
     monkeypatch.setenv("RICOCHET_ROOT_PATH", path)
     with pytest.raises(ValidationError, match="root_path"):
         Settings()

@@ -52,7 +52,7 @@ def with_nulls(contract: dict[str, Any]) -> dict[str, Any]:
     ids=["others", "calibrations", "studies", "walls", "others for long"],
 )
 @pytest.mark.timeout(900)
-def test_service_keeps_its_contract_whatever_it_receives(
+def test_service_keeps_its_contract_for_any_request(
     hurried_url: str, tmp_path: Path, option: str, paths: str, seconds: int
 ) -> None:
     contract = httpx.get(f"{hurried_url}/openapi.json", timeout=60.0, trust_env=False).json()

@@ -19,14 +19,14 @@ def with_model(body: dict[str, Any], model: dict[str, Any]) -> dict[str, Any]:
     return body | {"resistance": {"strength_factor": model}}
 
 
-def test_power_law_of_strength_means_what_it_meant(client: httpx.Client) -> None:
+def test_strength_power_law_equals_the_constant_it_gives(client: httpx.Client) -> None:
     law = {"model": "strength_power_law", "coefficient": 82.6, "exponent": -0.544}
     by_law, by_value = (answered(client, "/trajectory", with_model(PAPER_AT_45, model)) for model in (law, CONSTANT))
     assert by_law["strength_factor"] == pytest.approx(CONSTANT["value"], rel=1e-12)
     assert by_law["final"] == pytest.approx(by_value["final"], rel=1e-9)
 
 
-def test_published_tests_are_a_power_law_that_can_be_written_out(client: httpx.Client) -> None:
+def test_published_tests_law_equals_the_explicit_power_law(client: httpx.Client) -> None:
     answers = [answered(client, "/cra", with_model(PAPER, model)) for model in (PUBLISHED, STRENGTH_AND_DIAMETER)]
     ready_made, written_out = answers
     assert ready_made["critical_angle_deg"] == pytest.approx(written_out["critical_angle_deg"], abs=1e-9)
@@ -46,7 +46,7 @@ def test_finite_element_shape_depends_on_the_decay_law(client: httpx.Client, dec
     assert oblique / normal == pytest.approx(ratio, abs=1e-3)
 
 
-def test_strength_factor_is_that_of_the_angle(client: httpx.Client) -> None:
+def test_strength_factor_in_the_answer_belongs_to_the_angle(client: httpx.Client) -> None:
     run = answered(client, "/trajectory", PAPER_AT_45)
     assert run["strength_factor"] == pytest.approx(8.469 + 0.0149 * 45.0 - 0.0013 * 45.0**2, rel=1e-12)
     found = answered(client, "/cra", PAPER | {"output": {"history": True}})
@@ -75,7 +75,7 @@ def test_exponent_of_the_diameter_can_be_swept(client: httpx.Client) -> None:
     assert weaker < stronger  # S falls with the diameter, and 80 mm exceed the reference diameter of 76.2 mm.
 
 
-def test_equation_9_in_other_concrete_is_warned_of(client: httpx.Client) -> None:
+def test_equation_9_in_other_concrete_causes_a_warning(client: httpx.Client) -> None:
     target = PAPER["target"] | {"compressive_strength_pa": 20e6}
     for path, body in (("/trajectory", PAPER_AT_45), ("/cra", PAPER)):
         codes = {each["code"] for each in answered(client, path, body | {"target": target})["warnings"]}
@@ -88,7 +88,7 @@ EQUATION_9 = {"model": "obliquity_polynomial"}
 GRAZING = changed(PAPER_AT_45, "/impact/oblique_angle_deg", 75.0)
 
 
-def test_equation_9_is_held_from_60_degrees_whether_written_or_not(client: httpx.Client) -> None:
+def test_equation_9_is_held_from_60_degrees_by_default(client: httpx.Client) -> None:
     laws = (EQUATION_9, EQUATION_9 | {"coefficients": [8.469, 0.0149, -0.0013]}, EQUATION_9 | {"held_from_deg": 60.0})
     runs = [answered(client, "/trajectory", with_model(GRAZING, law)) for law in laws]
     assert [run["strength_factor"] for run in runs] == [pytest.approx(4.683, rel=1e-12)] * 3
@@ -98,13 +98,13 @@ def test_equation_9_is_held_from_60_degrees_whether_written_or_not(client: httpx
 
 
 @pytest.mark.parametrize(("held", "value"), [(0.0, 8.469), (55.0, 5.356), (90.0, 2.274)])
-def test_any_angle_may_hold_a_polynomial(client: httpx.Client, held: float, value: float) -> None:
+def test_polynomial_may_be_held_from_any_angle(client: httpx.Client, held: float, value: float) -> None:
     run = answered(client, "/trajectory", with_model(GRAZING, EQUATION_9 | {"held_from_deg": held}))
     assert run["strength_factor"] == pytest.approx(value, rel=1e-9)
     assert ("strength_factor_not_held" in {each["code"] for each in run["warnings"]}) is (held == 90.0)
 
 
-def test_other_polynomials_are_not_held_and_say_so(client: httpx.Client) -> None:
+def test_other_polynomials_are_not_held_and_cause_a_warning(client: httpx.Client) -> None:
     law = EQUATION_9 | {"coefficients": [9.0, 0.0, -0.001]}
     run = answered(client, "/trajectory", with_model(GRAZING, law))
     assert run["strength_factor"] == pytest.approx(9.0 - 5.625)

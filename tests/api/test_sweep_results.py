@@ -99,7 +99,7 @@ def test_sweep_and_batch_are_answered_as_csv(client: httpx.Client, job: dict[str
     assert (row["index"], row["custom_id"], row["status"]) == ("0", "one", "converged")
 
 
-def test_file_of_a_sweep_has_its_axes_and_its_base(client: httpx.Client, job: dict[str, Any]) -> None:
+def test_hdf5_file_of_a_sweep_has_its_axes_and_its_base(client: httpx.Client, job: dict[str, Any]) -> None:
     with file_at(client, job["links"]["results"]) as file:
         assert orjson.loads(file.attrs["base"]) == PAPER
         assert file.attrs["axes"].tolist() == FIELDS
@@ -119,13 +119,13 @@ def test_base_too_long_for_a_small_attribute_is_kept_whole(client: httpx.Client)
 
 
 @pytest.mark.parametrize("path", ["/livez", "/version", "/", "/openapi.json", "/jobs", "/metrics", "/docs", "/nothing"])
-def test_head_is_answered_as_get_without_the_body(client: httpx.Client, path: str) -> None:
+def test_head_is_answered_like_get_without_the_body(client: httpx.Client, path: str) -> None:
     whole, head = client.get(path), client.head(path)
     assert (head.status_code, head.content) == (whole.status_code, b"")
     assert head.headers["Content-Type"] == whole.headers["Content-Type"]
 
 
-def test_head_of_results_and_of_a_job_that_goes_on(client: httpx.Client, job: dict[str, Any]) -> None:
+def test_head_of_results_and_of_a_running_job_is_answered(client: httpx.Client, job: dict[str, Any]) -> None:
     key = orjson.loads(results(client, job, "*/*"))["results"][0]["result"]["key"]
     whole, head = client.get(f"/results/{key}"), client.head(f"/results/{key}")
     assert (head.headers["ETag"], head.headers["Content-Length"]) == (

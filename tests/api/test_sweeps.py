@@ -16,7 +16,7 @@ STRENGTH = {"field": "target.compressive_strength_pa", "start": 35e6, "stop": 45
 BASE = PAPER | {"search": ROUGH}
 
 
-def test_every_combination_is_answered_the_last_axis_fastest(client: httpx.Client) -> None:
+def test_every_combination_is_answered_with_the_last_axis_varying_fastest(client: httpx.Client) -> None:
     response = client.post("/cra/sweep", json={"base": BASE, "axes": [VELOCITY, STRENGTH]})
     items = response.json()["results"]
     assert [item["index"] for item in items] == list(range(6))
@@ -28,7 +28,7 @@ def test_every_combination_is_answered_the_last_axis_fastest(client: httpx.Clien
         assert alone.json() == item["result"]
 
 
-def test_sweep_of_trajectories_gives_no_histories(client: httpx.Client) -> None:
+def test_sweep_of_trajectories_has_no_histories(client: httpx.Client) -> None:
     axes = [{"field": "impact.oblique_angle_deg", "values": [45, 55]}]
     items = client.post("/trajectory/sweep", json={"base": PAPER_AT_45, "axes": axes}).json()["results"]
     assert [item["result"]["outcome"] for item in items] == ["embedded", "ricochet"]
@@ -42,14 +42,14 @@ def test_large_sweep_becomes_a_job(client: httpx.Client) -> None:
     assert finished(client, response.json())["counts"]["total"] == 120
 
 
-def test_point_that_only_the_solver_can_refuse_is_a_result_with_a_problem(client: httpx.Client) -> None:
+def test_point_refused_only_by_the_solver_is_a_result_with_a_problem(client: httpx.Client) -> None:
     axes = [{"field": "projectile.length_m", "values": [0.53, 0.1]}]
     items = client.post("/cra/sweep", json={"base": BASE, "axes": axes}).json()["results"]
     assert "result" in items[0]
     assert items[1]["problem"]["errors"][0]["pointer"] == "/projectile/length_m"
 
 
-def test_even_values_are_those_of_numpy_and_end_exactly() -> None:
+def test_evenly_spaced_values_end_exactly_at_the_limits() -> None:
     axis = Axis(field="x", start=0.1, stop=0.7, count=7)
     assert axis.numbers() == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7], rel=1e-15)
     assert (axis.numbers()[0], axis.numbers()[-1]) == (0.1, 0.7)

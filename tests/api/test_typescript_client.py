@@ -72,7 +72,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_typescript_client_requests_follows_reads_and_cancels(built: Path, live_url: str) -> None:
+def test_typescript_client_sends_requests_and_follows_jobs(built: Path, live_url: str) -> None:
     talked = run(built, "node", "out/conversation.js", live_url)
     assert (talked.returncode, talked.stdout.split()) == (0, list(PARTS)), talked.stdout + talked.stderr
 

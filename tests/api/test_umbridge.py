@@ -30,7 +30,7 @@ def error_of(client: httpx.Client, endpoint: str, content: Any) -> tuple[str, st
     return error["type"], error["message"]
 
 
-def test_models_are_described(client: httpx.Client) -> None:
+def test_umbridge_describes_the_models(client: httpx.Client) -> None:
     assert client.get("/umbridge/Info").json() == {"protocolVersion": 1.0, "models": ["cra", "trajectory"]}
     support = {"Evaluate": True, "Gradient": False, "ApplyJacobian": False, "ApplyHessian": False}
     for name, size in (("cra", 2), ("trajectory", 4)):
@@ -39,18 +39,18 @@ def test_models_are_described(client: httpx.Client) -> None:
         assert call(client, "OutputSizes", name=name, config={}) == {"outputSizes": [size]}
 
 
-def test_critical_angle_is_that_of_a_search(client: httpx.Client) -> None:
+def test_umbridge_angle_equals_the_angle_of_a_search(client: httpx.Client) -> None:
     body = PAPER | {"impact": {"velocity_m_s": 230.5}, "target": PAPER["target"] | {"compressive_strength_pa": 41.5e6}}
     angle = client.post("/cra", json=body).json()["critical_angle_deg"]
     assert evaluate(client, "cra", [230.5, 41.5]) == [angle, 0.0]
 
 
-def test_angle_is_finite_where_there_is_none(client: httpx.Client) -> None:
+def test_umbridge_angle_is_finite_where_there_is_no_critical_angle(client: httpx.Client) -> None:
     assert evaluate(client, "cra", [238.0, 39.0], search={"lower_deg": 5.0, "upper_deg": 30.0}) == [90.0, 1.0]
     assert evaluate(client, "cra", [238.0, 39.0], search={"lower_deg": 70.0, "upper_deg": 80.0}) == [0.0, 2.0]
 
 
-def test_trajectory_is_that_of_a_strike(client: httpx.Client) -> None:
+def test_umbridge_trajectory_equals_the_trajectory_of_a_strike(client: httpx.Client) -> None:
     embedded = client.post("/trajectory", json=PAPER_AT_45).json()
     assert embedded["outcome"] == "embedded"
     assert evaluate(client, "trajectory", [238.0, 39.0]) == [0.0, embedded["maximum_depth_m"], 0.0, 0.0]
@@ -70,7 +70,7 @@ def test_strike_through_a_wall_has_its_residual_speed(client: httpx.Client) -> N
     assert speed == pytest.approx(92.8, abs=0.5)  # The value is from an independent program.
 
 
-def test_inputs_are_those_of_the_configuration_in_their_order(client: httpx.Client) -> None:
+def test_inputs_follow_the_order_of_the_configuration(client: httpx.Client) -> None:
     fields = [("projectile.mass_kg", 1.0), ("impact.velocity_m_s", 10.0), ("resistance.strength_residual", 1.0)]
     inputs = [{"field": field, "scale": scale} for field, scale in fields]
     assert call(client, "InputSizes", name="cra", config={"inputs": inputs}) == {"inputSizes": [3]}
@@ -122,7 +122,7 @@ def test_invalid_input_is_named(client: httpx.Client, content: dict[str, Any], n
     assert named in message
 
 
-def test_body_that_is_no_object_is_refused(client: httpx.Client) -> None:
+def test_body_that_is_not_an_object_is_refused(client: httpx.Client) -> None:
     for content in (b"", b"[]", b"{", b"3", b'{"name": 3}', b"[" * 5000):
         response = client.post("/umbridge/Evaluate", content=content)
         assert response.status_code == 400

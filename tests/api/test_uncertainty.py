@@ -49,7 +49,7 @@ def discrete(field: str, *values: Any) -> dict[str, Any]:
     return {"field": field, "distribution": {"type": "discrete", "values": list(values)}}
 
 
-def test_curve_is_that_of_the_solver(client: httpx.Client) -> None:
+def test_curve_equals_the_curve_of_the_solver(client: httpx.Client) -> None:
     answer = answered(client, "/cra/uncertainty", BODY)
     CriticalAngleUncertaintyAnswer.model_validate(answer)
     models = Discrete(values=[ElasticPlastic(), MohrCoulomb()], weights=[0.8, 0.2])
@@ -73,7 +73,7 @@ def test_curve_is_that_of_the_solver(client: httpx.Client) -> None:
     assert quantiles[0.5] == pytest.approx(math.degrees(dict(same.quantiles)[0.5].value), abs=0.02)
 
 
-def test_factor_on_s_says_what_shots_of_ones_own_would_make_of_the_angle(client: httpx.Client) -> None:
+def test_factor_on_s_states_how_own_shots_would_narrow_the_angle(client: httpx.Client) -> None:
     body = PAPER | {"resistance": {"strength_factor": {"model": "published_tests"}}, "sampling": {"max_samples": 1024}}
     residual = {"type": "lognormal", "median": 1.0, "dispersion": 0.31}
     uncertain = [ATTACK, {"field": "resistance.strength_residual", "distribution": residual}]
@@ -98,7 +98,7 @@ def test_factor_on_s_says_what_shots_of_ones_own_would_make_of_the_angle(client:
         assert (found["lower_deg"], found["upper_deg"]) == pytest.approx(angles, abs=0.02)
 
 
-def test_second_request_is_a_hit_and_its_result_a_table_and_a_file_too(client: httpx.Client) -> None:
+def test_repeated_study_is_a_cache_hit_and_available_as_table_and_file(client: httpx.Client) -> None:
     first, again = (client.post("/cra/uncertainty", json=BODY) for _ in range(2))
     assert again.headers["Cache-Status"] == "ricochet; hit"
     assert again.content == first.content
@@ -113,7 +113,7 @@ def test_second_request_is_a_hit_and_its_result_a_table_and_a_file_too(client: h
         assert file["summary"]["samples"][()].tolist() == [answer["samples"]]
 
 
-def test_outcome_of_one_strike(client: httpx.Client) -> None:
+def test_probabilities_of_the_outcomes_of_a_strike_add_up_to_one(client: httpx.Client) -> None:
     answer = answered(client, "/trajectory/uncertainty", STRIKE)
     TrajectoryUncertaintyAnswer.model_validate(answer)
     shares = {each["outcome"]: each["value"] for each in answer["outcomes"]}
@@ -126,7 +126,7 @@ def test_outcome_of_one_strike(client: httpx.Client) -> None:
     assert "perforation_exit" not in answer
 
 
-def test_perforation_has_the_quantiles_of_its_exit(client: httpx.Client) -> None:
+def test_study_of_a_perforation_has_quantiles_of_its_exit(client: httpx.Client) -> None:
     target = PAPER["target"] | {"thickness_m": 0.2}
     body = STRIKE | {"target": target, "impact": {"velocity_m_s": 238.0, "oblique_angle_deg": 10.0}}
     answer = client.post("/trajectory/uncertainty", json=body).json()
@@ -153,7 +153,7 @@ def test_samples_outside_the_contract_are_counted(client: httpx.Client) -> None:
     assert not answer["converged"]
 
 
-def test_budget_that_the_fewest_samples_exceed_is_refused_with_the_least_one(client: httpx.Client) -> None:
+def test_budget_below_the_fewest_samples_is_refused_with_the_least_budget(client: httpx.Client) -> None:
     for headers in ({}, {"Prefer": "respond-async"}):
         response = client.post("/cra/uncertainty", json=BODY | {"sampling": {"max_samples": 256}}, headers=headers)
         assert "must be at least 260" in refused_at(response, "/sampling/max_samples").errors[0].detail
@@ -176,7 +176,7 @@ LAW, COEFFICIENT = "resistance.strength_factor.model", "resistance.strength_fact
         ("strength_factor", {"model": "published_tests"}, {"model": "strength_power_law"}),
     ],
 )
-def test_alternative_model_keeps_the_options_that_it_has_too(
+def test_alternative_model_keeps_the_options_it_shares(
     client: httpx.Client, part: str, given: dict[str, Any], other: dict[str, Any]
 ) -> None:
     models = discrete(f"resistance.{part}.model", given["model"], other["model"])
@@ -188,7 +188,7 @@ def test_alternative_model_keeps_the_options_that_it_has_too(
         assert swing[model["model"]] == pytest.approx(alone["critical_angle_deg"], rel=1e-14)
 
 
-def test_threshold_and_strength_law_scatter_as_alternatives(client: httpx.Client) -> None:
+def test_threshold_and_strength_law_can_be_discrete_inputs(client: httpx.Client) -> None:
     threshold = discrete("numerics.retention_energy_fraction", 0.005, 0.02)
     law = discrete(LAW, "obliquity_polynomial", "published_tests")
     answer = client.post("/cra/uncertainty", json=BODY | {"uncertain": [ATTACK, threshold, law]}).json()
@@ -209,7 +209,9 @@ LONG_STUDY: dict[str, Any] = BODY | {
 }
 
 
-def test_study_ends_with_its_client_or_is_refused_with_the_service(tmp_path: Path, service_on: RunService) -> None:
+def test_study_stops_when_its_client_disconnects_and_is_refused_at_shutdown(
+    tmp_path: Path, service_on: RunService
+) -> None:
     with (
         service_on(tmp_path, grace_seconds="3") as service,
         ThreadPoolExecutor(1) as threads,
@@ -241,7 +243,7 @@ def samples_computed(client: httpx.Client) -> float:
     )
 
 
-def test_heavy_tails_of_the_strength_factor_leave_every_sample_with_an_answer(client: httpx.Client) -> None:
+def test_every_sample_has_an_answer_although_the_strength_factor_has_heavy_tails(client: httpx.Client) -> None:
     residual = {"type": "log_student_t", "median": 1.0, "scale": 0.25, "degrees_of_freedom": 3.0}
     cut = residual | {"lower": 0.24, "upper": 7.0}
     body = PAPER | {"uncertain": [{"field": "resistance.strength_residual", "distribution": cut}]}
@@ -257,7 +259,7 @@ def test_heavy_tails_of_the_strength_factor_leave_every_sample_with_an_answer(cl
         assert surrogate[level] == pytest.approx(value, abs=0.4)
 
 
-def test_theory_is_a_decay_law_with_its_own_strength_over_the_angle(client: httpx.Client) -> None:
+def test_theory_combines_a_decay_law_with_its_own_obliquity_shape(client: httpx.Client) -> None:
     theory = {"field": "resistance.theory", "distribution": {"type": "discrete", "values": ["mohr_coulomb"]}}
     study = answered(
         client, "/cra/uncertainty", PAPER | {"uncertain": [ATTACK, theory], "sampling": {"max_samples": 300}}

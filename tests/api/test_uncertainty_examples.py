@@ -33,7 +33,7 @@ def test_emcee_calibrates_the_strength_factor_with_its_interval() -> None:
     assert 8.9 < high < 12.0
 
 
-def test_stock_client_of_umbridge_evaluates_300_points(live_url: str, client: httpx.Client) -> None:
+def test_client_of_umbridge_evaluates_300_points(live_url: str, client: httpx.Client) -> None:
     umbridge = pytest.importorskip("umbridge", reason="umbridge is not installed")
     address = f"{live_url}/umbridge"
     assert umbridge.supported_models(address) == ["cra", "trajectory"]

@@ -22,7 +22,7 @@ def seeded(body: dict[str, Any], seed: int, **sampling: Any) -> dict[str, Any]:
     return body | {"sampling": body["sampling"] | {"seed": seed} | sampling}
 
 
-def test_answer_of_a_job_is_that_given_at_once(client: httpx.Client) -> None:
+def test_answer_of_a_job_equals_the_immediate_answer(client: httpx.Client) -> None:
     body = seeded(BODY, 21)
     response = client.post("/cra/uncertainty", json=body, headers=ASYNC)
     assert response.status_code == 202, response.text
@@ -49,7 +49,7 @@ def test_answer_of_a_job_is_that_given_at_once(client: httpx.Client) -> None:
     assert at_once.content == stored.content
 
 
-def test_result_of_a_job_is_given_as_table_and_file(client: httpx.Client) -> None:
+def test_result_of_a_job_is_available_as_table_and_file(client: httpx.Client) -> None:
     job = finished(client, client.post("/trajectory/uncertainty", json=seeded(STRIKE, 22), headers=ASYNC).json())
     [item] = client.get(job["links"]["results"]).json()["results"]
     answer = item["result"]
@@ -62,7 +62,7 @@ def test_result_of_a_job_is_given_as_table_and_file(client: httpx.Client) -> Non
     assert table.startswith("quantity,level,value,lower,upper")
 
 
-def test_client_that_waits_has_the_answer(client: httpx.Client) -> None:
+def test_client_that_waits_gets_the_answer(client: httpx.Client) -> None:
     body = seeded(STRIKE, 23)
     response = client.post("/trajectory/uncertainty", json=body, headers={"Prefer": "respond-async, wait=25"})
     assert response.status_code == 200, response.text
@@ -70,7 +70,7 @@ def test_client_that_waits_has_the_answer(client: httpx.Client) -> None:
     assert client.post("/trajectory/uncertainty", json=body).content == response.content
 
 
-def test_large_study_shows_progress_and_the_curve_so_far_until_it_is_cancelled(client: httpx.Client) -> None:
+def test_running_study_shows_progress_and_the_curve_so_far(client: httpx.Client) -> None:
     response = client.post("/cra/uncertainty", json=LONG)
     assert response.status_code == 202, response.text
     job = response.json()
@@ -102,7 +102,7 @@ def test_large_study_shows_progress_and_the_curve_so_far_until_it_is_cancelled(c
     assert client.get(job["links"]["self"]).status_code == 404
 
 
-def test_inputs_that_do_not_go_together_make_no_job(client: httpx.Client) -> None:
+def test_study_with_contradictory_inputs_does_not_become_a_job(client: httpx.Client) -> None:
     before = client.get("/jobs").json()
     response = client.post("/cra/uncertainty", json=BODY | {"uncertain": [SPEED, SPEED]}, headers=ASYNC)
     assert response.status_code == 422
@@ -110,7 +110,7 @@ def test_inputs_that_do_not_go_together_make_no_job(client: httpx.Client) -> Non
     assert client.get("/jobs").json() == before
 
 
-def test_same_idempotency_key_is_the_same_job(client: httpx.Client) -> None:
+def test_same_idempotency_key_gives_the_same_job(client: httpx.Client) -> None:
     headers = ASYNC | {"Idempotency-Key": "study"}
     body = seeded(STRIKE, 24)
     first, again = (client.post("/trajectory/uncertainty", json=body, headers=headers).json() for _ in range(2))

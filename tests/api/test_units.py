@@ -49,7 +49,7 @@ def compare(si: Any, us: Any, name: str = "") -> int:
 
 
 @pytest.mark.parametrize("path", BODIES)
-def test_texts_are_in_the_units_of_the_request_and_fields_in_si(client: httpx.Client, path: str) -> None:
+def test_texts_use_the_units_of_the_request_and_fields_stay_in_si(client: httpx.Client, path: str) -> None:
     answers = []
     for units in ({}, {"units": "si"}, {"units": "us"}):
         response = client.post(path, json=BODIES[path] | units)
@@ -68,7 +68,7 @@ def test_an_unknown_system_of_units_is_refused_with_the_choices(client: httpx.Cl
     assert response.json()["errors"] == [{"pointer": "/units", "detail": "must be 'si' or 'us', got 'imperial'"}]
 
 
-def test_alternatives_are_the_same_results_in_all_units(client: httpx.Client) -> None:
+def test_alternatives_are_shared_by_requests_in_all_units(client: httpx.Client) -> None:
     body = SEARCH | {"alternatives": True, "output": {}}
     si, us = (client.post("/cra", json=body | units).json() for units in ({}, {"units": "us"}))
     assert compare(si["alternatives"], us["alternatives"]) > 0

@@ -111,7 +111,7 @@ def test_pipelined_requests_with_offers_are_answered_one_by_one(live_url: str) -
     assert answers.count(b"critical_angle_deg") == 1
 
 
-def test_refused_body_of_a_request_with_an_offer_leaves_the_connection_good(live_url: str) -> None:
+def test_connection_can_be_used_after_a_refused_body_with_an_offer(live_url: str) -> None:
     with connect(live_url) as connection:
         connection.sendall(post(H2C, b"Content-Length: 500000\r\n") + b" " * 500_000)
         assert answer_on(connection, "POST")[0] == 413
@@ -126,7 +126,7 @@ def test_tunnel_is_refused(live_url: str) -> None:
 
 
 @pytest.mark.parametrize("start", [b"GET /", b"GET /livez HTTP/1.1\r\nHost: localhost\r\nX: "], ids=["path", "header"])
-def test_endless_request_head_is_cut_off(live_url: str, start: bytes) -> None:
+def test_endless_request_head_is_refused(live_url: str, start: bytes) -> None:
     """The connection is closed after `LONGEST_HEAD` bytes and what the kernel buffers."""
     piece, sent = b"x" * 4096, 0
     with connect(live_url) as connection:
@@ -139,7 +139,7 @@ def test_endless_request_head_is_cut_off(live_url: str, start: bytes) -> None:
     assert LONGEST_HEAD <= sent < 50 * LONGEST_HEAD  # The kernel buffers some bytes.
 
 
-def test_request_that_comes_in_one_piece_with_the_end_of_a_long_body_is_no_long_head(live_url: str) -> None:
+def test_request_in_one_segment_with_the_end_of_a_long_body_is_answered(live_url: str) -> None:
     with connect(live_url) as connection:
         begun = b"GET /livez HTTP/1.1\r\nHo"
         connection.sendall(post(b"", b"Content-Length: 200000\r\n") + b" " * 200_000 + begun)
@@ -188,7 +188,7 @@ def url(request: pytest.FixtureRequest, live_url: str, tmp_path: Path) -> Iterat
         yield from run_proxy(command, port, address, tmp_path / "log")
 
 
-def test_offer_is_ignored_behind_a_proxy_too(url: str) -> None:
+def test_offer_is_ignored_behind_a_proxy(url: str) -> None:
     with connect(url) as connection:
         for _ in range(2):
             connection.sendall(post(H2C) + BODY)
@@ -222,7 +222,7 @@ public class Post {
 """
 
 
-def test_client_of_a_jdk_as_it_comes_can_post(url: str, tmp_path: Path) -> None:
+def test_java_client_with_default_settings_can_post(url: str, tmp_path: Path) -> None:
     (tmp_path / "body").write_bytes(BODY)
     (tmp_path / "Post.java").write_text(JAVA)
     found("javac")  # `java` compiles a source file itself if a compiler is installed.

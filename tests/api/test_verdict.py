@@ -70,7 +70,7 @@ def check_is_the_same_everywhere(
 
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("body", [AT_50, OFF_A_WALL, *odd_strikes(len(KINDS), seed=5)], ids=["paper", "wall", *KINDS])
-def test_verdict_is_the_same_by_http_python_command_line_and_report(
+def test_verdict_is_the_same_over_http_in_python_on_the_command_line_and_in_the_report(
     client: httpx.Client, live_url: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], body: dict[str, Any]
 ) -> None:
     check_is_the_same_everywhere(body, client, live_url, tmp_path, capsys)
@@ -99,7 +99,7 @@ def test_verdict_on_odd_strikes_is_the_same_everywhere(
     ],
     ids=["study beyond its time limit", "panels"],
 )
-def test_verdict_without_a_range_says_why(
+def test_verdict_without_a_range_states_the_reason(
     service_on: Callable[..., AbstractContextManager[Service]],
     tmp_path: Path,
     numerics: dict[str, Any],
@@ -116,7 +116,7 @@ def test_verdict_without_a_range_says_why(
     assert re.search(rf"Critical angle 4[89]\.\d° from the normal, {reason}\.$", found["sentence"])
 
 
-def test_papers_strike_is_as_sure_as_its_tests_only_where_that_is_asked_for(client: httpx.Client) -> None:
+def test_scatter_of_the_paper_tests_narrows_the_range_only_on_request(client: httpx.Client) -> None:
     plain, near, preset = (
         answered(client, "/verdict", body)
         for body in (

@@ -27,7 +27,7 @@ BASES = {"thickness": STRIKE | {"numerics": COARSE}, "limit-speed": WALL | {"num
 FOUND = {"thickness": ("least_thickness_m", "bracket_m"), "limit-speed": ("limit_speed_m_s", "bracket_m_s")}
 
 
-def test_thickness_is_that_of_the_solver_beside_the_formulas(client: httpx.Client) -> None:
+def test_thickness_equals_the_solver_and_comes_with_the_formulas(client: httpx.Client) -> None:
     answer = answered(client, "/thickness", STRIKE)
     ThicknessAnswer.model_validate(answer)
     impact = paper_impact(oblique_angle_degrees=30.0)
@@ -47,7 +47,7 @@ def test_thickness_is_that_of_the_solver_beside_the_formulas(client: httpx.Clien
     assert "238 m/s at 30° from the normal" in details["rear_face_unconservative"]
 
 
-def test_limit_speed_is_that_of_the_solver(client: httpx.Client) -> None:
+def test_limit_speed_equals_the_solver(client: httpx.Client) -> None:
     answer = client.post("/limit-speed", json=WALL).json()
     LimitSpeedAnswer.model_validate(answer)
     wall = replace(PAPER_TARGET, thickness=0.2)
@@ -70,7 +70,7 @@ def test_limit_speed_is_that_of_the_solver(client: httpx.Client) -> None:
 
 
 @pytest.mark.parametrize("operation", ["thickness", "limit-speed"])
-def test_lines_of_a_batch_are_answered_as_alone_beside_one_that_cannot_be(client: httpx.Client, operation: str) -> None:
+def test_lines_of_a_batch_are_answered_despite_an_invalid_one(client: httpx.Client, operation: str) -> None:
     base = BASES[operation]
     short = base | {"projectile": base["projectile"] | {"length_m": 0.1}, "custom_id": "short"}
     cases = [base | {"impact": base["impact"] | {"oblique_angle_deg": angle}} for angle in (0.0, 15.0)]
@@ -85,9 +85,7 @@ def test_lines_of_a_batch_are_answered_as_alone_beside_one_that_cannot_be(client
 
 
 @pytest.mark.parametrize("operation", BASES)
-def test_job_of_a_sweep_over_the_angle_has_tables_and_is_known_the_second_time(
-    client: httpx.Client, operation: str
-) -> None:
+def test_sweep_over_the_angle_has_tables_and_is_cached(client: httpx.Client, operation: str) -> None:
     sweep, (value, bracket) = {"base": BASES[operation], "axes": [ANGLES]}, FOUND[operation]
     job = finished(client, client.post(f"/{operation}/sweep", json=sweep, headers=ASYNC).json())
     assert (job["operation"], job["status"], job["counts"]["failed"]) == (operation, "successful", 0)
@@ -132,7 +130,7 @@ def test_expensive_batch_becomes_a_job_with_fewer_cases(client: httpx.Client) ->
     assert finished(client, more.json())["counts"]["done"] == 6
 
 
-def test_plug_and_crater_ask_for_a_thicker_wall(client: httpx.Client) -> None:
+def test_plug_and_crater_require_a_thicker_wall(client: httpx.Client) -> None:
     resistances: list[dict[str, Any]] = [{}, {"rear_plug": {}}, {"rear_plug": {}, "crater": {}}]
     found = [client.post("/thickness", json=STRIKE | {"resistance": each}).json() for each in resistances]
     thicknesses = [each["least_thickness_m"] for each in found]
@@ -142,7 +140,7 @@ def test_plug_and_crater_ask_for_a_thicker_wall(client: httpx.Client) -> None:
     assert len({each["key"] for each in found}) == 3
 
 
-def test_plug_without_its_angle_is_that_of_66_1_degrees(client: httpx.Client) -> None:
+def test_default_angle_of_the_plug_is_66_1_degrees(client: httpx.Client) -> None:
     keys = {
         client.post("/limit-speed", json=WALL | {"resistance": {"rear_plug": plug}}).json()["key"]
         for plug in ({}, {"cone_angle_deg": 66.1})
@@ -150,7 +148,7 @@ def test_plug_without_its_angle_is_that_of_66_1_degrees(client: httpx.Client) ->
     assert len(keys) == 1
 
 
-def test_plug_and_crater_can_be_swept_and_scattered(client: httpx.Client) -> None:
+def test_plug_and_crater_can_be_swept_and_uncertain(client: httpx.Client) -> None:
     cone = {"field": "resistance.rear_plug.cone_angle_deg", "values": [50.0, 66.1]}
     wall = STRIKE | {"target": WALL["target"], "resistance": {"rear_plug": {}}}
     swept = client.post("/trajectory/sweep", json={"base": wall, "axes": [cone]}).json()["results"]
@@ -164,7 +162,7 @@ def test_plug_and_crater_can_be_swept_and_scattered(client: httpx.Client) -> Non
     answered(client, "/trajectory/uncertainty", study)
 
 
-def test_plug_stays_under_other_laws(client: httpx.Client) -> None:
+def test_alternatives_keep_the_plug(client: httpx.Client) -> None:
     wall = STRIKE | {"target": STRIKE["target"] | {"thickness_m": 0.2}, "alternatives": True}
     wall["impact"] = STRIKE["impact"] | {"oblique_angle_deg": 44.0}
     outcomes = []
@@ -181,7 +179,7 @@ def test_plug_stays_under_other_laws(client: httpx.Client) -> None:
     assert [outcomes[0][other], outcomes[1][other]] == ["embedded", "perforated"]
 
 
-def test_nose_out_of_the_rear_face_is_in_answer_and_table_and_perforation_has_no_depth(client: httpx.Client) -> None:
+def test_protrusion_is_reported_and_a_perforation_has_no_depth(client: httpx.Client) -> None:
     def strike(thickness: float) -> dict[str, Any]:
         return WALL | {"target": PAPER["target"] | {"thickness_m": thickness}, "impact": HEAD_ON}
 
@@ -200,7 +198,7 @@ def test_nose_out_of_the_rear_face_is_in_answer_and_table_and_perforation_has_no
 
 
 @pytest.mark.parametrize(("operation", "unit"), [("thickness", "m"), ("limit-speed", "m_s")])
-def test_value_without_protrusion_is_that_of_the_solver_and_a_column(
+def test_value_without_protrusion_equals_the_solver_and_has_a_column(
     client: httpx.Client, operation: str, unit: str
 ) -> None:
     body = {"thickness": STRIKE, "limit-speed": WALL}[operation]
@@ -220,7 +218,7 @@ def test_value_without_protrusion_is_that_of_the_solver_and_a_column(
 
 
 @pytest.mark.parametrize("operation", ["thickness", "limit-speed"])
-def test_a_batch_has_ranges_only_on_request(client: httpx.Client, operation: str) -> None:
+def test_batch_has_ranges_only_on_request(client: httpx.Client, operation: str) -> None:
     base = BASES[operation]
     cases = [base, base | {"output": {"range": True}}]
     plain, ranged = (item["result"] for item in items_of(client.post(f"/{operation}/batch", json={"cases": cases})))
@@ -233,7 +231,7 @@ def test_a_batch_has_ranges_only_on_request(client: httpx.Client, operation: str
     assert not added & swept[0]["result"].keys()
 
 
-def test_wall_answers_two_questions_and_the_verdict_has_the_same(client: httpx.Client) -> None:
+def test_wall_is_judged_for_perforation_and_scabbing_as_in_the_verdict(client: httpx.Client) -> None:
     body = STRIKE | {"target": PAPER["target"] | {"thickness_m": 0.45}}
     judged = answered(client, "/wall", body)
     WallAnswer.model_validate(judged)
