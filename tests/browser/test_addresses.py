@@ -1,4 +1,4 @@
-"""Addresses that are shared and reopened."""
+"""URLs of the page that are shared and reopened."""
 
 import re
 

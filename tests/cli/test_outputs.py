@@ -76,7 +76,7 @@ WRITTEN = (
 REPLACED = [each for each in WRITTEN if not each.words.startswith(("init", "jobs"))]
 """Commands that may replace an existing file, and need no service."""
 REFUSED = ("--mass", "-1")
-"""Arguments with which the input is invalid."""
+"""Arguments that make the input invalid."""
 
 
 def named(each: Written) -> str:

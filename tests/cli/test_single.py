@@ -67,7 +67,8 @@ def test_angle_is_one_line_and_warnings_another(here: Path, capsys: pytest.Captu
     assert shown.out in verbose.out
     assert len(verbose.out.splitlines()) > len(found["iterations"])
     assert all(warning["detail"] in verbose.err for warning in found["warnings"])
-    # The shift by the extrapolation of S is large beside the scatter of the paper's four tests, not beside the law's.
+    # The extrapolation of S shifts the angle by more than the scatter of the paper's four tests, which is narrower than
+    # the scatter of the default law.
     moved = ["--velocity", "500", "--set", "strength_scatter=paper_table_1"]
     assert cli.main(["cra", "strike.toml", *moved]) == 0
     assert capsys.readouterr().err == "1 warning (-v explains): strength_fit_extrapolated\n"

@@ -1,4 +1,4 @@
-"""Run the steps of the Dockerfile without a container engine, in a root folder like that of the base image.
+"""Run the steps of the Dockerfile without a container engine, in a root folder like the one in the base image.
 
 Each command runs in its own mount and process namespaces, with the network and devices of this machine. When it ends,
 all processes that it has started are killed.
@@ -39,7 +39,7 @@ def skip_unless_possible() -> None:
 
 
 def base_root(image: str, folder: Path) -> Path:
-    """Make a root folder like that of a base image, or copy the one that CLEAN_ROOT names; add Python in /usr/local."""
+    """Make a root folder like the base image, or copy the one that CLEAN_ROOT names; add Python in /usr/local."""
     release, version = RELEASES[image]
     root = folder / "base"
     if ready := os.environ.get("CLEAN_ROOT"):
@@ -101,7 +101,7 @@ class Container:
         for source in sources:
             found = others[stage].inside(source) if stage else ROOT / source
             place = self.inside(destination)
-            if found.is_dir():  # Of a folder, COPY copies the content.
+            if found.is_dir():  # COPY copies the content of a folder.
                 copy_tree(found, place, but="__pycache__" if not stage else "")
             else:
                 place.mkdir(parents=True, exist_ok=True)

@@ -125,7 +125,7 @@ def test_service_works_where_only_its_data_and_tmp_can_be_written(short_path: Pa
     """The namespace has the restrictions of `read_only`, `tmpfs` and `cap_drop` in compose.yaml."""
     if os.geteuid() != 0 or not all(map(shutil.which, ("unshare", "setpriv"))):
         pytest.skip("only root may take the right to write away")
-    warm_up()  # The compiled code cannot be written later.
+    warm_up()  # In the namespace, compiled code cannot be written.
     port = str(free_port())
     data, temporary = short_path / "data", short_path / "tmp"
     temporary.mkdir()

@@ -57,7 +57,7 @@ BIN = Path(sys.executable).parent
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """Return the environment of a user who has installed the package and set nothing."""
+    """Return the environment of a user who has installed the package and set no variables."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("RICOCHET_", "OTEL_", "PYTHON"))}
     (folder / ".curlrc").write_text("fail-with-body\nshow-error\nnoproxy = *\n")
     return kept | {"PATH": f"{BIN}:{os.environ['PATH']}", "CURL_HOME": str(folder), "NO_PROXY": "*"}

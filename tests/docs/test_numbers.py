@@ -1,4 +1,4 @@
-"""Numbers that the manual and the warnings state about the paper's strike are those that the model computes."""
+"""The manual and the warnings state the numbers that the model computes for the paper's strike."""
 
 import math
 import re
@@ -69,12 +69,12 @@ def angle(
 
 
 def held_from(degrees: float) -> Resistance:
-    """Return the default laws, with S held from this angle on."""
+    """Return the default laws, with S kept constant from this angle on."""
     return Resistance(strength_factor=ObliquityPolynomial(held_from=math.radians(degrees)))
 
 
 def with_own_fit(law: ElasticPlastic | MohrCoulomb) -> Resistance:
-    """Return a decay law with the S over the angle that was fitted with it."""
+    """Return a decay law with the S(θ) that was fitted together with it."""
     return Resistance(free_surface=law, strength_factor=shaped_as_finite_elements(PLAIN.strength_factor))
 
 
@@ -149,7 +149,7 @@ def changes_on_a_wall() -> Numbers:
 
 
 def by_formula(projectile: Projectile, name: str) -> float:
-    """Return the limit thickness against perforation by a formula, for normal impact. [m]"""
+    """Return the least thickness that a formula requires against perforation in normal impact. [m]"""
     impact = Impact(velocity=PAPER_VELOCITY, oblique_angle=0.0)
     results: dict[str, FormulaResult] = {
         each.formula: each for each in formulas(projectile=projectile, target=PAPER_TARGET, impact=impact)
@@ -160,7 +160,7 @@ def by_formula(projectile: Projectile, name: str) -> float:
 
 
 def heavier_to_turn() -> float:
-    """Return the change of the critical angle by a moment of inertia that is 10 % larger. [°]"""
+    """Return the change of the critical angle if the moment of inertia is 10 % larger. [°]"""
     inertia = 1.1 * mass_properties(PAPER_PROJECTILE).moment_of_inertia
     return angle(projectile=replace(PAPER_PROJECTILE, moment_of_inertia=inertia)) - angle()
 
@@ -275,7 +275,7 @@ TEXT = " ".join(word for page in PAGES for word in (ROOT / page).read_text(encod
 
 
 def check(claim: str, text: str, computed: Numbers) -> None:
-    """Check the numbers in place of the braces of a claim, each to its last digit."""
+    """Check the numbers that stand in place of the braces in a claim, each to its last digit."""
     pattern = re.escape(claim).replace(r"\{\}", r"(\d+(?:\.\d+)?)")
     found = re.search(pattern, text)
     assert found is not None, f"{claim!r} is not stated"

@@ -18,7 +18,7 @@ from .server import UNFINISHED, RestartableServer
 
 SIGNALS = {"SIGTERM": signal.SIGTERM, "SIGKILL": signal.SIGKILL, "closed nanny": signal.SIGTERM}
 """Ways to end a worker, with the signal for each. `closed nanny` sends it to the nanny, which then ends its worker; the
-other two send it to the worker itself, which with SIGTERM has no nanny."""
+other two send it to the worker itself. Workers that receive SIGTERM run without a nanny."""
 POOL_WORKERS = "3"
 """Number of worker processes of the service, more than Dask workers, so that metrics show which of them are used."""
 WAIT_SECONDS = 60.0
@@ -88,7 +88,7 @@ def workers_alone(folder: Path, workers: int, *, nanny: bool) -> Iterator[DaskCl
 
 
 def width(server: RestartableServer) -> int:
-    """Return the number of chunks computed at the same time: that of Dask workers or, without any, of pool workers."""
+    """Return the number of chunks computed at the same time, by Dask workers or, without any, by pool workers."""
     lines = server.client.get("/metrics").raise_for_status().text.splitlines()
     return sum(int(float(line.split()[1])) for line in lines if line.startswith("ricochet_chunk_width{"))
 

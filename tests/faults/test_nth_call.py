@@ -1,4 +1,4 @@
-"""Faults of each system call that changes the data folder: it fails, or the service is killed during the call.
+"""Each system call that changes the data folder is made to fail, or the service is killed during the call.
 
 A preloaded library counts the calls of the C library that open, write, flush, truncate, rename, link or remove a file
 or make a folder. Requests and answers before and after a restart are recorded. Every acknowledged case must be
@@ -242,7 +242,7 @@ def losses(before: list[Exchange], after: list[Exchange]) -> list[str]:
 
 
 def disagreements(history: list[Exchange], expected: dict[str, bytes], when: str) -> list[str]:
-    """Return a line for each answer that is neither an allowed refusal nor equal to that of an undisturbed service."""
+    """Return a line for each answer that is neither an allowed refusal nor equal to the undisturbed answer."""
     wrong = []
     failed = any(each.name == "job" and json.loads(each.content or b"{}").get("status") == "failed" for each in history)
     for each in history:
