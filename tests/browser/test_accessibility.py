@@ -62,13 +62,15 @@ def open_view(page: Page, view: str) -> None:
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize(("theme", "width"), [("light", 1440), ("dark", 1440), ("light", 390), ("dark", 390)])
 @pytest.mark.usefixtures("job")
-def test_no_serious_violation(new_page: NewPage, theme: Literal["light", "dark"], width: int, view: str) -> None:
+def test_view_has_no_serious_accessibility_violation(
+    new_page: NewPage, theme: Literal["light", "dark"], width: int, view: str
+) -> None:
     page = new_page(theme=theme, width=width, height=844)
     open_view(page, view)
     assert violations(page) == []
 
 
-def test_violations_are_noticed(page: Page) -> None:
+def test_accessibility_violation_is_detected(page: Page) -> None:
     page.goto("/#/jobs")
     page.evaluate("document.getElementById('view').append(document.createElement('select'))")
     assert [fault.partition(":")[0] for fault in violations(page)] == ["select-name"]

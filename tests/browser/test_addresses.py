@@ -8,7 +8,7 @@ from playwright.sync_api import Page, expect
 from .conftest import NewPage, all_computed, run_map
 
 
-def test_critical_angle_is_reopened_from_its_address(new_page: NewPage) -> None:
+def test_critical_angle_is_reopened_from_its_url(new_page: NewPage) -> None:
     page = new_page()
     page.goto("/#/critical-angle?impact.velocity_m_s=300&target.compressive_strength_pa=50000000")
     angle = page.locator("strong.angle").first
@@ -19,7 +19,7 @@ def test_critical_angle_is_reopened_from_its_address(new_page: NewPage) -> None:
     assert angle.inner_text() != "48.6°"
 
 
-def test_map_is_reopened_from_its_address_or_from_the_jobs_without_a_new_run(new_page: NewPage) -> None:
+def test_map_is_reopened_from_its_url_or_from_the_jobs_without_a_new_run(new_page: NewPage) -> None:
     page = new_page()
     run_map(page, "x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,3&target.density_kg_m3=2300", 6)
     expect(page).to_have_url(re.compile("job=[0-9a-f]{32}"))
@@ -39,7 +39,7 @@ def test_map_is_reopened_from_its_address_or_from_the_jobs_without_a_new_run(new
     all_computed(other, 6)
 
 
-def test_address_of_no_view_leads_to_explore(page: Page) -> None:
+def test_unknown_view_in_the_url_leads_to_explore(page: Page) -> None:
     page.goto("/#/elsewhere")
     expect(page).to_have_url(re.compile("#/explore"))
     expect(page.get_by_role("heading", level=1)).to_contain_text("Explore")
@@ -54,7 +54,7 @@ def test_back_leads_from_a_case_to_its_map(page: Page) -> None:
     all_computed(page, 6)
 
 
-def test_parameters_that_cannot_be_read_are_named(page: Page) -> None:
+def test_unreadable_parameters_of_the_url_are_named(page: Page) -> None:
     page.goto("/#/explore?impact.velocity_m_s=fast&speed=3&projectile.mass_kg=15")
     note = page.get_by_role("alert").filter(has_text="Not understood in the address")
     expect(note).to_have_text("Not understood in the address, and left out: impact.velocity_m_s=fast, speed=3.")
@@ -69,7 +69,7 @@ def test_parameters_that_cannot_be_read_are_named(page: Page) -> None:
     ["projectile.nose.shape=bogus", "resistance.strength_factor.model=bogus", "resistance.free_surface.model=bogus"],
 )
 @pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "walls", "map"])
-def test_unknown_variant_is_replaced_by_that_of_the_paper(page: Page, view: str, part: str) -> None:
+def test_unknown_variant_is_replaced_by_the_variant_of_the_paper(page: Page, view: str, part: str) -> None:
     page.goto(f"/#/{view}?{part}")
     note = page.get_by_role("alert").filter(has_text="Not understood in the address")
     expect(note).to_have_text(f"Not understood in the address, and left out: {part}.")
@@ -87,14 +87,14 @@ def test_unknown_variant_is_replaced_by_that_of_the_paper(page: Page, view: str,
         ("critical-angle", "offset_deg=far"),
     ],
 )
-def test_view_is_shown_without_what_cannot_be_read(page: Page, view: str, part: str) -> None:
+def test_view_ignores_unreadable_parameters(page: Page, view: str, part: str) -> None:
     page.goto(f"/#/{view}?{part}")
     note = page.get_by_role("alert").filter(has_text="Not understood in the address")
     expect(note).to_have_text(f"Not understood in the address, and left out: {part}.")
     expect(page.locator("main .panel").first).to_be_visible()
 
 
-def test_variant_without_its_numbers_has_those_of_its_example(page: Page) -> None:
+def test_variant_without_its_numbers_gets_the_numbers_of_its_example(page: Page) -> None:
     page.goto("/#/explore?projectile.nose.shape=conical")
     expect(page.get_by_label("Nose", exact=True)).to_have_value("conical")
     expect(page.locator(".angle")).to_be_visible()

@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import Error, Page
 
 
-def test_errors_of_a_page_are_noticed(page: Page, faults: list[str]) -> None:
+def test_errors_of_a_page_are_recorded(page: Page, faults: list[str]) -> None:
     page.goto("/docs")
     with page.expect_event("pageerror"):
         page.evaluate("() => { console.error('spilt'); setTimeout(() => { throw new Error('dropped') }) }")
@@ -12,7 +12,7 @@ def test_errors_of_a_page_are_noticed(page: Page, faults: list[str]) -> None:
     faults.clear()
 
 
-def test_requests_to_elsewhere_are_noticed(page: Page, faults: list[str]) -> None:
+def test_requests_to_other_servers_are_recorded(page: Page, faults: list[str]) -> None:
     page.goto("/docs")
     with pytest.raises(Error, match="ERR_NAME_NOT_RESOLVED"):
         page.goto("http://elsewhere.test/")

@@ -35,7 +35,7 @@ def traces(page: Page, plot: str) -> list[Any]:
     return found
 
 
-def test_pinned_strike_is_compared_with_the_next_one(page: Page, client: httpx.Client) -> None:
+def test_pinned_strike_is_compared_with_the_next_strike(page: Page, client: httpx.Client) -> None:
     open_explore(page)
     pin(page)
     speed(page).fill("300")
@@ -63,7 +63,7 @@ def test_pinned_strike_is_compared_with_the_next_one(page: Page, client: httpx.C
     expect(page.locator(".side-view .legend")).to_have_text(["This strike", "A"])
 
 
-def test_pinned_strikes_are_in_the_address_and_reopened(page: Page, new_page: NewPage) -> None:
+def test_pinned_strikes_are_stored_in_the_url(page: Page, new_page: NewPage) -> None:
     open_explore(page)
     for value in ("300", "260", "200"):
         pin(page)
@@ -87,7 +87,7 @@ def test_pinned_strikes_are_in_the_address_and_reopened(page: Page, new_page: Ne
     assert table(other)["Speed [m/s]"] == ["238", "260", "200"]
 
 
-def test_preset_is_compared_with_what_is_pinned(page: Page) -> None:
+def test_preset_is_compared_with_pinned_strikes(page: Page) -> None:
     open_explore(page)
     pin(page)
     page.get_by_role("link", name="155 mm body").click()
@@ -96,7 +96,7 @@ def test_preset_is_compared_with_what_is_pinned(page: Page) -> None:
     assert table(page)["Diameter [mm]"] == ["155", "80"]
 
 
-def test_files_of_compared_strikes_contain_all_strikes(page: Page, tmp_path: Path) -> None:
+def test_downloads_of_a_comparison_contain_all_strikes(page: Page, tmp_path: Path) -> None:
     open_explore(page, "?impact.velocity_m_s=300&pin=")
     for plot in ("side-view", "histories"):
         with page.expect_download() as download:
@@ -108,12 +108,12 @@ def test_files_of_compared_strikes_contain_all_strikes(page: Page, tmp_path: Pat
         assert "# A: {" in (tmp_path / f"{plot}.csv").read_text()
 
 
-def test_pinned_strike_that_cannot_be_read_is_named(page: Page) -> None:
+def test_unreadable_pinned_strike_is_named(page: Page) -> None:
     page.goto("/#/explore?pin=impact.velocity_m_s%3Dfast")
     expect(page.get_by_role("alert").filter(has_text="Not understood")).to_contain_text("pin=impact.velocity_m_s=fast")
 
 
-def test_pinned_strike_that_the_service_refuses_is_left_out(page: Page, faults: list[str]) -> None:
+def test_pinned_strike_refused_by_the_service_is_left_out(page: Page, faults: list[str]) -> None:
     page.goto("/#/explore?pin=projectile.length_m%3D0.05")
     words = page.get_by_text("A pinned strike was not accepted, and is left out")
     expect(words).to_have_count(1)

@@ -37,7 +37,7 @@ def drawn(page: Page, plot: int) -> list[list[float]]:
     return found
 
 
-def test_searches_are_shown_side_by_side_as_the_service_answers_them(page: Page, client: httpx.Client) -> None:
+def test_searches_are_shown_side_by_side_with_the_numbers_of_the_service(page: Page, client: httpx.Client) -> None:
     open_view(page)
     summary = {row[0]: row[1:] for row in cells(page, "Results")}
     for number, (caption, method) in enumerate(SEARCHES.items()):
@@ -52,7 +52,7 @@ def test_searches_are_shown_side_by_side_as_the_service_answers_them(page: Page,
         assert drawn(page, 1)[number] == pytest.approx([1e3 * trial["final_position_m"] for trial in trials])
 
 
-def test_papers_case_shows_its_angle_and_strikes_around_it(page: Page) -> None:
+def test_paper_case_shows_its_angle_and_strikes_around_it(page: Page) -> None:
     open_view(page)
     shown = float(page.locator(".angle").inner_text().rstrip("°"))
     assert shown == 48.6
@@ -61,7 +61,7 @@ def test_papers_case_shows_its_angle_and_strikes_around_it(page: Page) -> None:
     expect(above).to_have_attribute("aria-label", re.compile(r"49\.\d\d°: ricochet"))
 
 
-def test_distance_from_the_angle_is_in_the_address_and_reopened(page: Page, new_page: Callable[..., Page]) -> None:
+def test_distance_from_the_angle_is_stored_in_the_url(page: Page, new_page: Callable[..., Page]) -> None:
     open_view(page)
     page.get_by_label("Distance from the critical angle").select_option("2°")
     pictures = [re.compile(r"46\.6\d°: embedded"), re.compile(r"50\.6\d°: ricochet")]
@@ -102,7 +102,7 @@ def test_trials_are_downloaded_as_csv(page: Page, tmp_path: Path) -> None:
         assert sum(row["search"] == method for row in rows) == len(cells(page, caption))
 
 
-def test_verdict_equals_that_of_the_service(page: Page, client: httpx.Client) -> None:
+def test_verdict_equals_the_verdict_of_the_service(page: Page, client: httpx.Client) -> None:
     page.goto("/#/critical-angle?impact.oblique_angle_deg=52")
     models = {"strength_factor": {"model": "obliquity_polynomial"}, "free_surface": {"model": "elastic_plastic"}}
     answer = client.post("/verdict", json=PAPER_AT_52 | {"resistance": models}).json()
@@ -132,7 +132,7 @@ def test_verdict_equals_that_of_the_service(page: Page, client: httpx.Client) ->
         expect(page.get_by_role("group", name="Spread")).to_contain_text(f"{angle:.1f}°")
 
 
-def test_angle_follows_the_choice_of_model(page: Page, client: httpx.Client) -> None:
+def test_angle_changes_with_the_choice_of_model(page: Page, client: httpx.Client) -> None:
     page.goto("/#/critical-angle")
     unfold(page)
     page.get_by_label("Free surface").select_option("mohr_coulomb")
@@ -141,7 +141,7 @@ def test_angle_follows_the_choice_of_model(page: Page, client: httpx.Client) -> 
     expect(page.locator(".angle")).to_have_text(f"{angle:.1f}°")
 
 
-def test_curves_are_a_sweep_around_the_case(page: Page, client: httpx.Client) -> None:
+def test_curves_are_computed_by_a_sweep_around_the_case(page: Page, client: httpx.Client) -> None:
     page.goto("/#/critical-angle")
     expect(page.locator(".curves .scatterlayer .trace").last).to_be_visible()
     curves = page.locator(".curves .drawing").evaluate("plot => plot.data.map(({ x, y }) => [[...x], [...y]])")
@@ -153,7 +153,7 @@ def test_curves_are_a_sweep_around_the_case(page: Page, client: httpx.Client) ->
     assert curves[1] == [[238.0], [angles[speeds.index(238.0)]]]
 
 
-def test_warnings_of_most_cases_are_one_standing_note(page: Page) -> None:
+def test_warnings_of_most_cases_are_merged_into_one_note(page: Page) -> None:
     page.goto("/#/critical-angle")
     expect(page.locator(".verdict .warnings summary")).to_be_visible()
     expect(page.locator(".verdict .standing summary")).to_have_text(re.compile("^Standing notes: .*no measured angle"))
@@ -161,7 +161,7 @@ def test_warnings_of_most_cases_are_one_standing_note(page: Page) -> None:
     expect(page.get_by_role("contentinfo")).to_contain_text("no test of the critical angle is known")
 
 
-def test_just_below_and_just_above_have_one_scale_and_captions(page: Page) -> None:
+def test_strikes_just_below_and_above_share_a_scale_and_have_captions(page: Page) -> None:
     page.goto("/#/critical-angle")
     captions = page.locator(".side-view .caption")
     expect(captions.first).to_have_text(re.compile(r"^Just below, at 48\.\d\d°: embedded$"))

@@ -157,7 +157,7 @@ def test_error_appears_once_after_the_field_is_left(page: Page) -> None:
         (THICKNESS, "12,5 cm", "125", "thickness_m=0.125"),
     ],
 )
-def test_units_and_commas_are_understood(
+def test_units_and_commas_are_accepted_in_fields(
     page: Page, faults: list[str], label: str, typed: str, shown: str, value: str
 ) -> None:
     open_explore(page)
@@ -167,7 +167,7 @@ def test_units_and_commas_are_understood(
     drop_refusals(faults)
 
 
-def test_unit_of_another_kind_is_refused_by_name(page: Page) -> None:
+def test_unit_of_another_quantity_is_named(page: Page) -> None:
     open_explore(page)
     type_into(page, SPEED, "250 kg")
     expect(page.get_by_text('Speed: "kg" is not a unit here, as m/s is.')).to_be_visible()
@@ -212,7 +212,7 @@ def test_edits_are_undone_one_by_one(page: Page) -> None:
     expect(page).to_have_url(re.compile("#/explore$"))
 
 
-def test_case_is_saved_by_name_in_the_browser_and_its_link_copied(page: Page) -> None:
+def test_case_can_be_saved_by_name_and_its_link_copied(page: Page) -> None:
     open_explore(page, "?projectile.mass_kg=15")
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     page.get_by_role("button", name="Copy link").click()
@@ -230,7 +230,7 @@ def test_case_is_saved_by_name_in_the_browser_and_its_link_copied(page: Page) ->
     expect(page.get_by_role("link", name="South wall")).to_have_count(0)
 
 
-def test_view_opened_while_the_service_is_down_recovers_with_it(page: Page, faults: list[str]) -> None:
+def test_view_opened_while_the_service_is_down_recovers(page: Page, faults: list[str]) -> None:
     open_explore(page)
     page.route("**/*", lambda route: route.abort())
     page.get_by_role("link", name="Walls").click()
@@ -278,7 +278,7 @@ def test_own_shots_narrow_the_range(page: Page, shots: str) -> None:
     expect(page).to_have_url(re.compile("shots"))
 
 
-def test_shots_begin_empty_and_an_invalid_line_is_named(page: Page) -> None:
+def test_list_of_shots_begins_empty_and_names_an_invalid_line(page: Page) -> None:
     open_explore(page)
     sent: list[str] = []
     page.on("request", lambda request: sent.append(request.post_data or ""))

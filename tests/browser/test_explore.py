@@ -64,7 +64,7 @@ def set_slider(page: Page, name: str, value: float) -> None:
     page.get_by_label(f"{name}, slider").fill(str(value))
 
 
-def test_papers_case_shows_its_critical_angle_and_the_picture(page: Page) -> None:
+def test_paper_case_shows_its_critical_angle_and_the_picture(page: Page) -> None:
     page.goto("/")
     wait_for_picture(page)
     assert page.url.endswith("#/explore")
@@ -77,7 +77,7 @@ def test_papers_case_shows_its_critical_angle_and_the_picture(page: Page) -> Non
     expect(page.get_by_role("img", name=re.compile("Side view to scale. Strike: embedded"))).to_be_visible()
 
 
-def test_wall_that_is_too_thin_is_perforated(page: Page) -> None:
+def test_too_thin_wall_is_perforated(page: Page) -> None:
     strong = "projectile.yield_strength_pa=2e9"  # With less strength the first warning would be about bending.
     open_explore(page, f"?target.thickness_m=0.2&impact.oblique_angle_deg=20&{strong}")
     expect(page.get_by_label("Thickness")).to_have_value("200")
@@ -99,7 +99,7 @@ def test_axis_of_a_head_on_strike_is_at_zero(page: Page) -> None:
     expect(page.locator("[data-outcome]")).to_contain_text("0° is not in the range searched")
 
 
-def test_outline_is_drawn_to_scale_where_the_service_says_the_projectile_ends(page: Page, client: httpx.Client) -> None:
+def test_outline_is_drawn_to_scale_at_the_final_position(page: Page, client: httpx.Client) -> None:
     open_explore(page)
     final = client.post("/trajectory", json=PAPER_AT_45).json()["final"]
     lateral, depth = outline(page)
@@ -110,7 +110,7 @@ def test_outline_is_drawn_to_scale_where_the_service_says_the_projectile_ends(pa
     assert len(transform(page)) == 3, "one scale along the face and in depth"
 
 
-def test_moving_a_slider_updates_the_picture_the_number_and_the_address(page: Page) -> None:
+def test_moving_a_slider_updates_the_picture_the_number_and_the_url(page: Page) -> None:
     open_explore(page)
     before, slow = outline(page), critical_angle(page)
     set_slider(page, "Speed", 400)
@@ -123,7 +123,7 @@ def test_moving_a_slider_updates_the_picture_the_number_and_the_address(page: Pa
     expect(page.locator("[data-outcome=ricochet]")).to_contain_text("At 75° from the normal")
 
 
-def test_invalid_value_is_refused_at_the_field_and_greys_the_previous_picture(page: Page) -> None:
+def test_invalid_value_is_refused_at_its_field_and_greys_the_old_picture(page: Page) -> None:
     open_explore(page)
     before = outline(page)
     field = page.get_by_label("Speed", exact=True)
@@ -199,7 +199,7 @@ def test_other_laws_include_this_strike_and_its_angle(page: Page) -> None:
             assert fitted_to
 
 
-def test_shared_address_reopens_the_same_view(page: Page, new_page: Any) -> None:
+def test_shared_url_reopens_the_same_view(page: Page, new_page: Any) -> None:
     open_explore(page)
     page.get_by_label("Nose").select_option("conical")
     page.get_by_label("Cone height over diameter").fill("2")
@@ -230,7 +230,7 @@ def test_shared_address_reopens_the_same_view(page: Page, new_page: Any) -> None
     assert outline(other) == [pytest.approx(each) for each in outline(page)]
 
 
-def test_case_is_kept_in_another_view_and_back(page: Page) -> None:
+def test_case_is_kept_when_the_view_changes(page: Page) -> None:
     open_explore(page, "?projectile.mass_kg=15")
     page.get_by_role("link", name="Critical angle").click()
     expect(page).to_have_url(re.compile(r"#/critical-angle\?projectile\.mass_kg=15"))
@@ -243,14 +243,14 @@ def test_case_is_kept_in_another_view_and_back(page: Page) -> None:
 @pytest.mark.parametrize(
     ("name", "diameter"), [("155 mm body", "155"), ("Flat rod", "20"), ("Cone", "50"), ("The paper's strike", "80")]
 )
-def test_preset_is_one_click(page: Page, name: str, diameter: str) -> None:
+def test_preset_takes_one_click(page: Page, name: str, diameter: str) -> None:
     open_explore(page, "?projectile.diameter_m=0.09")
     page.get_by_role("group", name="Start from").get_by_role("link", name=name).click()
     expect(page.get_by_label("Diameter", exact=True)).to_have_value(diameter)
     expect(page.locator("[data-outcome]")).to_be_visible()
 
 
-def test_help_of_a_field_is_seen_while_it_is_used_or_on_request(page: Page) -> None:
+def test_help_of_a_field_is_visible_while_it_is_used_or_on_request(page: Page) -> None:
     open_explore(page)
     words = page.get_by_text("Distance from the nose tip to the flat base, at least the length of the nose")
     expect(words).to_be_hidden()
@@ -275,12 +275,12 @@ def test_help_of_a_field_does_not_move_other_fields(page: Page) -> None:
         assert fields.evaluate_all(places) == before
 
 
-def test_no_field_has_the_unit_1(page: Page) -> None:
+def test_no_field_shows_the_unit_1(page: Page) -> None:
     open_explore(page)
     assert "1" not in page.locator(".unit").all_inner_texts()
 
 
-def test_histories_out_of_sight_wait_until_the_inputs_rest(page: Page) -> None:
+def test_hidden_histories_are_drawn_after_the_inputs_have_settled(page: Page) -> None:
     """Histories take longer to draw than all other parts of the view. Visible ones are drawn at once."""
     later = """() => {
         const [side, histories] = ['side view', 'histories'].map(
@@ -320,7 +320,7 @@ def test_scrubbing_moves_the_outline_and_the_line_in_the_histories(page: Page) -
     assert times == [0] * 7
 
 
-def test_histories_have_the_acceleration_of_the_body_in_standard_gravity(page: Page) -> None:
+def test_histories_show_the_acceleration_in_units_of_standard_gravity(page: Page) -> None:
     open_explore(page)
     read = "plot => plot.data.map(({y, yaxis}) => [plot.layout.annotations[(yaxis.slice(1) || 1) - 1].text, [...y]])"
     lines = page.locator(".histories .drawing").evaluate(read)
@@ -347,7 +347,7 @@ def test_bending_stress_is_plotted_and_marked_in_the_side_view(page: Page, clien
     expect(page.locator(".side-view path.bending")).to_have_count(1)
 
 
-def test_flight_after_a_ricochet_is_drawn_and_ends_where_the_service_says(page: Page, client: httpx.Client) -> None:
+def test_flight_after_a_ricochet_is_drawn_to_the_landing_point_of_the_service(page: Page, client: httpx.Client) -> None:
     open_explore(page)
     panel = page.get_by_role("region", name="Where it lands")
     expect(panel).to_be_hidden()
@@ -378,7 +378,7 @@ def test_flight_after_a_ricochet_is_drawn_and_ends_where_the_service_says(page: 
     expect(panel).to_be_hidden()
 
 
-def test_play_runs_in_steps_if_reduced_motion_is_preferred(page: Page) -> None:
+def test_animation_runs_in_steps_if_reduced_motion_is_preferred(page: Page) -> None:
     open_explore(page)
     page.get_by_label("Instant").fill("0")
     seen = page.evaluate(
@@ -396,7 +396,7 @@ def test_play_runs_in_steps_if_reduced_motion_is_preferred(page: Page) -> None:
     assert page.get_by_label("Instant").input_value() == page.get_by_label("Instant").get_attribute("max")
 
 
-def test_plot_is_downloaded_as_svg_png_and_csv_that_say_what_they_are(page: Page, tmp_path: Path) -> None:
+def test_downloads_of_a_plot_describe_themselves(page: Page, tmp_path: Path) -> None:
     open_explore(page)
     panel = page.locator(".side-view")
     for form in ("SVG", "PNG", "CSV"):
@@ -424,7 +424,7 @@ def test_plot_is_downloaded_as_svg_png_and_csv_that_say_what_they_are(page: Page
     assert float(rows[-1]["nose_tip_depth_m"]) == pytest.approx(outline(page)[1][0], rel=1e-5)
 
 
-def test_copied_command_and_program_request_what_is_shown(page: Page) -> None:
+def test_copied_command_and_program_request_the_case_shown(page: Page) -> None:
     open_explore(page, "?impact.oblique_angle_deg=52")
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     page.get_by_role("button", name="Copy as curl").click()
@@ -444,7 +444,7 @@ def test_copied_command_and_program_request_what_is_shown(page: Page) -> None:
     expect(copied).to_be_hidden()
 
 
-def test_answer_to_a_click_stays_when_the_rest_is_up_to_date(page: Page) -> None:
+def test_message_after_a_click_is_not_replaced_by_a_later_update(page: Page) -> None:
     held: list[Route] = []
 
     def hold(route: Route) -> None:
@@ -468,7 +468,7 @@ def test_answer_to_a_click_stays_when_the_rest_is_up_to_date(page: Page) -> None
     expect(status).to_have_text("Copied as curl.")
 
 
-def test_chosen_theme_is_kept(page: Page) -> None:
+def test_chosen_theme_is_remembered(page: Page) -> None:
     open_explore(page)
     page.get_by_label("Theme").select_option("dark")
     page.reload()
@@ -476,7 +476,7 @@ def test_chosen_theme_is_kept(page: Page) -> None:
     expect(page.locator("html")).to_have_attribute("data-theme", "dark")
 
 
-def test_step_of_a_slider_is_answered_while_it_moves(page: Page) -> None:
+def test_every_step_of_a_moving_slider_updates_the_page(page: Page) -> None:
     open_explore(page)
     for speed in range(300, 300 + 7 * STEPS, 7):
         drawn = page.evaluate("performance.getEntriesByName('ricochet: side view').length")
@@ -486,7 +486,7 @@ def test_step_of_a_slider_is_answered_while_it_moves(page: Page) -> None:
     assert statistics.median(steps[-STEPS:]) < PATIENCE_MS
 
 
-def test_while_a_slider_moves_one_request_at_a_time_has_the_latest_value(page: Page) -> None:
+def test_moving_slider_sends_one_request_at_a_time_with_the_latest_value(page: Page) -> None:
     open_explore(page)
     requested: list[float] = []
     running = [0]

@@ -26,7 +26,7 @@ def throttle(session: CDPSession, speed: float) -> None:
     session.send("Network.emulateNetworkConditions", conditions)
 
 
-def test_text_of_the_answer_is_shown_before_the_plots_on_a_slow_line(page: Page) -> None:
+def test_text_of_the_answer_appears_before_the_plots_on_a_slow_line(page: Page) -> None:
     session = page.context.new_cdp_session(page)
     session.send("Network.enable")
     throttle(session, SLOW_BYTES_PER_S)
@@ -49,7 +49,7 @@ def test_text_of_the_answer_is_shown_before_the_plots_on_a_slow_line(page: Page)
     assert abs((after[1] - after[0]) - (before[1] - before[0])) <= 60, "the row of buttons and the scrubber"
 
 
-def test_first_picture_takes_a_quarter_of_a_megabyte_at_most(page: Page) -> None:
+def test_first_picture_needs_at_most_a_quarter_of_a_megabyte(page: Page) -> None:
     session = page.context.new_cdp_session(page)
     session.send("Network.enable")
     sizes: list[float] = []
@@ -102,7 +102,7 @@ def test_verdict_and_picture_are_above_the_fold(
         expect(page.locator(".side-view .drawing")).to_be_in_viewport(ratio=1.0)
 
 
-def test_second_load_revalidates_two_files_and_downloads_none(page: Page) -> None:
+def test_second_load_revalidates_two_files_and_downloads_nothing(page: Page) -> None:
     page.goto("/")
     expect(page.locator(".histories .scatterlayer .trace").first).to_be_visible()
     sizes: dict[str, int] = {}

@@ -74,7 +74,7 @@ def curve_of(picture: Path) -> list[tuple[float, float]]:
     return [(float(np.polyval(across, x + left)), float(np.polyval(up, y + top))) for x, y in numbers]
 
 
-def test_band_is_shared_and_downloaded_with_the_numbers_of_the_service(
+def test_band_has_the_numbers_of_the_service_also_in_link_and_download(
     page: Page, new_page: NewPage, client: httpx.Client, tmp_path: Path
 ) -> None:
     page.goto("/#/how-sure")
@@ -153,7 +153,7 @@ def test_study_of_the_usual_scatter_is_computed_once(page: Page, client: httpx.C
         assert drawn(page)[2] == study["probability"]["ricochet_probability"]
 
 
-def test_bad_distributions_are_marked_at_their_fields(page: Page, faults: list[str]) -> None:
+def test_invalid_distributions_are_marked_at_their_fields(page: Page, faults: list[str]) -> None:
     page.goto("/#/how-sure")
     # The verdict brings the usual scatter of the case, which fills in the fields anew.
     expect(page.get_by_role("region", name="Verdict")).to_contain_text("90 % range")
@@ -201,7 +201,7 @@ def test_lost_submission_is_repeated(page: Page, faults: list[str]) -> None:
     expected(faults, "ERR_FAILED")
 
 
-def test_study_that_is_stopped_while_it_is_submitted_leaves_no_job_running(page: Page) -> None:
+def test_study_stopped_during_its_submission_leaves_no_job_running(page: Page) -> None:
     held: list[Route] = []
 
     def hold(route: Route) -> None:
@@ -230,7 +230,7 @@ def test_study_is_stopped_by_button_and_by_a_changed_form(page: Page) -> None:
     expect(page).to_have_url(re.compile("dispersion%3A0.2"))
 
 
-def test_study_runs_again_by_itself_and_the_numbers_before_are_marked(page: Page) -> None:
+def test_study_reruns_automatically_and_marks_the_old_numbers(page: Page) -> None:
     page.goto(f"/#/how-sure?{TWO}&sampling.max_samples=1024")
     wait(page)
     stale = page.locator("[aria-busy=true]").filter(has=page.locator(".range"))
@@ -248,7 +248,7 @@ def test_study_runs_again_by_itself_and_the_numbers_before_are_marked(page: Page
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
-def test_button_and_results_of_a_long_form_are_easy_to_reach(page: Page, size: tuple[int, int]) -> None:
+def test_button_and_results_stay_in_reach_of_a_long_form(page: Page, size: tuple[int, int]) -> None:
     width, height = size
     page.set_viewport_size({"width": width, "height": height})
     page.goto("/#/how-sure")
@@ -261,7 +261,7 @@ def test_button_and_results_of_a_long_form_are_easy_to_reach(page: Page, size: t
     expect(page.get_by_role("region", name="Answer")).to_be_in_viewport()
 
 
-def test_words_on_the_curve_stand_above_it_at_every_angle_on_a_phone(new_page: NewPage) -> None:
+def test_label_of_the_case_stands_above_the_curve_on_a_phone(new_page: NewPage) -> None:
     page = new_page(width=390, height=844)
     page.goto(f"/#/how-sure?{TWO}&sampling.max_samples=512")
     wait(page)

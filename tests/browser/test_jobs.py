@@ -20,7 +20,7 @@ def row_of(page: Page, job: dict[str, str]) -> Locator:
     return page.get_by_role("row").filter(has=page.get_by_text(job["id"][:8], exact=True))
 
 
-def test_job_is_seen_to_run_and_can_be_cancelled(page: Page, client: httpx.Client) -> None:
+def test_running_job_is_shown_and_can_be_cancelled(page: Page, client: httpx.Client) -> None:
     page.goto("/#/jobs")
     job = client.post("/trajectory/batch", content=lines(slow_strikes(200)), headers=LINES | ASYNC).json()
     page.goto("/#/explore")
@@ -53,9 +53,7 @@ def test_invalid_cell_of_a_table_is_named(page: Page, faults: list[str], table: 
     faults[:] = [fault for fault in faults if "422" not in fault]
 
 
-def test_cases_of_a_dropped_table_have_the_rest_of_the_case_in_the_other_views(
-    page: Page, client: httpx.Client
-) -> None:
+def test_cases_of_a_dropped_table_are_completed_from_the_current_case(page: Page, client: httpx.Client) -> None:
     page.goto("/#/jobs?projectile.mass_kg=15")
     expect(page.get_by_role("button", name="Compute")).to_be_visible()
     page.evaluate("""() => {
@@ -76,7 +74,7 @@ def test_cases_of_a_dropped_table_have_the_rest_of_the_case_in_the_other_views(
     assert finished(client, response.value.json())["counts"]["total"] == 2
 
 
-def test_running_job_shows_its_remaining_time_and_queued_job_its_place(page: Page, client: httpx.Client) -> None:
+def test_running_job_shows_its_remaining_time_and_queued_job_its_position(page: Page, client: httpx.Client) -> None:
     """The answer of the service is replaced, so that both states occur however busy the machine is."""
     job = client.post("/trajectory/batch", content=lines(searches(1)), headers=LINES | ASYNC).json() | {"counts": {}}
     counts = {"total": 100, "done": 0, "cached": 0, "failed": 0}
@@ -91,7 +89,7 @@ def test_running_job_shows_its_remaining_time_and_queued_job_its_place(page: Pag
     expect(row_of(page, runs)).to_contain_text(re.compile("20 of 100 cases, .* a second, about [45] min left"))
 
 
-def test_table_has_the_newest_page_and_loads_older_jobs_on_demand(page: Page, client: httpx.Client) -> None:
+def test_table_shows_the_newest_jobs_and_loads_older_ones_on_demand(page: Page, client: httpx.Client) -> None:
     jobs = [client.post("/cra/batch", json={"cases": searches(1)}, headers=ASYNC).json() for _ in range(3)]
     requested: list[str] = []
     page.on("request", lambda request: requested.append(request.url) if "/jobs?" in request.url else None)
@@ -106,7 +104,7 @@ def test_table_has_the_newest_page_and_loads_older_jobs_on_demand(page: Page, cl
     expect(row_of(page, jobs[2])).to_have_count(1)
 
 
-def test_sweep_is_titled_by_what_varies_shows_its_base_and_is_renamed(page: Page, client: httpx.Client) -> None:
+def test_sweep_is_titled_by_its_axes_and_can_be_renamed(page: Page, client: httpx.Client) -> None:
     axes = [
         {"field": "impact.velocity_m_s", "values": [238.0, 300.0]},
         {"field": "target.compressive_strength_pa", "start": 39e6, "stop": 49e6, "count": 3},
@@ -125,7 +123,7 @@ def test_sweep_is_titled_by_what_varies_shows_its_base_and_is_renamed(page: Page
     assert client.get(f"/jobs/{job['id']}").json()["title"] == "North wall"
 
 
-def test_columns_hold_what_their_heads_say(page: Page, client: httpx.Client) -> None:
+def test_cells_match_their_column_headings(page: Page, client: httpx.Client) -> None:
     job = client.post("/cra/batch", content=lines(searches(3)), headers=LINES | ASYNC).json()
     finished(client, job)
     page.goto("/#/jobs")
@@ -143,7 +141,7 @@ def test_columns_hold_what_their_heads_say(page: Page, client: httpx.Client) -> 
 
 
 @pytest.mark.parametrize("form", ["CSV", "JSONL", "HDF5"])
-def test_results_are_downloaded(page: Page, client: httpx.Client, tmp_path: Path, form: str) -> None:
+def test_results_of_a_job_can_be_downloaded(page: Page, client: httpx.Client, tmp_path: Path, form: str) -> None:
     job = client.post("/cra/batch", content=lines(searches(4)), headers=LINES | ASYNC).json()
     assert finished(client, job)["status"] == "successful"
     page.goto("/#/jobs")

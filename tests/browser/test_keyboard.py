@@ -32,7 +32,7 @@ def test_skip_link_leads_to_the_view(page: Page) -> None:
     expect(page).to_have_url(re.compile("#/explore$"))
 
 
-def test_slider_answers_to_arrow_keys(page: Page) -> None:
+def test_arrow_keys_move_a_slider(page: Page) -> None:
     page.goto("/#/explore")
     slider = page.get_by_role("slider", name="Speed")
     tab_to(page, slider)
@@ -40,7 +40,7 @@ def test_slider_answers_to_arrow_keys(page: Page) -> None:
     expect(page).to_have_url(re.compile("impact.velocity_m_s=239"))
 
 
-def test_map_is_run_read_and_opened_by_keys_alone(page: Page) -> None:
+def test_map_can_be_run_read_and_opened_by_keyboard(page: Page) -> None:
     page.goto("/#/map?x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,2")
     tab_to(page, page.get_by_role("group", name="Vertical axis").get_by_label("Values"))
     page.keyboard.press("ControlOrMeta+a")
@@ -60,7 +60,7 @@ def test_map_is_run_read_and_opened_by_keys_alone(page: Page) -> None:
     expect(page).to_have_url(re.compile("#/critical-angle"))
 
 
-def test_strikes_are_pinned_compared_and_removed_by_keys_alone(page: Page) -> None:
+def test_strikes_can_be_pinned_compared_and_removed_by_keyboard(page: Page) -> None:
     page.goto("/#/explore?target.thickness_m=2")
     expect(page.locator(".angle")).to_be_visible()
     tab_to(page, page.get_by_role("button", name="Pin to compare"))
@@ -76,7 +76,7 @@ def test_strikes_are_pinned_compared_and_removed_by_keys_alone(page: Page) -> No
     expect(page.get_by_role("region", name="Comparison")).to_be_hidden()
 
 
-def test_folds_open_and_the_report_is_requested_by_keys_alone(page: Page) -> None:
+def test_sections_and_the_report_can_be_opened_by_keyboard(page: Page) -> None:
     page.goto("/#/critical-angle")
     expect(page.locator(".angle")).to_be_visible()
     for title in ("How it was found", "Under other laws"):
@@ -92,7 +92,7 @@ def test_folds_open_and_the_report_is_requested_by_keys_alone(page: Page) -> Non
     expect(opened.value).to_have_title("Made")
 
 
-def test_study_is_set_up_and_run_by_keys_alone(page: Page) -> None:
+def test_study_can_be_set_up_and_run_by_keyboard(page: Page) -> None:
     page.goto("/#/how-sure?scatter=impact.velocity_m_s,normal,coefficient_of_variation:0.02&sampling.max_samples=512")
     expect(page.locator("#study-progress")).to_have_text("Done.")
     tab_to(page, page.get_by_label("Coefficient of variation"))
@@ -112,7 +112,7 @@ def test_study_is_set_up_and_run_by_keys_alone(page: Page) -> None:
     expect(page.locator(".range")).to_be_visible()
 
 
-def test_job_is_renamed_and_deleted_by_keys_alone(page: Page, client: httpx.Client) -> None:
+def test_job_can_be_renamed_and_deleted_by_keyboard(page: Page, client: httpx.Client) -> None:
     job = client.post("/cra/batch", content=lines(searches(1)), headers=LINES | ASYNC).json()
     finished(client, job)
     page.goto("/#/jobs")

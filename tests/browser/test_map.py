@@ -63,9 +63,7 @@ def test_large_map_is_cancelled_once_and_completed_once(page: Page, client: http
     assert completed["counts"]["done"] == 900
 
 
-def test_map_shows_the_angles_of_the_service_the_case_itself_and_the_cell_that_is_clicked(
-    page: Page, client: httpx.Client
-) -> None:
+def test_map_shows_the_angles_of_the_service_and_the_clicked_cell(page: Page, client: httpx.Client) -> None:
     run_map(page, "x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,3", 6)
     results = client.get(f"/jobs/{job_of(page)}/results").json()["results"]
     angles = [item["result"]["critical_angle_deg"] for item in results]
@@ -92,7 +90,7 @@ def test_map_shows_the_angles_of_the_service_the_case_itself_and_the_cell_that_i
     assert "projectile.mass_kg=14" in page.url
 
 
-def test_map_of_outcomes_distinguishes_them_in_words(page: Page, tmp_path: Path) -> None:
+def test_map_of_outcomes_names_each_outcome(page: Page, tmp_path: Path) -> None:
     page.goto("/#/map?operation=trajectory&x=impact.oblique_angle_deg,40,60,5&y=impact.velocity_m_s,237,239,2")
     page.get_by_role("button", name="Run").click()
     expect(page.locator("#map-counts")).to_have_text(re.compile(r"^4 embedded, 6 ricochet.* greatest depth \[mm\]"))
@@ -103,7 +101,7 @@ def test_map_of_outcomes_distinguishes_them_in_words(page: Page, tmp_path: Path)
     assert [float(row["impact.oblique_angle_deg"]) for row in rows[:5]] == [40, 45, 50, 55, 60]
 
 
-def test_legend_has_the_colours_of_the_outcomes_and_no_mark_hides_the_numbers_of_lines(page: Page) -> None:
+def test_legend_has_the_colours_of_the_outcomes_and_marks_hide_no_numbers(page: Page) -> None:
     page.goto("/#/map?operation=trajectory&x=impact.oblique_angle_deg,45,65,5&y=impact.velocity_m_s,349,351,2")
     page.get_by_role("button", name="Run").click()
     all_computed(page, 10)
@@ -120,7 +118,7 @@ def test_legend_has_the_colours_of_the_outcomes_and_no_mark_hides_the_numbers_of
         assert legend[ending] == f"rgb{colour}", legend
 
 
-def test_axes_follow_the_case_and_the_star_is_on_the_map(page: Page) -> None:
+def test_axes_follow_the_case_which_is_a_star_on_the_map(page: Page) -> None:
     page.goto("/#/map?impact.velocity_m_s=600&target.compressive_strength_pa=90e6")
     all_computed(page, 81)
     for axis, value in (("Horizontal axis", 600.0), ("Vertical axis", 90.0)):
@@ -134,7 +132,7 @@ def test_axes_follow_the_case_and_the_star_is_on_the_map(page: Page) -> None:
     expect(horizontal.get_by_label("To")).to_have_value("170")
 
 
-def test_phase_diagram_has_the_case_as_a_point_that_is_dragged(page: Page) -> None:
+def test_phase_diagram_shows_the_case_as_a_draggable_point(page: Page) -> None:
     page.goto("/#/map")
     page.get_by_label("Show").select_option("trajectory")
     page.get_by_role("button", name="Run").click()
@@ -177,7 +175,7 @@ def test_invalid_axis_is_refused_at_its_field(page: Page) -> None:
     expect(page.get_by_text("Both axes have the same field.").first).to_be_visible()
 
 
-def test_map_reports_a_lost_service_and_continues_when_it_is_back(page: Page, faults: list[str]) -> None:
+def test_map_reports_a_lost_service_and_continues_when_it_returns(page: Page, faults: list[str]) -> None:
     open_map(page, x="impact.velocity_m_s,238,300,2", y="projectile.mass_kg,13,14,3", rest="")
     page.route("**/jobs/**", lambda route: route.abort())
     page.get_by_role("button", name="Run").click()
@@ -191,7 +189,7 @@ def test_map_reports_a_lost_service_and_continues_when_it_is_back(page: Page, fa
 
 
 @pytest.mark.parametrize("size", [2, 12])
-def test_lost_preview_and_coarse_grid_are_repeated(page: Page, faults: list[str], size: int) -> None:
+def test_lost_preview_and_coarse_grid_are_requested_again(page: Page, faults: list[str], size: int) -> None:
     page.route("**/cra/sweep", lambda route: route.abort())
     open_map(page, x=f"impact.velocity_m_s,238,300,{size}", y=f"projectile.mass_kg,13,14,{size}", rest="")
     if size > 10:
@@ -204,7 +202,7 @@ def test_lost_preview_and_coarse_grid_are_repeated(page: Page, faults: list[str]
     expected(faults, "ERR_FAILED")
 
 
-def test_map_of_probabilities_is_that_of_the_service(page: Page, client: httpx.Client, tmp_path: Path) -> None:
+def test_map_of_probabilities_has_the_numbers_of_the_service(page: Page, client: httpx.Client, tmp_path: Path) -> None:
     run_map(page, "operation=probability&x=impact.oblique_angle_deg,30,70,3&y=impact.velocity_m_s,238,300,2", 6)
     expect(page.locator("#map-counts")).to_contain_text("6 with a probability")
     expect(page.locator("#map-counts")).to_contain_text("with the usual scatter of speed, compressive strength")
@@ -227,7 +225,7 @@ def test_map_of_probabilities_is_that_of_the_service(page: Page, client: httpx.C
     assert all(re.fullmatch("[0-9a-f]{64}", row["key"]) for row in rows)
 
 
-def test_map_of_probabilities_is_bounded_and_cancelled(page: Page) -> None:
+def test_map_of_probabilities_is_limited_and_can_be_cancelled(page: Page) -> None:
     page.goto("/#/map?operation=probability&x=impact.velocity_m_s,150,450,13&y=projectile.mass_kg,11,17,12")
     expect(page.get_by_text("Takes 1 to 12 values.")).to_be_visible()
     expect(page.get_by_role("button", name="Run")).to_be_disabled()
@@ -242,7 +240,7 @@ def test_map_of_probabilities_is_bounded_and_cancelled(page: Page) -> None:
     expect(page.get_by_role("button", name="Cancel")).to_be_disabled()
 
 
-def test_warnings_that_few_cases_have_are_named_in_the_legend(page: Page) -> None:
+def test_rare_warnings_are_named_in_the_legend(page: Page) -> None:
     page.goto("/#/map?x=impact.velocity_m_s,100,900,9&y=target.compressive_strength_pa,20e6,100e6,9")
     all_computed(page, 81)
     legend = page.locator(".map .drawing").evaluate("plot => plot.data.map(({ name }) => name).filter(Boolean)")
@@ -251,7 +249,7 @@ def test_warnings_that_few_cases_have_are_named_in_the_legend(page: Page) -> Non
     assert all(re.fullmatch(r"warning: [A-Za-z ]+ \(\d+\)", each) for each in named)
 
 
-def test_files_of_a_map_name_what_varies_and_leave_its_values_out(page: Page, tmp_path: Path) -> None:
+def test_downloads_of_a_map_name_the_axes_and_omit_their_base_values(page: Page, tmp_path: Path) -> None:
     page.goto("/#/map?x=impact.velocity_m_s,238,300,2&y=target.compressive_strength_pa,39e6,50e6,2")
     all_computed(page, 4)
     for form, button in {"csv": "Download the data", "svg": "Download the plot as SVG"}.items():
@@ -273,7 +271,7 @@ def test_files_of_a_map_name_what_varies_and_leave_its_values_out(page: Page, tm
     assert "238 m/s" not in picture
 
 
-def test_map_without_its_job_says_so_and_can_be_run_again(page: Page, faults: list[str]) -> None:
+def test_map_whose_job_is_missing_can_be_run_again(page: Page, faults: list[str]) -> None:
     page.goto(f"/#/map?x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,3&job={'0' * 32}")
     expect(page.get_by_role("alert")).to_have_text("The job of this map is gone: it has expired. Run it again.")
     page.get_by_role("button", name="Run").click()
@@ -281,7 +279,7 @@ def test_map_without_its_job_says_so_and_can_be_run_again(page: Page, faults: li
     expected(faults, "404")
 
 
-def test_map_opens_with_a_small_one_without_a_job(page: Page, client: httpx.Client) -> None:
+def test_view_opens_with_a_small_map_without_a_job(page: Page, client: httpx.Client) -> None:
     before = client.get("/jobs").json()["jobs"]
     page.goto("/#/map?impact.velocity_m_s=260")
     all_computed(page, 81)
@@ -293,7 +291,7 @@ def test_map_opens_with_a_small_one_without_a_job(page: Page, client: httpx.Clie
     expect(page.locator(".map .drawing")).to_contain_text("you are here")
 
 
-def test_large_map_is_seen_coarse_before_it_is_fine(page: Page) -> None:
+def test_large_map_appears_on_a_coarse_grid_first(page: Page) -> None:
     open_map(page, x="impact.velocity_m_s,207,397,20", y="target.compressive_strength_pa,32e6,51e6,20")
     page.route("**/jobs/*/results?*", lambda route: route.abort())
     page.get_by_role("button", name="Run").click()
@@ -312,7 +310,9 @@ def test_large_map_is_seen_coarse_before_it_is_fine(page: Page) -> None:
     assert fine[-1][-1] == pytest.approx(coarse[-1][-1], abs=1.0)
 
 
-def test_map_of_least_thickness_is_that_of_the_service(page: Page, client: httpx.Client, tmp_path: Path) -> None:
+def test_map_of_least_thickness_has_the_numbers_of_the_service(
+    page: Page, client: httpx.Client, tmp_path: Path
+) -> None:
     run_map(page, "operation=thickness&x=impact.velocity_m_s,200,300,2&y=impact.oblique_angle_deg,0,30,2", 4)
     expect(page.locator("#map-counts")).to_contain_text("4 with a thickness")
     expect(page.locator(".map .drawing")).to_contain_text("Least thickness [mm]")
@@ -325,7 +325,7 @@ def test_map_of_least_thickness_is_that_of_the_service(page: Page, client: httpx
     assert [1e3 * float(row["least_thickness_m"]) for row in rows] == pytest.approx(thickness)
 
 
-def test_map_of_previous_inputs_is_marked(page: Page) -> None:
+def test_map_of_earlier_inputs_is_marked(page: Page) -> None:
     page.goto("/#/map?x=impact.velocity_m_s,230,300,2&y=projectile.mass_kg,12,14,2")
     all_computed(page, 4)
     picture = page.get_by_role("region", name="Picture")
@@ -340,7 +340,7 @@ def test_map_of_previous_inputs_is_marked(page: Page) -> None:
     expect(page.locator("[aria-busy=true]")).to_have_count(0)
 
 
-def test_map_of_angles_of_a_wall_has_angles_and_no_probability(page: Page) -> None:
+def test_map_of_angles_of_a_wall_shows_no_probability(page: Page) -> None:
     page.goto(
         "/#/map?target.thickness_m=0.2&x=impact.velocity_m_s,230,250,3&y=target.compressive_strength_pa,38e6,40e6,3"
     )
@@ -351,7 +351,7 @@ def test_map_of_angles_of_a_wall_has_angles_and_no_probability(page: Page) -> No
     expect(one).not_to_contain_text(re.compile("no measured angle|mass properties assumed"))
 
 
-def test_legend_is_as_wide_as_a_phone(new_page: NewPage) -> None:
+def test_legend_fits_the_width_of_a_phone(new_page: NewPage) -> None:
     page = new_page(width=390, height=844)
     open_map(page, x="impact.oblique_angle_deg,20,75,5", y="impact.velocity_m_s,100,300,5", rest="operation=trajectory")
     page.get_by_role("button", name="Run").click()

@@ -11,7 +11,7 @@ NOISE = re.compile(r"\d[eE][-−+]?\d|[-−]0(\.0+)?(?![\d.])|\d\.\d*?(0000|9999
 
 
 @pytest.mark.parametrize(("typed", "shown"), [("2,500", "2500"), ("1,200", "1200"), ("1,200 mm", "1200")])
-def test_comma_before_three_digits_is_read_as_thousands_with_a_note(page: Page, typed: str, shown: str) -> None:
+def test_comma_before_three_digits_separates_thousands_with_a_note(page: Page, typed: str, shown: str) -> None:
     open_explore(page)
     thickness = page.get_by_label("Thickness")
     thickness.fill(typed)
@@ -32,7 +32,7 @@ def test_comma_before_three_digits_is_read_as_thousands_with_a_note(page: Page, 
     ("label", "field", "word"),
     [("Thickness", "target.thickness_m", "∞"), ("Crater depth", "resistance.crater.depth_diameters", "None")],
 )
-def test_word_that_an_empty_field_shows_may_be_typed(page: Page, label: str, field: str, word: str) -> None:
+def test_placeholder_of_an_empty_field_may_be_typed(page: Page, label: str, field: str, word: str) -> None:
     open_explore(page, f"?{field}=0.9")
     page.get_by_label(label).fill(word)
     page.wait_for_function(IDLE)
@@ -53,7 +53,7 @@ BROKEN = """() => {
 
 
 @pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "walls"])
-def test_numbers_keep_to_a_line_with_their_units(page: Page, view: str) -> None:
+def test_numbers_stay_on_one_line_with_their_units(page: Page, view: str) -> None:
     page.goto(f"/#/{view}?target.thickness_m=0.3&impact.oblique_angle_deg=56")
     expect(page.locator(".verdict")).to_contain_text("Wall of 300 mm")
     expect(page.locator(".verdict [aria-busy=true]")).to_have_count(0)

@@ -60,7 +60,7 @@ def test_view_prints_black_on_white_without_controls(new_page: NewPage, view: st
 
 
 @pytest.mark.parametrize("view", FILLED)
-def test_sheets_are_dark_on_white_within_their_margins(
+def test_printed_sheets_are_dark_on_white_within_their_margins(
     new_page: NewPage, client: httpx.Client, tmp_path: Path, view: str
 ) -> None:
     if shutil.which("pdftoppm") is None:
@@ -92,7 +92,7 @@ def test_sheets_are_dark_on_white_within_their_margins(
 
 
 @pytest.mark.parametrize(("address", "most"), [("walls?impact.oblique_angle_deg=90", 1), ("map", 3)])
-def test_no_sheet_has_the_foot_of_the_page_alone_or_a_part_of_a_picture(
+def test_no_sheet_has_only_the_footer_or_part_of_a_picture(
     new_page: NewPage, faults: list[str], address: str, most: int
 ) -> None:
     page = new_page(width=390, height=844)

@@ -38,7 +38,7 @@ def drag(page: Page, degrees: float, distance: float = 150.0) -> None:
     page.mouse.move(x - distance * math.sin(angle), y - distance * math.cos(angle), steps=3)
 
 
-def test_projectile_is_dragged_through_the_critical_angle(page: Page) -> None:
+def test_projectile_can_be_dragged_through_the_critical_angle(page: Page) -> None:
     open_explore(page)
     outcome = page.locator("[data-outcome]")
     expect(outcome).to_have_attribute("data-outcome", "embedded")
@@ -98,7 +98,7 @@ def test_keys_turn_the_projectile(page: Page) -> None:
     expect(page.locator("[data-outcome]")).to_have_attribute("data-outcome", "embedded")
 
 
-def test_angles_faces_and_exit_are_named(page: Page) -> None:
+def test_angles_faces_and_exit_are_labelled(page: Page) -> None:
     open_explore(page, "?impact.oblique_angle_deg=55&impact.angle_of_attack_deg=3")
     assert {"θ = 55°", "φ = 58°", "δ = 3°", "face"} <= set(words(page))
     critical = page.locator(".angle").inner_text()
@@ -111,7 +111,7 @@ def test_angles_faces_and_exit_are_named(page: Page) -> None:
     assert "rear face" not in words(page)
 
 
-def test_wall_has_a_hole_through_to_its_rear_face(page: Page) -> None:
+def test_perforated_wall_has_a_hole_through_to_its_rear_face(page: Page) -> None:
     open_explore(page, "?target.thickness_m=0.2&impact.oblique_angle_deg=20&impact.velocity_m_s=300")
     assert {"face", "rear face"} <= set(words(page))
     along, depth = points(page, "hole")
@@ -149,7 +149,7 @@ def test_picture_stays_visible_while_a_slider_moves_on_a_phone(new_page: NewPage
 @pytest.mark.parametrize(
     "query", ["", "?impact.oblique_angle_deg=10", "?impact.oblique_angle_deg=60&target.thickness_m=0.5"]
 )
-def test_words_on_force_and_bending_are_not_written_over_the_body(
+def test_labels_of_force_and_bending_do_not_cover_the_body(
     new_page: NewPage, size: tuple[int, int], query: str
 ) -> None:
     page = new_page(width=size[0], height=size[1])
@@ -171,7 +171,7 @@ def test_words_on_force_and_bending_are_not_written_over_the_body(
 
 
 @pytest.mark.parametrize("query", ["explore", "explore?pin=impact.velocity_m_s%3D300", "critical-angle"])
-def test_colours_have_their_key_on_a_phone(new_page: NewPage, query: str) -> None:
+def test_keys_of_the_colours_fit_a_phone_without_overlap(new_page: NewPage, query: str) -> None:
     page = new_page(width=390, height=844)
     page.goto(f"/#/{query}")
     pictures = page.locator(".side-view .drawing > svg")

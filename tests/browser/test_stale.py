@@ -33,7 +33,7 @@ def test_invalid_field_removes_the_numbers(page: Page) -> None:
 
 
 @pytest.mark.parametrize("wrong", ["-3", "heavy"])
-def test_nothing_is_pinned_reported_copied_or_exported_without_a_case(page: Page, wrong: str) -> None:
+def test_buttons_that_need_a_valid_case_are_disabled_without_one(page: Page, wrong: str) -> None:
     open_explore(page)
     page.get_by_role("button", name="Pin to compare").click()
     page.get_by_label("Mass").fill("14")
@@ -93,7 +93,7 @@ def test_random_edits_never_leave_outdated_results_unmarked(page: Page, faults: 
     faults[:] = [fault for fault in faults if "422" not in fault]
 
 
-def test_invalid_shots_remove_what_they_change(page: Page) -> None:
+def test_invalid_shots_remove_the_results_they_affect(page: Page) -> None:
     shots = '[{"velocity_m_s":250,"depth_m":0.31},{"velocity_m_s":300,"depth_m":0.42}]'
     open_explore(page, f"?resistance.strength_factor.model=own_tests&resistance.strength_factor.shots={shots}")
     changes = page.get_by_role("group", name="Own depth tests").locator("table")
@@ -103,7 +103,7 @@ def test_invalid_shots_remove_what_they_change(page: Page) -> None:
     expect(changes).to_have_count(0)
 
 
-def test_page_is_not_up_to_date_while_a_study_or_a_map_is_computed(page: Page) -> None:
+def test_page_is_out_of_date_while_a_study_or_map_is_computed(page: Page) -> None:
     status = page.locator("#status")
     page.route("**/cra/uncertainty", lambda route: None)  # The request gets no answer.
     with page.expect_response("**/verdict"):
@@ -117,7 +117,7 @@ def test_page_is_not_up_to_date_while_a_study_or_a_map_is_computed(page: Page) -
     expect(status).not_to_have_text("Up to date.")
 
 
-def test_warning_of_another_angle_says_so(page: Page) -> None:
+def test_warning_about_another_angle_names_that_angle(page: Page) -> None:
     open_explore(page, "?target.thickness_m=0.5&impact.oblique_angle_deg=30")
     page.locator("details.warnings").evaluate("fold => { fold.open = true; }")
     for warning in page.locator(".verdict .warning").all_text_contents():
@@ -150,7 +150,7 @@ def test_lost_service_is_reported_beside_the_picture_and_retried(page: Page, fau
 
 
 @pytest.mark.parametrize("path", ["**/verdict", "**/trajectory", "**/cra"])
-def test_message_about_a_lost_request_disappears_with_its_answer(page: Page, faults: list[str], path: str) -> None:
+def test_message_about_a_lost_request_disappears_after_its_answer(page: Page, faults: list[str], path: str) -> None:
     open_explore(page)
     page.get_by_text("Under other laws").click()
     expect(page.get_by_role("table", name="Under other laws")).to_be_visible()
@@ -165,7 +165,7 @@ def test_message_about_a_lost_request_disappears_with_its_answer(page: Page, fau
     expected(faults, "ERR_FAILED")
 
 
-def test_papers_searches_wait_until_they_are_opened_and_end_with_the_inputs(page: Page) -> None:
+def test_paper_searches_start_when_opened_and_stop_when_inputs_change(page: Page) -> None:
     requested: list[str] = []
 
     def method(request: Any) -> str:

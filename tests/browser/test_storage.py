@@ -26,7 +26,7 @@ def save_case(page: Page, name: str) -> None:
 
 
 @pytest.mark.parametrize("script", [BLOCKED, OFF, DAMAGED], ids=["blocked", "off", "damaged"])
-def test_every_view_works_with_what_the_browser_keeps(page: Page, script: str) -> None:
+def test_every_view_works_with_any_state_of_the_storage(page: Page, script: str) -> None:
     page.add_init_script(script)
     open_explore(page)
     page.get_by_label("Units").select_option("US")
@@ -54,7 +54,7 @@ def test_damaged_stored_values_are_dropped_and_others_kept(page: Page) -> None:
 
 
 @pytest.mark.skipif(firefox.executable() is None, reason="needs Firefox: apt-get install firefox-esr")
-def test_firefox_with_storage_off_shows_every_view(live_url: str, tmp_path: Path) -> None:
+def test_firefox_without_storage_shows_every_view(live_url: str, tmp_path: Path) -> None:
     path = firefox.executable()
     assert path is not None
     with firefox.running_firefox(path, tmp_path, {**firefox.OFF_THE_NETWORK, "dom.storage.enabled": False}) as tab:

@@ -43,7 +43,7 @@ def explore(page: Page) -> Page:
     return page
 
 
-def test_critical_angle_of_a_new_body_takes_six_inputs_at_most(explore: Page, act: Actions) -> None:
+def test_critical_angle_of_a_new_body_takes_at_most_six_inputs(explore: Page, act: Actions) -> None:
     act.click(explore.get_by_role("link", name="Cone"))
     values = {"Speed": "250", "Cone height over diameter": "2", "Diameter": "60", "Length": "400", "Mass": "7.2"}
     for label, text in values.items():
@@ -55,7 +55,7 @@ def test_critical_angle_of_a_new_body_takes_six_inputs_at_most(explore: Page, ac
     assert act.count <= 6
 
 
-def test_map_of_speed_and_strength_to_csv_and_png_takes_ten_actions_at_most(
+def test_map_of_speed_and_strength_with_downloads_takes_at_most_ten_actions(
     explore: Page, act: Actions, tmp_path: Path
 ) -> None:
     act.click(explore.get_by_role("link", name="Map", exact=True))
@@ -76,7 +76,7 @@ def test_map_of_speed_and_strength_to_csv_and_png_takes_ten_actions_at_most(
     assert act.count <= 10
 
 
-def test_whether_half_a_metre_is_enough_takes_one_input(explore: Page, act: Actions) -> None:
+def test_verdict_on_half_a_metre_takes_one_input(explore: Page, act: Actions) -> None:
     explore.get_by_role("link", name="Walls", exact=True).click()
     act.fill(explore.get_by_label("Thickness", exact=True), "500")
     expect(explore.locator(".outcome")).to_contain_text(
@@ -85,7 +85,7 @@ def test_whether_half_a_metre_is_enough_takes_one_input(explore: Page, act: Acti
     assert act.count == 1
 
 
-def test_verdict_on_half_a_metre_against_a_155_mm_body_takes_four_inputs_at_most(explore: Page, act: Actions) -> None:
+def test_verdict_on_half_a_metre_against_a_155_mm_body_takes_at_most_four_inputs(explore: Page, act: Actions) -> None:
     act.click(explore.get_by_role("link", name="155 mm body"))
     act.click(explore.get_by_role("link", name="Walls", exact=True))
     act.choose(explore.get_by_label("Concrete class"), "C30/37")
@@ -97,7 +97,7 @@ def test_verdict_on_half_a_metre_against_a_155_mm_body_takes_four_inputs_at_most
     assert act.count <= 4
 
 
-def test_verdict_on_a_wall_against_a_steel_sphere_takes_four_inputs_at_most(explore: Page, act: Actions) -> None:
+def test_verdict_on_a_wall_against_a_steel_sphere_takes_at_most_four_inputs(explore: Page, act: Actions) -> None:
     act.click(explore.get_by_role("link", name="Steel sphere"))
     act.click(explore.get_by_role("link", name="Walls", exact=True))
     act.fill(explore.get_by_label("Thickness", exact=True), "150")
@@ -105,7 +105,7 @@ def test_verdict_on_a_wall_against_a_steel_sphere_takes_four_inputs_at_most(expl
     assert act.count <= 4
 
 
-def test_steel_fills_in_the_mass_of_the_body(explore: Page) -> None:
+def test_choosing_steel_fills_in_the_mass(explore: Page) -> None:
     explore.get_by_role("link", name="Flat rod").click()
     explore.get_by_label("Length", exact=True).fill("100")
     explore.get_by_role("button", name="Steel", exact=True).click()
@@ -116,7 +116,7 @@ def test_steel_fills_in_the_mass_of_the_body(explore: Page) -> None:
     expect(explore.get_by_label("Mass", exact=True)).to_have_value("0.49")
 
 
-def test_comparison_of_two_strikes_takes_three_actions_at_most(explore: Page, act: Actions) -> None:
+def test_comparison_of_two_strikes_takes_at_most_three_actions(explore: Page, act: Actions) -> None:
     act.click(explore.get_by_role("button", name="Pin to compare"))
     act.fill(explore.get_by_label("Oblique angle", exact=True), "55")
     comparison = explore.get_by_role("region", name="Comparison")
@@ -125,9 +125,7 @@ def test_comparison_of_two_strikes_takes_three_actions_at_most(explore: Page, ac
     assert act.count <= 3
 
 
-def test_spread_for_a_strength_factor_within_ten_per_cent_takes_two_actions_at_most(
-    explore: Page, act: Actions
-) -> None:
+def test_spread_for_ten_per_cent_in_the_strength_factor_takes_at_most_two_actions(explore: Page, act: Actions) -> None:
     act.click(explore.get_by_role("link", name="How sure, input by input"))
     factor = explore.get_by_role("group", name="Factor on the strength factor")
     with explore.expect_request(lambda request: request.url.endswith("/cra/uncertainty")):  # without a click
@@ -137,7 +135,7 @@ def test_spread_for_a_strength_factor_within_ten_per_cent_takes_two_actions_at_m
     assert act.count <= 2
 
 
-def test_three_hundred_cases_of_a_table_take_three_actions_at_most(page: Page, act: Actions) -> None:
+def test_three_hundred_cases_from_a_table_take_at_most_three_actions(page: Page, act: Actions) -> None:
     page.goto("/#/jobs")
     rows = [f"{200 + i},{30 + i % 7 * 5}" for i in range(300)]
     act.fill(page.get_by_label("Cases, pasted or dropped as CSV"), "\n".join(["velocity_m_s,oblique_angle_deg", *rows]))
@@ -150,7 +148,7 @@ def test_three_hundred_cases_of_a_table_take_three_actions_at_most(page: Page, a
     assert act.count <= 3
 
 
-def test_report_takes_one_action_at_most(page: Page, act: Actions) -> None:
+def test_report_takes_at_most_one_action(page: Page, act: Actions) -> None:
     page.goto("/#/explore?search.lower_deg=44&search.upper_deg=54&search.tolerance_deg=0.5")
     with page.expect_popup() as opened:
         act.click(page.get_by_role("button", name="Report", exact=True))

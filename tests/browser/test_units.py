@@ -14,7 +14,7 @@ from .conftest import NewPage
 COARSE = "search.lower_deg=44&search.upper_deg=54&search.tolerance_deg=0.5"
 
 
-def test_report_is_in_the_units_of_the_page(page: Page) -> None:
+def test_report_uses_the_units_of_the_page(page: Page) -> None:
     page.goto(f"/#/explore?{COARSE}&impact.oblique_angle_deg=50&target.thickness_m=1")
     page.get_by_label("Units").select_option("US")
     expect(page.locator("[data-outcome]")).to_be_visible()
@@ -26,7 +26,7 @@ def test_report_is_in_the_units_of_the_page(page: Page) -> None:
     assert SI.findall(report.locator("main").inner_text()) == []
 
 
-def test_sentences_and_warnings_are_written_by_the_service_in_the_units_shown(page: Page, client: httpx.Client) -> None:
+def test_sentences_and_warnings_use_the_units_shown(page: Page, client: httpx.Client) -> None:
     page.goto("/#/walls?impact.oblique_angle_deg=30&target.thickness_m=0.4")
     page.get_by_label("Units").select_option("US")
     body = PAPER | {
@@ -42,7 +42,7 @@ def test_sentences_and_warnings_are_written_by_the_service_in_the_units_shown(pa
     assert [found for each in texts for found in SI.findall(each)] == []
 
 
-def test_verdict_on_a_strike_is_in_the_units_shown(page: Page) -> None:
+def test_verdict_on_a_strike_uses_the_units_shown(page: Page) -> None:
     page.goto(f"/#/explore?{COARSE}&impact.oblique_angle_deg=55")
     page.get_by_label("Units").select_option("US")
     expect(page.locator(".outcome")).to_contain_text("Lands about")
@@ -50,7 +50,7 @@ def test_verdict_on_a_strike_is_in_the_units_shown(page: Page) -> None:
     assert SI.findall(page.get_by_role("region", name="Verdict").inner_text()) == []
 
 
-def test_usual_value_in_an_empty_field_is_in_the_units_shown(page: Page) -> None:
+def test_default_in_an_empty_field_uses_the_units_shown(page: Page) -> None:
     page.goto("/#/explore")
     field = page.get_by_label("Yield strength of the body")
     expect(field).to_have_attribute("placeholder", "1200")
@@ -58,7 +58,7 @@ def test_usual_value_in_an_empty_field_is_in_the_units_shown(page: Page) -> None
     expect(field).to_have_attribute("placeholder", f"{1.2e9 / PSI:.0f}")
 
 
-def test_a_link_keeps_the_units_of_its_sender(new_page: NewPage) -> None:
+def test_link_keeps_the_units_of_its_sender(new_page: NewPage) -> None:
     page = new_page()
     page.goto("/#/walls?target.thickness_m=0.4")
     page.get_by_label("Units").select_option("US")

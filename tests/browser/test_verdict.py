@@ -38,7 +38,7 @@ def boxes(parts: Locator) -> list[dict[str, float]]:
 
 
 @pytest.mark.parametrize("view", ["explore", "critical-angle", "how-sure", "walls", "map"])
-def test_verdict_stays_in_sight_at_every_width(page: Page, view: str) -> None:
+def test_verdict_stays_visible_at_every_width(page: Page, view: str) -> None:
     page.goto(f"/#/{view}?{WALL}")
     head = page.locator(HEAD)
     expect(head.locator(".outcome")).to_contain_text("50° from the normal")
@@ -51,7 +51,7 @@ def test_verdict_stays_in_sight_at_every_width(page: Page, view: str) -> None:
         assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
-def test_each_fact_stands_in_the_verdict_once(page: Page) -> None:
+def test_verdict_states_each_fact_once(page: Page) -> None:
     page.goto(f"/#/explore?{WALL}")
     card, strip = judged(page).locator(".outcome"), page.locator(f"{HEAD} .strip")
     words, angle = card.inner_text().replace("\N{NO-BREAK SPACE}", " "), page.locator(".angle").inner_text()
@@ -62,7 +62,7 @@ def test_each_fact_stands_in_the_verdict_once(page: Page) -> None:
     assert boxes(rest)[0]["top"] >= boxes(strong)[0]["bottom"] - 1
 
 
-def test_each_strength_factor_says_what_it_is_of(page: Page) -> None:
+def test_each_strength_factor_names_its_angle(page: Page) -> None:
     shots = '[{"velocity_m_s":250,"depth_m":0.31},{"velocity_m_s":300,"depth_m":0.42}]'
     page.goto(f"/#/explore?resistance.strength_factor.model=own_tests&resistance.strength_factor.shots={shots}")
     judged(page)
@@ -101,13 +101,15 @@ OF_THE_PAGE = [kind for kind in KINDS if kind != "no_angle"]
 
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("kind", OF_THE_PAGE)
-def test_sentence_is_that_of_the_service(page: Page, client: httpx.Client, kind: str) -> None:
+def test_sentence_equals_the_sentence_of_the_service(page: Page, client: httpx.Client, kind: str) -> None:
     check_sentence(page, client, odd_strikes(len(KINDS), seed=5)[KINDS.index(kind)])
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(14400)
-def test_sentence_on_odd_strikes_is_that_of_the_service(page: Page, client: httpx.Client, faults: list[str]) -> None:
+def test_sentence_on_odd_strikes_equals_the_sentence_of_the_service(
+    page: Page, client: httpx.Client, faults: list[str]
+) -> None:
     page.set_default_timeout(600_000)
     for number, body in enumerate(odd_strikes(60, seed=6)):
         if KINDS[number % len(KINDS)] in OF_THE_PAGE:
@@ -118,7 +120,7 @@ def test_sentence_on_odd_strikes_is_that_of_the_service(page: Page, client: http
 
 @pytest.mark.parametrize("width", [1440, 390])
 @pytest.mark.parametrize("case", ["", "impact.oblique_angle_deg=48.6", "impact.oblique_angle_deg=5", WALL])
-def test_labels_of_the_strip_are_apart_and_inside(new_page: NewPage, width: int, case: str) -> None:
+def test_labels_of_the_strip_do_not_overlap_or_overflow(new_page: NewPage, width: int, case: str) -> None:
     page = new_page(width=width)
     page.goto(f"/#/critical-angle?{case}")
     strip = judged(page).locator(".strip svg")
@@ -135,7 +137,7 @@ def test_labels_of_the_strip_are_apart_and_inside(new_page: NewPage, width: int,
             assert beside or leader["bottom"] <= each["top"] + 3 or each["bottom"] <= leader["top"] + 3, (leader, each)
 
 
-def test_line_on_the_map_begins_with_the_answer(page: Page) -> None:
+def test_verdict_line_on_the_map_begins_with_the_answer(page: Page) -> None:
     page.goto("/#/map")
     line = page.locator(f"{HEAD} .line")
     expect(line).to_have_text(re.compile(r"^Embedded at 45° \(ricochet \d+\s%\), critical angle 48\.\d+°$"))
@@ -152,7 +154,7 @@ def test_line_on_the_map_begins_with_the_answer(page: Page) -> None:
         assert answer_ends <= line_ends, "the answer is not cut"
 
 
-def test_verdict_is_a_line_on_the_map_that_unfolds(page: Page) -> None:
+def test_verdict_line_on_the_map_can_be_unfolded(page: Page) -> None:
     page.goto("/#/map")
     head = page.locator(HEAD)
     expect(head).to_contain_text("At 45° from the normal")

@@ -23,7 +23,7 @@ def rows(page: Page) -> dict[str, list[str]]:
     return {first: rest for first, *rest in cells}
 
 
-def test_thicknesses_are_those_of_the_service(page: Page, client: httpx.Client) -> None:
+def test_thicknesses_equal_the_answers_of_the_service(page: Page, client: httpx.Client) -> None:
     page.goto("/#/walls")
     shown = rows(page)
     answer = client.post("/thickness", json=PAPER_AT_45).json()
@@ -42,7 +42,7 @@ def test_thicknesses_are_those_of_the_service(page: Page, client: httpx.Client) 
 
 
 @pytest.mark.parametrize("thickness_mm", [100, 450, 600])
-def test_thickness_is_judged_with_the_sentence_of_the_service(
+def test_verdict_on_a_thickness_is_the_sentence_of_the_service(
     page: Page, client: httpx.Client, thickness_mm: int
 ) -> None:
     page.goto("/#/walls")
@@ -68,21 +68,21 @@ def upwards(length_m: float) -> str:
     return f"{math.ceil(1e3 * length_m - 1e-9)}"
 
 
-def test_wall_with_a_thickness_has_a_speed_that_perforates_it(page: Page, client: httpx.Client) -> None:
+def test_limit_speed_of_a_given_thickness_is_shown(page: Page, client: httpx.Client) -> None:
     page.goto("/#/walls?target.thickness_m=0.2&impact.oblique_angle_deg=0")
     rows(page)
     body = PAPER | {"target": PAPER["target"] | {"thickness_m": 0.2}, "impact": {"oblique_angle_deg": 0.0}}
     assert client.post("/limit-speed", json=body).json()["sentence"] in text_of(page, "Thicknesses")
 
 
-def test_every_number_of_a_range_is_in_the_units_shown(page: Page) -> None:
+def test_every_number_of_a_range_uses_the_units_shown(page: Page) -> None:
     page.goto("/#/walls?impact.oblique_angle_deg=0")
     page.get_by_label("Units").select_option("US")
     assert "from 65.62 ft/s to 656.2 ft/s along the normal, here 780.8 ft/s" in rows(page)["CEA-EDF *"][-1]
 
 
 @pytest.mark.parametrize("width", [1440, 1024, 960, 768])
-def test_names_of_formulas_keep_to_a_line_and_the_table_to_its_panel(new_page: NewPage, width: int) -> None:
+def test_formula_names_stay_on_one_line_within_the_panel(new_page: NewPage, width: int) -> None:
     page = new_page(width=width)
     page.goto("/#/walls?impact.velocity_m_s=900")  # At this speed several formulas are outside their range.
     rows(page)
@@ -98,7 +98,7 @@ def test_names_of_formulas_keep_to_a_line_and_the_table_to_its_panel(new_page: N
     assert page.locator(".wide").evaluate("each => each.scrollWidth <= each.clientWidth")
 
 
-def test_case_with_a_plug_says_so_and_is_shared_by_its_address(page: Page) -> None:
+def test_plug_has_a_row_of_its_own_and_is_stored_in_the_url(page: Page) -> None:
     page.goto("/#/walls")
     before = rows(page)
     unfold(page)
@@ -112,7 +112,7 @@ def test_case_with_a_plug_says_so_and_is_shared_by_its_address(page: Page) -> No
     assert rows(page) == changed
 
 
-def test_numerics_of_the_address_are_kept(page: Page, client: httpx.Client) -> None:
+def test_numerics_in_the_url_are_kept(page: Page, client: httpx.Client) -> None:
     numerics = {"retention_energy_fraction": 0.2}
     with page.expect_request("**/thickness") as posted:
         page.goto("/#/walls?numerics.retention_energy_fraction=0.2")
@@ -122,7 +122,7 @@ def test_numerics_of_the_address_are_kept(page: Page, client: httpx.Client) -> N
     assert shown["This model"][0] == upwards(answer["least_thickness_m"])
 
 
-def test_field_out_of_its_bounds_says_so(page: Page) -> None:
+def test_field_out_of_bounds_is_named_in_place_of_results(page: Page) -> None:
     page.goto("/#/walls")
     rows(page)
     unfold(page)
@@ -133,7 +133,7 @@ def test_field_out_of_its_bounds_says_so(page: Page) -> None:
     expect(page.get_by_role("region", name="Thicknesses").get_by_text("No result")).to_have_count(1)
 
 
-def test_tutorial_of_the_page_quotes_what_the_page_says(page: Page) -> None:
+def test_tutorial_quotes_the_words_of_the_page(page: Page) -> None:
     text = (Path(__file__).parents[2] / "docs" / "tutorial" / "page.md").read_text(encoding="utf-8")
     quote = " ".join(line.removeprefix("> ") for line in text.splitlines() if line.startswith("> "))
     page.goto("/")

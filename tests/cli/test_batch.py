@@ -27,7 +27,7 @@ def items_of(text: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text.splitlines()]
 
 
-def test_local_batch_equals_that_of_a_service(folder: Path, live_url: str, client: httpx.Client) -> None:
+def test_local_batch_equals_the_batch_of_a_service(folder: Path, live_url: str, client: httpx.Client) -> None:
     """Results are equal and in the order of the file. A case that the solver refuses does not stop the others."""
     short = {**case_at(238.0)["projectile"], "length_m": 0.05}
     cases = [*searches(5), case_at(238.0, projectile=short, custom_id="short"), *searches(5)]
@@ -45,7 +45,7 @@ def test_local_batch_equals_that_of_a_service(folder: Path, live_url: str, clien
     assert items[0]["result"] == client.post("/cra", json=cases[0]).json()
 
 
-def test_sweep_fills_a_table_and_draws_it(folder: Path) -> None:
+def test_sweep_writes_a_table_and_a_plot(folder: Path) -> None:
     axes = ["--axis", "impact.velocity_m_s=200:300:3", "--axis", "target.compressive_strength_pa=30e6,50e6"]
     done = run(folder, "sweep", "strike.toml", *axes, "--data-dir", "kept", "-o", "angles.csv", "--plot", "map.svg")
     assert (done.status, done.out) == (0, ""), done.err
@@ -62,7 +62,7 @@ def test_sweep_fills_a_table_and_draws_it(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("form", ["--json", "--csv"])
-def test_small_sweep_equals_that_of_a_service_and_starts_none(
+def test_small_sweep_equals_the_sweep_of_a_service_without_starting_one(
     here: Path, live_url: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], form: str
 ) -> None:
     """The second point is refused by the solver, which does not stop the first. No local service is started."""
@@ -82,7 +82,7 @@ def test_small_sweep_equals_that_of_a_service_and_starts_none(
             assert ours == theirs
 
 
-def test_sweep_of_walls_omits_the_sought_quantity(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_sweep_of_walls_omits_the_quantity_it_searches_for(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
     coarse = ("--set", "numerics.relative_tolerance=1e-3", "--axis", "impact.oblique_angle_deg=0,20")
     case = {**case_at(238.0), "search": {"tolerance_deg": 1.0}}
     case["target"] = {**case["target"], "thickness_m": 0.2}
@@ -98,7 +98,7 @@ def test_sweep_of_walls_omits_the_sought_quantity(served: Path, capsys: pytest.C
     assert "--thickness: must not be given" in capsys.readouterr().err
 
 
-def test_table_of_a_batch_equals_that_of_the_service(
+def test_table_of_a_batch_equals_the_table_of_the_service(
     served: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cases = searches(3)
@@ -120,7 +120,7 @@ def swept(client: httpx.Client) -> str:
     return str(job.json()["id"])
 
 
-def test_table_of_a_job_equals_that_of_the_service(
+def test_table_of_a_job_equals_the_table_of_the_service(
     served: Path,
     client: httpx.Client,
     capsys: pytest.CaptureFixture[str],
@@ -157,7 +157,7 @@ def test_parquet_of_a_job_has_the_rows_of_the_table(
     assert parquet.read_table(served / "again.parquet").to_pylist() == rows
 
 
-def test_terminal_gets_the_head_of_a_table_and_no_lines_of_json(folder: Path, live_url: str) -> None:
+def test_terminal_shows_the_first_rows_of_a_table_instead_of_json(folder: Path, live_url: str) -> None:
     args = ["sweep", "strike.toml", "--axis", "impact.velocity_m_s=200:300:26", "--url", live_url]
     args += ["--set", "search.tolerance_deg=1"]
     shown = run_on_terminal(folder, *args)
@@ -181,7 +181,7 @@ def test_terminal_gets_the_head_of_a_table_and_no_lines_of_json(folder: Path, li
         (json.dumps(case_at(-1.0)), "cases.jsonl:3: /impact/velocity_m_s: must be 0.1 to 10000 m/s, got"),
     ],
 )
-def test_wrong_line_is_named(served: Path, capsys: pytest.CaptureFixture[str], line: str, reason: str) -> None:
+def test_invalid_line_is_named(served: Path, capsys: pytest.CaptureFixture[str], line: str, reason: str) -> None:
     good = json.dumps(case_at(238.0))
     (served / "cases.jsonl").write_text(f"{good}\n{good}\n{line}\n{good}\n")
     assert cli.main(["batch", "cases.jsonl"]) == 2
@@ -201,18 +201,18 @@ def test_wrong_line_is_named(served: Path, capsys: pytest.CaptureFixture[str], l
         ("--axis impact.velocity_m_s=1:2:100000 --axis projectile.mass_kg=1:2:100000", "points; 100,000 at most"),
     ],
 )
-def test_wrong_sweep_is_named(served: Path, capsys: pytest.CaptureFixture[str], arguments: str, reason: str) -> None:
+def test_invalid_sweep_is_named(served: Path, capsys: pytest.CaptureFixture[str], arguments: str, reason: str) -> None:
     assert cli.main(["sweep", "strike.toml", *arguments.split()]) == 2
     assert reason in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("axis", ["impact.velocity_m_s", "=1,2", "impact.velocity_m_s=1:2", "a.b=1:2:0", "a.b=x"])
-def test_unknown_axis_is_wrong_usage(served: Path, capsys: pytest.CaptureFixture[str], axis: str) -> None:
+def test_unknown_axis_is_a_usage_error(served: Path, capsys: pytest.CaptureFixture[str], axis: str) -> None:
     assert cli.main(["sweep", "strike.toml", "--axis", axis]) == 2
     assert "FIELD=START:STOP:COUNT" in capsys.readouterr().err
 
 
-def test_jobs_are_listed_shown_cancelled_and_deleted(
+def test_jobs_can_be_listed_shown_cancelled_and_deleted(
     served: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
     body = {"cases": slow_strikes(300)}
@@ -234,7 +234,7 @@ def test_jobs_are_listed_shown_cancelled_and_deleted(
     assert "there is no job with this id" in capsys.readouterr().err
 
 
-def test_batch_waits_until_a_job_with_all_its_results_has_ended(
+def test_batch_waits_for_the_end_of_a_job_whose_results_are_complete(
     folder: Path, live_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The last result can be read shortly before the status changes to successful; here the old status is simulated."""
@@ -254,7 +254,7 @@ def test_batch_waits_until_a_job_with_all_its_results_has_ended(
     assert (done.status, len(items_of(done.out)), len(ended)) == (0, 2, 1), done.err
 
 
-def test_list_of_jobs_follows_the_pages(live_url: str, client: httpx.Client) -> None:
+def test_list_of_jobs_contains_all_pages(live_url: str, client: httpx.Client) -> None:
     body, headers = {"cases": searches(1)}, {"Prefer": "respond-async"}
     made = [client.post("/cra/batch", json=body, headers=headers).json()["id"] for _ in range(3)]
 
@@ -297,7 +297,7 @@ def interrupted(folder: Path) -> Iterator[Any]:
         process.wait()
 
 
-def test_interrupted_batch_goes_on_at_the_service(
+def test_interrupted_batch_continues_at_the_service(
     folder: Path, live_url: str, client: httpx.Client, interrupted: Any
 ) -> None:
     write_cases(folder / "cases.jsonl", *slow_strikes(30))

@@ -81,7 +81,7 @@ def answer_of(done: tuple[int, str, str]) -> dict[str, Any]:
     return answer
 
 
-def test_table_1_gives_the_published_order_of_strength(run: Run, tests_file: Path) -> None:
+def test_table_1_gives_the_published_strength_factor(run: Run, tests_file: Path) -> None:
     answer = answer_of(run("depth", tests_file, *CASE, "--json"))
     assert answer["strength_factor"] == pytest.approx(8.38, abs=0.02)
     shared = answer_of(run("depth", tests_file, *CASE, "--column", "mass=", "--json"))
@@ -92,7 +92,7 @@ def test_table_1_gives_the_published_order_of_strength(run: Run, tests_file: Pat
     assert np.allclose(np.add(answer["predicted_depth_m"], answer["residuals"]), measured)
 
 
-def test_groups_and_curves_come_on_demand(run: Run, tests_file: Path, tmp_path: Path) -> None:
+def test_groups_and_curves_are_printed_on_request(run: Run, tests_file: Path, tmp_path: Path) -> None:
     curves = tmp_path / "curves.csv"
     args = ["depth", tests_file, *CASE, "--group", "--strength-factors", "7", "9", "--curves", curves]
     answer = answer_of(run(*args, "--json"))
@@ -103,7 +103,7 @@ def test_groups_and_curves_come_on_demand(run: Run, tests_file: Path, tmp_path: 
     assert float(rows[0]["depth_m"]) == pytest.approx(answer["curves"][0]["depth_m"][0], rel=1e-6)
 
 
-def test_terminal_gets_a_table(run: Run, tests_file: Path) -> None:
+def test_terminal_shows_the_calibration_as_a_table(run: Run, tests_file: Path) -> None:
     status, out, err = run("depth", tests_file, *CASE, "--group")
     assert (status, "Traceback" in err) == (0, False)
     for expected in ("velocity m/s", "369.5", "slow", "strength factor 8.3", "95% interval", "root mean square 28."):
@@ -111,7 +111,7 @@ def test_terminal_gets_a_table(run: Run, tests_file: Path) -> None:
     assert out.isascii()  # Output to a pipe has no box-drawing characters.
 
 
-def test_case_comes_from_the_body_of_a_request(run: Run, tests_file: Path, tmp_path: Path) -> None:
+def test_case_can_be_read_from_a_request_body(run: Run, tests_file: Path, tmp_path: Path) -> None:
     case = tmp_path / "case.json"
     case.write_text(json.dumps(PAPER_AT_45))
     flags = answer_of(run("depth", tests_file, *CASE, "--json"))
@@ -120,7 +120,7 @@ def test_case_comes_from_the_body_of_a_request(run: Run, tests_file: Path, tmp_p
     assert denser["strength_factor"] < flags["strength_factor"]
 
 
-def test_strength_factor_of_a_history_is_found_again(run: Run, tmp_path: Path) -> None:
+def test_strength_factor_of_a_computed_history_is_recovered(run: Run, tmp_path: Path) -> None:
     history, written = tmp_path / "history.csv", tmp_path / "histories.csv"
     write_history(history)
     columns = ["time=T(ms)", "depth=-DZ", "lateral=DX", "rotation=RY"]
@@ -154,7 +154,7 @@ def write_runs(folder: Path, factors: dict[float, float], velocities: dict[float
     return folder / "runs.csv"
 
 
-def test_strength_factor_of_several_runs_is_found_again(run: Run, tmp_path: Path) -> None:
+def test_strength_factor_of_several_runs_is_recovered(run: Run, tmp_path: Path) -> None:
     factors, velocities = {15.0: 7.5, 30.0: 7.5, 45.0: 7.5}, {15.0: 238.0, 30.0: 300.0, 45.0: 200.0}
     runs, written = write_runs(tmp_path, factors, velocities), tmp_path / "histories.csv"
     answer = answer_of(run("motion", "--runs", runs, *CASE, "--json", "--histories", written))
@@ -201,7 +201,7 @@ def test_service_gives_the_same_answer(run: Run, tmp_path: Path, live_url: str, 
     assert local[0] == 0, local[2]
 
 
-def test_service_that_is_not_there_ends_with_status_1(run: Run, tests_file: Path) -> None:
+def test_unreachable_service_ends_the_calibration_with_status_1(run: Run, tests_file: Path) -> None:
     status, out, err = run("depth", tests_file, *CASE, "--url", "http://127.0.0.1:1")
     assert (status, out) == (1, "")
     assert "no service answers at http://127.0.0.1:1" in err
@@ -224,7 +224,7 @@ def test_service_that_is_not_there_ends_with_status_1(run: Run, tests_file: Path
     ],
     ids=lambda value: "-".join(value) if isinstance(value, dict) else None,
 )
-def test_crater_plug_and_numerics_of_a_case_are_those_of_the_fit(
+def test_fit_uses_the_crater_plug_and_numerics_of_the_case(
     run: Run, tests_file: Path, tmp_path: Path, part: Any, resistance: Any, numerics: Any
 ) -> None:
     case = tmp_path / "case.json"
@@ -243,7 +243,7 @@ def test_crater_plug_and_numerics_of_a_case_are_those_of_the_fit(
     assert answer["strength_factor"] != plain["strength_factor"]
 
 
-def test_numerics_of_a_case_are_those_of_the_fit_of_a_motion(run: Run, tmp_path: Path) -> None:
+def test_fit_of_a_motion_uses_the_numerics_of_the_case(run: Run, tmp_path: Path) -> None:
     case = tmp_path / "case.json"
     runs = write_runs(tmp_path, {30.0: 7.5}, {30.0: 238.0})
     found = []
@@ -254,7 +254,7 @@ def test_numerics_of_a_case_are_those_of_the_fit_of_a_motion(run: Run, tmp_path:
     assert found[0] != found[1]
 
 
-def test_terminal_gets_every_run_and_every_law(run: Run, tmp_path: Path) -> None:
+def test_terminal_shows_every_run_and_every_law(run: Run, tmp_path: Path) -> None:
     runs = write_runs(tmp_path, {15.0: 8.0, 45.0: 6.5}, {15.0: 238.0, 45.0: 238.0})
     status, out, err = run("motion", "--runs", runs, *CASE)
     assert (status, "Traceback" in err) == (0, False)
@@ -262,7 +262,7 @@ def test_terminal_gets_every_run_and_every_law(run: Run, tmp_path: Path) -> None
         assert expected in out
 
 
-def test_wrong_table_of_runs_ends_with_status_2(run: Run, tmp_path: Path) -> None:
+def test_invalid_table_of_runs_ends_with_status_2(run: Run, tmp_path: Path) -> None:
     runs = write_runs(tmp_path, {30.0: 7.5}, {30.0: 238.0})
     history = tmp_path / "at-30.csv"
     tables = {
@@ -284,7 +284,7 @@ def test_wrong_table_of_runs_ends_with_status_2(run: Run, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("write", [write_rbdout, write_nodout, write_binout])
-def test_strength_factor_is_found_from_files_of_ls_dyna(run: Run, tmp_path: Path, write: Callable[..., None]) -> None:
+def test_strength_factor_is_recovered_from_ls_dyna_files(run: Run, tmp_path: Path, write: Callable[..., None]) -> None:
     """The finite element model uses millimetres and milliseconds, and its third axis points out of the target."""
     motion = motion_of()
     depth, lateral, rotation = motion.columns.values()
@@ -297,7 +297,7 @@ def test_strength_factor_is_found_from_files_of_ls_dyna(run: Run, tmp_path: Path
     assert answer["strength_factor"] == pytest.approx(STRENGTH_FACTOR, rel=1e-3)
 
 
-def test_table_2_gives_equation_9_as_a_request_takes_it(run: Run, tmp_path: Path) -> None:
+def test_table_2_gives_equation_9_as_a_model_for_requests(run: Run, tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text(TABLE_2)
     model = answer_of(run("obliquity", tmp_path / "points.csv", "--json"))["strength_factor_model"]
     assert [round(value, digits) for value, digits in zip(model["coefficients"], (3, 4, 4), strict=True)] == [
@@ -352,7 +352,7 @@ def test_table_2_gives_equation_9_as_a_request_takes_it(run: Run, tmp_path: Path
         (["obliquity", "points.csv", "--order", "4"], "points.csv: points: must be at 5 or more different angles"),
     ],
 )
-def test_wrong_files_and_flags_end_with_status_2(
+def test_invalid_files_and_flags_end_with_status_2(
     run: Run, tests_file: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], reason: str
 ) -> None:
     monkeypatch.chdir(tests_file.parent)
@@ -372,7 +372,7 @@ def test_wrong_files_and_flags_end_with_status_2(
         ("[]", "case.json: must be a JSON object"),
     ],
 )
-def test_wrong_case_is_named_by_its_pointer(
+def test_error_in_a_case_is_named_by_its_pointer(
     run: Run, tests_file: Path, tmp_path: Path, content: str, reason: str
 ) -> None:
     case = tmp_path / "case.json"
@@ -382,14 +382,14 @@ def test_wrong_case_is_named_by_its_pointer(
     assert reason in err
 
 
-def test_tests_that_nothing_fits_end_with_status_1(run: Run, tests_file: Path) -> None:
+def test_tests_without_a_fit_end_with_status_1(run: Run, tests_file: Path) -> None:
     tests_file.write_text("velocity_m_s,depth_m\n200,0.001\n300,0.001\n")
     status, out, err = run("depth", tests_file, *CASE)
     assert (status, out) == (1, "")
     assert "tests.csv: tests: must determine the strength factor" in err
 
 
-def test_command_works_in_a_pipe(tests_file: Path) -> None:
+def test_calibration_in_a_pipe_prints_one_line_of_json(tests_file: Path) -> None:
     done = run_process(tests_file.parent, "calibrate", "depth", tests_file.name, *CASE, "--json")
     assert (done.status, done.out.count("\n")) == (0, 1), done.err
     assert json.loads(done.out)["strength_factor"] == pytest.approx(8.38, abs=0.02)

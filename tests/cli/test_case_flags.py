@@ -20,7 +20,9 @@ from service.schemas.strike import PAPER
 LAW = "resistance.strength_factor"
 
 
-def test_init_writes_the_strike_of_the_paper_once(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_init_writes_the_strike_of_the_paper_and_never_overwrites(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert cli.main(["init", "new.toml"]) == 0
     assert "ricochet cra new.toml" in capsys.readouterr().out
     found = tomllib.loads((here / "new.toml").read_text())
@@ -35,7 +37,7 @@ def test_init_writes_the_strike_of_the_paper_once(here: Path, capsys: pytest.Cap
 
 
 @pytest.mark.parametrize("name", ["cases.csv", "cases.xlsx"])
-def test_init_writes_a_table_that_batch_takes(served: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+def test_init_writes_a_table_that_batch_accepts(served: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
     assert cli.main(["init", "--table", name]) == 0
     assert f"ricochet batch {name}" in capsys.readouterr().out
     assert cli.main(["batch", name, "--csv"]) == 0
@@ -44,7 +46,7 @@ def test_init_writes_a_table_that_batch_takes(served: Path, capsys: pytest.Captu
     assert f"{name}: is there already" in capsys.readouterr().err
 
 
-def test_every_line_that_init_leaves_out_is_a_field_of_the_contract(here: Path) -> None:
+def test_every_commented_line_of_init_is_a_field_of_the_contract(here: Path) -> None:
     assert cli.main(["init", "new.toml"]) == 0
     lines = (here / "new.toml").read_text().splitlines()
     optional = [number for number, line in enumerate(lines) if re.match(r"# \w+ = ", line)]
@@ -109,7 +111,7 @@ def answer_of(arguments: str, capsys: pytest.CaptureFixture[str]) -> dict[str, A
         ),
     ],
 )
-def test_flags_set_every_nose_and_every_law(
+def test_flags_can_set_every_nose_and_every_law(
     here: Path, capsys: pytest.CaptureFixture[str], flags: str, field: str, value: Any
 ) -> None:
     rough = "--set search.tolerance_deg=1"
@@ -142,7 +144,7 @@ def test_bash_completes_commands_flags_choices_and_files(here: Path) -> None:
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_of_each_shell_asks_the_command(capsys: pytest.CaptureFixture[str], shell: str) -> None:
+def test_completion_script_of_each_shell_calls_the_command(capsys: pytest.CaptureFixture[str], shell: str) -> None:
     assert cli.main(["completion", shell]) == 0
     script = capsys.readouterr().out
     assert "ricochet" in script
@@ -173,7 +175,7 @@ def nodes_at(schema: dict[str, Any], steps: tuple[str, ...]) -> dict[str, dict[s
 
 
 @pytest.mark.parametrize("flag", [*IMPACT, *BODY, *RESISTANCE], ids=lambda flag: flag.name)
-def test_a_flag_has_the_models_and_the_choices_of_its_field(flag: Flag) -> None:
+def test_flag_has_the_models_and_choices_of_its_field(flag: Flag) -> None:
     """Flags are defined separately from the models, because importing pydantic would delay `--help`."""
     found = nodes_at(TrajectoryRequest.model_json_schema(), flag.steps)
     if flag.implies:
@@ -200,7 +202,7 @@ BOUNDS = {"minimum": -1.0, "exclusiveMinimum": 0.0, "maximum": 1.0, "exclusiveMa
 
 @pytest.mark.parametrize("flag", BOUNDED, ids=lambda flag: flag.name)
 @pytest.mark.parametrize("keywords", [("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum")], ids=min)
-def test_a_flag_has_the_bounds_of_its_field(
+def test_flag_has_the_bounds_of_its_field(
     here: Path, capsys: pytest.CaptureFixture[str], flag: Flag, keywords: tuple[str, ...]
 ) -> None:
     field = next(iter(nodes_at(TrajectoryRequest.model_json_schema(), flag.steps).values()))

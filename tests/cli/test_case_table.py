@@ -43,7 +43,7 @@ WHOLE = (
         ),
     ],
 )
-def test_rows_are_cases(
+def test_each_row_is_a_case(
     served: Path, capsys: pytest.CaptureFixture[str], table: str, base: bool, cases: list[dict[str, Any]]
 ) -> None:
     (served / "cases.csv").write_text(table, newline="")
@@ -79,7 +79,7 @@ def with_speed(header: str, cell: str, *, unit: str = "") -> str:
         with_speed("Speed (m/s)", "238").replace("crh", "CRH,Nose").replace(",3,", ",3,Ogive,"),
     ],
 )
-def test_headers_are_as_people_write_them(served: Path, capsys: pytest.CaptureFixture[str], table: str) -> None:
+def test_usual_spellings_of_headers_are_accepted(served: Path, capsys: pytest.CaptureFixture[str], table: str) -> None:
     (served / "cases.csv").write_text(table)
     write_cases(served / "cases.jsonl", case_at(238.0))
     assert cli.main(["batch", "cases.csv", "--json"]) == 0
@@ -139,7 +139,7 @@ def test_headers_are_as_people_write_them(served: Path, capsys: pytest.CaptureFi
         ("velocity_m_s\n", ["cases.csv:1: there are no rows below the header"]),
     ],
 )
-def test_errors_name_the_line_and_the_column(
+def test_errors_in_a_table_name_the_line_and_the_column(
     served: Path, capsys: pytest.CaptureFixture[str], table: str, reasons: list[str]
 ) -> None:
     (served / "cases.csv").write_text(table)
@@ -157,7 +157,7 @@ d,fourth,250,530,fine
 """
 
 
-def test_valid_rows_are_computed_and_the_others_have_their_error(
+def test_valid_rows_are_computed_and_other_rows_have_their_error(
     served: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Outputs in CSV and Excel also contain every cell of the input; JSON lines are in the order of the rows."""
@@ -193,7 +193,7 @@ def test_valid_rows_are_computed_and_the_others_have_their_error(
     ]
 
 
-def test_a_workbook_is_read_as_the_table_that_it_shows(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_workbook_is_read_as_the_table_it_shows(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
     book = Workbook()
     for row in csv.reader(MIXED.splitlines()):
         book.worksheets[0].append([row[0], row[1], float(row[2]) if row[2][-1:].isdigit() else row[2], *row[3:4]])
@@ -213,7 +213,7 @@ def test_a_workbook_is_read_as_the_table_that_it_shows(served: Path, capsys: pyt
         ("init --table cases.xlsx", "ricochet init: --table cases.xlsx needs openpyxl"),
     ],
 )
-def test_excel_without_its_package_names_the_extra(
+def test_missing_package_for_excel_names_the_extra(
     here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: str, begin: str
 ) -> None:
     monkeypatch.setitem(sys.modules, "openpyxl", None)
@@ -225,7 +225,7 @@ def test_excel_without_its_package_names_the_extra(
     assert not (here / "angles.xlsx").exists()
 
 
-def test_every_bad_line_is_named_and_can_be_left_out(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_invalid_line_is_named_and_can_be_skipped(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
     good, bad = case_at(238.0), json.dumps(case_at(-1.0))
     (served / "cases.jsonl").write_text(f"{bad}\n{json.dumps(good)}\noops\n{bad}\n")
     assert cli.main(["batch", "cases.jsonl"]) == 2
@@ -248,7 +248,7 @@ def test_every_bad_line_is_named_and_can_be_left_out(served: Path, capsys: pytes
         ("cases.jsonl", "{}\noops\n", ["cases.jsonl:1: /projectile: is missing", "cases.jsonl:2: not JSON"]),
     ],
 )
-def test_rows_of_which_none_is_good_are_named_though_they_may_be_skipped(
+def test_table_without_a_valid_row_is_refused_although_rows_may_be_skipped(
     served: Path, capsys: pytest.CaptureFixture[str], name: str, text: str, reasons: list[str]
 ) -> None:
     (served / name).write_text(text)
@@ -258,7 +258,7 @@ def test_rows_of_which_none_is_good_are_named_though_they_may_be_skipped(
     assert [reason for reason in reasons if reason not in error] == []
 
 
-def test_walls_omit_the_sought_quantity(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tables_of_walls_omit_the_quantity_searched_for(served: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (served / "cases.csv").write_text("oblique_angle_deg,relative_tolerance\n0,1e-3\n20,1e-3\n")
     words = ["batch", "cases.csv", "--operation", "thickness", "--case", "strike.toml", "--csv"]
     assert cli.main(words) == 0
@@ -280,6 +280,8 @@ def test_walls_omit_the_sought_quantity(served: Path, capsys: pytest.CaptureFixt
         ("cases.ods --case strike.toml", "cases.ods: is a table of a kind that is not read; save it as .xlsx or .csv"),
     ],
 )
-def test_a_table_is_known_by_its_name(here: Path, capsys: pytest.CaptureFixture[str], words: str, reason: str) -> None:
+def test_table_is_recognized_by_its_file_name(
+    here: Path, capsys: pytest.CaptureFixture[str], words: str, reason: str
+) -> None:
     assert cli.main(["batch", *words.split()]) == 2
     assert capsys.readouterr().err.startswith(f"ricochet batch: {reason}")

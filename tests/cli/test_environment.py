@@ -25,7 +25,7 @@ ELSEWHERE = "http://ricochet.invalid:1"
         ("HTTP_PROXY", "http://127.0.0.1:1"),
     ],
 )
-def test_a_variable_that_does_not_work_is_named_and_does_not_matter_on_this_machine(
+def test_invalid_variable_is_named_and_ignored_in_local_computations(
     folder: Path, live_url: str, name: str, value: str
 ) -> None:
     settings = {"NO_PROXY": "", name: value}
@@ -52,7 +52,7 @@ def test_loopback_addresses_bypass_the_proxy(folder: Path, live_url: str, addres
 
 
 @pytest.mark.parametrize("backend", ["module://matplotlib_inline.backend_inline", "nonsense"])
-def test_the_backend_of_a_notebook_does_not_matter(folder: Path, backend: str) -> None:
+def test_backend_of_a_notebook_does_not_affect_plots(folder: Path, backend: str) -> None:
     args = ("trajectory", "strike.toml", "--angle", "45", "--plot", "plot.svg")
     done = run_process(folder, *args, MPLBACKEND=backend)
     assert done.status == 0, done.err
@@ -97,7 +97,7 @@ def test_settings_of_matplotlib_do_not_change_reports(folder: Path) -> None:
     assert b"data:image/svg+xml" in drawn(folder, "report", "strike.toml", "-o", "report.html")
 
 
-def test_settings_of_matplotlib_that_cannot_be_read_are_named(folder: Path) -> None:
+def test_unreadable_settings_of_matplotlib_are_named(folder: Path) -> None:
     (folder / "matplotlibrc").write_bytes("# é\n".encode("latin-1"))
     done = run_process(folder, "cra", "strike.toml", "--plot", "plot.svg")
     assert (done.status, "Traceback" in done.err) == (1, False)
@@ -125,7 +125,7 @@ def test_characters_missing_from_an_encoding_are_replaced(folder: Path, encoding
         assert ANSWER + ("°" if encoding != "ascii" else "deg") in done.out
 
 
-def test_json_is_utf_8_in_the_encoding_of_a_process_and_help_is_not(folder: Path, live_url: str) -> None:
+def test_json_is_utf_8_whatever_the_encoding_of_the_process(folder: Path, live_url: str) -> None:
     write_cases(folder / "cases.jsonl", case_at(238.0, custom_id="α°"))
     done = run_process(folder, "batch", "cases.jsonl", "--url", live_url, PYTHONIOENCODING="ascii")
     assert json.loads(done.out)["custom_id"] == "α°"
@@ -164,7 +164,7 @@ def test_streams_may_be_closed(folder: Path, live_url: str, line: str, status: i
         assert stray not in done.stderr
 
 
-def test_settings_that_numba_cannot_work_with_are_named_in_one_sentence(folder: Path) -> None:
+def test_settings_unusable_by_numba_are_named_in_one_sentence(folder: Path) -> None:
     (folder / ".numba_config.yaml").write_text("opt: [")
     ended = run_process(folder, "cra", "strike.toml")
     assert (ended.status, ended.out) == (1, "")

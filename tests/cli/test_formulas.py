@@ -13,7 +13,7 @@ from tests.api.calibrations import answered
 from tests.cli.commands import run
 
 
-def test_table_distinguishes_what_is_in_range(folder: Path) -> None:
+def test_table_marks_formulas_out_of_range(folder: Path) -> None:
     done = run(folder, "formulas", "strike.toml")
     assert (done.status, done.err) == (0, ""), done.err
     lines = {re.split("  +", line)[0]: line for line in done.out.splitlines() if line.strip()}
@@ -27,7 +27,7 @@ def test_table_distinguishes_what_is_in_range(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("thickness", [0.3, 3.0])
-def test_thickness_begins_with_the_verdict_on_the_wall(
+def test_output_of_thickness_begins_with_the_verdict_on_the_wall(
     folder: Path, capsys: pytest.CaptureFixture[str], client: httpx.Client, thickness: float
 ) -> None:
     path = folder / "wall.toml"
@@ -44,7 +44,7 @@ def test_thickness_begins_with_the_verdict_on_the_wall(
 
 
 @pytest.mark.parametrize(("thickness", "value"), [("0.2", "m/s (90 % range over S, "), ("50", "never perforated")])
-def test_limit_speed_begins_with_the_sentence_of_the_service(
+def test_output_of_limit_speed_begins_with_the_sentence_of_the_service(
     folder: Path, capsys: pytest.CaptureFixture[str], thickness: str, value: str
 ) -> None:
     args = ["limit-speed", str(folder / "strike.toml"), "--angle", "20", "--thickness", thickness]
@@ -62,14 +62,16 @@ def test_service_gives_the_same_answer(folder: Path, live_url: str) -> None:
     assert json.loads(local.out) == json.loads(remote.out)
 
 
-def test_csv_has_a_row_for_each_formula(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_csv_has_one_row_per_formula(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["formulas", str(folder / "strike.toml"), "--csv"]) == 0
     names, *rows = capsys.readouterr().out.splitlines()
     assert names.startswith("formula,penetration_depth_m,scabbing_thickness_m,perforation_thickness_m,in_range")
     assert len(rows) == 11
 
 
-def test_other_parts_of_a_file_are_left_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_parts_of_a_file_that_formulas_do_not_need_are_ignored(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = folder / "search.toml"
     path.write_text((folder / "strike.toml").read_text() + "\n[search]\ntolerance_deg = 0.1\n")
     assert cli.main(["formulas", str(path)]) == 0

@@ -71,7 +71,7 @@ def examples_of(text: str) -> list[list[str]]:
     return [shlex.split(line.partition(" > ")[0])[1:] for line in lines if line.startswith("  ricochet ")]
 
 
-def test_help_does_not_wait_for_the_libraries_of_the_solver() -> None:
+def test_help_does_not_import_the_libraries_of_the_solver() -> None:
     """One process prints the help of every command and, after each, the heavy libraries that are loaded by then."""
     program = f"""
 import sys
@@ -93,7 +93,7 @@ def test_help_ends_with_an_example_of_the_command(words: tuple[str, ...], capsys
     assert f"ricochet {' '.join(words)}" in text[text.rindex("example") :]
 
 
-def test_examples_of_every_command_are_run_or_on_the_list_of_those_that_are_not() -> None:
+def test_examples_of_every_command_are_run_or_listed_as_not_run() -> None:
     run_here = {words[0] for words in (*LOCAL, *SERVED)}
     assert run_here | NOT_RUN.keys() == {command.name for command in cli.COMMANDS}
     assert not run_here & NOT_RUN.keys()
@@ -153,7 +153,7 @@ def test_version_names_the_engine_in_one_line(folder: Path) -> None:
     assert f"engine {ENGINE_VERSION}" in done.out
 
 
-def test_every_command_has_its_line_in_the_manual() -> None:
+def test_every_command_is_listed_in_the_manual() -> None:
     text = (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (`.*?`) \| .* \| `.*?ricochet ([\w-]+)", text, re.MULTILINE)
     named = {name for names, _ in rows for name in re.findall(r"`([\w-]+)`", names)}

@@ -7,7 +7,7 @@ from pathlib import Path
 from tests.cli.commands import LIMIT_S, ROOT, environment
 
 
-def test_notebook_runs_from_its_first_cell_to_its_last(tmp_path: Path) -> None:
+def test_every_cell_of_the_notebook_runs(tmp_path: Path) -> None:
     example = ROOT / "examples" / "notebook.py"
     command = [sys.executable, "-W", "error", str(example)]
     done = subprocess.run(

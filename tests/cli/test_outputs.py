@@ -127,7 +127,7 @@ def test_list_of_written_files_is_complete() -> None:
 @pytest.mark.parametrize(
     ("each", "source"), [(each, source) for each in WRITTEN for source in each.read], ids=lambda value: str(value)[:60]
 )
-def test_a_file_that_is_read_is_never_written(files: Path, each: Written, source: str, way: str) -> None:
+def test_input_file_is_never_overwritten(files: Path, each: Written, source: str, way: str) -> None:
     """The command is refused before it reads or computes anything, so the contents of the files do not matter."""
     target = files / each.name
     words = each.words
@@ -148,7 +148,7 @@ def test_a_file_that_is_read_is_never_written(files: Path, each: Written, source
     assert contents(files) == before
 
 
-def test_standard_input_is_a_file_that_is_read(files: Path) -> None:
+def test_file_read_as_standard_input_is_never_overwritten(files: Path) -> None:
     write_cases(files / "cases.jsonl", case_at(238.0))
     before = contents(files)
     for words in (("batch", "-", "-o", "cases.jsonl"), ("cra", "-", "-o", "cases.jsonl", "--json")):
@@ -167,7 +167,7 @@ def test_standard_input_is_a_file_that_is_read(files: Path) -> None:
         assert contents(files) == before
 
 
-def test_two_files_to_write_are_two(files: Path) -> None:
+def test_two_outputs_must_not_be_the_same_file(files: Path) -> None:
     before = contents(files)
     done = run(files, "cra", "strike.toml", "--json", "-o", "a.svg", "--plot", "./a.svg")
     assert (done.status, contents(files)) == (2, before)
@@ -175,7 +175,7 @@ def test_two_files_to_write_are_two(files: Path) -> None:
 
 
 @pytest.mark.parametrize("each", REPLACED, ids=named)
-def test_a_command_that_fails_leaves_the_folder_as_it_was(files: Path, each: Written) -> None:
+def test_failed_command_leaves_the_folder_unchanged(files: Path, each: Written) -> None:
     (files / each.name).write_text("earlier")
     (files / each.name).chmod(0o640)
     before = contents(files)
@@ -186,7 +186,7 @@ def test_a_command_that_fails_leaves_the_folder_as_it_was(files: Path, each: Wri
 
 
 @pytest.mark.parametrize("each", REPLACED, ids=named)
-def test_links_are_followed_and_the_mode_stays(
+def test_output_follows_links_and_keeps_the_file_mode(
     files: Path, tmp_path_factory: pytest.TempPathFactory, each: Written
 ) -> None:
     elsewhere = tmp_path_factory.mktemp("elsewhere")
@@ -206,7 +206,7 @@ def test_links_are_followed_and_the_mode_stays(
 
 
 @pytest.mark.parametrize("each", [each for each in REPLACED if not each.words.startswith("report")], ids=named)
-def test_pipes_are_written_as_they_are(files: Path, each: Written) -> None:
+def test_pipes_are_written_and_not_replaced(files: Path, each: Written) -> None:
     os.mkfifo(files / each.name)
     received: list[bytes] = []
     reader = threading.Thread(target=lambda: received.append((files / each.name).read_bytes()), daemon=True)
@@ -220,7 +220,7 @@ def test_pipes_are_written_as_they_are(files: Path, each: Written) -> None:
 
 @pytest.mark.parametrize("words", ["-o /dev/null", "-o /dev/stdout", "-o -", "-o /dev/fd/1"])
 @pytest.mark.parametrize("command", ["formulas strike.toml --angle 0 --csv", f"{SWEEP} --csv"])
-def test_devices_and_streams_are_written_as_they_are(files: Path, command: str, words: str) -> None:
+def test_devices_and_streams_are_written_and_not_replaced(files: Path, command: str, words: str) -> None:
     """Devices are not replaced by a file, and output follows what the log already contains."""
     expected = run(files, *command.split()).out if "null" not in words else ""
     with (files / "log").open("w") as log:
@@ -240,7 +240,7 @@ def test_devices_and_streams_are_written_as_they_are(files: Path, command: str, 
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write into any folder")
-def test_a_file_in_a_folder_that_cannot_be_written_is_written(files: Path) -> None:
+def test_writable_file_in_a_read_only_folder_is_written(files: Path) -> None:
     (files / "out.csv").write_text("earlier")
     files.chmod(0o500)
     try:
@@ -250,7 +250,7 @@ def test_a_file_in_a_folder_that_cannot_be_written_is_written(files: Path) -> No
         files.chmod(0o700)
 
 
-def test_init_writes_over_nothing(files: Path) -> None:
+def test_init_overwrites_no_file(files: Path) -> None:
     (files / "link.toml").symlink_to(files / "missing.toml")
     before = sorted(path.name for path in files.iterdir())
     for name in ("strike.toml", "link.toml"):
@@ -259,7 +259,7 @@ def test_init_writes_over_nothing(files: Path) -> None:
     assert (files / "strike.toml").read_text() == STRIKE_TOML
 
 
-def test_the_contract_is_replaced_with_its_mode(files: Path) -> None:
+def test_replaced_contract_keeps_its_file_mode(files: Path) -> None:
     path = files / "openapi" / "openapi.json"
     path.parent.mkdir()
     path.write_text("earlier")
@@ -271,7 +271,7 @@ def test_the_contract_is_replaced_with_its_mode(files: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "ending"), [("out.csv", "signal"), ("out.jsonl", "terminated")])
-def test_a_batch_that_is_interrupted_keeps_its_rows_under_another_name(files: Path, name: str, ending: str) -> None:
+def test_interrupted_batch_keeps_its_rows_in_another_file(files: Path, name: str, ending: str) -> None:
     """Neither an existing output file nor the rows kept from an earlier interruption are overwritten."""
     write_cases(files / "cases.jsonl", *(case_at(200.0 + 0.02 * number) for number in range(4000)))
     earlier = {name: "earlier", f"out.partial{Path(name).suffix}": "rows"}

@@ -36,7 +36,7 @@ def test_settings_come_from_the_environment(monkeypatch: pytest.MonkeyPatch, tmp
     assert (settings.host, settings.port, settings.data_dir, settings.workers) == ("0.0.0.0", 9000, tmp_path, 3)  # noqa: S104
 
 
-def test_defaults_run_on_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_default_address_is_reachable_only_from_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("HOST", "PORT", "WORKERS"):
         monkeypatch.delenv(f"RICOCHET_{name}", raising=False)
     settings = Settings()
@@ -49,7 +49,7 @@ def test_defaults_run_on_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -> 
     ("host", "proxies", "warned"),
     [("127.0.0.1", (), False), ("192.0.2.1", (), True), ("192.0.2.1", ("192.0.2.9",), False)],
 )
-def test_service_that_others_reach_without_a_proxy_says_so(
+def test_service_reachable_by_others_without_a_proxy_warns(
     caplog: pytest.LogCaptureFixture, host: str, proxies: tuple[str, ...], warned: bool
 ) -> None:
     check_proxy(Settings(host=host, trusted_proxies=proxies))
@@ -58,7 +58,7 @@ def test_service_that_others_reach_without_a_proxy_says_so(
 
 @pytest.mark.skipif(sys.platform != "linux", reason="finds processes in /proc")
 @pytest.mark.parametrize("stop", [signal.SIGTERM, signal.SIGINT])
-def test_running_query_is_answered_before_the_service_ends(
+def test_running_query_is_answered_before_shutdown(
     dedicated_service: Service, tmp_path: Path, stop: signal.Signals
 ) -> None:
     url, process = dedicated_service.url, dedicated_service.process
@@ -76,7 +76,7 @@ def test_running_query_is_answered_before_the_service_ends(
     assert answers[0].status_code == 200
 
 
-def test_results_are_counted_verified_rebuilt_and_evicted(
+def test_cache_commands_count_verify_rebuild_and_evict_results(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("RICOCHET_DATA_DIR", str(tmp_path / "data"))
@@ -128,7 +128,7 @@ def test_second_service_on_a_folder_is_refused(tmp_path: Path) -> None:
         ("RICOCHET_AUDIT_LOG", '"audit.log"', [], "RICOCHET_AUDIT_LOG: has quotes around it"),
     ],
 )
-def test_wrong_setting_is_named(
+def test_invalid_setting_is_named(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     name: str,
@@ -144,7 +144,7 @@ def test_wrong_setting_is_named(
 @pytest.mark.parametrize(
     "words", [["keys", "list"], ["batch", "cases.jsonl"], ["batch", "cases.jsonl", "--data-dir", "~/x"]]
 )
-def test_tilde_in_the_data_folder_is_the_home(folder: Path, words: list[str]) -> None:
+def test_tilde_in_the_data_folder_is_the_home_directory(folder: Path, words: list[str]) -> None:
     write_cases(folder / "cases.jsonl", case_at(238.0))
     (folder / "home").mkdir()
     done = run(folder, *words, HOME=str(folder / "home"), RICOCHET_DATA_DIR="~/x")
@@ -163,13 +163,13 @@ def test_port_in_use_is_reported_in_one_sentence(live_url: str, tmp_path: Path) 
     assert not (tmp_path / "data").exists()
 
 
-def test_flags_of_serve_go_before_variables_and_an_address_of_another_machine_is_one_sentence(tmp_path: Path) -> None:
+def test_flags_of_serve_override_variables_and_a_foreign_address_is_one_sentence(tmp_path: Path) -> None:
     done = run(tmp_path, "serve", "--host", "192.0.2.1", "--port", "9", RICOCHET_HOST="::1", RICOCHET_PORT="70000")
     assert (done.status, done.err.count("\n")) == (3, 1)
     assert done.err.startswith("ricochet serve: cannot listen on port 9 of 192.0.2.1: ")
 
 
-def test_service_that_is_still_compiling_ends_on_sigterm(tmp_path: Path) -> None:
+def test_service_ends_on_sigterm_while_it_compiles(tmp_path: Path) -> None:
     empty = {"NUMBA_CACHE_DIR": str(tmp_path / "compiled"), "XDG_CACHE_HOME": str(tmp_path / "user")}
     settings = {"RICOCHET_PORT": str(free_port()), "RICOCHET_DATA_DIR": "data", "RICOCHET_WORKERS": "1"}
     with subprocess.Popen(
@@ -206,7 +206,7 @@ def test_interrupt_while_the_workers_start_prints_no_traceback(seconds: float, t
     assert "Traceback" not in errors
 
 
-def test_terminal_gets_the_address_and_readable_log_lines(tmp_path: Path) -> None:
+def test_terminal_shows_the_address_and_readable_log_lines(tmp_path: Path) -> None:
     """The log warns once of the unknown variable RICOCHET_WORKER."""
     port = free_port()
     settings = {"RICOCHET_PORT": str(port), "RICOCHET_DATA_DIR": "data", "RICOCHET_WORKERS": "1", "NO_COLOR": "1"}

@@ -25,7 +25,7 @@ NUMBERS = "--diameter 0.08 --length 0.53 --mass 13 --compressive-strength 39e6 -
 FLAGS = "--diameter 0.08 --length 0.53 --mass 13 --caliber-radius-head 3 --compressive-strength 39e6 --density 2250"
 
 
-def test_a_pipe_gets_aligned_text_and_a_terminal_a_table(folder: Path, live_url: str) -> None:
+def test_pipe_gets_aligned_text_and_terminal_gets_a_table(folder: Path, live_url: str) -> None:
     args = ["cra", "strike.toml", "-v", "--url", live_url]
     piped, shown = run(folder, *args), run_on_terminal(folder, *args)
     assert (piped.status, shown.status) == (0, 0)
@@ -40,7 +40,7 @@ def test_a_pipe_gets_aligned_text_and_a_terminal_a_table(folder: Path, live_url:
     assert len(widths) == 1
 
 
-def test_numbers_below_zero_have_a_minus_sign_and_colours_where_the_terminal_can_show_them(folder: Path) -> None:
+def test_minus_signs_and_colours_are_used_if_the_terminal_supports_them(folder: Path) -> None:
     args = ["trajectory", "strike.toml", "--angle", "55"]
     assert re.search(r"final depth force N +│ +\N{MINUS SIGN}\d", run_on_terminal(folder, *args).out)
     plain = run_on_terminal(folder, *args, PYTHONIOENCODING="cp437", NO_COLOR="1")
@@ -55,7 +55,7 @@ def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any
     return content
 
 
-def test_angle_is_one_line_and_warnings_another(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_angle_and_warnings_are_on_separate_lines(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = answer(capsys, "cra", "strike.toml")
     assert cli.main(["cra", "strike.toml"]) == 0
     shown = capsys.readouterr()
@@ -74,7 +74,7 @@ def test_angle_is_one_line_and_warnings_another(here: Path, capsys: pytest.Captu
     assert capsys.readouterr().err == "1 warning (-v explains): strength_fit_extrapolated\n"
 
 
-def test_own_shots_are_followed_by_what_they_did_to_the_strength_factor(
+def test_effect_of_own_shots_on_the_strength_factor_is_printed(
     here: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (here / "shots.csv").write_text("velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n")
@@ -89,7 +89,7 @@ def test_own_shots_are_followed_by_what_they_did_to_the_strength_factor(
     )
 
 
-def test_angle_does_not_wait_for_what_it_does_not_need(here: Path) -> None:
+def test_angle_is_computed_without_unneeded_imports(here: Path) -> None:
     program = "import sys; from service.cli import main; main(['cra', 'strike.toml', '--json'])\n"
     program += "print(*sys.modules, file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", program], cwd=here, capture_output=True, text=True, check=True)
@@ -112,7 +112,7 @@ def test_answer_begins_with_a_sentence(here: Path, capsys: pytest.CaptureFixture
     assert capsys.readouterr().out.startswith(line)
 
 
-def test_file_flags_and_stdin_say_the_same(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_file_flags_and_stdin_give_the_same_answer(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (here / "strike.json").write_text(json.dumps(PAPER))
     expected = answer(capsys, "cra", "strike.toml")
     assert answer(capsys, "cra", "strike.json") == expected
@@ -133,7 +133,7 @@ def test_any_field_can_be_set(here: Path, capsys: pytest.CaptureFixture[str]) ->
 @pytest.mark.parametrize(
     ("words", "body"), [("cra strike.toml", PAPER), ("trajectory strike.toml --angle 45", PAPER_AT_45)]
 )
-def test_local_answer_equals_that_of_the_service_byte_for_byte(
+def test_local_answer_equals_the_answer_of_the_service_byte_for_byte(
     folder: Path, client: httpx.Client, live_url: str, words: str, body: dict[str, Any], alternatives: bool
 ) -> None:
     """The outputs are equal including the key and the version."""
@@ -142,7 +142,7 @@ def test_local_answer_equals_that_of_the_service_byte_for_byte(
     assert run(folder, *args) == run(folder, *args, RICOCHET_URL=live_url) == Ended(0, expected, "")
 
 
-def test_alternatives_are_a_table_with_their_range(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_alternatives_are_printed_as_a_table_with_their_range(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = answer(capsys, "cra", "strike.toml", "--alternatives")["alternatives"]
     angles = [each["critical_angle_deg"] for each in found]
     theories = [each["critical_angle_deg"] for each in found if each["free_surface"] != "none"]
@@ -167,7 +167,7 @@ def test_alternatives_without_an_answer_have_a_problem(here: Path, capsys: pytes
         assert bool(row["problem"]) is not bool(row["status"])
 
 
-def test_motion_and_trials_are_tables(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_motion_and_trials_are_printed_as_tables(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     motion = ["trajectory", "strike.toml", "--oblique-angle", "55"]
     history = answer(capsys, *motion)["history"]
     trials = answer(capsys, "cra", "strike.toml")["iterations"]
@@ -185,7 +185,7 @@ def test_motion_and_trials_are_tables(here: Path, capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize(
     ("digits", "shown"), [([], "48.6349"), (["--digits", "3"], "48.6"), (["--digits", "all"], "48.6348")]
 )
-def test_tables_have_the_digits_that_mean_something(
+def test_tables_have_only_significant_digits(
     here: Path, capsys: pytest.CaptureFixture[str], digits: list[str], shown: str
 ) -> None:
     axis = ["--axis", "impact.velocity_m_s=238,239.123456789"]
@@ -196,13 +196,13 @@ def test_tables_have_the_digits_that_mean_something(
     assert second["impact.velocity_m_s"] == "239.123456789"  # unchanged
 
 
-def test_a_terminal_shows_the_angle_before_its_range(folder: Path) -> None:
+def test_terminal_shows_the_angle_before_its_range(folder: Path) -> None:
     shown = run_on_terminal(folder, "cra", "strike.toml").out
     assert 0 <= shown.index("Critical angle 48.6") < shown.index("its range follows") < shown.index("90 % range")
 
 
 @pytest.mark.parametrize("command", ["trajectory strike.toml --angle 45", "thickness strike.toml --angle 20"])
-def test_notes_that_come_with_most_answers_are_told_on_demand(
+def test_notes_that_most_answers_have_are_printed_on_request(
     here: Path, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
     words = [*command.split(), "--set", "numerics.relative_tolerance=1e-3", "--set", "projectile.yield_strength_pa=5e9"]
@@ -222,12 +222,12 @@ def test_notes_that_come_with_most_answers_are_told_on_demand(
         ("trajectory strike.toml --angle 50 --plot a.pdf", b"%PDF"),
     ],
 )
-def test_pictures_are_drawn(here: Path, words: str, begin: bytes) -> None:
+def test_plots_are_written_in_every_format(here: Path, words: str, begin: bytes) -> None:
     assert cli.main(words.split()) == 0
     assert (here / words.rsplit(maxsplit=1)[-1]).read_bytes().startswith(begin)
 
 
-def test_forces_and_energies_are_written_out(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_forces_and_energies_have_no_exponents(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["trajectory", "strike.toml", "--angle", "55"]) == 0
     found = capsys.readouterr().out
     energy = re.search(r"final kinetic energy J +(\d{6})\n", found)
@@ -291,7 +291,7 @@ def test_forces_and_energies_are_written_out(here: Path, capsys: pytest.CaptureF
         ("trajectory strike.toml --angle 45 --csv --set output.history=false", "output.history is false"),
     ],
 )
-def test_wrong_input_is_named_and_ends_with_status_2(
+def test_invalid_input_is_named_and_ends_with_status_2(
     here: Path, capsys: pytest.CaptureFixture[str], arguments: str, reason: str
 ) -> None:
     (here / "wrong.toml").write_text("= 3")
@@ -306,7 +306,7 @@ def test_wrong_input_is_named_and_ends_with_status_2(
     assert reason in captured.err
 
 
-def test_a_service_names_what_is_wrong_in_the_same_words(
+def test_errors_from_a_service_have_the_same_words(
     here: Path, live_url: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NO_PROXY", "*")
@@ -321,7 +321,7 @@ def test_a_service_names_what_is_wrong_in_the_same_words(
     ("kind", "status", "ended"),
     [("step-limit", 422, 1), ("timeout", 422, 1), ("busy", 503, 1), ("invalid-request", 422, 2), ("", 413, 2)],
 )
-def test_problems_of_the_input_end_with_status_2_and_others_with_1(kind: str, status: int, ended: int) -> None:
+def test_input_errors_end_with_status_2_and_other_errors_with_1(kind: str, status: int, ended: int) -> None:
     problem = {"type": f"urn:ricochet:problem:{kind}", "title": "No", "detail": "why", "status": status}
     error = RefusedError(problem)
     assert (error.status, str(error)) == (ended, "No: why")
@@ -376,7 +376,7 @@ def test_request_to_a_busy_service_is_repeated_with_the_key(
 
 
 @pytest.mark.parametrize("words", ["cra strike.toml", "batch cases.jsonl", "jobs list"])
-def test_no_service_ends_with_status_1(folder: Path, words: str) -> None:
+def test_unreachable_service_ends_with_status_1(folder: Path, words: str) -> None:
     write_cases(folder / "cases.jsonl", PAPER)
     address = f"http://127.0.0.1:{free_port()}"
     done = run(folder, *words.split(), "--url", address)

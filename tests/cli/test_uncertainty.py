@@ -32,7 +32,7 @@ def strike(folder: Path) -> Path:
     return path
 
 
-def test_estimates_of_file_and_flag(strike: Path, folder: Path) -> None:
+def test_uncertain_inputs_of_file_and_flags_are_combined(strike: Path, folder: Path) -> None:
     flag = "resistance.free_surface.model=discrete:elastic_plastic@0.8:mohr_coulomb@0.2"
     done = run(folder, "uncertainty", strike.name, "--uncertain", flag, "--plot", "curve.svg")
     assert (done.status, done.err) == (0, ""), done.err
@@ -44,7 +44,7 @@ def test_estimates_of_file_and_flag(strike: Path, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("angle", [[], ["--angle", "50"]], ids=["angle", "outcome"])
-def test_without_inputs_the_usual_scatter_is_offered(
+def test_missing_uncertain_inputs_are_answered_with_the_usual_scatter(
     folder: Path, capsys: pytest.CaptureFixture[str], angle: list[str]
 ) -> None:
     quick = ["--set", "sampling.half_width=0.1", "--set", "sampling.max_samples=512"]
@@ -55,7 +55,7 @@ def test_without_inputs_the_usual_scatter_is_offered(
     assert ("ricochet" if angle else "50 % quantile") in shown.out
 
 
-def test_next_shot_is_worth_a_sentence_where_the_concrete_is_not_known(
+def test_value_of_the_next_shot_is_stated_for_unknown_concrete(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["uncertainty", str(folder / "strike.toml"), "--strength-law", "published_tests", "--next-shot"]
@@ -78,7 +78,7 @@ def test_next_shot_is_worth_a_sentence_where_the_concrete_is_not_known(
         (["--uncertain", "impact.velocity_m_s=normal:238:2.4"], "add --uncertain resistance.strength_residual"),
     ],
 )
-def test_next_shot_needs_the_scatter_that_it_narrows(
+def test_value_of_the_next_shot_requires_scatter_of_the_strength_factor(
     folder: Path, capsys: pytest.CaptureFixture[str], flags: list[str], text: str
 ) -> None:
     assert cli.main(["uncertainty", str(folder / "strike.toml"), "--next-shot", *flags]) == 2
@@ -114,7 +114,7 @@ def test_service_gives_the_same_answer(strike: Path, folder: Path, live_url: str
     assert "--uncertain target.density_kg_m3=uniform:-5:9: lower: is no value of" in refused.err
 
 
-def test_calibrated_strength_factor_is_an_uncertain_input(folder: Path) -> None:
+def test_calibrated_strength_factor_can_be_an_uncertain_input(folder: Path) -> None:
     (folder / "tests.csv").write_text("velocity_m_s,depth_m\n238.1,0.30\n275.7,0.38\n314.0,0.45\n369.5,0.53\n")
     fit = json.loads(run(folder, "calibrate", "depth", "tests.csv", "--case", "strike.toml", "--json").out)
     tables = run(folder, "calibrate", "depth", "tests.csv", "--case", "strike.toml", "--uncertain")
@@ -145,13 +145,13 @@ def test_terminal_shows_the_half_width_reached_and_requested(strike: Path, folde
     assert re.search(r"sampling half width 0\.0\d+, requested 0\.001 .*\d+/520", done.out)
 
 
-def test_study_that_failed_is_reported_with_its_problem() -> None:
+def test_failed_study_is_reported_with_its_problem() -> None:
     with pytest.raises(CommandError, match=r"the study failed: .*the pool is gone"):
         key_of({"index": 0, "problem": problem_of(PoolUnavailableError("the pool is gone"))})
     assert key_of({"index": 0, "result": {"key": "a1"}}) == "a1"
 
 
-def test_short_forms_of_distributions() -> None:
+def test_short_forms_of_distributions_are_parsed() -> None:
     assert uncertain_input("a.b=normal:238:2.4") == {
         "field": "a.b",
         "distribution": {"type": "normal", "mean": 238.0, "standard_deviation": 2.4},
@@ -172,12 +172,12 @@ def test_short_forms_of_distributions() -> None:
 @pytest.mark.parametrize(
     "text", ["a", "a=", "a=normal", "a=normal:1", "a=cubic:1:2", "a=discrete", "a=discrete:", "a=log_student_t:1:2"]
 )
-def test_wrong_forms_are_refused(text: str) -> None:
+def test_malformed_distributions_are_refused(text: str) -> None:
     with pytest.raises(CommandError, match="--uncertain"):
         uncertain_input(text)
 
 
-def test_bad_distribution_is_named(strike: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_distribution_is_named(strike: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["uncertainty", str(strike), "--uncertain", "impact.velocity_m_s=normal:238:-1"]) != 0
     assert (
         "--uncertain impact.velocity_m_s=normal:238:-1: standard_deviation: must be greater than 0"

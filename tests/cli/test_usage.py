@@ -42,7 +42,7 @@ def begins_as(kind: str, content: bytes) -> bool:
         ("out.txt", ["--csv"], "csv"),
     ],
 )
-def test_a_file_has_the_format_of_its_name_or_of_a_flag(
+def test_format_of_a_file_follows_its_name_or_a_flag(
     here: Path, capsys: pytest.CaptureFixture[str], command: str, name: str, flags: list[str], kind: str | None
 ) -> None:
     known = (".jsonl", ".ndjson", ".csv", ".parquet", ".xlsx") if command == "sweep" else (".json", ".csv")
@@ -73,7 +73,7 @@ def test_a_file_has_the_format_of_its_name_or_of_a_flag(
         (["cra", "strike.toml", "-o", "missing/a.json"], "--output missing/a.json: the folder does not exist"),
     ],
 )
-def test_a_name_that_says_no_format_is_refused_before_the_work(
+def test_name_without_a_known_format_is_refused_before_the_computation(
     here: Path, capsys: pytest.CaptureFixture[str], words: list[str], reason: str
 ) -> None:
     assert cli.main(words) == 2
@@ -82,7 +82,7 @@ def test_a_name_that_says_no_format_is_refused_before_the_work(
 
 @pytest.mark.parametrize("flag", ["--json", "--csv"])
 @pytest.mark.parametrize("command", ["cra", "trajectory", "formulas", "thickness"])
-def test_a_file_holds_what_would_be_printed(
+def test_file_contains_what_would_be_printed(
     here: Path, capsys: pytest.CaptureFixture[str], command: str, flag: str
 ) -> None:
     assert cli.main([*COMMANDS[command], flag]) == 0
@@ -91,7 +91,7 @@ def test_a_file_holds_what_would_be_printed(
     assert (here / f"out.{flag.strip('-')}").read_text() == printed
 
 
-def test_a_refused_request_leaves_an_earlier_file_alone(here: Path) -> None:
+def test_refused_request_does_not_touch_an_existing_file(here: Path) -> None:
     (here / "out.csv").write_text("earlier")
     for command in ("cra", "sweep"):
         assert cli.main([*COMMANDS[command], "--mass", "-1", "-o", "out.csv"]) == 2
@@ -150,7 +150,7 @@ def test_a_refused_request_leaves_an_earlier_file_alone(here: Path) -> None:
         ),
     ],
 )
-def test_wrong_usage_is_one_line_with_the_flag_the_value_and_a_suggestion(
+def test_usage_error_is_one_line_with_flag_value_and_suggestion(
     capsys: pytest.CaptureFixture[str], words: str, command: str, wrong: str
 ) -> None:
     assert cli.main(words.split()) == 2
@@ -162,7 +162,7 @@ def test_wrong_usage_is_one_line_with_the_flag_the_value_and_a_suggestion(
 
 
 @pytest.mark.parametrize("words", ["help cra", "help jobs results", "help"])
-def test_help_is_a_command_too(capsys: pytest.CaptureFixture[str], words: str) -> None:
+def test_help_is_also_a_command(capsys: pytest.CaptureFixture[str], words: str) -> None:
     with pytest.raises(SystemExit) as ended:
         cli.main(words.split())
     assert ended.value.code == 0
@@ -170,7 +170,7 @@ def test_help_is_a_command_too(capsys: pytest.CaptureFixture[str], words: str) -
 
 
 @pytest.mark.parametrize("number", ["-1e-1", "-.1", "-0.1", "-1E-1", "-10.e-2", "-0.1e0"])
-def test_a_negative_number_is_a_value(here: Path, capsys: pytest.CaptureFixture[str], number: str) -> None:
+def test_negative_number_is_a_value_and_not_a_flag(here: Path, capsys: pytest.CaptureFixture[str], number: str) -> None:
     def printed(*words: str) -> str:
         assert cli.main([*COMMANDS["cra"], "--json", *words]) == 0
         return capsys.readouterr().out
@@ -178,7 +178,7 @@ def test_a_negative_number_is_a_value(here: Path, capsys: pytest.CaptureFixture[
     assert printed("--angle-of-attack", number) == printed("--set", "impact.angle_of_attack_deg=-0.1")
 
 
-def test_negative_numbers_of_a_list_are_values(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_negative_numbers_in_a_list_are_values(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main([*COMMANDS["cra"], "--strength-coefficients", "-8,0.01"]) == 2
     assert "the model gives -7.95" in capsys.readouterr().err
 
@@ -190,7 +190,7 @@ def test_negative_numbers_of_a_list_are_values(here: Path, capsys: pytest.Captur
         ("limit-speed --angle 20 --thickness 0.2", ["Perforated from "]),
     ],
 )
-def test_the_answer_comes_first_and_the_trials_on_demand(
+def test_answer_comes_first_and_trials_only_on_request(
     here: Path, capsys: pytest.CaptureFixture[str], words: str, answer: list[str]
 ) -> None:
     command, *flags = words.split()

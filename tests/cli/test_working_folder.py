@@ -59,7 +59,7 @@ def sweep(folder: Path, **settings: str) -> list[float]:
     return [line["point"]["impact.velocity_m_s"] for line in lines]
 
 
-def test_sweep_runs_no_module_of_the_working_folder_and_takes_a_long_path_for_temporary_files(
+def test_sweep_runs_no_module_of_the_working_folder_and_accepts_a_long_temporary_path(
     folder_with_modules: Path, tmp_path: Path
 ) -> None:
     temporary = tmp_path / ("long" * 40)
@@ -69,7 +69,7 @@ def test_sweep_runs_no_module_of_the_working_folder_and_takes_a_long_path_for_te
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="finds processes in /proc")
-def test_service_runs_no_module_of_its_working_folder_and_replaces_workers_after_that_was_deleted(
+def test_service_runs_no_module_of_its_working_folder_and_survives_its_deletion(
     folder_with_modules: Path, tmp_path: Path
 ) -> None:
     with RestartableServer(tmp_path, cwd=folder_with_modules) as server:

@@ -51,7 +51,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_functions_of_hey_api_call_the_service(folder: Path, live_url: str) -> None:
+def test_functions_generated_by_hey_api_call_the_service(folder: Path, live_url: str) -> None:
     if shutil.which("npm") is None:
         pytest.skip("npm is not installed")
     run(folder, "npm", "install", "--no-audit", "--no-fund", "@hey-api/openapi-ts", "typescript@5.9")
@@ -63,7 +63,9 @@ def test_functions_of_hey_api_call_the_service(folder: Path, live_url: str) -> N
     assert (outcome, status) == ("ricochet", "200")
 
 
-def test_models_of_datamodel_code_generator_validate_requests_and_answers(folder: Path, live_url: str) -> None:
+def test_models_generated_by_datamodel_code_generator_validate_requests_and_answers(
+    folder: Path, live_url: str
+) -> None:
     run(folder, sys.executable, "-m", "venv", "venv")
     python = str(folder / "venv" / "bin" / "python")
     run(folder, python, "-m", "pip", "install", "--quiet", "datamodel-code-generator", "httpx")

@@ -57,20 +57,20 @@ def test_service_starts_on_an_empty_volume(tmp_path: Path, monkeypatch: pytest.M
     check_access(settings, ApiKeyStore(tmp_path, print))
 
 
-def test_service_takes_keys_if_it_is_set_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_service_requires_keys_if_configured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "RICOCHET_ACCESS=keys docker compose up" in TEXT
     settings = settings_of(services(RICOCHET_ACCESS="keys")["service"], monkeypatch, tmp_path)
     with pytest.raises(CommandError):
         check_access(settings, ApiKeyStore(tmp_path, print))
 
 
-def test_nothing_is_published_beyond_this_machine() -> None:
+def test_ports_are_published_only_on_this_machine() -> None:
     published = [port for service in services().values() for port in service.get("ports", [])]
     assert published == ["127.0.0.1:8000:8000"]
     assert read()[-1].last("EXPOSE").text == "8000"
 
 
-def test_pages_under_other_names_reach_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pages_under_other_host_names_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = settings_of(services()["service"], monkeypatch, tmp_path)
     with TestClient(create_app(settings.model_copy(update={"executor": "in-process"}))) as client:
         statuses = [
@@ -80,21 +80,21 @@ def test_pages_under_other_names_reach_nothing(tmp_path: Path, monkeypatch: pyte
     assert statuses == [200, 200, 421]
 
 
-def test_every_container_runs_the_image_that_is_built_here() -> None:
+def test_every_container_runs_the_image_built_here() -> None:
     assert {service["image"] for service in services().values()} == {"ricochet:cluster"}
     assert {service["pull_policy"] for service in services().values()} == {"never"}
     (built,) = [service["build"] for service in services().values() if "build" in service]
     assert (ROOT / built["context"] / "requirements" / f"{built['args']['REQUIREMENTS']}.txt").exists()
 
 
-def test_scheduler_and_workers_are_in_a_network_that_leads_nowhere() -> None:
+def test_scheduler_and_workers_are_in_a_network_without_outside_access() -> None:
     networks = yaml.safe_load(TEXT)["networks"]
     assert networks["cluster"]["internal"] is True
     assert services()["scheduler"]["networks"] == services()["worker"]["networks"] == ["cluster"]
 
 
 @pytest.mark.parametrize("name", services())
-def test_container_writes_to_its_volume_and_temporary_folders_alone_and_has_no_rights_and_limits(name: str) -> None:
+def test_container_has_limits_no_capabilities_and_a_read_only_root(name: str) -> None:
     service, image = services()[name], read()[-1]
     compiled_code, user = image.environment()["XDG_CACHE_HOME"], image.last("USER").text
     assert service["read_only"] is True
@@ -108,7 +108,7 @@ def test_container_writes_to_its_volume_and_temporary_folders_alone_and_has_no_r
     assert re.fullmatch(r"\d+[gm]", service["mem_limit"])
 
 
-def test_engine_leaves_the_service_its_time_to_end() -> None:
+def test_stop_timeout_exceeds_the_grace_time_of_the_service() -> None:
     assert {service["stop_grace_period"] for service in services().values()} == {"15s"}
     assert Settings().grace_seconds < 15
 
@@ -121,7 +121,7 @@ def short_path() -> Iterator[Path]:
 
 
 @pytest.mark.system
-def test_service_works_where_only_its_data_and_tmp_can_be_written(short_path: Path) -> None:
+def test_service_works_with_only_its_data_and_tmp_writable(short_path: Path) -> None:
     """The namespace has the restrictions of `read_only`, `tmpfs` and `cap_drop` in compose.yaml."""
     if os.geteuid() != 0 or not all(map(shutil.which, ("unshare", "setpriv"))):
         pytest.skip("only root may take the right to write away")
@@ -169,7 +169,7 @@ def test_service_works_where_only_its_data_and_tmp_can_be_written(short_path: Pa
 
 
 @pytest.mark.system
-def test_commands_of_compose_make_a_cluster_that_answers(short_path: Path, service_on: RunService) -> None:
+def test_commands_of_compose_start_a_working_cluster(short_path: Path, service_on: RunService) -> None:
     port = str(free_port())
 
     def here(text: str) -> str:

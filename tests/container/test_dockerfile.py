@@ -20,7 +20,7 @@ IMAGE = STAGES[-1]
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 
 
-def test_image_starts_what_make_serve_runs() -> None:
+def test_image_starts_the_command_of_make_serve() -> None:
     [recipe] = [line for line in MAKEFILE.partition("\nserve:")[2].splitlines()[1:] if line.startswith("\t")][:1]
     assert IMAGE.last("CMD").command() == recipe.strip().removeprefix("@$(BIN)/").split()
 
@@ -35,7 +35,7 @@ def test_variables_of_the_image_are_settings_within_their_bounds(monkeypatch: py
     assert str(settings.data_dir) == IMAGE.last("VOLUME").text
 
 
-def test_both_stages_start_from_one_image_pinned_by_its_digest() -> None:
+def test_both_stages_start_from_one_image_pinned_by_digest() -> None:
     (base,) = {stage.image for stage in STAGES}
     tag, _, digest = base.partition("@")
     assert re.fullmatch("sha256:[0-9a-f]{64}", digest)
@@ -44,7 +44,7 @@ def test_both_stages_start_from_one_image_pinned_by_its_digest() -> None:
     assert labels["org.opencontainers.image.base.name"] == tag
 
 
-def test_full_lock_has_what_every_extra_and_every_other_lock_of_the_service_has() -> None:
+def test_full_lock_contains_every_extra_and_every_other_lock_of_the_service() -> None:
     def locked(name: str) -> set[str]:
         return set(re.findall(r"(?m)^([\w.-]+==[^\s;]+)", (ROOT / "requirements" / f"{name}.txt").read_text()))
 
@@ -64,7 +64,7 @@ def test_image_runs_as_an_unprivileged_user() -> None:
     assert "COPY" not in {step.instruction for step in after}
 
 
-def test_everything_is_installed_by_its_hash_and_nothing_is_compiled() -> None:
+def test_packages_are_installed_by_hash_and_only_as_wheels() -> None:
     installs = [part for stage in STAGES for step in stage.steps for part in step.text.split("&&") if "pip " in part]
     assert len(installs) == 4
     for part in installs:
@@ -73,7 +73,7 @@ def test_everything_is_installed_by_its_hash_and_nothing_is_compiled() -> None:
 
 
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name or "image")
-def test_files_that_the_image_copies_exist_and_are_not_ignored(stage: Stage) -> None:
+def test_files_copied_into_the_image_exist_and_are_not_ignored(stage: Stage) -> None:
     ignored, *excepted = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()[1:]
     assert ignored == "*"
     for step in stage.steps:
@@ -115,7 +115,9 @@ AVX512 = f"{AVX2} avx512f avx512bw avx512cd avx512dq avx512vl"
         (AVX512, "GenuineIntel", "skylake-avx512"),
     ],
 )
-def test_entry_point_chooses_the_code_of_the_processor(tmp_path: Path, flags: str, vendor: str, chosen: str) -> None:
+def test_entry_point_chooses_compiled_code_for_the_processor(
+    tmp_path: Path, flags: str, vendor: str, chosen: str
+) -> None:
     cpu = tmp_path / "cpuinfo"
     cpu.write_text(f"vendor_id\t: {vendor}\nflags\t\t: {flags}\n")
     program = [str(ROOT / "entry-point.sh"), sys.executable, "-c"]

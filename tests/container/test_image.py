@@ -74,7 +74,7 @@ def started(image: Container, log: Path) -> Iterator[tuple[str, int]]:
             process.kill()
 
 
-def test_image_answers_as_its_own_user_keeps_results_and_ends_well(image: Container, tmp_path: Path) -> None:
+def test_image_runs_as_its_own_user_keeps_results_and_stops_cleanly(image: Container, tmp_path: Path) -> None:
     with started(image, tmp_path / "log") as (url, process):
         answer = httpx.post(f"{url}/cra", json=PAPER, timeout=60.0, trust_env=False)
         assert answer.json()["critical_angle_deg"] == pytest.approx(48.63, abs=0.02)
@@ -87,7 +87,7 @@ def test_image_answers_as_its_own_user_keeps_results_and_ends_well(image: Contai
     assert "Traceback" not in (tmp_path / "log").read_text()
 
 
-def test_nothing_but_the_service_and_what_is_locked_for_it_is_installed(image: Container) -> None:
+def test_only_the_service_and_its_locked_packages_are_installed(image: Container) -> None:
     listed = set(re.findall(r"(?m)^([\w.-]+)==(\S+)$", image.run(["python", "-m", "pip", "list", "--format=freeze"])))
     locked = set(re.findall(r"(?m)^([\w.-]+)==(\S+)", (ROOT / "requirements" / "run.txt").read_text()))
     names = {re.sub(r"[-_.]+", "-", name).lower() for name, _ in listed} - {"pip", "concrete-ricochet"}
@@ -105,7 +105,7 @@ def test_solver_was_compiled_when_the_image_was_made(image: Container) -> None:
     assert not list(image.inside(image.environment["XDG_CACHE_HOME"]).rglob("*.nbc"))
 
 
-def test_traces_without_the_extra_are_refused_with_what_to_install(image: Container) -> None:
+def test_traces_without_the_extra_are_refused_with_a_hint(image: Container) -> None:
     command, environment = image.entered(["ricochet", "serve"], RICOCHET_TELEMETRY="true")
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 1

@@ -49,7 +49,7 @@ def finished(client: httpx.Client, job: str) -> bool:
     return client.get(f"/jobs/{job}").json()["status"] not in {"accepted", "running"}
 
 
-def test_copy_of_a_running_service_has_its_keys_jobs_and_results(tmp_path: Path, service_on: RunService) -> None:
+def test_backup_of_a_running_service_has_its_keys_jobs_and_results(tmp_path: Path, service_on: RunService) -> None:
     data, backups = tmp_path / "data", tmp_path / "backups"
     data.mkdir()
     token, stranger = key_in(data, "anna"), "ricochet_00000000_" + "0" * 43
@@ -78,7 +78,7 @@ def test_copy_of_a_running_service_has_its_keys_jobs_and_results(tmp_path: Path,
 
 
 @pytest.mark.parametrize("missing", ["", "results"])
-def test_folder_of_a_service_that_has_done_nothing_is_copied(tmp_path: Path, missing: str) -> None:
+def test_unused_data_folder_can_be_backed_up(tmp_path: Path, missing: str) -> None:
     data = tmp_path / "data"
     data.mkdir()
     (data / "auth.lock").touch()
@@ -89,7 +89,7 @@ def test_folder_of_a_service_that_has_done_nothing_is_copied(tmp_path: Path, mis
     assert not (copy / "auth.sqlite").exists()
 
 
-def test_failed_copy_is_reported(tmp_path: Path) -> None:
+def test_failed_backup_is_reported(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "jobs.sqlite").write_text("no database")
     command = ["sh", str(ROOT / "deploy" / "back-up.sh"), str(tmp_path / "data"), str(tmp_path / "backups")]

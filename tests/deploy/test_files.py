@@ -62,7 +62,7 @@ def units(tmp_path: Path) -> dict[str, Path]:
 
 
 @pytest.mark.parametrize("name", UNITS)
-def test_systemd_finds_nothing_wrong_with_the_units(units: dict[str, Path], name: str) -> None:
+def test_systemd_accepts_the_units(units: dict[str, Path], name: str) -> None:
     done = analyze("verify", "--man=no", str(units[name]))
     own = [line for line in done.stderr.splitlines() if "ricochet" in line]
     assert (done.returncode, own) == (0, [])
@@ -76,7 +76,7 @@ def test_exposure_of_the_units_is_low(units: dict[str, Path], name: str) -> None
     assert done.returncode == 0, done.stdout
 
 
-def test_units_use_what_their_heads_install() -> None:
+def test_units_use_the_paths_that_their_comments_install() -> None:
     for name in UNITS:
         head, _, body = (DEPLOY / name).read_text(encoding="utf-8").partition("[Unit]")
         for path in re.findall(r"ExecStart=(/usr/local/\S+)", body):
@@ -85,7 +85,7 @@ def test_units_use_what_their_heads_install() -> None:
     assert "--require-hashes" in UNIT
 
 
-def test_unit_has_settings_of_the_service_and_lets_it_end_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unit_has_valid_settings_and_lets_the_service_stop_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     given = dict(line.split("=", 1) for line in re.findall(r"(?m)^Environment=(.+)$", UNIT))
     settings = settings_in(monkeypatch, given)
     assert settings.on_loopback
@@ -106,7 +106,7 @@ def kubernetes() -> Any:
 
 
 @pytest.mark.parametrize("manifest", MANIFESTS, ids=lambda manifest: manifest["kind"])
-def test_manifests_fit_the_schemas_of_kubernetes(kubernetes: Any, manifest: dict[str, Any]) -> None:
+def test_manifests_match_the_kubernetes_schemas(kubernetes: Any, manifest: dict[str, Any]) -> None:
     kubernetes.validate(manifest, kubernetes.latest_version(), strict=True)
 
 
@@ -117,7 +117,7 @@ def test_manifest_with_a_wrong_field_is_refused(kubernetes: Any) -> None:
 
 
 @pytest.mark.parametrize("pod", PODS)
-def test_pods_run_the_image_as_its_user_and_may_nothing_else(pod: dict[str, Any]) -> None:
+def test_pods_run_the_image_as_its_user_without_privileges(pod: dict[str, Any]) -> None:
     [container] = pod["containers"]
     assert str(pod["securityContext"]["runAsUser"]) == IMAGE.last("USER").text
     assert pod["securityContext"]["runAsNonRoot"]
@@ -134,7 +134,7 @@ def test_pods_run_the_image_as_its_user_and_may_nothing_else(pod: dict[str, Any]
     assert container["resources"]["limits"]["memory"]
 
 
-def test_deployment_has_settings_probes_and_one_pod_that_leaves_before_the_next(
+def test_deployment_has_settings_probes_and_replaces_its_only_pod(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     deployment = KINDS["Deployment"]["spec"]
@@ -175,7 +175,7 @@ def test_ingress_leads_to_the_service_with_tls() -> None:
     assert path["backend"]["service"] == {"name": service["metadata"]["name"], "port": {"name": port["name"]}}
 
 
-def test_manual_shows_the_files_themselves() -> None:
+def test_manual_includes_the_files_themselves() -> None:
     page = (ROOT / "docs" / "how-to" / "deploy.md").read_text(encoding="utf-8")
     shown = set(re.findall(r"\{literalinclude\} \.\./\.\./deploy/(\S+)", page))
     assert shown == {path.name for path in DEPLOY.iterdir()}
@@ -183,7 +183,7 @@ def test_manual_shows_the_files_themselves() -> None:
     assert "```ini" not in page
 
 
-def test_image_says_what_it_is() -> None:
+def test_labels_of_the_image_describe_it() -> None:
     labels: dict[str, str] = {}
     for step in IMAGE.steps:
         if step.instruction == "LABEL":

@@ -134,7 +134,7 @@ def slowest_probe(proxy: Proxy) -> float:
     return longest
 
 
-def test_answers_come_through_with_the_address_of_the_client(proxy: Proxy) -> None:
+def test_service_learns_the_address_of_the_client(proxy: Proxy) -> None:
     """The `X-Forwarded-For` header of the client is ignored."""
     known = len(proxy.entries())
     with proxy.client(CROWD) as client:
@@ -145,14 +145,14 @@ def test_answers_come_through_with_the_address_of_the_client(proxy: Proxy) -> No
     assert proxy.entries()[-1]["client"] == CROWD
 
 
-def test_a_thousand_silent_connections_delay_nobody(proxy: Proxy) -> None:
+def test_thousand_silent_connections_delay_no_other_client(proxy: Proxy) -> None:
     with ExitStack() as opened:
         for _ in range(1000):
             opened.enter_context(proxy.connection(CROWD, tls=False))
         assert slowest_probe(proxy) < LONGEST_S
 
 
-def test_slow_heads_and_bodies_delay_nobody_and_never_reach_the_service(proxy: Proxy) -> None:
+def test_slow_heads_and_bodies_never_reach_the_service(proxy: Proxy) -> None:
     known = len(proxy.entries())
     with ExitStack() as opened:
         heads = [opened.enter_context(proxy.connection(SLOW)) for _ in range(50)]
@@ -181,7 +181,7 @@ def test_long_heads_never_reach_the_service(proxy: Proxy) -> None:
     assert len(proxy.entries()) == known
 
 
-def test_connections_of_one_address_are_bounded(proxy: Proxy) -> None:
+def test_connections_per_address_are_limited(proxy: Proxy) -> None:
     with ExitStack() as opened:
         for _ in range(40):
             opened.enter_context(proxy.connection(SLOW)).sendall(UNFINISHED)
@@ -193,7 +193,7 @@ def test_connections_of_one_address_are_bounded(proxy: Proxy) -> None:
             assert client.get("/version").status_code == 200
 
 
-def test_requests_of_one_address_are_bounded(proxy: Proxy) -> None:
+def test_requests_per_address_are_limited(proxy: Proxy) -> None:
     request = "GET /livez HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: {}\r\n\r\n"
     with proxy.connection(FAST) as opened:
         began = time.monotonic()
@@ -235,7 +235,7 @@ def test_links_work_below_a_path_prefix(proxy: Proxy) -> None:
         follow(page, client.get(f"{base}/ricochet/openapi.json").json()["servers"][0]["url"] + "/version")
 
 
-def test_bodies_are_refused_before_they_are_received_completely(proxy: Proxy) -> None:
+def test_too_long_bodies_are_refused_before_they_arrive_completely(proxy: Proxy) -> None:
     """nginx refuses bodies that are too long for their path; the service refuses a batch after its first bytes."""
     known = len(proxy.entries())
     for path in ("/nothing", "/cra", "/jobs", "/mcp"):
@@ -257,7 +257,7 @@ def problem_of(response: httpx.Response, status: int) -> httpx.Response:
     return response
 
 
-def test_answer_for_a_service_that_is_down_is_a_problem(tmp_path: Path) -> None:
+def test_service_that_is_down_is_answered_with_a_problem(tmp_path: Path) -> None:
     certificate, port = make_certificate(tmp_path), free_port()
     text = configuration(tmp_path, certificate, port, {"127.0.0.1:8000": f"127.0.0.1:{free_port()}"})
     with (
@@ -277,7 +277,7 @@ def first_line(proxy: Proxy, head: bytes, length: int) -> bytes:
         return connection.recv(4096).splitlines()[0]
 
 
-def test_metrics_are_for_the_monitor_of_this_machine_alone(proxy: Proxy) -> None:
+def test_metrics_are_available_only_to_this_machine(proxy: Proxy) -> None:
     with proxy.client(CROWD) as client:
         assert client.get("/metrics").status_code == 403
     with proxy.client(MONITOR) as client:
@@ -322,7 +322,7 @@ def several(request: pytest.FixtureRequest, service_on: RunService, tmp_path: Pa
         ]
 
 
-def test_each_of_two_services_has_its_own_jobs_keys_and_repetitions(several: list[httpx.Client]) -> None:
+def test_two_services_have_separate_jobs_keys_and_idempotency_keys(several: list[httpx.Client]) -> None:
     once = {"Prefer": "respond-async", "Idempotency-Key": "one-of-each"}
     made: list[str] = []
     for client in several:

@@ -34,7 +34,7 @@ def imported_by(path: Path) -> set[str]:
 
 
 @pytest.mark.parametrize(("folder", "other"), [("tests", "benchmarks"), ("benchmarks", "tests")])
-def test_tests_and_benchmarks_do_not_import_each_other(folder: str, other: str) -> None:
+def test_tests_and_benchmarks_are_independent(folder: str, other: str) -> None:
     files = list((ROOT / folder).rglob("*.py"))
     assert files
     assert [path for path in files if other in path.read_text(encoding="utf-8") and other in imported_by(path)] == []

@@ -99,7 +99,7 @@ def run_page(tmp_path: Path, service_on: Callable[..., Any]) -> Iterator[Callabl
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 @pytest.mark.system
 @pytest.mark.timeout(3 * MOST_S)
-def test_every_block_of_a_page_that_is_to_run_runs(page: Path, run_page: Callable[[Path], dict[str, str]]) -> None:
+def test_every_block_marked_run_works(page: Path, run_page: Callable[[Path], dict[str, str]]) -> None:
     printed = run_page(page)
     if page.name == "README.md":
         python, commands, cra = printed.values()
@@ -112,7 +112,7 @@ def test_every_block_of_a_page_that_is_to_run_runs(page: Path, run_page: Callabl
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_every_block_of_commands_is_run_or_on_the_list_of_those_that_are_not(page: Path) -> None:
+def test_every_block_of_commands_is_run_or_listed_as_not_run(page: Path) -> None:
     for block in blocks(page):
         if block.language not in COMMANDS or block.runs:
             continue
@@ -126,7 +126,7 @@ def test_every_block_of_commands_is_run_or_on_the_list_of_those_that_are_not(pag
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_no_command_is_in_a_block_of_another_language(page: Path) -> None:
+def test_no_block_of_another_language_contains_a_command(page: Path) -> None:
     """Blocks marked `text`, for example, are for output and drawings."""
     for block in blocks(page):
         if block.language not in COMMANDS:
@@ -135,13 +135,13 @@ def test_no_command_is_in_a_block_of_another_language(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_marks_are_ones_that_are_understood(page: Path) -> None:
+def test_marks_of_blocks_are_known(page: Path) -> None:
     for block in blocks(page):
         assert set(block.info[1:]) <= {"run", "server"}, block
         assert not block.runs or block.language in {"sh", "python", "ts"}, block
 
 
-def test_pages_have_blocks_that_run() -> None:
+def test_pages_keep_their_number_of_blocks_marked_run() -> None:
     counts = {name_of(page): sum(block.runs for block in blocks(page)) for page in PAGES}
     assert counts["README.md"] >= 3
     assert counts["docs/how-to/clients.md"] >= 4
@@ -152,7 +152,7 @@ def test_pages_have_blocks_that_run() -> None:
     assert counts["docs/tutorial/danger-zone.md"] >= 3
 
 
-def test_links_between_pages_lead_somewhere() -> None:
+def test_links_between_pages_have_targets() -> None:
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
             assert (page.parent / target).exists(), f"{page.relative_to(ROOT)} links to {target}"

@@ -15,12 +15,12 @@ SIZING = (ROOT / "docs" / "sizing.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_no_page_installs_by_a_name_that_is_another_projects(page: Path) -> None:
+def test_no_page_installs_a_package_of_another_project(page: Path) -> None:
     """On the package index, the name `ricochet` belongs to another project."""
     assert not re.search(r"pip install [\"']?ricochet(\[|\s|$)", Path(page).read_text(encoding="utf-8"))
 
 
-def test_readme_installs_the_package_from_the_copy_and_names_the_distribution() -> None:
+def test_readme_installs_the_package_from_the_repository() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     name = project["name"]
@@ -35,14 +35,14 @@ def test_readme_installs_the_package_from_the_copy_and_names_the_distribution() 
 
 
 @pytest.mark.parametrize("package", ["service", "solver"])
-def test_no_message_installs_by_a_name_that_is_another_projects(package: str) -> None:
+def test_no_message_installs_a_package_of_another_project(package: str) -> None:
     sources = [*(ROOT / package).rglob("*.py"), *(ROOT / package).rglob("*.js")]
     assert sources
     named = [path for path in sources if re.search(r"install [\"'`]?ricochet\b", path.read_text(encoding="utf-8"))]
     assert named == []
 
 
-def test_missing_package_names_the_extra_of_the_repository() -> None:
+def test_message_about_a_missing_package_names_the_extra_of_the_repository() -> None:
     text = missing_package("Parquet", "pyarrow", "parquet")
     assert text.startswith("Parquet needs pyarrow, which is not installed: ")
     assert 'pip install -e ".[parquet]"' in text
@@ -62,7 +62,7 @@ def test_every_hint_to_install_an_extra_keeps_a_checkout_editable() -> None:
     assert [line for line in hints if 'pip install -e ".[' not in line] == []
 
 
-def test_dask_is_warned_of_before_its_commands() -> None:
+def test_warning_about_dask_precedes_its_commands() -> None:
     warning = SIZING.index("can run anything there")
     assert warning < SIZING.index("dask scheduler")
     assert warning < SIZING.index("docker compose up")

@@ -66,7 +66,7 @@ def references(manual: Path) -> dict[Path, References]:
     return {page.resolve(): References(page) for page in manual.rglob("*.html")}
 
 
-def test_pages_load_nothing_from_elsewhere(references: dict[Path, References]) -> None:
+def test_pages_load_nothing_from_other_servers(references: dict[Path, References]) -> None:
     assert len(references) > 25
     for page, found in references.items():
         for address in found.loaded:
@@ -74,7 +74,7 @@ def test_pages_load_nothing_from_elsewhere(references: dict[Path, References]) -
             assert not address.startswith("/"), f"{page}: {address} would be lost behind a prefix"
 
 
-def test_internal_links_lead_to_pages_and_anchors(manual: Path, references: dict[Path, References]) -> None:
+def test_internal_links_have_existing_targets(manual: Path, references: dict[Path, References]) -> None:
     checked = 0
     for page, found in references.items():
         for address in (*found.linked, *found.loaded):
@@ -107,7 +107,7 @@ def test_every_route_and_object_of_the_contract_is_in_the_reference(manual: Path
         assert f'id="object-{name.lower()}"' in objects
 
 
-def test_no_page_shows_source_that_was_not_rendered(manual: Path) -> None:
+def test_no_page_shows_unrendered_markup(manual: Path) -> None:
     for page in manual.rglob("*.html"):
         text = page.read_text("utf-8")
         body = re.sub(r"<(script|style|pre|code)\b.*?</\1>", "", text, flags=re.DOTALL)
@@ -122,7 +122,7 @@ def served(manual: Path, tmp_path_factory: pytest.TempPathFactory, service_on: C
         yield service.url
 
 
-def test_manual_is_served_with_a_policy_without_exceptions(served: str, manual: Path) -> None:
+def test_manual_is_served_with_a_strict_security_policy(served: str, manual: Path) -> None:
     answer = httpx.get(f"{served}/manual", follow_redirects=True, trust_env=False)
     assert answer.url.path == "/manual/"
     assert answer.content == (manual / "index.html").read_bytes()
@@ -167,7 +167,9 @@ def opened(browser: Browser, address: str, allowed: str) -> tuple[Page, list[str
 
 
 @pytest.mark.parametrize("name", FIRST_PAGES)
-def test_browser_shows_a_served_page_and_requests_nothing_else(browser: Browser, served: str, name: str) -> None:
+def test_browser_shows_a_served_page_without_requests_to_other_servers(
+    browser: Browser, served: str, name: str
+) -> None:
     page, faults = opened(browser, f"{served}/manual/{name}", served)
     assert page.locator("h1").first.is_visible()
     assert page.evaluate("document.body.dataset.theme") == "auto"  # The script of the theme has set it.
@@ -193,7 +195,7 @@ def test_search_finds_a_page(browser: Browser, manual: Path, served: str, where:
     page.close()
 
 
-def test_formulas_are_drawn(browser: Browser, manual: Path) -> None:
+def test_formulas_of_the_manual_are_rendered(browser: Browser, manual: Path) -> None:
     page, _ = opened(browser, (manual / "explanation" / "model.html").as_uri(), "file://")
     boxes = [each.bounding_box() for each in page.locator("div.math math").all()]
     assert len(boxes) > 15

@@ -286,9 +286,9 @@ def check(claim: str, text: str, computed: Numbers) -> None:
 
 
 @pytest.mark.parametrize("claim", CLAIMS)
-def test_manual_states_what_is_computed(claim: str) -> None:
+def test_manual_states_the_computed_numbers(claim: str) -> None:
     check(claim, TEXT, CLAIMS[claim]())
 
 
-def test_warning_about_craters_states_what_is_computed() -> None:
+def test_warning_about_craters_states_the_computed_numbers() -> None:
     check("from {}° to {}° at two diameters", CRATER_AT_OBLIQUITY.detail, (angle(), angle(resistance=WITH_CRATER)))

@@ -38,29 +38,29 @@ def families(live_url: str) -> dict[str, Any]:
     return {family.name: family for family in text_string_to_metric_families(text)}
 
 
-def test_tables_are_up_to_date() -> None:
+def test_generated_tables_are_up_to_date() -> None:
     done = subprocess.run(
         [sys.executable, "docs/tables.py", "--check"], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
 
 
-def test_every_setting_is_in_the_table_with_its_reason() -> None:
+def test_table_lists_every_setting_with_its_reason() -> None:
     assert first_cells("settings") == {f"RICOCHET_{name.upper()}" for name in Settings.model_fields}
     assert all(len(line.split("|")[4]) > 20 for line in table("settings"))
     assert len(table("settings")) == len(Settings.model_fields)  # Each setting is in exactly one group of the table.
 
 
-def test_every_setting_named_anywhere_on_the_page_is_one() -> None:
+def test_every_setting_named_on_the_page_exists() -> None:
     assert set(re.findall(r"RICOCHET_[A-Z_]+", PAGE)) <= first_cells("settings")
 
 
-def test_documented_metrics_are_those_of_a_running_service(families: dict[str, Any]) -> None:
+def test_documented_metrics_match_a_running_service(families: dict[str, Any]) -> None:
     exposed = {name + {"counter": "_total"}.get(family.type, "") for name, family in families.items()}
     assert first_cells("metrics") == exposed
 
 
-def test_labels_in_the_table_are_those_of_a_running_service(families: dict[str, Any]) -> None:
+def test_documented_labels_match_a_running_service(families: dict[str, Any]) -> None:
     for line in table("metrics"):
         _, name, _, labels, *_ = (cell.strip() for cell in line.split("|"))
         family = families.get(name.strip("`")) or families[name.strip("`").removesuffix("_total")]
@@ -70,7 +70,7 @@ def test_labels_in_the_table_are_those_of_a_running_service(families: dict[str, 
         assert set(re.findall(r"`(\w+)`", labels)) == exported, name
 
 
-def test_every_query_of_the_dashboard_is_of_metrics_and_labels_there_are(families: dict[str, Any]) -> None:
+def test_queries_of_the_dashboard_use_existing_metrics_and_labels(families: dict[str, Any]) -> None:
     samples = {sample.name: set(sample.labels) for family in families.values() for sample in family.samples}
     queries = [target["expr"] for panel in DASHBOARD["panels"] for target in panel["targets"]]
     for query in queries:
@@ -85,7 +85,7 @@ def test_every_query_of_the_dashboard_is_of_metrics_and_labels_there_are(familie
     assert shown == first_cells("metrics")  # The dashboard shows every metric.
 
 
-def test_panels_of_the_dashboard_lie_side_by_side_and_ask_the_source_that_is_chosen() -> None:
+def test_panels_of_the_dashboard_do_not_overlap_and_use_the_chosen_source() -> None:
     numbers = [panel["id"] for panel in DASHBOARD["panels"]]
     taken: set[tuple[int, int]] = set()
     assert len(numbers) == len(set(numbers))
@@ -103,12 +103,12 @@ def test_panels_of_the_dashboard_lie_side_by_side_and_ask_the_source_that_is_cho
     assert [variable["name"] for variable in DASHBOARD["templating"]["list"]] == ["source", "instance"]
 
 
-def test_every_metric_named_on_the_page_is_one(families: dict[str, Any]) -> None:
+def test_every_metric_named_on_the_page_exists(families: dict[str, Any]) -> None:
     samples = {sample.name for family in families.values() for sample in family.samples}
     assert {name for name in NAME.findall(PAGE) if name not in samples} <= first_cells("metrics")
 
 
-def test_every_row_of_what_happens_when_names_existing_tests() -> None:
+def test_tests_named_in_the_table_of_failures_exist() -> None:
     rows = [line for line in PAGE.partition("## What happens when")[2].splitlines() if line.startswith("| ")][2:]
     assert len(rows) >= 12
     for row in rows:

@@ -21,7 +21,7 @@ KINDS = (("slow", "cancel"), ("cheap", "delete"), ("cheap", "cancel"), ("slow", 
 
 
 @pytest.mark.parametrize("rounds", [len(KINDS), LONG])
-def test_cancelled_jobs_end_at_once_whatever_they_compute(rounds: int, tmp_path: Path) -> None:
+def test_cancelled_jobs_end_promptly_during_any_computation(rounds: int, tmp_path: Path) -> None:
     instants = random.Random(0)  # noqa: S311
     kept: list[tuple[dict[str, Any], list[bytes]]] = []
     with RestartableServer(tmp_path) as server:

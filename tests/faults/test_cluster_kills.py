@@ -46,7 +46,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Restartabl
         ),
     ],
 )
-def test_dask_workers_ended_during_jobs_cost_no_case(
+def test_jobs_survive_the_end_of_dask_workers(
     how: str, workers: int, kills: int, cases: int, undisturbed: RestartableServer, tmp_path: Path
 ) -> None:
     instants, ended, jobs = random.Random(0), set[int](), 0  # noqa: S311

@@ -67,7 +67,7 @@ def test_many_downloads_at_once_need_little_memory(form: str, server: Restartabl
 
 
 @pytest.mark.parametrize("form", [HDF5, PARQUET])
-def test_second_download_of_a_finished_job_is_the_file_of_the_first(form: str, server: RestartableServer) -> None:
+def test_second_download_of_a_finished_job_reuses_the_first_file(form: str, server: RestartableServer) -> None:
     job = server.finished(server.submit(motions(20), path="/trajectory/batch"))
     first = download(server, job, form)
     shutil.rmtree(server.data / SEGMENTS)
@@ -77,7 +77,7 @@ def test_second_download_of_a_finished_job_is_the_file_of_the_first(form: str, s
     assert not [path for path in (server.data / "downloads").iterdir() if job["id"] in path.name]
 
 
-def test_file_without_waiting_clients_is_abandoned(server: RestartableServer) -> None:
+def test_writing_of_a_download_stops_when_its_clients_disconnect(server: RestartableServer) -> None:
     job = server.finished(server.submit(jsonl(searches(2000))))
     assert job["status"] == "successful"
     server.stop()

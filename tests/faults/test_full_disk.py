@@ -16,7 +16,7 @@ STORAGE_FULL = "urn:ricochet:problem:storage-full"
 
 
 @pytest.mark.parametrize("rounds", [len(RECOVERIES), LONG])
-def test_full_disk_loses_no_answer_and_leaves_no_trace(rounds: int, tmp_path: Path) -> None:
+def test_full_disk_loses_no_answer_and_leaves_no_partial_file(rounds: int, tmp_path: Path) -> None:
     instants = random.Random(0)  # noqa: S311
     with (
         small_disk(tmp_path) as disk,

@@ -39,7 +39,7 @@ STUDY = PAPER | {
 
 
 @pytest.mark.parametrize("rounds", [3, LONG])
-def test_server_killed_during_a_batch_answers_every_case_once_after_its_restart(rounds: int, tmp_path: Path) -> None:
+def test_killed_server_answers_every_case_once_after_its_restart(rounds: int, tmp_path: Path) -> None:
     instants = random.Random(0)  # noqa: S311
     with RestartableServer(tmp_path / "undisturbed") as undisturbed, RestartableServer(tmp_path / "killed") as server:
         undisturbed.start()
@@ -92,9 +92,7 @@ def kill_during_batch(server: RestartableServer, body: bytes, number: int, insta
 @pytest.mark.parametrize(
     ("kills", "samples"), [(2, 4096), pytest.param(10, 16_384, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])]
 )
-def test_study_of_a_killed_server_goes_on_to_the_same_bytes_with_other_workers(
-    kills: int, samples: int, tmp_path: Path
-) -> None:
+def test_study_of_a_killed_server_ends_with_the_same_bytes(kills: int, samples: int, tmp_path: Path) -> None:
     instants = random.Random(0)  # noqa: S311
     with RestartableServer(tmp_path / "undisturbed") as undisturbed, RestartableServer(tmp_path / "killed") as server:
         undisturbed.start()
@@ -139,7 +137,7 @@ def leave_partial_files(data: Path) -> None:
 
 
 @pytest.mark.parametrize("kills", [2, LONG])
-def test_workers_killed_during_batches_cost_no_case(kills: int, tmp_path: Path) -> None:
+def test_batches_survive_killed_workers(kills: int, tmp_path: Path) -> None:
     instants, killed, batches = random.Random(0), 0, 0  # noqa: S311
     with RestartableServer(tmp_path) as server:
         server.start()

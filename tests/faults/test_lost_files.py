@@ -81,7 +81,7 @@ LOSSES: tuple[Loss, ...] = (
 
 
 @pytest.mark.parametrize("rounds", [len(LOSSES), LONG])
-def test_lost_files_lose_only_their_results(rounds: int, tmp_path: Path) -> None:
+def test_lost_files_cost_only_their_own_results(rounds: int, tmp_path: Path) -> None:
     choice, body = random.Random(0), jsonl(searches(CASES))  # noqa: S311
     with RestartableServer(tmp_path) as server:
         server.start()

@@ -34,7 +34,7 @@ STOPPED_SECONDS = {"pool": 1.0, "dask": 15.0}
         ),
     ],
 )
-def test_job_survives_the_loss_of_all_its_processes(executor: str, cases: int, tmp_path: Path) -> None:
+def test_job_survives_kills_of_every_kind_of_process(executor: str, cases: int, tmp_path: Path) -> None:
     instants = random.Random(0)  # noqa: S311
     body = jsonl(searches(cases))
     with RestartableServer(tmp_path / "undisturbed") as undisturbed:

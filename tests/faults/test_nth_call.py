@@ -179,7 +179,7 @@ def undisturbed(forks: Forks, tmp_path_factory: pytest.TempPathFactory) -> tuple
 
 @pytest.mark.parametrize("every", [EXAMPLES_ONLY, EVERY])
 @pytest.mark.parametrize("name", FAULTS)
-def test_fault_of_the_nth_call_costs_no_case_that_was_acknowledged(
+def test_fault_of_the_nth_call_loses_no_acknowledged_case(
     name: str, every: bool, forks: Forks, undisturbed: tuple[dict[str, bytes], int], tmp_path: Path
 ) -> None:
     expected, calls = undisturbed

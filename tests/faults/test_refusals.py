@@ -86,7 +86,7 @@ def test_job_whose_results_cannot_be_stored_fails(start: Start, tmp_path: Path) 
         until(lambda: client.get(again["links"]["self"]).json()["status"] == "successful")
 
 
-def test_file_system_without_shared_maps_is_not_called_a_full_disk(start: Start, tmp_path: Path) -> None:
+def test_file_system_without_shared_maps_is_not_reported_as_a_full_disk(start: Start, tmp_path: Path) -> None:
     with start("maps") as client:
         assert client.post("/trajectory", json=CASES[0]).is_success
         refused = client.post("/trajectory/batch", json={"cases": CASES})
@@ -98,7 +98,7 @@ def test_file_system_without_shared_maps_is_not_called_a_full_disk(start: Start,
             assert "full" not in text
 
 
-def test_keys_that_others_can_read_all_the_same_are_named(
+def test_keys_that_stay_readable_by_others_are_reported(
     environment: dict[str, str], start: Start, tmp_path: Path
 ) -> None:
     command = [sys.executable, "-m", "service.cli", "keys", "add", "--owner", "anna"]

@@ -223,7 +223,7 @@ def test_named_folder_that_cannot_be_used_is_passed_over(little: Little) -> None
 
 
 @pytest.mark.parametrize("settings", ["opt: [", "- opt", "opt: fast", "disable_jit: 1"])
-def test_settings_that_numba_cannot_work_with_are_named_in_one_sentence(little: Little, settings: str) -> None:
+def test_settings_unusable_by_numba_are_named_in_one_sentence(little: Little, settings: str) -> None:
     (little.folder / ".numba_config.yaml").write_text(settings)
     little.run = "from little.functions import quarter; quarter(8.0)"
     _, errors = little.start().communicate(timeout=START_S)

@@ -89,14 +89,14 @@ DYNA = {
 
 
 @pytest.mark.parametrize("text", LINES.values(), ids=LINES.keys())
-def test_a_table_that_is_made_to_be_slow_is_refused(tmp_path: Path, text: str) -> None:
+def test_table_crafted_to_be_slow_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "file.csv").write_text(text)
     for reader in TABLES:
         assert answer_of(reader, tmp_path / "file.csv")
 
 
 @pytest.mark.parametrize("text", DYNA.values(), ids=DYNA.keys())
-def test_a_text_file_of_a_run_that_is_made_to_be_slow_is_refused(tmp_path: Path, text: str) -> None:
+def test_text_file_crafted_to_be_slow_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "file").write_text(text)
     assert answer_of(motion, tmp_path / "file")
 
@@ -147,7 +147,7 @@ BINOUTS = {
 
 
 @pytest.mark.parametrize("content", BINOUTS.values(), ids=BINOUTS.keys())
-def test_a_binout_that_is_made_to_be_slow_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_binout_crafted_to_be_slow_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "file").write_bytes(content)
     assert answer_of(motion, tmp_path / "file")
 
@@ -168,14 +168,14 @@ STRIKES = {
 
 
 @pytest.mark.parametrize(("name", "text"), STRIKES.items(), ids=STRIKES.keys())
-def test_a_strike_that_is_made_to_be_slow_is_refused(tmp_path: Path, name: str, text: str) -> None:
+def test_strike_file_crafted_to_be_slow_is_refused(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     said = answer_of(read_object, tmp_path / name)
     assert said
     assert "sys." not in said
 
 
-def test_an_endless_device_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_endless_device_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.readers.files.MAX_BYTES", 1_000_000)
     monkeypatch.setattr("service.cli.request_body.MAX_OBJECT", 1_000_000)
     for reader in (read_shots, read_object):
@@ -231,7 +231,7 @@ def mutated(content: bytes, drawn: random.Random) -> bytes:
 
 
 @pytest.mark.timeout(280)
-def test_every_reader_ends_with_an_answer_or_one_clear_error(tmp_path: Path) -> None:
+def test_every_reader_returns_an_answer_or_one_clear_error(tmp_path: Path) -> None:
     drawn, read, refused = random.Random(46), 0, 0  # noqa: S311
     for path, reader in valid_files(tmp_path).items():
         assert "not a" not in answer_of(reader, path)

@@ -23,7 +23,7 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "file.csv"
 
 
-def test_depth_tests_of_published_tables_need_no_flags(file: Path) -> None:
+def test_published_tables_of_depth_tests_need_no_flags(file: Path) -> None:
     file.write_text("series,mass_kg,striking_velocity_m_s,penetration_depth_m\nA,12.9,312.5,0.61\nB,13.0,200,0.42\n")
     first, second = read_depth_tests(file)
     assert (first.velocity, first.depth, first.mass, first.group) == (312.5, 0.61, 12.9, None)
@@ -47,14 +47,14 @@ def test_mass_of_the_projectile_is_recognized(file: Path, head: str) -> None:
         "Striking speed\tDepth\nm/s\tmm\n200\t200\n300\t400\n",
     ],
 )
-def test_headers_are_as_people_write_them(file: Path, table: str) -> None:
+def test_usual_spellings_of_headers_are_accepted(file: Path, table: str) -> None:
     file.write_text(table)
     shots = [Shot(velocity=200.0, depth=0.2), Shot(velocity=300.0, depth=0.4)]
     assert read_shots(file) == shots
     assert [Shot(velocity=test.velocity, depth=test.depth) for test in read_depth_tests(file)] == shots
 
 
-def test_numbers_in_columns_that_are_not_read_are_not_looked_at(file: Path) -> None:
+def test_invalid_numbers_in_unused_columns_are_ignored(file: Path) -> None:
     file.write_text("velocity_m_s,depth_m,Sabot Mass (kg),strain\n200,0.2,nan,1e999\n300,0.4,\u22121,***\n")
     assert [test.mass for test in read_depth_tests(file, {"mass": ""})] == [None, None]
     with pytest.raises(FileError, match=r":2: mass \('Sabot Mass \(kg\)'\) must be a finite number, got 'nan'"):
@@ -81,7 +81,7 @@ def test_units_in_the_header_are_converted(file: Path, head: str) -> None:
     assert np.allclose([history.time[1], columns["depth_displacement"][1], columns["rotation"][1]], [1e-3, 0.15, 0.1])
 
 
-def test_time_histories_of_openradioss_are_read_by_their_names(file: Path) -> None:
+def test_columns_of_openradioss_are_selected_by_name(file: Path) -> None:
     """The converter of OpenRadioss quotes and pads names, ends the header in a comma, and may omit the last number."""
     head = '"time","INTERNAL ENERGY","CG 42 body  DX        ","CG 42 body  DZ        ","CG 42 body  FX        ",'
     file.write_text(f"{head}\n0.000000,0.1,0.000000,-0.000000,7\n1.000000,0.1,100.000000,-150.000000,\n")
@@ -121,7 +121,7 @@ def test_time_histories_of_openradioss_are_read_by_their_names(file: Path) -> No
         *("units below the names", "units below the names, in a spreadsheet", "typeset minus"),
     ],
 )
-def test_usual_kinds_of_csv_are_read(file: Path, content: bytes) -> None:
+def test_usual_dialects_of_csv_are_read(file: Path, content: bytes) -> None:
     file.write_bytes(content)
     assert [(test.velocity, test.depth) for test in read_depth_tests(file)] == [(200.0, 0.2), (300.0, 0.4)]
 
@@ -160,7 +160,7 @@ def test_usual_kinds_of_csv_are_read(file: Path, content: bytes) -> None:
         ('velocity_m_s,depth_m\n200,0.2\n"300,0.4\n', 3, "not a CSV file"),
     ],
 )
-def test_wrong_tests_are_refused_with_their_line(file: Path, content: str, line: int | None, reason: str) -> None:
+def test_invalid_tests_are_refused_with_their_line(file: Path, content: str, line: int | None, reason: str) -> None:
     file.write_text(content)
     with pytest.raises(FileError) as refused:
         read_depth_tests(file, {"velocity": "v"} if content.startswith("v,") else {}, diameter=0.08)
@@ -191,7 +191,7 @@ def test_wrong_tests_are_refused_with_their_line(file: Path, content: str, line:
         ("0.2,3.5", "0.2,-115", 4, "rotation goes from 0.01745 to -2.007 rad within 0.001 s, more than possible"),
     ],
 )
-def test_wrong_histories_are_refused_with_their_line(file: Path, old: str, new: str, line: int, reason: str) -> None:
+def test_invalid_histories_are_refused_with_their_line(file: Path, old: str, new: str, line: int, reason: str) -> None:
     content = HISTORY.replace(old, new)
     if new == "depth_displacement":
         content = content.replace("0.2,0.1", "200,0.1")
@@ -242,7 +242,7 @@ def test_requested_unit_must_agree_with_the_header(file: Path) -> None:
     assert read_motion(file, units={"time": "s"}).time[-1] == 0.002
 
 
-def test_requested_column_must_be_there(file: Path) -> None:
+def test_requested_column_must_exist(file: Path) -> None:
     file.write_text(HISTORY)
     with pytest.raises(FileError, match=":1: no column 'T'; there are: time_s, depth_displacement_m"):
         read_motion(file, {"time": "T"})
@@ -277,7 +277,7 @@ def test_obliquity_points_are_read(file: Path) -> None:
         ("oblique_angle_deg,strength_factor,standard_error\n0,8,0.1\n15,8,\n", 3, "standard_error is missing"),
     ],
 )
-def test_wrong_points_are_refused_with_their_line(file: Path, content: str, line: int, reason: str) -> None:
+def test_invalid_points_are_refused_with_their_line(file: Path, content: str, line: int, reason: str) -> None:
     file.write_text(content)
     with pytest.raises(FileError) as refused:
         read_obliquity_points(file)

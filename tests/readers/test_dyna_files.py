@@ -69,7 +69,7 @@ def test_motion_counts_from_the_first_state(tmp_path: Path, write: Writer, choic
 
 
 @WRITERS
-def test_body_must_be_chosen_where_there_are_several(tmp_path: Path, write: Writer, choice: dict[str, Any]) -> None:
+def test_body_must_be_chosen_if_there_are_several(tmp_path: Path, write: Writer, choice: dict[str, Any]) -> None:
     file = tmp_path / "file"
     write(file, TIME, {7: OTHER, 42: along_axes()})
     absent: dict[str, Any] = dict.fromkeys(choice, 3)
@@ -114,7 +114,7 @@ def test_damaged_text_is_refused_with_its_line(tmp_path: Path, write: Writer) ->
         read_motion(file, axes=AXES)
 
 
-def test_binout_cut_or_damaged_anywhere_is_refused(tmp_path: Path) -> None:
+def test_truncated_or_damaged_binout_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "binout0000"
     write_binout(file, TIME[:3], {42: along_axes()})
     whole = file.read_bytes()
@@ -131,7 +131,7 @@ def test_binout_cut_or_damaged_anywhere_is_refused(tmp_path: Path) -> None:
             read_motion(file, axes=AXES, part=42)
 
 
-def test_binout_goes_on_in_its_next_file(tmp_path: Path) -> None:
+def test_binout_continues_in_its_next_file(tmp_path: Path) -> None:
     write_binout(tmp_path / "binout0000", TIME[:8], {42: along_axes()[:8]})
     write_binout(tmp_path / "binout0000%001", TIME[8:], {42: along_axes()[8:]}, first=9)
     history = read_motion(tmp_path / "binout0000", units=UNITS, axes=AXES)
@@ -146,7 +146,7 @@ def test_binout_goes_on_in_its_next_file(tmp_path: Path) -> None:
         ("matsum", {}, "the binout has no rbdout and no nodout, but matsum"),
     ],
 )
-def test_binout_without_the_motion_says_what_it_has(
+def test_error_about_a_binout_without_the_motion_lists_its_content(
     tmp_path: Path, database: str, choice: dict[str, Any], reason: str
 ) -> None:
     write_binout(tmp_path / "binout", TIME, {42: along_axes()}, database=database)
@@ -156,7 +156,7 @@ def test_binout_without_the_motion_says_what_it_has(
 
 @pytest.mark.parametrize("ids_in", ["states", "metadata"])
 @pytest.mark.parametrize("database", ["rbdout", "nodout"])
-def test_binout_follows_a_body_whose_place_changes(tmp_path: Path, database: str, ids_in: Any) -> None:
+def test_binout_reader_follows_a_body_whose_position_changes(tmp_path: Path, database: str, ids_in: Any) -> None:
     def present(state: int) -> list[int]:
         return [7, 42] if state < 5 else [42, 8, 7] if state < 9 else [42]
 
@@ -199,7 +199,7 @@ def test_rigid_deformable_switches_are_refused(tmp_path: Path, ids_in: Any, pres
         read_motion(tmp_path / "binout", axes=AXES, part=42)
 
 
-def test_rigid_deformable_switch_is_named_in_text(tmp_path: Path) -> None:
+def test_rigid_deformable_switch_is_named_in_errors(tmp_path: Path) -> None:
     write_rbdout(tmp_path / "rbdout", TIME, {7: OTHER, 42: along_axes()})
     lines = (tmp_path / "rbdout").read_text("latin-1").splitlines(keepends=True)
     starts = [n for n, line in enumerate(lines) if line.startswith(" rigid body      42")]
@@ -230,7 +230,7 @@ def test_non_finite_number_is_refused_only_where_it_is_read(
     "title",
     ["rigid body 3 at 45 deg", "       3  1.0000E+00  2.0000E+00", "2024. test 3.5", " displacements:  1.0 2.0"],
 )
-def test_title_that_looks_like_data_is_a_title(tmp_path: Path, write: Writer, title: str) -> None:
+def test_title_that_looks_like_data_is_skipped(tmp_path: Path, write: Writer, title: str) -> None:
     write(tmp_path / "file", TIME, {42: along_axes()})
     content = (tmp_path / "file").read_bytes()
     for mark in (b"  r i g i d   b o d y", b" n o d a l   p r i n t"):
@@ -263,13 +263,13 @@ GLSTAT = (
         (b"PAR1\x15\x04rest of it", "a Parquet file"),
     ],
 )
-def test_other_formats_are_named(tmp_path: Path, content: bytes, name: str) -> None:
+def test_error_about_an_unsupported_format_names_it(tmp_path: Path, content: bytes, name: str) -> None:
     (tmp_path / "file").write_bytes(content)
     with pytest.raises(FileError, match=f"this is {name}"):
         read_motion(tmp_path / "file", axes=AXES)
 
 
-def test_file_without_rotations_gives_displacements_alone(tmp_path: Path) -> None:
+def test_file_without_rotations_gives_only_displacements(tmp_path: Path) -> None:
     write_nodout(tmp_path / "nodout", TIME, {42: along_axes()}, rotations=False)
     with pytest.raises(FileError, match="the file has no rotations"):
         read_motion(tmp_path / "nodout", axes=AXES)
@@ -277,7 +277,7 @@ def test_file_without_rotations_gives_displacements_alone(tmp_path: Path) -> Non
     assert history.columns.keys() == {"depth_displacement"}
 
 
-def test_flags_of_the_other_kind_are_refused(tmp_path: Path) -> None:
+def test_flags_of_another_file_format_are_refused(tmp_path: Path) -> None:
     write_rbdout(tmp_path / "rbdout", TIME, {42: along_axes()})
     with pytest.raises(FileError, match="only CSV files have columns"):
         read_motion(tmp_path / "rbdout", {"time": "T"}, axes=AXES)

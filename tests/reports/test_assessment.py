@@ -109,7 +109,7 @@ def words_in_pictures(page: str) -> str:
 @pytest.mark.parametrize(
     "body", [*ALL, *(each | IN_US for each in ALL)], ids=[*NAMES, *(f"{each} us" for each in NAMES)]
 )
-def test_every_number_is_one_that_the_service_answers_to_this_case(
+def test_every_number_of_a_report_is_in_the_answers_of_the_service(
     report_of: Ask, answers_of: Ask, body: dict[str, Any]
 ) -> None:
     page = report_of(body)
@@ -133,7 +133,7 @@ def test_every_number_is_one_that_the_service_answers_to_this_case(
 
 
 @pytest.mark.parametrize("body", ALL, ids=NAMES)
-def test_report_in_us_units_has_no_value_in_si_and_the_same_values(report_of: Ask, body: dict[str, Any]) -> None:
+def test_report_in_us_units_has_the_same_values_and_none_in_si(report_of: Ask, body: dict[str, Any]) -> None:
     in_si, in_us = report_of(body), report_of(body | IN_US)
     assert [each[:2] for each in DATA.findall(in_us)] == [each[:2] for each in DATA.findall(in_si)]
     for shown in (text_of(in_us), words_in_pictures(in_us)):
@@ -153,13 +153,13 @@ def test_report_in_us_units_has_no_value_in_si_and_the_same_values(report_of: As
             assert float(text) * US_SIZES[unit] == pytest.approx(float(value), rel=3e-4)
 
 
-def test_sentences_of_a_report_are_those_of_the_verdict_in_its_units(client: httpx.Client, report_of: Ask) -> None:
+def test_report_has_the_sentences_of_the_verdict_in_its_units(client: httpx.Client, report_of: Ask) -> None:
     si, us = (client.post("/verdict", json=body).json() for body in (WALL, WALL | IN_US))
     check_converted(si["sentence"], us["sentence"])
     assert us["sentence"].replace(" ", "") in text_of(report_of(WALL | IN_US)).replace(" ", "")
 
 
-def test_answer_is_that_of_the_solver(report_of: Ask) -> None:
+def test_numbers_of_a_report_equal_the_solver(report_of: Ask) -> None:
     page = report_of(JUDGED)
     request = ReportRequest.model_validate(JUDGED)
     arguments, _ = request.arguments()
@@ -181,7 +181,7 @@ def test_answer_is_that_of_the_solver(report_of: Ask) -> None:
         assert each.note in text_of(page)
 
 
-def test_report_says_what_shots_of_ones_own_are_worth(report_of: Ask, answers_of: Ask) -> None:
+def test_report_states_the_value_of_own_shots(report_of: Ask, answers_of: Ask) -> None:
     untested = JUDGED | {"resistance": {"strength_factor": {"model": "published_tests"}}}
     page, study = text_of(report_of(untested)), answers_of(untested)["uncertainty"]
     assert next_shot_advice_in(study) in page
@@ -190,7 +190,7 @@ def test_report_says_what_shots_of_ones_own_are_worth(report_of: Ask, answers_of
     assert "more shots into this concrete would hardly narrow it" in text_of(report_of(tested))
 
 
-def test_own_shots_are_listed_with_what_they_did_to_the_strength_factor(client: httpx.Client, report_of: Ask) -> None:
+def test_own_shots_are_listed_with_their_effect_on_the_strength_factor(client: httpx.Client, report_of: Ask) -> None:
     shots = [{"velocity_m_s": 238.1, "depth_m": 0.30, "mass_kg": 12.923}, {"velocity_m_s": 275.7, "depth_m": 0.38}]
     body = JUDGED | {"resistance": {"strength_factor": {"model": "own_tests", "shots": shots}}}
     page = report_of(body)
@@ -204,7 +204,9 @@ def test_own_shots_are_listed_with_what_they_did_to_the_strength_factor(client: 
         assert values[f"/cra/own_tests/{name}"] == tests["own_tests"][name]
 
 
-def test_wall_is_judged_by_perforation_and_by_scabbing(client: httpx.Client, report_of: Ask, answers_of: Ask) -> None:
+def test_report_judges_perforation_and_scabbing_of_a_wall(
+    client: httpx.Client, report_of: Ask, answers_of: Ask
+) -> None:
     page, sentence = text_of(report_of(WALL)), client.post("/wall", json=wall_of(WALL)).json()["sentence"]
     assert sentence.startswith("Wall of 300 mm at 30° from the normal: not enough against scabbing and perforation.")
     assert sentence == answers_of(WALL)["wall"]["sentence"]
@@ -212,7 +214,7 @@ def test_wall_is_judged_by_perforation_and_by_scabbing(client: httpx.Client, rep
     assert "Design value" not in text_of(report_of(JUDGED))
 
 
-def test_first_sheet_has_the_verdict_in_the_largest_type_and_the_design_values(report_of: Ask, answers_of: Ask) -> None:
+def test_first_sheet_has_a_large_verdict_and_the_design_values(report_of: Ask, answers_of: Ask) -> None:
     page, wall = report_of(WALL), answers_of(WALL)["wall"]
     leads = [text_of(each).strip() for each in re.findall(r'<span class="lead">.*?</span>', page, flags=re.DOTALL)]
     assert leads[1] == "Wall of 300 mm at 30° from the normal: not enough against scabbing and perforation."
@@ -233,7 +235,7 @@ def wall_of(body: dict[str, Any]) -> dict[str, Any]:
     return {name: part for name, part in body.items() if name != "search"}
 
 
-def test_margins_are_the_recommended_ones(report_of: Ask) -> None:
+def test_report_applies_the_recommended_margins(report_of: Ask) -> None:
     page = report_of(JUDGED)
     rows = {(pointer, factor): text for _, pointer, factor, text in DATA.findall(page)}
     values = {pointer: float(value) for value, pointer, _, _ in DATA.findall(page)}
@@ -243,9 +245,7 @@ def test_margins_are_the_recommended_ones(report_of: Ask) -> None:
         assert rows[pointer, f"{1000 * margin:g}"] == f"{1e3 * margin * values[pointer]:.0f}"
 
 
-def test_warnings_of_a_verdict_are_sentences_of_the_report(
-    client: httpx.Client, report_of: Ask, answers_of: Ask
-) -> None:
+def test_report_contains_the_warnings_of_the_verdict(client: httpx.Client, report_of: Ask, answers_of: Ask) -> None:
     page = text_of(report_of(WALL))
     warnings = client.post("/verdict", json=WALL).json()["warnings"]
     assert {"no_measured_angle", "rear_face_unconservative"} <= {each["code"] for each in warnings}
@@ -261,13 +261,13 @@ def test_warnings_of_a_verdict_are_sentences_of_the_report(
         assert (f"{source}: {said}" in page) is not each.get("standing", False)
 
 
-def test_warning_of_a_run_is_said_to_be_of_that_run(report_of: Ask) -> None:
+def test_warning_of_a_run_names_that_run(report_of: Ask) -> None:
     page = text_of(report_of(JUDGED))
     assert "Run just below: At rest " in page
     assert "Run at the angle to judge: At rest " not in page, "that one is turned away"
 
 
-def test_a_wall_has_its_outcomes_by_angle_and_the_thickness_that_stops_it(report_of: Ask, answers_of: Ask) -> None:
+def test_report_on_a_wall_has_outcomes_by_angle_and_least_thickness(report_of: Ask, answers_of: Ask) -> None:
     page = text_of(report_of(WALL))
     answers = answers_of(WALL)
     assert "By oblique angle: perforated from" in page
@@ -277,13 +277,13 @@ def test_a_wall_has_its_outcomes_by_angle_and_the_thickness_that_stops_it(report
     assert "300 mm" in page
 
 
-def test_without_a_critical_angle_the_report_says_so(report_of: Ask) -> None:
+def test_report_states_that_there_is_no_critical_angle(report_of: Ask) -> None:
     page = text_of(report_of(NEVER))
     assert "No critical angle: nothing from 20° to 25° is turned away" in page
     assert "Without a critical angle: 100.0 % of them" in page
 
 
-def test_defaults_are_named_as_such(report_of: Ask) -> None:
+def test_report_marks_defaults(report_of: Ask) -> None:
     page = text_of(report_of(JUDGED))
     assert "Poisson's ratio 0.5 (default)" in page
     assert "(default: ACI 318-19)" in page
@@ -297,7 +297,7 @@ def test_every_input_has_a_label(body: dict[str, Any]) -> None:
     assert {pointer for pointer, _ in leaves(case)} <= FIELDS.keys()
 
 
-def test_angle_to_judge_is_one_of_those_with_a_probability() -> None:
+def test_probabilities_include_the_angle_to_judge() -> None:
     for angle in (5.0, 30.0, 52.3, 84.999):
         start, stop, count = probability_angles(angle, 5.0, 85.0)
         step = (stop - start) / (count - 1)
@@ -309,7 +309,7 @@ def test_angle_to_judge_is_one_of_those_with_a_probability() -> None:
     assert probability_angles(60.0, 40.0, 40.2) == (40.0, 40.2, 2)
 
 
-def test_no_probability_is_given_beyond_the_range_searched() -> None:
+def test_no_probability_is_stated_beyond_the_search_range() -> None:
     angles = first_queries(ReportRequest.model_validate(NEVER))["uncertainty"].body["oblique_angles_deg"]
     assert (angles["start"], angles["stop"]) == (20.0, 25.0)
 
@@ -324,7 +324,7 @@ def test_label_of_the_angle_is_no_longer_than_its_axis() -> None:
     assert label.y1 <= title.y1
 
 
-def test_page_loads_nothing_and_runs_nothing(client: httpx.Client) -> None:
+def test_report_loads_no_file_and_runs_no_script(client: httpx.Client) -> None:
     response = client.post("/report", json=JUDGED)
     assert not re.search(r"<script|<link|src=\"(?!data:)|url\(|@import|style=", response.text)
     assert "default-src 'none'" in response.headers["Content-Security-Policy"]
@@ -347,7 +347,7 @@ def test_wrong_field_is_named(client: httpx.Client, change: dict[str, Any], poin
     assert [error["pointer"] for error in response.json()["errors"]] == [pointer]
 
 
-def test_without_the_extra_reports_are_not_implemented(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_report_without_the_extra_is_answered_as_not_implemented(monkeypatch: pytest.MonkeyPatch) -> None:
     require_extra()
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(ReportsMissingError, match=r"install the extra reports from the wheel"):
@@ -356,7 +356,7 @@ def test_without_the_extra_reports_are_not_implemented(monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("units", ["si", "us"])
-def test_command_writes_the_page_of_the_service(report_of: Ask, live_url: str, tmp_path: Path, units: str) -> None:
+def test_command_writes_the_report_of_the_service(report_of: Ask, live_url: str, tmp_path: Path, units: str) -> None:
     (tmp_path / "strike.json").write_text(json.dumps(JUDGED))
     target = tmp_path / "report.html"
     command = ["report", str(tmp_path / "strike.json"), "--units", units, "-o", str(target), "--url", live_url]
@@ -382,7 +382,7 @@ def test_an_unknown_system_of_units_is_refused_with_the_choices(
 
 @pytest.mark.parametrize("body", [*ALL, WALL | IN_US], ids=[*NAMES, "wall us"])
 @pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no browser here")
-def test_printed_it_takes_two_sheets_of_a4(live_url: str, tmp_path: Path, body: dict[str, Any]) -> None:
+def test_printed_report_takes_at_most_two_sheets_of_a4(live_url: str, tmp_path: Path, body: dict[str, Any]) -> None:
     (tmp_path / "strike.json").write_text(json.dumps(body))
     target = tmp_path / "report.pdf"
     assert cli.main(["report", str(tmp_path / "strike.json"), "-o", str(target), "--url", live_url]) == 0
@@ -393,7 +393,7 @@ def test_printed_it_takes_two_sheets_of_a4(live_url: str, tmp_path: Path, body: 
     assert [each.name for each in tmp_path.iterdir() if each.is_dir()] == []
 
 
-def test_without_a_browser_the_command_says_what_to_do(
+def test_command_without_a_browser_suggests_a_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "strike.json").write_text(json.dumps(PAPER))
@@ -407,7 +407,9 @@ def test_other_kinds_of_files_are_refused(tmp_path: Path, capsys: pytest.Capture
     assert "must end in .html or .pdf" in capsys.readouterr().err
 
 
-def test_report_from_python_is_that_of_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_report_from_python_equals_the_report_of_the_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     page = make_report(JUDGED)
     (tmp_path / "case.json").write_text(json.dumps(JUDGED))
     assert cli.main(["report", str(tmp_path / "case.json"), "-o", str(tmp_path / "report.html")]) == 0, (

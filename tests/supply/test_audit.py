@@ -55,7 +55,7 @@ def audited(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_vulnerability_found_fails_and_is_named_with_what_mends_it() -> None:
+def test_vulnerability_fails_the_audit_and_is_named_with_its_fix() -> None:
     with database(200, vulnerable="numpy") as url:
         ended = audited("-s", "osv", "--osv-url", url)
     assert ended.returncode == 1
@@ -64,7 +64,7 @@ def test_vulnerability_found_fails_and_is_named_with_what_mends_it() -> None:
     assert ended.stdout.startswith("1 known vulnerabilities in ")
 
 
-def test_every_locked_package_is_looked_up_and_none_found_passes_a_strict_audit_too() -> None:
+def test_every_locked_package_is_looked_up_in_a_strict_audit() -> None:
     with database(200) as url:
         ended = audited("--strict", "-s", "osv", "--osv-url", url)
     locked = [line for line in (ROOT / "requirements" / "full.txt").read_text().splitlines() if "==" in line]
@@ -74,7 +74,7 @@ def test_every_locked_package_is_looked_up_and_none_found_passes_a_strict_audit_
     assert "requirements/audit.py --strict" in (ROOT / "Makefile").read_text().partition("\naudit:")[2]
 
 
-def test_database_that_is_not_there_or_fails_is_distinguished_from_one_that_finds_nothing() -> None:
+def test_unreachable_database_is_distinguished_from_one_without_findings() -> None:
     with database(503) as url:
         failing = audited("-s", "osv", "--osv-url", url)
     missing = audited("--strict", "-s", "osv", "--osv-url", url)
@@ -83,7 +83,7 @@ def test_database_that_is_not_there_or_fails_is_distinguished_from_one_that_find
         assert ended.stdout.startswith("audit skipped: the advisory database cannot be reached")
 
 
-def test_local_error_is_not_taken_for_an_unreachable_database() -> None:
+def test_local_error_is_not_mistaken_for_an_unreachable_database() -> None:
     ended = audited("--nonsense")
     assert ended.returncode == 1
     assert "--nonsense" in ended.stderr

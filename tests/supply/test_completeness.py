@@ -25,7 +25,7 @@ RESULTS = read_report(REPORT)
 REASONS = [("tests/a/", "no browser")]
 
 
-def test_report_has_outcome_time_and_reason() -> None:
+def test_pytest_report_has_outcome_time_and_reason() -> None:
     assert RESULTS[name_in_report(RAN)] == Result("passed", 1.5)
     assert RESULTS[name_in_report(METHOD)] == Result("failed", 0.1)
     assert RESULTS[name_in_report(SKIPPED)] == Result("skipped", 0.1, "no browser here")
@@ -42,20 +42,20 @@ def test_tests_that_did_not_run_are_named() -> None:
     assert skipped.endswith("no browser here")
 
 
-def test_list_of_slow_tests_has_no_others() -> None:
+def test_list_of_slow_tests_contains_only_slow_tests() -> None:
     [gone] = faults([RAN], RESULTS, [SLOW_ONE], REASONS)
     assert gone.startswith(SLOW_ONE)
     [ran] = faults([RAN], RESULTS, [RAN], REASONS)
     assert ran.startswith(RAN)
 
 
-def test_results_of_slow_tests_are_entered_and_others_kept() -> None:
+def test_results_of_slow_tests_are_recorded_and_others_kept() -> None:
     rows = [dict.fromkeys(COLUMNS, "before") | {"test": test} for test in (RAN, SKIPPED, SLOW_ONE)]
     entered = record(RESULTS, rows)
     assert [row["result"] for row in entered] == ["passed", "before", "before"]
     assert entered[0]["seconds"] == "2"
 
 
-def test_tables_have_all_columns() -> None:
+def test_tables_of_slow_and_skipped_tests_have_all_columns() -> None:
     assert all(tuple(row) == COLUMNS for row in read_table(SLOW))
     assert all(row.keys() == {"tests", "reason", "why"} and all(row.values()) for row in read_table(SKIPS))

@@ -14,7 +14,7 @@ def git(*words: str) -> str:
 
 
 @pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a clone")
-def test_scripts_have_line_feeds_in_every_clone() -> None:
+def test_scripts_have_lf_line_ends_in_every_clone() -> None:
     listed = git("ls-files").splitlines()
     scripts = [name for name in listed if (ROOT / name).read_bytes()[:2] == SHEBANG]
     scripts = [name for name in scripts if not name.endswith(".py")] + ["Makefile", "Dockerfile", "deploy/nginx.conf"]

@@ -14,7 +14,7 @@ from tests.conftest import ROOT
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
-def test_citation_has_what_its_format_asks_for_and_this_version() -> None:
+def test_citation_file_is_valid_and_names_this_version() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "title", "message", "authors"} <= citation.keys()
     assert (citation["version"], citation["license"]) == (VERSION, PROJECT["license"])
@@ -28,7 +28,7 @@ def test_examples_of_deployment_and_citation_name_this_version() -> None:
     assert f"ricochet {VERSION}, engine {ENGINE_VERSION}:" in cited
 
 
-def test_workflow_makes_goals_that_there_are_with_every_python() -> None:
+def test_workflow_runs_existing_make_targets_on_every_python() -> None:
     workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "check.yml").read_text(encoding="utf-8"))
     [job] = workflow["jobs"].values()
     named = "Programming Language :: Python :: 3."
@@ -41,7 +41,7 @@ def test_workflow_makes_goals_that_there_are_with_every_python() -> None:
     assert {"check", "test"} <= set(goals)
 
 
-def test_templates_name_goals_and_files_that_there_are() -> None:
+def test_templates_name_existing_targets_and_files() -> None:
     templates = list((ROOT / ".github").rglob("*.md"))
     assert {path.parent.name for path in templates} == {".github", "ISSUE_TEMPLATE"}
     for path in templates:

@@ -42,7 +42,7 @@ def test_private_names_of_libraries_are_found(source: str, name: str) -> None:
 
 
 @pytest.mark.parametrize("source", PUBLIC)
-def test_public_and_own_names_are_not_found(source: str) -> None:
+def test_public_names_and_own_private_names_are_accepted(source: str) -> None:
     assert findings_in_python({"file.py": source}) == []
 
 
@@ -51,7 +51,7 @@ def test_private_names_in_the_page_are_found_outside_comments() -> None:
     assert [(each.line, each.name) for each in findings_in_scripts({"file.js": source})] == [(1, "_fullLayout")]
 
 
-def test_project_uses_public_names_but_for_a_few_exceptions_with_their_reason() -> None:
+def test_project_uses_public_names_except_for_listed_exceptions() -> None:
     done = subprocess.run(
         [sys.executable, "requirements/public_names.py"], cwd=ROOT, capture_output=True, text=True, check=False
     )

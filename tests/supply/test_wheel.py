@@ -51,7 +51,7 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return old, new
 
 
-def test_builds_at_other_times_and_places_have_the_same_bytes(
+def test_wheels_built_at_other_times_and_places_have_the_same_bytes(
     wheels: tuple[Path, Path],
 ) -> None:
     old, new = wheels
@@ -75,7 +75,7 @@ def test_source_distribution_builds_the_same_wheel(wheels: tuple[Path, Path], tm
     assert ours == theirs
 
 
-def test_wheel_holds_the_two_packages_whole_and_the_entry_of_the_command_alone(wheels: tuple[Path, Path]) -> None:
+def test_wheel_contains_only_the_two_packages_and_the_command(wheels: tuple[Path, Path]) -> None:
     names = {name for name in zipfile.ZipFile(wheels[0]).namelist() if ".dist-info/" not in name}
     tracked = {
         path.relative_to(ROOT).as_posix()
@@ -96,7 +96,7 @@ def test_wheel_holds_the_two_packages_whole_and_the_entry_of_the_command_alone(w
         ("solver.py", "raise RuntimeError"),
     ],
 )
-def test_a_package_of_somebody_else_in_place_of_ours_is_named(tmp_path: Path, name: str, content: str) -> None:
+def test_package_of_the_same_name_that_hides_ours_is_reported(tmp_path: Path, name: str, content: str) -> None:
     path = tmp_path / "theirs" / name
     path.parent.mkdir(parents=True)
     path.write_text(content)
