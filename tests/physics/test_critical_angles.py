@@ -1,4 +1,4 @@
-"""Critical angles of the paper's strike and variants, compared with those of an independent program."""
+"""Critical angles of the paper's strike and variants, compared with an independent program."""
 
 import math
 from dataclasses import replace
@@ -32,11 +32,11 @@ NO_FREE_SURFACE = {"resistance": Resistance(free_surface=NoFreeSurface())}
 CONSTANT = {"resistance": Resistance(strength_factor=ConstantStrengthFactor(value=8.52))}
 
 HUNDREDTHS, TENTHS = 0.05, 0.05 + 0.05
-"""Tolerance for reference values with two decimals, and for those rounded to one decimal. [°]"""
+"""Tolerance for reference values with two decimals, and for values rounded to one decimal. [°]"""
 
 BY_OUTCOME: list[tuple[float, dict[str, Any]]] = [(48.56, {}), (49.07, COMPRESSIBLE), (57.48, NO_FREE_SURFACE)]
-"""Angle above which more than 0.1 % of the energy is left, by the independent program; `test_retention` has those for
-1 %. [°]"""
+"""Angle above which more than 0.1 % of the energy is left, by the independent program; `test_retention` has the angles
+for 1 %. [°]"""
 BY_TIP: list[tuple[float, float, dict[str, Any]]] = [
     (48.61, HUNDREDTHS, {}),
     (49.13, HUNDREDTHS, COMPRESSIBLE),

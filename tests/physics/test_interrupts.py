@@ -49,7 +49,7 @@ for _ in range(ROUNDS):
 print("survived")
 """
 ROUNDS = 40
-"""Number of signals sent to each loop. A tenth of them used to crash the process, so 40 find the error."""
+"""Number of signals sent to each loop. A tenth of them used to crash the process, so 40 are enough."""
 
 
 def survives(script: str, *arguments: str) -> None:

@@ -134,7 +134,7 @@ def interrupted(*_: Any) -> None:
 
 
 def test_compiled_search_releases_the_interpreter_lock() -> None:
-    """A thread that counts continues while another computes searches, which hold the lock a tenth of the time."""
+    """A counting thread continues while another computes searches, which hold the lock for a tenth of the time."""
     counted, running = 0, True
 
     def search() -> None:

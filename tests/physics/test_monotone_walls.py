@@ -58,7 +58,7 @@ def random_walls(count: int, seed: int) -> Iterator[Wall]:
 
 
 def limit_speed(wall: Wall, variant: Resistance, *, published: bool = False) -> float:
-    """Return the limit speed, with a constant S or with that of published tests. [m/s]
+    """Return the limit speed, with a constant S or with S from the published tests. [m/s]
 
     It is 0 if the lowest speed of the search, 1 m/s, perforates, and infinite if no speed does.
     """
@@ -71,7 +71,7 @@ def limit_speed(wall: Wall, variant: Resistance, *, published: bool = False) -> 
 
 
 def assert_rises(wall: Wall, variant: Resistance) -> None:
-    """Check that the limit speed rises with S, thickness, and strength (at constant S and by published tests)."""
+    """Check that the limit speed rises with S, with thickness, and with strength for both choices of S."""
     stronger, thicker = wall.target.compressive_strength, wall.target.thickness or 0.0
     speed, by_law = limit_speed(wall, variant), limit_speed(wall, variant, published=True)
     for factor in (1.03, 1.25):

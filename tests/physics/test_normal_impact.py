@@ -27,7 +27,7 @@ FINE = Numerics(relative_tolerance=1e-9, stations=16)
 
 
 def ogive_factor(crh: float) -> float:
-    """Return the nose factor N of a tangent ogive, its dynamic resistance over that of a flat face."""
+    """Return the nose factor N of a tangent ogive: its dynamic resistance relative to a flat face."""
     return (8.0 * crh - 1.0) / (24.0 * crh**2)
 
 
@@ -51,7 +51,7 @@ def test_projectile_never_turns(name: str) -> None:
 
 
 def deviation_past_the_nose(run: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Return depth since the nose is inside minus that of the closed form, and speed over impact speed. [m, 1]
+    """Return the depth after the nose has entered, minus the closed form, and speed over impact speed. [m, 1]
 
     By Forrestal et al., m V dV/dz = -π a² (S f'c + N ρ V²) on a fixed area, so between two speeds
     z = m / (2 π a² N ρ) ln[(S f'c + N ρ V₁²) / (S f'c + N ρ V²)].
@@ -123,9 +123,9 @@ def test_energy_over_depth_equals_the_integrated_resistance(inertia_factor: floa
 def test_li_chen_projectile_stops_at_a_smaller_depth_than_with_a_crater() -> None:
     """The depth is 155.6 mm instead of 167.2 mm, because a crater resists with half of the full force on average.
 
-    With B = 0 both depths have closed forms, and this model's is less by k d / 2 - (nose length - nose volume / area) =
-    11.05 mm. With B = 1 the speed after the crater is higher, which adds less than a tenth. The test went 173 mm deep:
-    S = 12 belongs to the model with a crater.
+    With B = 0 both depths have closed forms, and the depth of this model is less by
+    k d / 2 - (nose length - nose volume / area) = 11.05 mm. With B = 1 the speed after the crater is higher, which adds
+    less than a tenth. The test went 173 mm deep: S = 12 belongs to the model with a crater.
     """
     area = math.pi * LI_CHEN.radius**2
     nose_volume = solid_properties(LI_CHEN).volume - area * (LI_CHEN.length - LI_CHEN.nose_length)

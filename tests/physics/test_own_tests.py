@@ -114,7 +114,7 @@ def test_papers_own_shots_give_its_strength_factor_within_a_narrow_range() -> No
 def test_dispersion_grows_with_the_scatter_of_the_shots() -> None:
     """The standard deviation of ln S of the four shots is 0.23.
 
-    Without a prior, that of the next shot would be 1.12 times as large.
+    Without a prior, the standard deviation for the next shot would be 1.12 times as large.
     """
     factors = (6.99, 10.49, 7.43, 10.93)
     scattered = posterior_of([shot_of(each) for each in factors])

@@ -1,4 +1,4 @@
-"""Greatest depth of a body and protrusion from the rear face, compared with those of points of its outline."""
+"""Greatest depth of a body and protrusion from the rear face, compared with points of its outline."""
 
 import math
 from dataclasses import replace

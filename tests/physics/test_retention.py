@@ -1,4 +1,4 @@
-"""Critical angles by the retained energy, compared with an independent program, and without jumps on a map."""
+"""Critical angles by retained energy agree with an independent program, and do not jump on a map."""
 
 import math
 from dataclasses import replace

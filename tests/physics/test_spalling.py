@@ -75,7 +75,7 @@ def test_rod_leaves_a_wall_with_the_energy_that_is_left_at_the_plug() -> None:
     plug = ShearPlug()
     wall = replace(PAPER_TARGET, thickness=0.3)
     found = rod_strikes(300.0, wall, rear_plug=plug)
-    reference = 8.84 * (50.0 / 76.2) ** -0.24  # S by the law of the published tests for 39 MPa
+    reference = 8.84 * (50.0 / 76.2) ** -0.24  # S from the law of the published tests, for 39 MPa
     way = 0.3 - plug.height(strength_factor=reference, diameter=0.05)
     assert 0.1 < way < 0.3
     assert found.outcome is Outcome.PERFORATED
@@ -104,7 +104,7 @@ def test_plug_is_at_most_nine_tenths_of_a_wall_with_a_warning() -> None:
 @pytest.mark.parametrize("spalling", [{}, {"crater": Crater()}])
 @pytest.mark.parametrize("thickness", [0.15, 0.24, 0.25])
 def test_limit_speed_with_a_plug_rises_with_the_strength_factor(spalling: dict[str, Any], thickness: float) -> None:
-    """S has its 5, 50 and 95 % quantiles for this body of 168.3 mm and 47.5 kg with a hemispherical nose, and 14.5."""
+    """The values of S are its 5, 50 and 95 % quantiles for this body and wall, and 14.5."""
     body = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.1683, length=0.64, mass=47.5)
     wall = Target(compressive_strength=60e6, density=2350.0, thickness=thickness)
     speeds = []

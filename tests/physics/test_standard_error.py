@@ -44,7 +44,7 @@ def constant_term_known_to(error: float) -> ObliquityPolynomial:
 def test_standard_error_is_the_scatter_of_angles_over_coefficients_drawn_from_the_covariance() -> None:
     """The standard deviation of 100 draws has a relative error of 7 %.
 
-    The covariances are that of the fit to Table 2, and one with a third of its standard errors.
+    One covariance is from the fit to Table 2; the other has a third of its standard errors.
     """
     for share in (1.0, 1.0 / 3.0):
         covariance = share**2 * np.array(known(TABLE_2.covariance))

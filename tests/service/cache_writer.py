@@ -1,4 +1,4 @@
-"""Script: store 10,000 batches of results in a folder, evicting the oldest, unless the process is killed before."""
+"""Script: store 10,000 batches of results in a folder, evicting the oldest, unless the process is killed first."""
 
 import os
 import sys

@@ -17,7 +17,7 @@ SYMBOLS = {"deg": "°"}
 
 
 def description_of(model: type[Part], column: str) -> str:
-    """Return the description of the field for a column; the name of a nested field follows that of its part."""
+    """Return the description of the field for a column; the name of a nested field follows the name of its part."""
     properties: dict[str, dict[str, str]] = model.model_json_schema()["properties"]
     if column in properties:
         return properties[column]["description"]

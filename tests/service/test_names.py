@@ -20,7 +20,7 @@ from tests.cli.commands import run
 SCHEMAS = json.loads((Path(__file__).parents[2] / "openapi/openapi.json").read_text())["components"]["schemas"]
 REQUESTS = ("TrajectoryRequest", "CriticalAngleRequest")
 SETTINGS = re.compile(r"output\.|alternatives$|units$|numerics\.(panels|time_step_s)$")
-"""Fields without a display name: those that are not part of a case, and settings of the panels."""
+"""Fields without a display name: they are not part of a case, or are settings of the panels."""
 RAW = re.compile(r"\b[a-z]+_[a-z_0-9]+\b")
 
 

@@ -1,4 +1,4 @@
-"""The units of the page are those of the solver's texts and of the readers of files."""
+"""The page uses the same units as the texts of the solver and the file readers."""
 
 import math
 import re
@@ -21,11 +21,11 @@ READERS = {
     "density": table.DENSITY,
     "inertia": table.INERTIA,
 }
-"""Units of the readers of files, by the name of the quantity in the page."""
+"""Units of the file readers, by the name of the quantity in the page."""
 
 
 def table_of_page(name: str) -> dict[str, Any]:
-    """Read an object literal of the page, which is one of Python too once its bare keys have quotation marks."""
+    """Read an object literal of the page, which becomes valid Python once its bare keys are quoted."""
     found = re.search(rf"^const {name} = (\{{.*?\}});$", SOURCE, re.DOTALL | re.MULTILINE)
     assert found is not None
     quoted = re.sub(r"([{,]\s*)([A-Za-z_]\w*):", r'\1"\2":', found[1])
@@ -35,7 +35,7 @@ def table_of_page(name: str) -> dict[str, Any]:
 
 KINDS: Mapping[str, Mapping[str, float]] = table_of_page("KINDS")
 FACTORS = {unit: factor for units in KINDS.values() for unit, factor in units.items()}
-"""Every unit of the page, in units of SI without a prefix."""
+"""Size of every unit of the page, in SI units without prefixes."""
 US: Mapping[str, str] = table_of_page("US")
 COLUMNS: Mapping[str, tuple[str, float]] = table_of_page("COLUMNS")
 
@@ -72,7 +72,7 @@ def test_columns_that_the_page_converts_have_the_factors_of_its_units() -> None:
     by_spelling = {spelled(unit): factor for unit, factor in FACTORS.items()}
     assert dict(COLUMNS.values()) == {us: close_to(by_spelling[us]) for us, _ in COLUMNS.values()}
     alike = {spelled(si).lower(): spelled(us) for si, us in US.items()}
-    # Columns have lengths in metres, which are as small as those that texts give in millimetres.
+    # Columns give in metres what texts give in millimetres, so their US unit is the inch.
     assert {si: us for si, (us, _) in COLUMNS.items() if us != alike.get(si)} == {"m": "in", "n_m": "ft_lbf"}
 
 

@@ -283,7 +283,7 @@ async def test_announced_wait_is_bounded_by_the_time_limits_of_queries(tmp_path:
 
 
 async def test_event_loop_is_not_blocked_by_large_histories(service: QueryService, tmp_path: Path) -> None:
-    """The time of the event loop is compared with that of parsing the answers, so the limit holds on any machine."""
+    """The time of the event loop is compared with the time to parse the answers, so the limit holds on any machine."""
     requests = [KeyedRequest.of("trajectory", Question(tmp_path, number)) for number in range(40)]
     await ask(service, "trajectory", tmp_path, 99)  # The first call imports modules, and is not measured.
     begin = time.thread_time()

@@ -63,7 +63,7 @@ def test_more_shots_narrow_the_range_more(usual: AngleUncertainty) -> None:
 
 @pytest.mark.parametrize("place", [0, 1])
 def test_dispersion_equals_that_of_the_posterior_after_as_many_shots(usual: AngleUncertainty, place: int) -> None:
-    """The shots lie one standard deviation from the law, composed of those between and within series."""
+    """The shots lie one standard deviation from the law, composed of the deviations between and within series."""
     expected = after_shots(usual)[place]
     distance = math.hypot(math.sqrt(expected.shots) * BETWEEN, WITHIN)
     factor = PublishedTests().polynomial(**CASE)[0] * math.exp(distance)
@@ -129,7 +129,7 @@ def test_scatter_below_that_within_a_series_is_not_reduced() -> None:
 
 
 def test_shots_narrow_the_range_even_if_strength_scatters_most() -> None:
-    """The range narrows even if nearly all scatter is that of the strength, not of the strength factor."""
+    """The range narrows even if nearly all scatter comes from the strength, not from the strength factor."""
     wide = [
         Uncertain("target.compressive_strength", Lognormal(median=39e6, dispersion=0.4)),
         Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=0.05)),

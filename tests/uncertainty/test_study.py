@@ -245,7 +245,7 @@ def test_samples_without_an_outcome_widen_the_interval() -> None:
 
 
 def test_flights_have_quantiles_by_outcome_if_requested() -> None:
-    """Turned away for x above 0.25, perforated below 0.1. The distance flown is 100 x, and at most 200 x."""
+    """The body is turned away for x above 0.25 and perforates for x below 0.1. It flies 100 x, and at most 200 x."""
     inputs = [Uncertain("x", Uniform(lower=0.0, upper=1.0))]
     left = Exit(100.0, 0.8, 0.7, 0.1, 5.0, 1e3, 0.5)
 
@@ -267,7 +267,7 @@ def test_flights_have_quantiles_by_outcome_if_requested() -> None:
 
 
 def test_study_of_a_strike_has_outcomes_and_quantiles_of_its_end() -> None:
-    """Turned away for x above 0.25, with a speed of 100 x. The depth is x."""
+    """The body is turned away for x above 0.25, with a speed of 100 x. The depth is x."""
     inputs = [Uncertain("x", Uniform(lower=0.0, upper=1.0))]
 
     def ending(x: float) -> Ending:

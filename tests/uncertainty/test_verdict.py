@@ -80,7 +80,7 @@ def test_strength_factor_scatters_as_its_tests_do_and_strength_is_not_counted_tw
 
 @pytest.mark.parametrize("source", ["law", "paper_table_1"])
 def test_similar_cases_have_similar_scatter(source: Any) -> None:
-    """The scatter at 39.1 MPa is nearly that at 39 MPa, the strength in the paper's tests."""
+    """The scatter is nearly the same at 39.1 MPa and at 39 MPa, the strength in the paper's tests."""
     nearby = CASE | {"target": Target(compressive_strength=39.1e6, density=2250.0)}
     here, there = (
         scatter_of_strength(**case, resistance=Resistance(), strength_scatter=source) for case in (CASE, nearby)
@@ -221,7 +221,8 @@ def test_warning_is_a_standing_note_if_it_moves_the_angle_little(
 ) -> None:
     """At 500 m/s the extrapolation of S beyond 45° shifts the angle by 3.2°.
 
-    That is much compared with the range from the scatter of 4 tests, but little compared with that of 255 tests.
+    That is much compared with the range from the scatter of 4 tests, but little compared with the range from all
+    published tests.
     """
     strike = CASE | {"velocity": velocity}
     found = verdict_of(velocity, strength_scatter=scatter)

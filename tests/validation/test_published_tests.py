@@ -175,9 +175,9 @@ def test_constant_is_the_papers_at_normal_impact() -> None:
 
 
 def test_depths_of_both_methods_differ_by_nearly_a_constant_for_each_nose(assessment: Assessment) -> None:
-    """Below 500 m/s the difference is that without inertia plus at most 0.05 diameters.
+    """Below 500 m/s the difference exceeds the difference without inertia by at most 0.05 diameters.
 
-    For one nose it varies by at most 0.1 diameters over all velocities.
+    For one nose the difference varies by at most 0.1 diameters over all velocities.
     """
     for each in crater_differences(assessment):
         slow = np.array([strike.test.velocity < 500.0 for strike in each.strikes])
