@@ -123,7 +123,7 @@ def test_alternatives_without_an_angle_have_a_status(client: httpx.Client) -> No
         assert "critical_angle_deg" not in each
 
 
-def test_inertia_of_the_case_is_kept(client: httpx.Client) -> None:
+def test_alternatives_over_http_keep_the_inertia_of_the_case(client: httpx.Client) -> None:
     body = strike(238.0)
     inertia = {"inertia_factor": 0.5, "free_surface": {"model": "mohr_coulomb", "inertia": True}}
     own = client.post("/cra", json=body | {"resistance": inertia, "alternatives": True}).json()
@@ -138,7 +138,7 @@ def test_inertia_of_the_case_is_kept(client: httpx.Client) -> None:
         assert one["critical_angle_deg"] != other["critical_angle_deg"]
 
 
-def test_equal_requests_at_once_share_their_work(live_url: str) -> None:
+def test_equal_concurrent_requests_share_their_work(live_url: str) -> None:
     async def ask() -> list[httpx.Response]:
         async with httpx.AsyncClient(base_url=live_url, timeout=60.0, trust_env=False) as client:
             body = strike(234.25, alternatives=True)

@@ -61,7 +61,7 @@ def test_line_refused_only_by_the_solver_is_a_result_with_a_problem(client: http
     assert (problem.type, problem.errors[0].pointer) == ("urn:ricochet:problem:invalid-request", "/projectile/length_m")
 
 
-def test_every_wrong_case_is_named_up_to_a_hundred(client: httpx.Client) -> None:
+def test_up_to_a_hundred_invalid_cases_are_named(client: httpx.Client) -> None:
     missing = (f"/cases/1/{name}" for name in ("projectile", "target", "impact"))
     problem = refused_at(client.post("/cra/batch", json={"cases": [PAPER, {}]}), *missing)
     assert "(and more)" in problem.detail

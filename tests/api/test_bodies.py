@@ -57,7 +57,7 @@ def test_calibrations_name_an_implausible_mean_density(client: httpx.Client) -> 
     (_,) = densities(answered(client, "/calibration/depth", body | {"tests": light}))
 
 
-def test_points_on_a_straight_line_are_a_cone(client: httpx.Client) -> None:
+def test_profile_with_points_on_a_line_is_answered_like_a_cone(client: httpx.Client) -> None:
     noses = [{"shape": "profile", "points": ON_A_LINE}, {"shape": "profile", "points": [[0.0, 0.0], [0.12, 0.04]]}]
     bases = [PAPER | {"search": ROUGH, "projectile": PAPER["projectile"] | {"nose": nose}} for nose in noses]
     axes = [{"field": "impact.velocity_m_s", "values": [200.0, 238.0]}]

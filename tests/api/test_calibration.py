@@ -125,7 +125,7 @@ def test_rows_after_the_requested_end_are_not_used(client: httpx.Client, motion:
     assert again["strength_factor"] == until["strength_factor"]
 
 
-def test_weight_of_zero_leaves_a_quantity_out(client: httpx.Client, motion: dict[str, Any]) -> None:
+def test_quantity_with_zero_weight_is_not_used(client: httpx.Client, motion: dict[str, Any]) -> None:
     spoiled = motion["history"] | {"rotation_deg": [-angle for angle in motion["history"]["rotation_deg"]]}
     body = motion | {"history": spoiled, "weights": {"rotation": 0.0}}
     answer = answered(client, "/calibration/motion", body)

@@ -85,7 +85,7 @@ def test_weak_tag_of_a_compressed_answer_avoids_sending_it_again(client: httpx.C
         assert client.get(f"/results/{key}", headers=accepted | {"If-None-Match": tag}).status_code == 304
 
 
-def test_results_of_a_job_are_compressed_as_they_are_sent_and_events_are_not(client: httpx.Client) -> None:
+def test_results_of_a_job_are_compressed_while_they_are_sent_but_events_are_not(client: httpx.Client) -> None:
     accepted = GZIP
     job = finished(client, client.post("/cra/batch", json={"cases": searches(30)}, headers=ASYNC).json())
     path = job["links"]["results"]

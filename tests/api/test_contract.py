@@ -143,7 +143,7 @@ def test_csv_of_a_trajectory_lists_its_history(client: httpx.Client, trajectory:
     assert {name: [float(cell) for cell in column] for name, column in table.items()} == trajectory["history"]
 
 
-def test_csv_of_a_trajectory_without_history_has_its_end(client: httpx.Client) -> None:
+def test_csv_of_a_trajectory_without_history_has_its_final_state(client: httpx.Client) -> None:
     answer = client.post("/trajectory", json=PAPER_AT_45 | {"output": {"history": False}}).json()
     table = table_of(client, answer["key"])
     assert {name: [float(cell) for cell in column] for name, column in table.items()} == {

@@ -251,7 +251,7 @@ def check_caveats(result: CallToolResult) -> None:
     assert listed == [f"- {line}" for line in (*(details or ["none"]), *standing, *limits)]
 
 
-def test_trajectory_has_its_summary_and_a_key_for_the_columns(live_url: str, client: httpx.Client) -> None:
+def test_trajectory_tool_returns_a_summary_and_a_key_for_the_columns(live_url: str, client: httpx.Client) -> None:
     [result] = converse(over_http(live_url), ("trajectory", PAPER_AT_45)).results
     answer = result.structured_content["answer"]
     assert "history" not in answer

@@ -108,7 +108,7 @@ def test_hdf5_file_of_a_sweep_has_its_axes_and_its_base(client: httpx.Client, jo
         assert [summary[field].attrs["units"] for field in FIELDS] == ["m/s", "kg"]
 
 
-def test_base_too_long_for_a_small_attribute_is_kept_whole(client: httpx.Client) -> None:
+def test_base_too_long_for_a_small_attribute_is_stored_completely(client: httpx.Client) -> None:
     points_of_nose = [[0.13 * i / 900, 0.04 * (1 - (1 - i / 900) ** 1.5)] for i in range(901)]
     nose = {"shape": "profile", "points": points_of_nose}
     base = PAPER | {"projectile": PAPER["projectile"] | {"nose": nose, "length_m": 0.53}}

@@ -61,7 +61,7 @@ def test_texts_use_the_units_of_the_request_and_fields_stay_in_si(client: httpx.
 
 
 @pytest.mark.parametrize("path", [*BODIES, "/report"])
-def test_an_unknown_system_of_units_is_refused_with_the_choices(client: httpx.Client, path: str) -> None:
+def test_unknown_system_of_units_is_refused_with_the_choices(client: httpx.Client, path: str) -> None:
     body = BODIES.get(path, BODIES["/verdict"])
     response = client.post(path, json=body | {"units": "imperial"})
     assert response.status_code == 422

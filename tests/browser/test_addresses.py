@@ -45,7 +45,7 @@ def test_unknown_view_in_the_url_leads_to_explore(page: Page) -> None:
     expect(page.get_by_role("heading", level=1)).to_contain_text("Explore")
 
 
-def test_back_leads_from_a_case_to_its_map(page: Page) -> None:
+def test_back_button_returns_from_a_case_to_its_map(page: Page) -> None:
     run_map(page, "x=impact.velocity_m_s,238,300,2&y=projectile.mass_kg,13,14,3", 6)
     expect(page).to_have_url(re.compile("job=[0-9a-f]{32}"))
     page.get_by_role("link", name="Open in Explore").click()

@@ -42,7 +42,7 @@ LAWS = [
 the S that was fitted to finite element motions with that theory; the case without decay has no such fit."""
 
 
-def test_critical_angle_under_each_law_is_that_of_its_resistance() -> None:
+def test_critical_angle_under_each_law_equals_a_search_with_that_law() -> None:
     found = alternatives(critical_angle, **CASE)
     assert [(each.free_surface, each.strength_factor, each.obliquity_shape) for each in found] == LAWS
     decays = {model.name: model for model in (ElasticPlastic(), MohrCoulomb(), NoFreeSurface())}
@@ -82,7 +82,7 @@ def test_outcomes_under_each_law_agree_with_its_critical_angle() -> None:
         assert run.answer.outcome is (Outcome.RICOCHET if turned_away else Outcome.EMBEDDED)
 
 
-def test_inertia_of_the_case_is_kept_and_its_laws_are_not() -> None:
+def test_alternatives_keep_the_inertia_of_the_case_but_not_its_laws() -> None:
     own = Resistance(
         strength_factor=ConstantStrengthFactor(value=6.0), inertia_factor=0.8, free_surface=MohrCoulomb(inertia=True)
     )
@@ -93,7 +93,7 @@ def test_inertia_of_the_case_is_kept_and_its_laws_are_not() -> None:
     assert "constant" not in {each.strength_factor for each in found}
 
 
-def test_law_without_an_answer_gives_its_error_and_the_others_their_answers() -> None:
+def test_law_without_an_answer_has_its_error_beside_the_other_answers() -> None:
     def angle(resistance: Resistance, **case: Any) -> CriticalAngle:
         if isinstance(resistance.strength_factor, ObliquityPolynomial):
             resistance = replace(resistance, strength_factor=ObliquityPolynomial(held_from=math.radians(90.0)))
@@ -129,7 +129,7 @@ def test_each_alternative_states_what_it_was_fitted_to(law: tuple[str, str, str]
     assert len(found.fitted_to) <= 140
 
 
-def test_alternatives_are_a_table_with_their_laws() -> None:
+def test_alternatives_become_a_table_with_their_laws() -> None:
     pytest.importorskip("pandas")
     found = alternatives(critical_angle, **CASE)
     table = to_dataframe(found)

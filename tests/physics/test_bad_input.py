@@ -203,7 +203,7 @@ CASES: list[tuple[str, Callable[[], object]]] = [
 
 
 @pytest.mark.parametrize(("field", "make"), CASES)
-def test_bad_value_is_refused_by_the_name_of_its_field(field: str, make: Callable[[], object]) -> None:
+def test_invalid_value_is_refused_with_the_name_of_its_field(field: str, make: Callable[[], object]) -> None:
     with pytest.raises(ParameterError) as caught:
         make()
     assert caught.value.field == field
@@ -233,7 +233,7 @@ def test_bad_value_is_refused_by_the_name_of_its_field(field: str, make: Callabl
         ),
     ],
 )
-def test_law_or_target_that_does_not_resist_is_refused(changes: dict[str, Any], field: str, words: str) -> None:
+def test_law_or_target_without_resistance_is_refused(changes: dict[str, Any], field: str, words: str) -> None:
     with pytest.raises(ParameterError, match=words) as caught:
         strike(**changes)
     assert caught.value.field == field
@@ -288,7 +288,7 @@ MANY: Any = np.array([200.0, 300.0])
         ("impact.velocity", lambda: critical_angle(**CASE, velocity=MANY), "critical_angle_many"),
     ],
 )
-def test_other_units_arrays_and_objects_are_refused_with_what_is_needed(
+def test_arguments_of_the_wrong_kind_are_refused_with_a_hint(
     field: str, make: Callable[[], object], words: str
 ) -> None:
     with pytest.raises(ParameterError) as caught:
@@ -297,12 +297,12 @@ def test_other_units_arrays_and_objects_are_refused_with_what_is_needed(
     assert words in str(caught.value)
 
 
-def test_numbers_of_numpy_are_numbers() -> None:
+def test_numpy_numbers_are_accepted() -> None:
     for value in (np.float64(238.0), np.float32(238.0), np.int64(238), np.array(238.0), 238):
         assert impact(velocity=value).velocity == 238.0
 
 
-def test_bounds_equal_those_of_the_contract() -> None:
+def test_bounds_equal_the_bounds_in_the_contract() -> None:
     """Solver and contract have the same bounds of numbers, and include or exclude the same ones."""
     schema = TrajectoryRequest.model_json_schema()["$defs"] | {"FlightRequest": FlightRequest.model_json_schema()}
     parts = {
@@ -355,7 +355,7 @@ RESISTED: dict[str, Callable[..., Any]] = {
 
 
 @pytest.mark.parametrize("name", sorted(RESISTED))
-def test_object_that_is_no_resistance_is_refused(name: str) -> None:
+def test_object_that_is_not_a_resistance_is_refused(name: str) -> None:
     """Every public function with the argument `resistance` refuses other objects, and says what to pass."""
     given: list[tuple[Any, str]] = [
         (MohrCoulomb(), r"give Resistance\(free_surface=MohrCoulomb\(\.\.\.\)\)"),
@@ -375,7 +375,7 @@ def test_object_that_is_no_resistance_is_refused(name: str) -> None:
         assert re.fullmatch(f"resistance: must be a Resistance(: |, ){message}", str(found[0]))
 
 
-def test_spherical_nose_is_a_hemisphere_unless_given() -> None:
+def test_default_spherical_nose_is_a_hemisphere() -> None:
     assert Spherical() == Spherical(caliber_radius_head=0.5)
 
 

@@ -57,14 +57,14 @@ def run_paper(impact: Impact, **changes: Any) -> Trajectory:
 
 @pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize(("velocity", "degrees", "expected"), INDEPENDENT)
-def test_peak_stress_is_that_of_independent_programs(
+def test_peak_stress_agrees_with_independent_programs(
     velocity: float, degrees: float, expected: float, route: str
 ) -> None:
     found = bending(run_paper(strike(velocity, degrees), numerics=ROUTES[route]))
     assert found.peak_stress == pytest.approx(expected, rel=SAME)
 
 
-def test_peak_of_the_critical_strike_is_where_independent_programs_have_it() -> None:
+def test_place_and_time_of_the_peak_agree_with_independent_programs() -> None:
     found = bending(run_paper(strike(238.0, 48.6)))
     assert found.time == pytest.approx(1.6e-3, abs=0.1e-3)
     assert found.distance_behind_tip == pytest.approx(0.30, abs=0.02)
@@ -172,7 +172,7 @@ def test_bore_raises_the_stress() -> None:
     assert hollow.peak_stress > solid.peak_stress
 
 
-def test_bore_moves_the_centre_of_gravity_forward_as_the_closed_form_does() -> None:
+def test_bore_moves_the_centre_of_gravity_as_in_the_closed_form() -> None:
     body = Projectile(nose=Flat(), diameter=0.08, length=0.4, mass=5.0, inner_diameter=0.06)
     found = mass_properties(body)
     assert found.center_of_gravity == pytest.approx(0.2, rel=1e-12)
@@ -182,7 +182,7 @@ def test_bore_moves_the_centre_of_gravity_forward_as_the_closed_form_does() -> N
     assert mass_properties(ogive).center_of_gravity < mass_properties(PAPER_PROJECTILE).center_of_gravity
 
 
-def test_history_has_the_peak() -> None:
+def test_history_of_the_stress_contains_the_peak() -> None:
     found = bending(run_paper(strike(238.0, 45.0)))
     assert found.history is not None
     assert np.all(np.diff(found.history.time) > 0.0)
@@ -190,19 +190,19 @@ def test_history_has_the_peak() -> None:
     assert bending(run_paper(strike(238.0, 45.0), sample_interval=None)).history is None
 
 
-def test_stress_after_a_body_has_left_the_target_does_not_count() -> None:
+def test_stress_after_leaving_the_target_does_not_count() -> None:
     """At 100 m/s the tail would strike the broken face 5 ms after the nose has left the target."""
     assert bending(run_paper(strike(100.0, 45.0))).time < 1e-3
 
 
 @pytest.mark.parametrize("given", [{"center_of_gravity": 0.25}, {"moment_of_inertia": 0.3}])
-def test_body_with_other_mass_properties_has_a_note_in_place_of_a_stress(given: dict[str, Any]) -> None:
+def test_body_with_other_mass_properties_has_a_note_instead_of_a_stress(given: dict[str, Any]) -> None:
     run = run_paper(strike(238.0, 45.0), projectile=replace(PAPER_PROJECTILE, **given))
     assert run.bending is None
     assert [each.standing for each in run.warnings if each.code == "bending_unknown"] == [True]
 
 
-def test_given_mass_properties_of_the_shape_are_as_good_as_none() -> None:
+def test_explicit_mass_properties_of_the_shape_change_nothing() -> None:
     properties = mass_properties(PAPER_PROJECTILE)
     same = replace(
         PAPER_PROJECTILE,
@@ -214,7 +214,7 @@ def test_given_mass_properties_of_the_shape_are_as_good_as_none() -> None:
 
 
 @pytest.mark.parametrize(("yield_strength", "warns"), [(None, True), (1.9e9, False), (1.7e9, True)])
-def test_warning_above_the_yield_strength_given_else_above_that_of_steel(
+def test_warning_compares_with_the_given_yield_strength_or_with_steel(
     yield_strength: float | None, warns: bool
 ) -> None:
     run = run_paper(strike(238.0, 45.0), projectile=replace(PAPER_PROJECTILE, yield_strength=yield_strength))
@@ -225,7 +225,7 @@ def test_warning_above_the_yield_strength_given_else_above_that_of_steel(
         assert ("as none is given" in details[0]) == (yield_strength is None)
 
 
-def test_slow_strike_has_no_warning() -> None:
+def test_slow_strike_has_no_warning_about_bending() -> None:
     assert "bends" not in {each.code for each in run_paper(strike(100.0, 45.0)).warnings}
 
 

@@ -60,7 +60,7 @@ PANELS = Numerics(method="panels", panels=3000, time_step=5e-6, termination_time
 
 @pytest.mark.parametrize("numerics", [None, PANELS], ids=["adaptive", "panels"])
 @pytest.mark.parametrize(("nose", "thickness", "depth", "speed"), TABLE)
-def test_walls_are_those_of_an_independent_integration(
+def test_walls_agree_with_an_independent_integration(
     nose: NoseShape, thickness: float, depth: float | None, speed: float | None, numerics: Numerics | None
 ) -> None:
     def run(wall: float | None) -> Trajectory:
@@ -96,7 +96,7 @@ def test_flat_face_is_the_limit_of_cones_and_caps(nose: NoseShape) -> None:
 
 
 @pytest.mark.parametrize("angle", [20.0, 45.0, 60.0])
-def test_flat_face_is_the_limit_of_cones_at_an_angle_too(angle: float) -> None:
+def test_flat_face_is_the_limit_of_cones_at_an_oblique_angle(angle: float) -> None:
     impact = replace(HEAD_ON, oblique_angle=math.radians(angle))
     flat, cone = (
         simulate(projectile=body(nose), target=replace(WALL, thickness=0.1), impact=impact, sample_interval=None)
@@ -152,7 +152,7 @@ def steel_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, I
         yield projectile, target, Impact(velocity=30.0 * 30.0 ** random.uniform(), oblique_angle=oblique)
 
 
-def test_least_thickness_exceeds_the_depth_by_little() -> None:
+def test_least_thickness_slightly_exceeds_the_depth() -> None:
     """The least thickness is at most 2.5 diameters more than the depth in a half-space."""
     for projectile, target, impact in steel_strikes(300, 11):
         strike: dict[str, Any] = {"projectile": projectile, "target": target, "impact": impact}
@@ -163,7 +163,7 @@ def test_least_thickness_exceeds_the_depth_by_little() -> None:
         assert "implausible" not in {warning.code for warning in wall.warnings}
 
 
-def test_walls_take_energy_and_thicker_ones_take_more() -> None:
+def test_walls_take_energy_and_thicker_walls_take_more() -> None:
     """Exit speed never rises with thickness by more than 0.1 % of the impact speed.
 
     Walls of half a diameter or more take at least 0.1 % of the energy of bodies of up to eight diameters.

@@ -63,14 +63,14 @@ def test_table_1_gives_its_strength_factor(
 
 
 @pytest.mark.parametrize("strength_factor", [2.1, 5.0, 12.0, 40.0])
-def test_depths_of_the_model_return_its_strength_factor(strength_factor: float) -> None:
+def test_fit_to_computed_depths_recovers_the_strength_factor(strength_factor: float) -> None:
     made = depths(strength_factor)
     found = fit([DepthTest(velocity=v, depth=float(z)) for v, z in zip(VELOCITIES, made, strict=True)])
     assert found.estimate.strength_factor == pytest.approx(strength_factor, rel=1e-5)
     np.testing.assert_allclose(found.predicted, made, rtol=1e-5)
 
 
-def test_depths_of_the_closed_form_without_inertia_return_its_strength_factor() -> None:
+def test_fit_to_the_closed_form_without_inertia_recovers_the_strength_factor() -> None:
     """If B = 0, ½ m V² is S f'c (π a² (z - nose length) + nose volume), apart from the energy at the end of the run."""
     strength_factor, area = 9.0, math.pi * PAPER_PROJECTILE.radius**2
     shank = area * (PAPER_PROJECTILE.length - PAPER_PROJECTILE.nose_length)
@@ -81,7 +81,7 @@ def test_depths_of_the_closed_form_without_inertia_return_its_strength_factor() 
     assert found.estimate.strength_factor == pytest.approx(strength_factor, rel=2e-4)
 
 
-def test_standard_error_is_the_scatter_over_the_slope() -> None:
+def test_standard_error_is_the_scatter_divided_by_the_slope() -> None:
     found = fit(TESTS)
     best = found.estimate.strength_factor
     slope = (depths(best + 0.01) - depths(best - 0.01)) / 0.02
@@ -106,20 +106,20 @@ def test_interval_follows_students_distribution() -> None:
         assert low + high == pytest.approx(2.0 * estimate.strength_factor)
 
 
-def test_weight_two_counts_as_the_same_test_twice() -> None:
+def test_weight_of_two_equals_the_same_test_twice() -> None:
     heavy = fit([replace(TESTS[0], weight=2.0), *TESTS[1:]])
     twice = fit([TESTS[0], *TESTS])
     assert heavy.estimate.strength_factor == pytest.approx(twice.estimate.strength_factor, rel=1e-6)
     assert heavy.root_mean_square == pytest.approx(twice.root_mean_square, rel=1e-6)
 
 
-def test_only_the_ratio_of_weights_counts() -> None:
+def test_only_the_ratio_of_weights_matters() -> None:
     plain, heavy = fit(TESTS), fit([replace(test, weight=7.0) for test in TESTS])
     assert heavy.estimate.strength_factor == pytest.approx(plain.estimate.strength_factor, rel=1e-6)
     assert heavy.estimate.standard_error == pytest.approx(plain.estimate.standard_error, rel=1e-6)
 
 
-def test_each_group_gets_the_fit_it_would_get_alone() -> None:
+def test_each_group_is_fitted_as_if_alone() -> None:
     names = ["slow", "slow", "fast", "fast"]
     grouped = fit([replace(test, group=name) for test, name in zip(TESTS, names, strict=True)])
     assert grouped.estimate == fit(TESTS).estimate
@@ -128,7 +128,7 @@ def test_each_group_gets_the_fit_it_would_get_alone() -> None:
     assert grouped.groups["fast"].estimate == fit(TESTS[2:]).estimate
 
 
-def test_group_of_one_is_reported_and_not_fitted() -> None:
+def test_group_of_one_test_is_reported_but_not_fitted() -> None:
     found = fit([replace(test, group=name) for test, name in zip(TESTS, ["a", "a", "a", "b"], strict=True)])
     assert list(found.groups) == ["a"]
     assert codes(found) == {"group_of_one"}
@@ -170,7 +170,7 @@ def test_invalid_value_is_refused_with_its_place(field: str, change: dict[str, f
     assert refused.value.field == f"tests.3.{field}"
 
 
-def test_no_test_is_refused() -> None:
+def test_empty_list_of_tests_is_refused() -> None:
     with pytest.raises(ParameterError, match="tests: must be at least one"):
         fit([])
 
@@ -186,7 +186,7 @@ def test_one_test_gives_a_strength_factor_and_a_posterior_but_no_error() -> None
     assert found.posterior.degrees_of_freedom == 4.0
 
 
-def test_two_tests_that_agree_are_not_exact() -> None:
+def test_two_tests_that_agree_leave_an_error() -> None:
     made = depths(8.0)[:2]
     found = fit([DepthTest(velocity=v, depth=float(z)) for v, z in zip(VELOCITIES[:2], made, strict=True)])
     assert found.root_mean_square < 1e-6
@@ -194,26 +194,26 @@ def test_two_tests_that_agree_are_not_exact() -> None:
     assert found.estimate.standard_error == pytest.approx(0.041 * 8.0, rel=0.02)
 
 
-def test_groups_are_for_all_tests_or_none() -> None:
+def test_groups_must_be_given_for_all_tests_or_none() -> None:
     with pytest.raises(ParameterError) as refused:
         fit([replace(TESTS[0], group="a"), *TESTS[1:]])
     assert refused.value.field == "tests.1.group"
 
 
 @pytest.mark.parametrize("factor", [100.0, 1e-3], ids=["centimetres", "kilometres"])
-def test_depths_that_no_strength_factor_fits_are_refused(factor: float) -> None:
+def test_depths_without_a_fitting_strength_factor_are_refused(factor: float) -> None:
     with pytest.raises(ParameterError, match=r"tests: must determine the strength factor"):
         fit([replace(test, depth=test.depth * factor) for test in TESTS])
 
 
 @pytest.mark.parametrize("level", [0.0, 1.0, 95.0, NAN])
-def test_confidence_level_is_a_share(level: float) -> None:
+def test_confidence_level_must_be_between_zero_and_one(level: float) -> None:
     with pytest.raises(ParameterError) as refused:
         fit(TESTS, confidence_level=level)
     assert refused.value.field == "confidence_level"
 
 
-def test_curves_name_what_is_wrong() -> None:
+def test_invalid_arguments_of_curves_are_named() -> None:
     for field, arguments in {
         "velocities.1": {"velocities": [200.0, 0.0], "strength_factor": 8.0},
         "strength_factor": {"velocities": [200.0], "strength_factor": 0.0},

@@ -58,7 +58,7 @@ def test_one_strength_factor_is_found_from_several_angles_and_speeds() -> None:
         assert known(alone).estimate.strength_factor == pytest.approx(7.5, rel=1e-4)
 
 
-def test_one_run_is_fitted_as_by_itself() -> None:
+def test_comparison_of_one_run_equals_its_single_fit() -> None:
     one = run(30.0, 8.0)
     common, alone = fit(one), fit_motion(**CASE, impact=one.impact, history=one.history)
     assert common.estimate == alone.estimate
@@ -67,7 +67,7 @@ def test_one_run_is_fitted_as_by_itself() -> None:
     assert common.warnings == alone.warnings
 
 
-def test_runs_that_need_different_factors_share_one_between_them_and_keep_their_own() -> None:
+def test_common_factor_lies_between_the_factors_of_the_runs() -> None:
     found = fit(run(15.0, 8.0), run(45.0, 6.0))
     first, second = found.alone
     assert first is not None
@@ -81,7 +81,7 @@ def test_runs_that_need_different_factors_share_one_between_them_and_keep_their_
     assert found.normalized_root_mean_square == pytest.approx(math.sqrt(sum(squares) / 2.0))
 
 
-def test_every_run_counts_alike_however_many_rows_it_has() -> None:
+def test_runs_have_equal_weight_whatever_their_number_of_rows() -> None:
     few, many = (fit(run(15.0, 8.0), run(45.0, 6.0, rows=rows)).estimate.strength_factor for rows in (61, 601))
     assert many == pytest.approx(few, rel=2e-3)
 
@@ -95,7 +95,7 @@ def test_order_of_runs_does_not_matter() -> None:
     assert first.estimate.strength_factor == pytest.approx(second.estimate.strength_factor, abs=0.01 * error)
 
 
-def test_normalised_root_mean_square_is_that_of_residuals_over_spans() -> None:
+def test_normalised_root_mean_square_divides_residuals_by_spans() -> None:
     made = run(30.0, 8.0)
     noise = np.random.default_rng(8).normal(size=made.history.time.size)
     history = replace(made.history, rotation=known(made.history.rotation) + 0.01 * noise)
@@ -110,7 +110,7 @@ def test_normalised_root_mean_square_is_that_of_residuals_over_spans() -> None:
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
-def test_law_that_made_the_motions_is_the_best(law: FreeSurface) -> None:
+def test_law_that_generated_the_motions_is_the_best(law: FreeSurface) -> None:
     found = compare(run(30.0, 6.0, law=law), run(45.0, 6.0, law=law))
     assert found.best == law.name
     made = found.laws[law.name]
@@ -122,7 +122,7 @@ def test_law_that_made_the_motions_is_the_best(law: FreeSurface) -> None:
     assert ("other_decay_law_fits_better" in codes(found)) == (law.name != "elastic_plastic")
 
 
-def test_requested_law_is_that_of_the_resistance() -> None:
+def test_requested_law_is_the_law_of_the_resistance() -> None:
     motion = run(30.0, 6.0, law=MohrCoulomb())
     found = compare(motion, resistance=Resistance(free_surface=MohrCoulomb()))
     assert found.requested is found.laws["mohr_coulomb"]
@@ -130,7 +130,7 @@ def test_requested_law_is_that_of_the_resistance() -> None:
     assert "other_decay_law_fits_better" not in codes(found)
 
 
-def test_inertia_of_the_requested_law_is_in_the_others_too() -> None:
+def test_other_laws_have_the_inertia_of_the_requested_law() -> None:
     law = MohrCoulomb(inertia=True)
     found = compare(run(45.0, 6.0, law=law), resistance=Resistance(free_surface=ElasticPlastic(inertia=True)))
     assert found.best == "mohr_coulomb"
@@ -149,7 +149,7 @@ def test_law_that_does_not_determine_the_factor_is_left_out() -> None:
         compare(run(48.0, 8.0, law=MohrCoulomb()), resistance=Resistance(free_surface=NoFreeSurface()))
 
 
-def test_every_run_keeps_its_own_weights() -> None:
+def test_each_run_is_fitted_with_its_own_weights() -> None:
     made = run(30.0, 8.0)
     spoilt = replace(
         made, history=replace(made.history, rotation=-known(made.history.rotation)), weights=Weights(rotation=0.0)
@@ -160,7 +160,7 @@ def test_every_run_keeps_its_own_weights() -> None:
     assert "poor_fit" in codes(found)
 
 
-def test_run_that_does_not_determine_the_factor_uses_that_of_the_others() -> None:
+def test_run_that_does_not_determine_the_factor_uses_the_common_one() -> None:
     """The history of the second run ends before the contact has any effect."""
     still = MotionRun(
         impact=Impact(velocity=238.0, oblique_angle=0.0),
@@ -177,7 +177,7 @@ def test_run_that_does_not_determine_the_factor_uses_that_of_the_others() -> Non
 
 
 @pytest.mark.parametrize(("name", "factor"), [("rotation", 60.0), ("depth_displacement", 1e3)])
-def test_error_of_a_run_is_named_by_its_place(name: str, factor: float) -> None:
+def test_error_in_a_run_names_its_index(name: str, factor: float) -> None:
     good = run(30.0, 8.0)
     wrong = {name: factor * getattr(good.history, name)}
     with pytest.raises(ParameterError, match="check the units") as refused:
@@ -185,7 +185,7 @@ def test_error_of_a_run_is_named_by_its_place(name: str, factor: float) -> None:
     assert refused.value.field.startswith(f"runs.1.history.{name}.")
 
 
-def test_runs_are_needed_and_a_quantity_of_each() -> None:
+def test_comparison_needs_a_run_and_a_quantity_in_each() -> None:
     with pytest.raises(ParameterError, match=r"runs: must be at least 1"):
         fit()
     made = run(30.0, 8.0)

@@ -46,7 +46,7 @@ def white(random: np.random.Generator, size: int) -> dict[str, FloatArray]:
 
 @pytest.mark.parametrize("strength_factor", [5.0, 8.5, 12.0])
 @pytest.mark.parametrize("angle", ANGLES)
-def test_motion_of_the_model_returns_its_strength_factor(angle: float, strength_factor: float) -> None:
+def test_fit_to_a_computed_motion_recovers_the_strength_factor(angle: float, strength_factor: float) -> None:
     """S is found to 10⁻⁴ of its value."""
     made = run(angle, strength_factor, 5e-5).history
     assert made is not None
@@ -65,7 +65,7 @@ def test_motion_of_the_model_returns_its_strength_factor(angle: float, strength_
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
-def test_each_quantity_alone_gives_the_strength_factor(quantity: str) -> None:
+def test_each_quantity_alone_determines_the_strength_factor(quantity: str) -> None:
     whole = motion(30.0, 8.0)
     found = fit(30.0, MotionHistory(time=TIMES, **{quantity: getattr(whole, quantity)}))
     assert found.estimate.strength_factor == pytest.approx(8.0, rel=1e-4)
@@ -85,13 +85,13 @@ def covered(trials: int) -> int:
     return hits
 
 
-def test_intervals_hold_the_true_value_under_noise() -> None:
+def test_intervals_contain_the_true_value_under_noise() -> None:
     assert covered(6) >= 5
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
-def test_95_percent_intervals_hold_the_true_value_in_93_percent_of_300_trials() -> None:
+def test_95_percent_intervals_contain_the_true_value_in_93_percent_of_300_trials() -> None:
     assert covered(300) >= 279
 
 
@@ -110,7 +110,7 @@ def test_correlated_errors_widen_the_interval() -> None:
     assert low < 8.0 < high
 
 
-def test_standard_error_under_white_noise_is_that_of_weighted_least_squares() -> None:
+def test_standard_error_under_white_noise_agrees_with_weighted_least_squares() -> None:
     """The standard error is 1 / sqrt(Σ (slope / noise)²) with the true noise."""
     times = np.linspace(0.0, 3e-3, 400)
     history = shifted(motion(30.0, 8.0, times), white(np.random.default_rng(4), times.size))
@@ -127,7 +127,7 @@ def test_standard_error_under_white_noise_is_that_of_weighted_least_squares() ->
         assert found.root_mean_square[name] == pytest.approx(scatter, rel=0.1)
 
 
-def test_weight_zero_leaves_a_quantity_out() -> None:
+def test_weight_of_zero_excludes_a_quantity() -> None:
     random, history = np.random.default_rng(6), motion(30.0, 8.0)
     spoilt = shifted(history, {"rotation": 0.05 * random.normal(size=TIMES.size)})
     found = fit(30.0, spoilt, weights=Weights(rotation=0.0))
@@ -135,14 +135,14 @@ def test_weight_zero_leaves_a_quantity_out() -> None:
     assert found.root_mean_square["rotation"] == pytest.approx(0.05, rel=0.2)
 
 
-def test_only_the_ratio_of_weights_counts() -> None:
+def test_only_the_ratio_of_weights_matters() -> None:
     history = shifted(motion(45.0, 8.0), white(np.random.default_rng(7), TIMES.size))
     plain, heavy = fit(45.0, history), fit(45.0, history, weights=Weights(depth=5.0, lateral=5.0, rotation=5.0))
     assert heavy.estimate.strength_factor == pytest.approx(plain.estimate.strength_factor, rel=1e-6)
     assert heavy.estimate.standard_error == pytest.approx(plain.estimate.standard_error, rel=1e-4)
 
 
-def test_prediction_is_the_motion_of_a_run_at_the_requested_times() -> None:
+def test_prediction_equals_a_run_at_the_requested_times() -> None:
     for angle in (30.0, 60.0):
         made = run(angle, 8.0, 1e-4)
         assert made.history is not None
@@ -179,12 +179,12 @@ def test_prediction_flies_freely_once_turned_away() -> None:
         np.testing.assert_allclose(values - values[0], rate * flight, rtol=1e-5)
 
 
-def test_prediction_of_the_panels_is_that_of_the_arcs() -> None:
+def test_prediction_by_panels_agrees_with_the_default_method() -> None:
     fine, panels = motion(30.0, 8.0), motion(30.0, 8.0, numerics=Numerics(method="panels", panels=3000))
     assert np.abs(known(fine.depth_displacement) - known(panels.depth_displacement)).max() < 5e-4
 
 
-def test_history_is_cut_at_a_time_and_its_greatest_depth() -> None:
+def test_history_can_be_cut_at_a_time_or_at_its_greatest_depth() -> None:
     history = MotionHistory(time=np.arange(5.0), depth_displacement=np.array([0.0, 2.0, 3.0, 2.5, 2.4]))
     assert history.time_of_greatest_depth == 2.0
     cut = history.until(history.time_of_greatest_depth)
@@ -196,7 +196,7 @@ def test_history_is_cut_at_a_time_and_its_greatest_depth() -> None:
         _ = MotionHistory(time=np.arange(2.0), rotation=np.zeros(2)).time_of_greatest_depth
 
 
-def test_motion_that_the_model_does_not_follow_is_called_poor() -> None:
+def test_poor_fit_causes_a_warning() -> None:
     history = motion(30.0, 8.0)
     found = fit(30.0, replace(history, rotation=-known(history.rotation)))
     assert "poor_fit" in codes(found)
@@ -252,7 +252,7 @@ def test_history_that_does_not_determine_the_strength_factor_is_refused() -> Non
         fit(30.0, still)
 
 
-def test_weights_are_not_below_zero_nor_all_zero() -> None:
+def test_weights_must_not_be_negative_or_all_zero() -> None:
     with pytest.raises(ParameterError) as refused:
         Weights(lateral=-1.0)
     assert refused.value.field == "weights.lateral"

@@ -46,7 +46,7 @@ def test_table_2_gives_equation_9_to_its_printed_digits() -> None:
     assert found.warnings == ()
 
 
-def test_covariance_without_standard_errors_is_that_of_polyfit() -> None:
+def test_covariance_without_standard_errors_equals_polyfit() -> None:
     values, _ = noisy()
     found = fit_obliquity(points=points(DEGREES, values))
     coefficients, covariance = np.polyfit(DEGREES, values, 2, cov=True)
@@ -64,7 +64,7 @@ def test_covariance_with_standard_errors_is_absolute() -> None:
 
 
 @pytest.mark.parametrize("order", range(10))
-def test_points_on_a_polynomial_give_it_back(order: int) -> None:
+def test_fit_to_points_on_a_polynomial_recovers_it(order: int) -> None:
     coefficients = 9.0 * (-1.0) ** np.arange(order + 1) * 90.0 ** -np.arange(order + 1.0)
     values = np.polynomial.polynomial.polyval(DEGREES, coefficients)
     found = fit_obliquity(points=points(-DEGREES, values), order=order)
@@ -73,13 +73,13 @@ def test_points_on_a_polynomial_give_it_back(order: int) -> None:
 
 
 @pytest.mark.parametrize("order", range(10))
-def test_covariance_of_any_order_is_one(order: int) -> None:
+def test_covariance_of_any_order_is_valid(order: int) -> None:
     values, errors = noisy()
     model = fit_obliquity(points=points(DEGREES, values, errors), order=order).model
     assert 0.0 < model.standard_error(math.radians(20.0)) < 0.3
 
 
-def test_as_many_coefficients_as_points_leave_no_covariance_unless_errors_are_given() -> None:
+def test_exact_fit_has_no_covariance_unless_errors_are_given() -> None:
     found = fit_obliquity(points=points([0.0, 20.0, 40.0], [9.0, 8.0, 6.5]))
     assert found.covariance is None
     assert found.degrees_of_freedom == 0
@@ -90,19 +90,19 @@ def test_as_many_coefficients_as_points_leave_no_covariance_unless_errors_are_gi
         assert known.model.standard_error(math.radians(angle)) == pytest.approx(error)
 
 
-def test_mean_of_equal_points_is_known_by_the_root_of_their_number() -> None:
+def test_error_of_a_mean_falls_with_the_root_of_the_number() -> None:
     found = fit_obliquity(points=points([10.0] * 4, [8.0, 8.2, 7.8, 8.0], [0.1] * 4), order=0)
     assert found.coefficients == pytest.approx((8.0,))
     assert found.model.standard_error(0.0) == pytest.approx(0.1 / math.sqrt(4.0))
 
 
-def test_points_far_off_their_standard_errors_are_reported() -> None:
+def test_residuals_larger_than_the_standard_errors_cause_a_warning() -> None:
     values, errors = noisy()
     found = fit_obliquity(points=points(DEGREES, values, errors / 10.0))
     assert [warning.code for warning in found.warnings] == ["scatter_beyond_standard_errors"]
 
 
-def test_fit_goes_straight_into_a_search() -> None:
+def test_fitted_model_can_be_used_in_a_search() -> None:
     model = fit_obliquity(points=table_2()).model
     found = critical_angle(**CASE, velocity=PAPER_VELOCITY, resistance=Resistance(strength_factor=model))
     assert found.status is SearchStatus.CONVERGED

@@ -35,7 +35,7 @@ def test_history_is_a_table_with_a_column_for_each_quantity() -> None:
     assert table.index[-1] == trajectory.final.time
 
 
-def test_columns_without_a_history_say_what_is_missing() -> None:
+def test_error_about_columns_without_a_history_names_the_remedy() -> None:
     trajectory = paper_run(55.0, sample_interval=None)
     with pytest.raises(ParameterError, match="sample_interval: must be given"):
         trajectory.columns()
@@ -49,7 +49,7 @@ def test_trials_of_a_search_are_a_table() -> None:
     assert fine[fine["outcome"] == "ricochet"]["oblique_angle"].min() == known(found.angle)
 
 
-def test_many_critical_angles_are_a_table_with_the_failed_ones_in_it() -> None:
+def test_table_of_critical_angles_includes_failed_cases() -> None:
     velocities = [200.0, -1.0, 300.0]
     answers = critical_angle_many(**CASE, velocity=velocities)
     table = solver.to_dataframe(answers)
@@ -61,7 +61,7 @@ def test_many_critical_angles_are_a_table_with_the_failed_ones_in_it() -> None:
     assert "strength_fit_extrapolated" in table["warnings"][0].split()
 
 
-def test_many_trajectories_are_columns() -> None:
+def test_trajectories_become_columns() -> None:
     impacts = [paper_impact(oblique_angle_degrees=angle) for angle in (30.0, 60.0)]
     answers = list(simulate_many(**CASE, impact=impacts))
     columns = solver.columns(answers)
@@ -71,7 +71,7 @@ def test_many_trajectories_are_columns() -> None:
     pd.testing.assert_frame_equal(solver.to_dataframe(answers), pd.DataFrame(columns))
 
 
-def test_answers_of_both_kinds_are_no_table() -> None:
+def test_answers_of_different_kinds_are_refused() -> None:
     impact = Impact(velocity=PAPER_VELOCITY, oblique_angle=0.5)
     answers: list[Trajectory | CriticalAngle] = [
         simulate(**CASE, impact=impact),
@@ -83,10 +83,10 @@ def test_answers_of_both_kinds_are_no_table() -> None:
 
 @pytest.mark.parametrize("table", [solver.columns, solver.to_dataframe])
 @pytest.mark.parametrize("given", [[PAPER_TARGET], PAPER_TARGET])
-def test_what_is_no_answer_is_no_table(table: Callable[[Any], Any], given: Any) -> None:
+def test_object_that_is_not_an_answer_is_refused(table: Callable[[Any], Any], given: Any) -> None:
     with pytest.raises(ParameterError, match=r"^answers: must .*, got Target"):
         table(given)
 
 
-def test_no_answers_are_an_empty_table() -> None:
+def test_empty_list_of_answers_gives_an_empty_table() -> None:
     assert {name: len(values) for name, values in solver.columns([]).items()} == {"warnings": 0, "error": 0}

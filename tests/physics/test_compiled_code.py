@@ -162,14 +162,14 @@ def test_remaining_functions_are_counted_without_numba(little: Little, started: 
     assert started.left() == []
 
 
-def test_code_is_found_in_a_copy_elsewhere_that_can_only_be_read(ready: Little) -> None:
+def test_compiled_code_is_found_in_a_read_only_copy(ready: Little) -> None:
     set_writable(ready.package, False)
     assert ready.compiled() == 0
     assert not (ready.folder / "home").exists()
 
 
 @pytest.mark.parametrize("name", ["functions.py", "constants.py"])
-def test_changed_source_is_compiled_anew_and_so_is_one_that_imports_it(ready: Little, name: str) -> None:
+def test_changed_source_and_its_importers_are_recompiled(ready: Little, name: str) -> None:
     with (ready.package / name).open("a") as source:
         source.write("\n# another text\n")
     assert ready.compiled() == 2
@@ -196,13 +196,13 @@ def test_read_only_installation_compiles_into_the_cache_of_the_user(little: Litt
     assert list((little.folder / "home" / ".cache" / "ricochet").rglob("*.nbc"))
 
 
-def test_without_any_folder_it_is_compiled_at_each_start(little: Little) -> None:
+def test_package_without_a_usable_folder_is_compiled_at_each_start(little: Little) -> None:
     (little.folder / "home").touch()
     set_writable(little.package, False)
     assert [little.compiled() for _ in range(2)] == [2, 2]
 
 
-def test_folder_that_is_named_is_used(little: Little) -> None:
+def test_cache_folder_in_the_environment_is_used(little: Little) -> None:
     named = little.folder / "named"
     little.environment["NUMBA_CACHE_DIR"] = str(named)
     assert little.compiled() == 2
@@ -211,7 +211,7 @@ def test_folder_that_is_named_is_used(little: Little) -> None:
     assert little.compiled() == 0
 
 
-def test_named_folder_that_cannot_be_used_is_passed_over(little: Little) -> None:
+def test_unusable_cache_folder_in_the_environment_is_ignored(little: Little) -> None:
     closed = little.folder / "closed"
     closed.mkdir(mode=0)
     (little.folder / "file").touch()
@@ -246,21 +246,21 @@ def damages(*first: str) -> list[Any]:
 
 
 @pytest.mark.parametrize("damage", damages("empty", "last byte missing"))
-def test_folder_with_a_damaged_file_is_compiled_anew(ready: Little, damage: str) -> None:
+def test_folder_with_a_damaged_file_is_recompiled(ready: Little, damage: str) -> None:
     damage_file(ready, damage, ".nbc")
     assert ready.compiled() == 2
     assert ready.compiled() == 0
 
 
 @pytest.mark.parametrize("damage", damages("first half"))
-def test_damaged_index_is_written_anew(ready: Little, damage: str) -> None:
+def test_damaged_index_is_rewritten(ready: Little, damage: str) -> None:
     damage_file(ready, damage, ".nbi")
     assert ready.compiled() == 2
     assert ready.compiled() == 0
     assert not ready.left()
 
 
-def test_damaged_folder_that_can_only_be_read_is_not_used(ready: Little) -> None:
+def test_damaged_read_only_folder_is_not_used(ready: Little) -> None:
     damage_file(ready, "first half", ".nbc")
     set_writable(ready.package, False)
     assert [ready.compiled() for _ in range(2)] == [2, 2]
@@ -279,7 +279,7 @@ INTERRUPTED = """
 """
 
 
-def test_handler_of_a_signal_that_raises_while_code_is_loaded_does_not_condemn_it(ready: Little) -> None:
+def test_signal_handler_that_raises_while_code_is_loaded_does_not_discard_it(ready: Little) -> None:
     ready.run = RUN.replace("    value = ", f"{INTERRUPTED}    value = ")
     assert ready.compiled() == 0
 
@@ -289,7 +289,7 @@ def damage_file(package: Little, damage: str, suffix: str) -> None:
     file.write_bytes(DAMAGES[damage](file.read_bytes()))
 
 
-def test_unreadable_code_is_compiled_anew(ready: Little) -> None:
+def test_unreadable_code_is_recompiled(ready: Little) -> None:
     for file in ready.code.rglob("*.nb?"):
         file.chmod(0)
     assert ready.compiled() == 2
@@ -309,7 +309,7 @@ def test_two_processes_may_compile_at_the_same_time(little: Little) -> None:
     assert little.compiled() == 0
 
 
-def test_solver_is_found_in_a_copy_that_can_only_be_read(tmp_path: Path) -> None:
+def test_compiled_solver_is_found_in_a_read_only_copy(tmp_path: Path) -> None:
     """An example is an installation by root for other users, with complete compiled code."""
     solver.warm_up()
     progress = compilation.compilation_progress()
@@ -338,7 +338,7 @@ def test_solver_is_found_in_a_copy_that_can_only_be_read(tmp_path: Path) -> None
     assert done.stdout.split() == [str(tmp_path / "solver" / "__init__.py"), "0"], done.stderr
 
 
-def test_where_code_cannot_be_kept_no_other_process_compiles_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_warm_up_compiles_in_this_process_if_code_cannot_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     solver.warm_up()
     warm_up = importlib.import_module("solver.warm_up")
     monkeypatch.setattr(warm_up, "compilation_progress", lambda: compilation.Progress(1, ["all"]))
@@ -380,7 +380,7 @@ def compiling(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
         process.communicate()
 
 
-def test_progress_says_how_much_is_compiled_and_what_is_being_compiled(
+def test_progress_states_how_much_is_compiled_and_the_current_function(
     compiling: Callable[..., subprocess.Popen[str]],
 ) -> None:
     process = compiling("import solver; solver.warm_up(print)")
@@ -429,7 +429,7 @@ def test_import_loads_neither_numba_nor_scipy() -> None:
     assert done.stdout == "[]\n"
 
 
-def test_code_for_another_processor_is_not_counted_and_stays(ready: Little) -> None:
+def test_code_for_another_processor_is_not_counted_or_deleted(ready: Little) -> None:
     ready.environment["NUMBA_CPU_NAME"] = "generic"
     assert len(ready.left()) == 2
     assert ready.compiled() == 2

@@ -86,14 +86,14 @@ def test_outcome_changes_at_the_known_angle(expected: float, changes: dict[str, 
 
 
 @pytest.mark.parametrize(("expected", "tolerance", "changes"), BY_TIP)
-def test_tip_is_in_the_face_after_five_milliseconds_at_the_known_angle(
+def test_tip_is_at_the_face_after_five_milliseconds_at_the_known_angle(
     expected: float, tolerance: float, changes: dict[str, Any]
 ) -> None:
     found = find("bisection", expected, numerics=Numerics(method="adaptive"), **changes)
     assert degrees(found) == pytest.approx(expected, abs=tolerance)
 
 
-def test_both_routes_put_the_angle_at_400_metres_a_second_at_62_78() -> None:
+def test_both_routes_find_62_78_degrees_at_400_metres_a_second() -> None:
     """The independent program gave 62.9°, which is 0.02° more than rounding and the tolerance of 0.05° allow.
 
     Instead the methods `adaptive` and `panels`, which share little but the shape of the body, are compared. They agree
@@ -115,7 +115,7 @@ def test_both_routes_put_the_angle_at_400_metres_a_second_at_62_78() -> None:
 
 
 @pytest.mark.parametrize("method", ["bisection", "secant"])
-def test_searches_of_the_paper_find_its_angle_to_its_tolerance(method: Literal["bisection", "secant"]) -> None:
+def test_searches_of_the_paper_find_its_angle_within_its_tolerance(method: Literal["bisection", "secant"]) -> None:
     found = find(method, relative_tolerance=PAPERS_TOLERANCE)
     assert degrees(found) == pytest.approx(PAPERS_ANGLE, rel=PAPERS_TOLERANCE)
     assert degrees(found) == pytest.approx(48.61, abs=PAPERS_TOLERANCE * PAPERS_ANGLE)
@@ -123,7 +123,7 @@ def test_searches_of_the_paper_find_its_angle_to_its_tolerance(method: Literal["
     assert first == pytest.approx([40.0, 60.0])
 
 
-def test_defaults_find_the_angle_in_the_whole_range() -> None:
+def test_defaults_find_the_angle_in_the_full_search_range() -> None:
     """The angle is 48.63 ± 0.02°, which the README and the demonstration print."""
     found = critical_angle(**CASE, velocity=PAPER_VELOCITY)
     assert degrees(found) == pytest.approx(48.635, abs=0.015)

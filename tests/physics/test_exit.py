@@ -15,7 +15,7 @@ ENERGY = 0.5 * 13.0 * 238.0**2
 
 
 @pytest.mark.parametrize(("oblique_angle", "outward"), [(0.0, 1.0), (20.0, 1.0), (52.0, -1.0)])
-def test_exit_is_the_final_motion_seen_from_the_face_left_through(oblique_angle: float, outward: float) -> None:
+def test_exit_is_the_final_motion_relative_to_the_exit_face(oblique_angle: float, outward: float) -> None:
     run = paper_run(oblique_angle, target=WALL, sample_interval=None)
     left, final = run.exit, run.final
     assert left is not None
@@ -27,7 +27,7 @@ def test_exit_is_the_final_motion_seen_from_the_face_left_through(oblique_angle:
     assert left.lateral == final.center_of_gravity_lateral
 
 
-def test_projectile_that_stays_has_no_exit() -> None:
+def test_embedded_projectile_has_no_exit() -> None:
     run = paper_run(46.0, target=WALL)
     assert run.outcome is Outcome.EMBEDDED
     assert run.exit is None

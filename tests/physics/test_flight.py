@@ -39,7 +39,7 @@ STEEL_SPHERE = {
         (STEEL_SPHERE, 300.0, 20.0, 729.3, 9.65, 47.8),
     ],
 )
-def test_flights_are_those_of_an_independent_program(
+def test_flights_agree_with_an_independent_program(
     body: dict[str, float], speed: float, elevation_deg: float, distance: float, seconds: float, landing_speed: float
 ) -> None:
     found = flight(speed=speed, elevation=math.radians(elevation_deg), **body)
@@ -48,12 +48,12 @@ def test_flights_are_those_of_an_independent_program(
     assert found.impact_speed == pytest.approx(landing_speed, abs=0.1)
 
 
-def test_apex_is_that_of_an_independent_program() -> None:
+def test_apex_agrees_with_an_independent_program() -> None:
     assert flight(speed=101.1, elevation=math.radians(19.18), **PAPER).apex == pytest.approx(43.3, abs=0.1)
 
 
 @pytest.mark.parametrize(("speed", "farthest", "elevation_deg"), [(101.1, 514.3, 39.5), (200.0, 949.0, 34.5)])
-def test_farthest_flights_are_those_of_an_independent_program(
+def test_farthest_flights_agree_with_an_independent_program(
     speed: float, farthest: float, elevation_deg: float
 ) -> None:
     found = flight(speed=speed, elevation=0.1, **PAPER)
@@ -64,7 +64,7 @@ def test_farthest_flights_are_those_of_an_independent_program(
 
 @pytest.mark.parametrize("height", [0.0, 7.5, 300.0])
 @pytest.mark.parametrize("elevation_deg", [-30.0, 0.0, 10.0, 45.0, 80.0])
-def test_without_drag_the_flight_is_the_parabola(elevation_deg: float, height: float) -> None:
+def test_flight_without_drag_is_a_parabola(elevation_deg: float, height: float) -> None:
     speed, elevation = 100.0, math.radians(elevation_deg)
     found = flight(speed=speed, elevation=elevation, height=height, drag_coefficient=0.0, mass=1.0, projected_area=1.0)
     climb = speed * math.sin(elevation)
@@ -89,7 +89,7 @@ def random_flight(number: int) -> tuple[dict[str, float], Flight]:
 
 
 @pytest.mark.parametrize("number", range(12))
-def test_no_elevation_carries_farther_than_the_farthest(number: int) -> None:
+def test_no_elevation_carries_farther_than_the_farthest_flight(number: int) -> None:
     given, found = random_flight(number)
     ranges = [flight(elevation=math.radians(each), **given).range for each in range(-80, 90, 40)]
     assert max(*ranges, found.range) <= found.farthest_range * (1.0 + 1e-6) + 1e-9
@@ -109,7 +109,7 @@ def test_drag_only_shortens_a_flight_and_slows_the_landing() -> None:
     assert list(speeds) == sorted(speeds, reverse=True)
 
 
-def test_extreme_bodies_land_too() -> None:
+def test_flights_of_extreme_bodies_end() -> None:
     found = flight(speed=1e4, elevation=1.5, mass=1e-6, projected_area=20.0, drag_coefficient=10.0, height=1e4)
     terminal = math.sqrt(2.0 * 1e-6 * GRAVITY / (1.225 * 10.0 * 20.0))
     assert found.impact_speed == pytest.approx(terminal, rel=1e-3)
@@ -139,7 +139,7 @@ def test_mean_projected_area_is_a_quarter_of_the_surface() -> None:
         (0.0, 0.0, "up", True, -90.0),  # downwards, through a slab
     ],
 )
-def test_elevation_on_tilted_faces(
+def test_elevation_follows_the_tilt_of_the_face(
     direction_deg: float, tilt_deg: float, plane: str, rear: bool, elevation_deg: float
 ) -> None:
     found = launch_elevation(
@@ -166,17 +166,17 @@ GIVEN = {"speed": 100.0, "elevation": 0.5, "mass": 1.0, "projected_area": 0.01}
         ({"height": -1.0}, "flight.height: must be 0 to 10000 m, got -1 m"),
     ],
 )
-def test_bad_values_are_refused(changed: dict[str, float], message: str) -> None:
+def test_invalid_values_of_a_flight_are_refused(changed: dict[str, float], message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         flight(**(GIVEN | changed))
 
 
-def test_faces_beyond_a_vertical_wall_are_refused() -> None:
+def test_faces_tilted_beyond_vertical_are_refused() -> None:
     with pytest.raises(ParameterError, match=r"face_tilt: must be between 0 and 1\.5708"):
         launch_elevation(direction=0.1, face_tilt=math.radians(91.0))
 
 
-def test_distances_are_rounded_up_in_words() -> None:
+def test_distances_in_sentences_are_rounded_up() -> None:
     found = flight(speed=101.1, elevation=math.radians(19.18), **PAPER)
     assert str(found) == (
         "Lands about 410 m away if it tumbles as computed, up to 520 m at any elevation, at most 1,050 m without drag."
@@ -193,12 +193,12 @@ def test_distances_are_rounded_up_in_words() -> None:
         ({"height": -0.1}, r"flight.height: must be 0 to 10000 m, got -0\.1 m"),
     ],
 )
-def test_bad_conditions_of_a_flight_are_refused(given: dict[str, Any], message: str) -> None:
+def test_invalid_conditions_of_a_flight_are_refused(given: dict[str, Any], message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         FlightConditions(**given)
 
 
-def test_flight_after_an_exit_is_that_of_its_speed_and_direction() -> None:
+def test_flight_after_an_exit_follows_from_its_speed_and_direction() -> None:
     left = Exit(101.1, math.radians(70.82), math.radians(19.18), 1.8, 40.0, 7e4, 0.6)
     level = flight_after(left, projectile=PAPER_PROJECTILE)
     assert level.range == pytest.approx(405.8, abs=0.1)

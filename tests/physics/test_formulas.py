@@ -70,7 +70,7 @@ def depth_in_diameters(answer: FormulaResult, projectile: Projectile) -> float:
     return known(answer.penetration_depth) / projectile.diameter
 
 
-def test_published_shot_by_li_chen_and_ndrc() -> None:
+def test_li_chen_and_ndrc_give_the_published_depth_of_a_shot() -> None:
     """The depth by Li and Chen is 6.231 diameters with their crater (0.707 diameters and the nose).
 
     With a crater of two diameters it is 6.215, and 6.21 is quoted for this shot. The measured depth is 6.43 diameters.
@@ -91,7 +91,7 @@ def test_published_shot_by_li_chen_and_ndrc() -> None:
     assert by_ndrc < by_li_chen < measured < 1.04 * by_li_chen
 
 
-def test_closed_form_is_li_chen_with_a_crater_of_two_diameters() -> None:
+def test_closed_form_equals_li_chen_with_a_crater_of_two_diameters() -> None:
     """The two differ only in the depth of the crater, which is 0.707 diameters plus the nose by Li and Chen."""
     projectile = replace(FORRESTAL_SHOT, nose=Ogive(caliber_radius_head=(1.0 + (2.0 * 1.293) ** 2) / 4.0))
     ours = closed_form_depth(projectile=projectile, target=FORRESTAL_TARGET, velocity=277.0, strength_factor=12.0)
@@ -99,7 +99,7 @@ def test_closed_form_is_li_chen_with_a_crater_of_two_diameters() -> None:
     assert answer.penetration_depth == pytest.approx(ours, rel=1e-9)
 
 
-def test_heavy_sphere_by_ndrc() -> None:
+def test_ndrc_gives_the_known_depth_of_a_heavy_sphere() -> None:
     """A sphere of 100 kg and 0.2898 m strikes concrete of 10 MPa at 60 m/s.
 
     With the constant in US units and a nose factor of 0.84, G is 0.0514; here the factor is 1.
@@ -136,14 +136,14 @@ def test_disputed_nose_factor_is_stated_where_it_is_used(formula: Formula) -> No
         assert ("0.84 is printed too" in answer.note) is disputed
 
 
-def test_constant_of_ndrc_from_us_units() -> None:
+def test_constant_of_ndrc_agrees_with_us_units() -> None:
     """In lb, in, ft/s and psi, 180 N W / (d sqrt(f'c)) (V / (1000 d))^1.8 is 0.1 % more than with the SI constant."""
     converted = 180.0 / POUND * INCH * math.sqrt(PSI) * (INCH / FOOT / 1000.0) ** 1.8
     assert converted == pytest.approx(3.8034e-5, rel=2e-4)
     assert converted / NDRC_CONSTANT == pytest.approx(1.001, abs=5e-4)
 
 
-def test_constant_of_ace_from_us_units() -> None:
+def test_constant_of_ace_agrees_with_us_units() -> None:
     """222 P d^0.215 (V / 1000)^1.5 / sqrt(f'c) in lb, in, ft/s and psi; P is the weight over the cross section."""
     converted = 222.0 * 4.0 / math.pi / POUND * INCH**2.785 * math.sqrt(PSI) / (1000.0 * FOOT) ** 1.5
     assert converted == pytest.approx(3.510e-4, abs=5e-8)
@@ -152,7 +152,7 @@ def test_constant_of_ace_from_us_units() -> None:
     assert (depth_in_diameters(answer, PAPER) - 0.5) / slope == pytest.approx(converted, rel=3e-3)
 
 
-def test_noses_of_hughes_are_flat_blunt_spherical_and_very_sharp() -> None:
+def test_hughes_has_factors_for_flat_blunt_spherical_and_sharp_noses() -> None:
     """Factors 1, 1.12, 1.26 and 1.39 by Leppänen, Chalmers publication 02:4, appendix C, and a second source."""
     flat, *others = (
         hughes(projectile=replace(PAPER, nose=nose), target=PAPER_TARGET, impact=normal(238.0)).penetration_depth
@@ -161,7 +161,7 @@ def test_noses_of_hughes_are_flat_blunt_spherical_and_very_sharp() -> None:
     assert [depth / known(flat) for depth in others if depth] == pytest.approx([1.12, 1.26, 1.39])
 
 
-def test_paper_strike_by_hughes() -> None:
+def test_hughes_gives_the_depth_computed_by_hand() -> None:
     """By hand: f_t = 0.63 sqrt(39) = 3.934 MPa, I = 365.6, x/d = 0.19 · 1.39 · 365.6 / (1 + 12.3 ln 11.967) = 3.063."""
     answer = hughes(projectile=PAPER, target=PAPER_TARGET, impact=normal(238.0))
     assert depth_in_diameters(answer, PAPER) == pytest.approx(3.063, abs=2e-3)
@@ -182,7 +182,7 @@ def test_range_of_hughes_is_40_to_3500() -> None:
     assert outside.detail.startswith("fitted from 40 to 3500 (I = M V²/(d³ f_t)), here 35")
 
 
-def test_whiffen_in_si_units() -> None:
+def test_whiffen_agrees_with_its_printed_constants() -> None:
     """The constants 2.61, 533.4 m/s and 97.5 were converted by hand from the printed inches, pounds, psi and ft/s."""
     shot: dict[str, Any] = {"projectile": FORRESTAL_SHOT, "target": FORRESTAL_TARGET, "impact": normal(277.0)}
     for size in (0.0095, 0.02):
@@ -193,7 +193,7 @@ def test_whiffen_in_si_units() -> None:
         assert (answer.in_range, answer.verified, answer.note) == (True, False, "within 15 % of its tests")
 
 
-def test_whiffen_says_which_aggregate_it_takes() -> None:
+def test_whiffen_states_the_assumed_aggregate_size() -> None:
     shot: dict[str, Any] = {"projectile": PAPER, "target": PAPER_TARGET, "impact": normal(238.0)}
     assumed, doubled = whiffen(**shot), whiffen(**shot, aggregate_size=0.04)
     assert assumed.penetration_depth == whiffen(**shot, aggregate_size=0.02).penetration_depth
@@ -214,7 +214,7 @@ def test_whiffen_says_which_aggregate_it_takes() -> None:
         ({}, 3_710 * FOOT, "impact.velocity"),
     ],
 )
-def test_range_of_whiffen(change: dict[str, Any], velocity: float, field: str) -> None:
+def test_range_of_whiffen_is_the_published_one(change: dict[str, Any], velocity: float, field: str) -> None:
     """The range is 0.3 to 22,000 lb, 0.5 to 38 in, and up to 3,700 ft/s."""
     answer = whiffen(projectile=replace(PAPER, **change), target=PAPER_TARGET, impact=normal(velocity))
     assert [each.field for each in answer.out_of_range] == [field]
@@ -226,7 +226,7 @@ def test_brl_is_marked_as_in_doubt() -> None:
     assert not answer.in_range
 
 
-def test_paper_strike_by_every_formula() -> None:
+def test_every_formula_gives_the_limits_computed_by_hand() -> None:
     """The expected values were computed by hand for 238 m/s along the normal. [m]"""
     answers = by_name(PAPER, PAPER_TARGET, normal(238.0))
     ndrc = answers["modified_ndrc"]
@@ -302,7 +302,7 @@ coefficients cause. [1]"""
     BRANCHES,
     ids=[f"{each[0].__name__} {each[1]} {each[3]:.4g}" for each in BRANCHES],
 )
-def test_branches_meet(
+def test_branches_of_formulas_meet_at_their_boundaries(
     formula: Formula, limit: str, argument: Callable[[float], float], boundary: float, digits: float
 ) -> None:
     velocity = speed_at(argument, boundary)
@@ -311,7 +311,7 @@ def test_branches_meet(
     assert above == pytest.approx(below, abs=digits, rel=1e-7)
 
 
-def test_oblique_strike_counts_with_its_normal_component() -> None:
+def test_oblique_strike_enters_with_its_normal_component() -> None:
     oblique = by_name(PAPER, PAPER_TARGET, Impact(velocity=238.0, oblique_angle=math.radians(60.0)))
     assert {name: answer.penetration_depth for name, answer in oblique.items()} == pytest.approx(
         {name: answer.penetration_depth for name, answer in by_name(PAPER, PAPER_TARGET, normal(119.0)).items()}
@@ -331,7 +331,7 @@ def test_range_names_the_input_the_bounds_and_the_value() -> None:
     assert outside.detail == "fitted from 5000 kg/m³ to 200000 kg/m³ (M/d³), here 1953.1 kg/m³"
 
 
-def test_formula_for_flat_noses_is_out_of_range_for_others() -> None:
+def test_formula_for_flat_noses_is_out_of_range_for_other_noses() -> None:
     for name in ("chang", "cea_edf"):
         (outside,) = by_name(PAPER, PAPER_TARGET, normal(150.0))[name].out_of_range
         assert (outside.field, outside.detail) == ("projectile.nose", "fitted to flat noses, here sharp")
@@ -353,7 +353,7 @@ def test_shallow_limits_of_ndrc_are_in_range_up_to_18_diameters() -> None:
     assert {each.field for each in fast.out_of_range} == {"perforation_thickness", "scabbing_thickness"}
 
 
-def test_spread_is_over_different_answers_in_range() -> None:
+def test_spread_covers_different_answers_in_range() -> None:
     strike: dict[str, Any] = {"projectile": PAPER, "target": PAPER_TARGET, "impact": normal(238.0)}
     found = spread(formulas(**strike), "perforation_thickness")
     assert found is not None
@@ -371,7 +371,7 @@ def test_strike_along_the_face_is_refused() -> None:
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.4, 10.0])
-def test_reinforcement_changes_no_formula_and_no_run(ratio: float) -> None:
+def test_reinforcement_changes_no_result(ratio: float) -> None:
     """No implemented formula uses reinforcement. The UKAEA formula for perforation does, but has no open source."""
     plain: dict[str, Any] = {"projectile": PAPER, "impact": Impact(velocity=238.0, oblique_angle=0.0)}
     reinforced = replace(PAPER_TARGET, thickness=0.2, reinforcement_ratio_percent=ratio)
@@ -386,6 +386,6 @@ def test_reinforcement_changes_no_formula_and_no_run(ratio: float) -> None:
 
 
 @pytest.mark.parametrize("ratio", [-0.1, 10.1, math.nan])
-def test_reinforcement_beyond_any_wall_is_refused(ratio: float) -> None:
+def test_reinforcement_ratio_beyond_any_wall_is_refused(ratio: float) -> None:
     with pytest.raises(ParameterError, match=r"target\.reinforcement_ratio_percent: must be"):
         replace(PAPER_TARGET, reinforcement_ratio_percent=ratio)

@@ -257,7 +257,7 @@ def test_pointed_nose_touches_with_its_tip_up_to_the_angle_of_its_flank() -> Non
 
 
 @pytest.mark.parametrize("digits", [None, 6, "single precision"])
-def test_points_on_a_straight_line_are_a_cone_whatever_they_are_rounded_to(digits: int | str | None) -> None:
+def test_rounded_points_on_a_straight_line_are_a_cone(digits: int | str | None) -> None:
     rng = np.random.default_rng(32)
     for _ in range(200):
         length, radius = rng.uniform(0.05, 0.5), rng.uniform(0.02, 0.1)
@@ -280,7 +280,7 @@ def test_points_on_a_straight_line_are_a_cone_whatever_they_are_rounded_to(digit
         assert all(later <= earlier + 1e-12 for earlier, later in pairwise(slopes))
 
 
-def test_arc_sampled_finely_in_single_precision_is_convex() -> None:
+def test_finely_sampled_arc_in_single_precision_counts_as_convex() -> None:
     nose = Ogive(caliber_radius_head=3.0)
     (arc,) = nose.outline(A)
     x, r, _, _ = arc.at(np.linspace(0.0, 1.0, 1000))
@@ -291,7 +291,7 @@ def test_arc_sampled_finely_in_single_precision_is_convex() -> None:
     assert solid_properties(sampled).volume == pytest.approx(solid_properties(exact).volume, rel=1e-5)
 
 
-def test_lists_and_arrays_of_points_are_the_profile_of_the_tuple() -> None:
+def test_lists_and_arrays_of_points_give_the_same_profile() -> None:
     points = ((0.0, 0.01), (0.06, 0.03), (0.12, 0.04))
     expected = Profile(points=points)
     for given in ([list(point) for point in points], np.array(points), [*map(np.array, points)]):

@@ -51,13 +51,13 @@ def angle_of(law: StrengthFactor, velocity: float, **changes: Any) -> float:
 @pytest.mark.parametrize(
     ("held", "velocity", "angle"), TABLE + [(90.0, *row) for row in NOT_HELD.items()], ids=lambda value: f"{value:g}"
 )
-def test_critical_angles_are_those_of_an_independent_program(held: float, velocity: float, angle: float) -> None:
+def test_critical_angles_agree_with_an_independent_program(held: float, velocity: float, angle: float) -> None:
     found = angle_of(ObliquityPolynomial(held_from=math.radians(held)), float(velocity))
     assert found == pytest.approx(angle, abs=0.02)
 
 
 @pytest.mark.parametrize("velocity", [238.0, 400.0, 600.0])
-def test_equation_9_is_held_from_60_degrees_unless_told_otherwise(velocity: float) -> None:
+def test_equation_9_is_constant_from_60_degrees_by_default(velocity: float) -> None:
     """The angle is the same with the defaults given explicitly; above 60° it is that of the constant S = 4.683."""
     plain = angle_of(ObliquityPolynomial(), velocity)
     assert plain == angle_of(ObliquityPolynomial(coefficients=EQUATION_9_COEFFICIENTS), velocity)
@@ -79,7 +79,7 @@ LAWS: dict[str, StrengthFactor] = {
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_every_law_of_its_shape_is_held(name: str) -> None:
+def test_every_law_with_the_shape_of_equation_9_is_held(name: str) -> None:
     law = LAWS[name]
     for degrees in (60.0, 60.001, 75.0, -80.0, 89.99):
         assert value_at(law, degrees) == pytest.approx(value_at(law, 60.0), rel=1e-12)
@@ -87,14 +87,14 @@ def test_every_law_of_its_shape_is_held(name: str) -> None:
     assert value_at(law, 55.0) > value_at(law, 60.0)
 
 
-def test_search_and_run_use_the_same_strength_factor_beyond() -> None:
+def test_search_and_run_use_the_same_strength_factor_beyond_60_degrees() -> None:
     found = critical_angle(**CASE, velocity=600.0)
     assert found.strength_factor == pytest.approx(4.683)
     run = simulate(**CASE, impact=Impact(velocity=600.0, oblique_angle=math.radians(80.0)), sample_interval=None)
     assert run.strength_factor == pytest.approx(4.683)
 
 
-def test_range_up_to_89_degrees_is_not_cut_off_if_s_is_held() -> None:
+def test_search_range_up_to_89_degrees_is_kept_if_s_is_held() -> None:
     """If eq. 9 is not held, S falls to zero at 86.6°, where the search is cut off."""
     search = Search(lower=math.radians(5.0), upper=math.radians(89.0))
     assert "range_clipped" not in codes(critical_angle(**CASE, velocity=PAPER_VELOCITY, search=search))
@@ -116,7 +116,7 @@ def test_flat_body_at_a_grazing_angle_is_resisted() -> None:
     assert known(simulate(**strike, resistance=free).maximum_depth) > 0.4
 
 
-def test_search_with_no_trial_beyond_keeps_its_bits() -> None:
+def test_search_below_60_degrees_does_not_change_by_a_bit() -> None:
     search = Search(lower=math.radians(40.0), upper=math.radians(60.0))
     plain, unheld = (
         critical_angle(**CASE, velocity=PAPER_VELOCITY, search=search, resistance=Resistance(strength_factor=law))
@@ -126,13 +126,13 @@ def test_search_with_no_trial_beyond_keeps_its_bits() -> None:
 
 
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 60.0, 90.0])
-def test_any_angle_up_to_90_degrees_may_hold(degrees: float) -> None:
+def test_s_may_be_held_from_any_angle_up_to_90_degrees(degrees: float) -> None:
     law = ObliquityPolynomial(held_from=math.radians(degrees))
     assert value_at(law, 40.0) == pytest.approx(value_at(ObliquityPolynomial(), min(degrees, 40.0)), rel=1e-12)
 
 
 @pytest.mark.parametrize("value", [-0.01, 1.6, math.nan, math.inf])
-def test_other_angles_are_refused(value: float) -> None:
+def test_invalid_angles_for_holding_s_are_refused(value: float) -> None:
     with pytest.raises(ParameterError, match=r"strength_factor\.held_from"):
         ObliquityPolynomial(held_from=value)
 
@@ -140,7 +140,7 @@ def test_other_angles_are_refused(value: float) -> None:
 OTHER = ObliquityPolynomial(coefficients=(9.0, 0.0, -0.001))
 
 
-def test_other_polynomials_follow_their_coefficients_and_warn_beyond() -> None:
+def test_other_polynomials_are_extrapolated_with_a_warning() -> None:
     assert value_at(OTHER, 80.0) == pytest.approx(9.0 - 6.4)
 
     def warned(law: StrengthFactor, degrees: float) -> bool:
@@ -156,7 +156,7 @@ def test_other_polynomials_follow_their_coefficients_and_warn_beyond() -> None:
     assert not warned(ObliquityPolynomial(coefficients=(9.0,)), 70.0)
 
 
-def test_warning_beyond_the_fit_says_that_it_is_held() -> None:
+def test_warning_beyond_the_fit_states_that_s_is_held() -> None:
     (detail,) = (
         each.detail
         for each in simulate(**CASE, impact=paper_impact(oblique_angle_degrees=70.0)).warnings
@@ -165,7 +165,7 @@ def test_warning_beyond_the_fit_says_that_it_is_held() -> None:
     assert "held from 60° on" in detail
 
 
-def test_standard_error_is_that_of_the_last_angle_before_it_is_held() -> None:
+def test_standard_error_is_held_together_with_s() -> None:
     covariance = ((0.05, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1e-7))
     law = ObliquityPolynomial(covariance=covariance)
     assert law.standard_error(math.radians(80.0)) == law.standard_error(math.radians(60.0))

@@ -31,20 +31,20 @@ def errors(reference: Reference, history: Motion[FloatArray], until: float) -> t
     return float(depth.max()), float(angle.max())
 
 
-def test_adaptive_route_follows_the_history_to_three_tenths_of_a_millimetre(reference: Reference) -> None:
+def test_adaptive_route_follows_the_history_within_three_tenths_of_a_millimetre(reference: Reference) -> None:
     depth, angle = errors(reference, samples(reference, method="adaptive"), reference.time[-1])
     assert depth < 0.3e-3
     assert angle < 0.1
 
 
-def test_panels_of_the_paper_follow_the_history_to_a_millimetre_before_rest(reference: Reference) -> None:
+def test_panels_of_the_paper_follow_the_history_within_a_millimetre_before_rest(reference: Reference) -> None:
     rest = SIDEWAYS_REST.get(reference.name, reference.time[-1])
     depth, angle = errors(reference, samples(reference, method="panels"), rest)
     assert depth < 1e-3
     assert angle < 0.3
 
 
-def test_mass_properties_are_those_the_reference_integrated_for_itself(reference: Reference) -> None:
+def test_mass_properties_agree_with_the_reference(reference: Reference) -> None:
     properties = mass_properties(reference.strike["projectile"])
     assert abs(properties.center_of_gravity / reference.center_of_gravity - 1.0) < 1e-8
     assert abs(properties.moment_of_inertia / reference.moment_of_inertia - 1.0) < 1e-8

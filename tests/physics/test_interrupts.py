@@ -62,7 +62,7 @@ def survives(script: str, *arguments: str) -> None:
 
 @pytest.mark.parametrize("signal_name", ["SIGINT", "SIGALRM"])
 @pytest.mark.parametrize("call", CALLS)
-def test_exception_of_a_signal_handler_comes_out_of_the_call(call: str, signal_name: str) -> None:
+def test_exception_of_a_signal_handler_is_raised_by_the_call(call: str, signal_name: str) -> None:
     survives(LOOP.replace("CALL", CALLS[call]).replace("ROUNDS", str(ROUNDS)), signal_name)
 
 
@@ -93,7 +93,7 @@ except KeyboardInterrupt if sys.argv[1] == "SIGINT" else Ended:
 
 
 @pytest.mark.parametrize("signal_name", ["SIGINT", "SIGALRM"])
-def test_exception_of_a_signal_handler_is_not_ignored_while_code_is_loaded(signal_name: str) -> None:
+def test_exception_of_a_signal_handler_is_raised_while_code_is_loaded(signal_name: str) -> None:
     survives(IN_CALLBACK, signal_name)
 
 
@@ -180,7 +180,7 @@ def long_trajectory() -> Any:
     )
 
 
-def test_computation_in_any_thread_can_be_given_up_from_another() -> None:
+def test_computation_in_any_thread_can_be_cancelled_from_another() -> None:
     cancellation, begun = Cancellation(), threading.Event()
 
     def computation() -> Any:
@@ -196,7 +196,7 @@ def test_computation_in_any_thread_can_be_given_up_from_another() -> None:
         assert isinstance(future.exception(TIMEOUT_S), CancelledError)
 
 
-def test_computation_in_the_main_thread_can_be_given_up_from_another() -> None:
+def test_computation_in_the_main_thread_can_be_cancelled_from_another() -> None:
     cancellation = Cancellation()
     timer = threading.Timer(0.2, cancellation.cancel)
     timer.start()
@@ -204,14 +204,14 @@ def test_computation_in_the_main_thread_can_be_given_up_from_another() -> None:
         cancellation.run(long_trajectory)
 
 
-def test_given_up_computations_do_not_begin_again() -> None:
+def test_cancelled_computation_does_not_start() -> None:
     cancellation = Cancellation()
     cancellation.cancel()
     with pytest.raises(CancelledError):
         cancellation.run(long_trajectory)
 
 
-def test_threads_of_a_computation_are_given_up_with_it() -> None:
+def test_threads_of_a_computation_are_cancelled_with_it() -> None:
     cancellation = Cancellation()
     timer = threading.Timer(0.2, cancellation.cancel)
     timer.start()

@@ -147,7 +147,7 @@ def test_work_of_the_resistance_equals_the_energy_lost(strike: dict[str, Any]) -
 
 @few
 @given(strikes(), st.floats(1.01, 3.0))
-def test_more_strength_gives_less_normal_depth(strike: dict[str, Any], factor: float) -> None:
+def test_stronger_concrete_gives_less_normal_depth(strike: dict[str, Any], factor: float) -> None:
     target, resistance = strike["target"], strike["resistance"]
     normal = {**strike, "impact": Impact(velocity=strike["impact"].velocity, oblique_angle=0.0)}
     soft = simulate(**normal, numerics=Numerics(termination_time=1.0), sample_interval=None)

@@ -56,7 +56,7 @@ def test_many_trajectories_equal_single_ones(threads: int) -> None:
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_many_walls_equal_single_ones_beside_one_that_fails(threads: int) -> None:
+def test_many_walls_equal_single_ones_despite_a_failure(threads: int) -> None:
     numerics, tolerance = Numerics(relative_tolerance=1e-3), 1e-3
     angles = np.radians([0.0, 20.0, 40.0])
     impacts = [Impact(velocity=238.0, oblique_angle=float(angle)) for angle in angles]
@@ -73,19 +73,19 @@ def test_many_walls_equal_single_ones_beside_one_that_fails(threads: int) -> Non
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_a_case_that_fails_yields_its_error_in_its_place(threads: int) -> None:
+def test_failed_case_yields_its_error_in_its_place(threads: int) -> None:
     answers = list(critical_angle_many(**CASE, velocity=[238.0, -1.0, 238.0], search=NEAR, threads=threads))
     assert [type(answer) for answer in answers] == [CriticalAngle, ParameterError, CriticalAngle]
     assert "velocity" in str(answers[1])
     assert answers[0] == answers[2]
 
 
-def test_columns_of_different_length_are_refused() -> None:
+def test_arguments_of_different_length_are_refused() -> None:
     with pytest.raises(ParameterError, match=r"angle_of_attack.*velocity, 2, got 3"):
         list(critical_angle_many(**CASE, velocity=[200.0, 210.0], angle_of_attack=[0.0, 0.01, 0.02]))
 
 
-def test_single_values_are_one_case() -> None:
+def test_scalar_arguments_are_one_case() -> None:
     (answer,) = critical_angle_many(**CASE, velocity=PAPER_VELOCITY)
     assert answer == critical_angle(**CASE, velocity=PAPER_VELOCITY)
 
@@ -104,7 +104,7 @@ def test_answers_are_returned_while_later_cases_still_run() -> None:
     assert first[0] == first[1] == first[2]
 
 
-def test_answers_are_a_sequence_that_computes_each_once() -> None:
+def test_answers_are_a_lazy_sequence_that_computes_each_once() -> None:
     velocities = [200.0, 238.0, -1.0]
     answers = critical_angle_many(**CASE, velocity=velocities, search=NEAR)
     assert len(answers) == 3
@@ -118,7 +118,7 @@ def test_answers_are_a_sequence_that_computes_each_once() -> None:
         answers[3]
 
 
-def test_answers_go_on_after_an_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_answers_continue_after_an_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
     answers = critical_angle_many(**CASE, velocity=[200.0, 238.0, 250.0], search=NEAR)
     first = answers[0]
     with monkeypatch.context() as changed:

@@ -96,6 +96,6 @@ def test_limit_speed_rises_with_strength_factor_strength_and_thickness(variant: 
 @pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("seed", range(2, 12))
-def test_limit_speed_rises_over_500_walls(variant: str, seed: int) -> None:
+def test_limit_speed_rises_for_500_random_walls(variant: str, seed: int) -> None:
     for wall in random_walls(50, seed=seed):
         assert_rises(wall, VARIANTS[variant])

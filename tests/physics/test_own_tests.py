@@ -81,7 +81,7 @@ def by_grid(shots: Sequence[Shot]) -> tuple[float, tuple[float, float]]:
 
 
 @pytest.mark.parametrize("count", [1, 2, 4])
-def test_posterior_is_that_of_an_integration_over_a_grid(count: int) -> None:
+def test_posterior_agrees_with_an_integration_over_a_grid(count: int) -> None:
     found = posterior_of(SHOTS[:count])
     median, ends = by_grid(SHOTS[:count])
     assert found.median == pytest.approx(median, rel=0.01)
@@ -94,14 +94,14 @@ def test_posterior_does_not_depend_on_the_order_of_the_shots() -> None:
     assert (backward.median, backward.dispersion) == pytest.approx((forward.median, forward.dispersion), rel=1e-12)
 
 
-def test_without_shots_the_law_of_the_published_tests_holds() -> None:
+def test_posterior_without_shots_is_the_law_of_the_published_tests() -> None:
     found = posterior_of(SHOTS[:1])
     assert found.prior_median == PublishedTests().polynomial(**CASE)[0]
     assert found.prior_dispersion == pytest.approx(math.sqrt(3.0) * math.hypot(BETWEEN, WITHIN))
     assert found.dispersion < 0.3 * found.prior_dispersion
 
 
-def test_papers_own_shots_give_its_strength_factor_within_a_narrow_range() -> None:
+def test_shots_of_the_paper_give_its_strength_factor_within_a_narrow_range() -> None:
     tests = [DepthTest(velocity=velocity, depth=depth, mass=mass) for velocity, depth, mass in TABLE_1]
     found = fit_depth(**CASE, tests=tests).posterior
     assert isinstance(found, LogStudentT)
@@ -125,13 +125,13 @@ def test_dispersion_grows_with_the_scatter_of_the_shots() -> None:
     assert alike.dispersion < 0.4 * scattered.dispersion
 
 
-def test_shots_far_from_the_law_leave_more_doubt_than_shots_on_it() -> None:
+def test_shots_far_from_the_law_leave_a_wider_posterior() -> None:
     law = posterior_of(SHOTS[:1]).prior_median
     on, off = (posterior_of([shot_of(law * by)]).dispersion for by in (1.0, 2.5))
     assert off > 1.5 * on
 
 
-def test_many_identical_shots_leave_next_to_no_scatter_and_their_own_strength_factor() -> None:
+def test_many_identical_shots_determine_the_strength_factor() -> None:
     twelve = posterior_of([SHOTS[0]] * 12)
     thousand = posterior_of([SHOTS[0]] * 1000)
     assert thousand.dispersion < 0.2 * twelve.dispersion < 0.2 * WITHIN
@@ -148,14 +148,14 @@ def test_shots_of_another_diameter_are_scaled_by_the_exponent_of_the_law(nose: A
     assert found.factors[1] == pytest.approx(found.factors[0] * 2.0**PublishedTests.law.diameter_exponent, rel=1e-6)
 
 
-def test_mass_properties_of_the_strike_do_not_count_for_shots_of_another_size() -> None:
+def test_shots_of_another_size_do_not_use_the_mass_properties_of_the_strike() -> None:
     body = replace(PAPER_PROJECTILE, center_of_gravity=0.5, moment_of_inertia=0.2)
     small = OwnTests(shots=(Shot(velocity=300.0, depth=0.2, mass=1.6, diameter=0.04),))
     plain = small.posterior(**CASE)
     assert small.posterior(projectile=body, target=PAPER_TARGET) == plain
 
 
-def test_strike_takes_the_median_and_follows_eq_9_over_the_angle_unless_constant() -> None:
+def test_strike_uses_the_median_with_the_chosen_obliquity_shape() -> None:
     median, equation_9 = posterior_of(SHOTS).median, ObliquityPolynomial()
     for degrees in (0.0, 30.0):
         values = [
@@ -182,7 +182,7 @@ def test_shots_are_evaluated_with_the_inertia_and_crater_of_the_strike(other: di
     assert run.maximum_depth == pytest.approx(0.30, rel=5e-3)
 
 
-def test_search_and_limit_speed_take_own_tests() -> None:
+def test_search_and_limit_speed_accept_own_tests() -> None:
     law = Resistance(strength_factor=OwnTests(shots=SHOTS))
     found = critical_angle(**CASE, velocity=PAPER_VELOCITY, resistance=law)
     assert math.degrees(known(found.angle)) == pytest.approx(48.6, abs=0.5)
@@ -197,7 +197,7 @@ def codes_of(shots: Sequence[Shot]) -> dict[str, str]:
     return {each.code: each.detail for each in run.warnings}
 
 
-def test_shot_far_off_is_warned_of_and_named() -> None:
+def test_outlying_shot_is_named_in_a_warning() -> None:
     usual = [shot_of(8.0), shot_of(8.4), shot_of(7.6)]
     assert "own_tests_apart" not in codes_of(usual)
     (detail,) = [text for code, text in codes_of([*usual, shot_of(13.0)]).items() if code == "own_tests_apart"]
@@ -231,7 +231,7 @@ def test_shots_within_the_front_crater_cause_a_warning() -> None:
         (Shot(velocity=238.0, depth=0.03), "compare speed, depth, mass, diameter and strength"),
     ],
 )
-def test_shot_that_no_strength_factor_explains_is_refused_with_the_likely_slip(shot: Shot, slip: str) -> None:
+def test_unexplainable_shot_is_refused_with_the_likely_mistake(shot: Shot, slip: str) -> None:
     with pytest.raises(ParameterError) as refused:
         posterior_of([SHOTS[0], shot])
     assert refused.value.field == "resistance.strength_factor.shots.1.depth"
@@ -246,7 +246,7 @@ def test_millimetres_given_as_metres_are_recognised() -> None:
         OwnTests(shots=(Shot(velocity=300.0, depth=30.0),)).posterior(projectile=body, target=PAPER_TARGET)
 
 
-def test_fit_of_depths_warns_of_the_same_shot() -> None:
+def test_fit_of_depths_warns_about_the_same_shot() -> None:
     tests = [DepthTest(velocity=shot.velocity, depth=shot.depth) for shot in (*map(shot_of, (8.0, 8.4, 7.6, 13.0)),)]
     assert "own_tests_apart" in {each.code for each in fit_depth(**CASE, tests=tests).warnings}
 
@@ -264,17 +264,17 @@ def test_fit_of_depths_warns_of_the_same_shot() -> None:
         ("shots.0", ((300.0, 0.3),)),
     ],
 )
-def test_bad_shots_are_refused_by_name(field: str, shots: Any) -> None:
+def test_invalid_shots_are_refused_by_name(field: str, shots: Any) -> None:
     with pytest.raises(ParameterError, match=field):
         OwnTests(shots=shots)
 
 
-def test_depth_that_no_strength_factor_gives_is_refused_by_the_name_of_the_shot() -> None:
+def test_impossible_depth_is_refused_with_the_name_of_the_shot() -> None:
     with pytest.raises(ParameterError, match=r"strength_factor\.shots\.1\.depth: of 90 m at 300 m/s"):
         posterior_of([SHOTS[0], Shot(velocity=300.0, depth=90.0)])
 
 
-def test_perforated_target_shows_no_depth() -> None:
+def test_depth_beyond_the_thickness_of_the_target_is_refused() -> None:
     tests = [DepthTest(velocity=velocity, depth=depth) for velocity, depth, _ in TABLE_1]
     with pytest.raises(ParameterError, match=r"tests\.2\.depth: must be less than the thickness"):
         fit_depth(projectile=PAPER_PROJECTILE, target=replace(PAPER_TARGET, thickness=0.4), tests=tests)

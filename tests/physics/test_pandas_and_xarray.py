@@ -103,7 +103,7 @@ PLACES: dict[str, tuple[Callable[[Any], Any], list[Any]]] = {
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_a_sequence_may_be_an_array_a_series_or_a_data_array(place: str) -> None:
+def test_sequence_may_be_an_array_a_series_or_a_data_array(place: str) -> None:
     function, values = PLACES[place]
     expected = function(values)
     for holder, hold in HOLDERS.items():
@@ -177,7 +177,7 @@ ALL_COLUMNS = FRAME | {
 }
 
 
-def test_rows_of_a_frame_are_tests_points_and_shots() -> None:
+def test_rows_of_a_frame_are_accepted_as_tests_points_and_shots() -> None:
     frame = pd.DataFrame(FRAME, index=[3, 5, 7])
     tests = [DepthTest(velocity=row.velocity, depth=row.depth) for row in frame.itertuples()]
     assert fit_depth(**CASE, tests=frame).estimate == fit_depth(**CASE, tests=tests).estimate
@@ -190,7 +190,7 @@ def test_rows_of_a_frame_are_tests_points_and_shots() -> None:
     assert fit_obliquity(points=ANGLES).model == fit_obliquity(points=points).model
 
 
-def test_gaps_of_a_frame_are_what_a_test_does_not_have() -> None:
+def test_missing_values_of_a_frame_are_omitted_fields() -> None:
     found = fit_depth(**CASE, tests=pd.DataFrame(ALL_COLUMNS | {"group": ["a", "a", "b"]}))
     tests = [
         DepthTest(velocity=200.0, depth=0.20, group="a"),
@@ -218,7 +218,7 @@ def test_gaps_of_a_frame_are_what_a_test_does_not_have() -> None:
         ([TESTS[0], 250.0], "tests.1: must be a DepthTest, got float"),
     ],
 )
-def test_invalid_tests_are_refused_with_what_is_accepted(tests: Any, words: str) -> None:
+def test_invalid_tests_are_refused_with_the_accepted_types(tests: Any, words: str) -> None:
     with pytest.raises(solver.ParameterError, match=words):
         fit_depth(**CASE, tests=tests)
 
@@ -252,7 +252,7 @@ LAWS = [solver.ElasticPlastic(), solver.NoFreeSurface()]
         ),
     ],
 )
-def test_axes_keep_their_values_or_readable_labels(field: str, values: Any, labels: list[Any], tmp_path: Path) -> None:
+def test_axes_have_their_values_or_readable_labels(field: str, values: Any, labels: list[Any], tmp_path: Path) -> None:
     found = solver.simulate_sweep(**CASE, impact=IMPACTS[0], axes={field: values})
     assert found[field].values.tolist() == labels
     assert found.outcome.sel({field: labels[1]}).item()
@@ -260,7 +260,7 @@ def test_axes_keep_their_values_or_readable_labels(field: str, values: Any, labe
         found.to_netcdf(tmp_path / "sweep.nc", engine="h5netcdf")
 
 
-def test_labels_of_a_data_array_stay_beside_its_values() -> None:
+def test_labels_of_a_data_array_are_kept() -> None:
     coordinates = {"shot": ["a", "b"], "day": ("shot", [1, 2]), "angle": ("shot", [3, 4]), "site": "x"}
     velocities = xarray.DataArray([200.0, 250.0], dims="shot", coords=coordinates)
     axes: dict[str, Any] = {"velocity": velocities, "density": [2250.0]}
@@ -290,7 +290,7 @@ def test_labels_of_a_data_array_stay_beside_its_values() -> None:
         ),
     ],
 )
-def test_provenance_has_no_value_of_what_varies(
+def test_provenance_omits_values_of_varied_fields(
     sweep: Callable[[], Any], varied: dict[str, str], kept: dict[str, str]
 ) -> None:
     attributes = sweep().attrs
@@ -346,7 +346,7 @@ def answers_with_arrays() -> dict[str, Any]:
     }
 
 
-def test_answers_with_arrays_equal_their_copies() -> None:
+def test_pickled_answers_with_arrays_equal_the_originals() -> None:
     for words, answer in answers_with_arrays().items():
         for copied in (copy.copy(answer), copy.deepcopy(answer), pickle.loads(pickle.dumps(answer))):  # noqa: S301
             assert answer == copied, words
@@ -357,7 +357,7 @@ def test_answers_with_arrays_equal_their_copies() -> None:
     assert len({first.final, second.final, first.final}) == 2
 
 
-def test_fit_of_depths_has_a_resistance_that_gives_them() -> None:
+def test_fitted_resistance_reproduces_the_depths() -> None:
     crater = Resistance(crater=solver.Crater())
     tests = pd.DataFrame(FRAME)
     found = fit_depth(**CASE, tests=tests, resistance=crater)
@@ -368,7 +368,7 @@ def test_fit_of_depths_has_a_resistance_that_gives_them() -> None:
         assert run.maximum_depth == pytest.approx(depth, rel=1e-9)
 
 
-def test_short_names_of_uncertain_inputs_are_those_of_the_axes() -> None:
+def test_uncertain_inputs_have_the_short_names_of_axes() -> None:
     names = {
         "velocity": ("impact.velocity", 238.0),
         "compressive_strength": ("target.compressive_strength", 39e6),
@@ -395,7 +395,7 @@ def test_short_names_of_uncertain_inputs_are_those_of_the_axes() -> None:
         ("length", "'length' may be projectile.length or projectile.boat_tail.length"),
     ],
 )
-def test_short_names_that_are_not_clear_are_refused(field: str, words: str) -> None:
+def test_ambiguous_short_names_are_refused(field: str, words: str) -> None:
     tail = solver.BoatTail(length=0.1, base_diameter=0.06)
     projectile = replace(PAPER_PROJECTILE, boat_tail=tail)
     uncertain = [Uncertain(field, Normal(mean=1.0, standard_deviation=0.1))]
@@ -417,7 +417,7 @@ PUBLIC = [
 ]
 
 
-def test_most_of_what_is_public_takes_keywords_only() -> None:
+def test_most_public_callables_are_keyword_only() -> None:
     assert len(PUBLIC) > 60
     assert {"solver.simulate", "solver.Target", "solver.calibration.fit_depth", "solver.uncertainty.Normal"} <= set(
         PUBLIC
@@ -425,7 +425,7 @@ def test_most_of_what_is_public_takes_keywords_only() -> None:
 
 
 @pytest.mark.parametrize("path", PUBLIC)
-def test_calls_by_position_say_which_keywords(path: str) -> None:
+def test_error_about_positional_arguments_names_the_keywords(path: str) -> None:
     package, _, name = path.rpartition(".")
     public = getattr(sys.modules[package], name)
     words = rf"{public.__name__}\(\) takes keywords only: {', '.join(signature(public).parameters)}$"

@@ -25,16 +25,16 @@ def depth(velocity: float, *, projectile: Projectile = LI_CHEN, strength_factor:
     )
 
 
-def test_check_case_of_li_and_chen() -> None:
+def test_depth_equals_the_worked_example_of_li_and_chen() -> None:
     assert depth(277.0) == pytest.approx(0.1672, abs=0.5e-4)
 
 
 @pytest.mark.parametrize("crh", [0.5, 1.0, 2.0, 3.0, 10.0])
-def test_nose_factor_of_an_ogive_is_that_of_forrestal(crh: float) -> None:
+def test_nose_factor_of_an_ogive_agrees_with_forrestal(crh: float) -> None:
     assert nose_factor(steel(Ogive(caliber_radius_head=crh))) == pytest.approx((8.0 * crh - 1.0) / (24.0 * crh**2))
 
 
-def test_nose_factors_of_cones_caps_and_flat_faces_are_the_known_ones() -> None:
+def test_nose_factors_of_cones_caps_and_flat_faces_have_published_values() -> None:
     """By Chen and Li (2002): 1/(1 + 4ψ²) for a cone of ψ diameters, 1 - 1/(8ψ²) for a cap, and 1 for a flat face."""
     assert nose_factor(steel(Flat())) == pytest.approx(1.0)
     for slenderness in (0.2, 1.5, 5.0):
@@ -46,7 +46,7 @@ def test_nose_factors_of_cones_caps_and_flat_faces_are_the_known_ones() -> None:
 
 @pytest.mark.parametrize("velocity", [120.0, 200.0, 277.0, 800.0])
 @pytest.mark.parametrize("name", ["ogive", "cone", "flat"])
-def test_depth_is_that_of_its_force_law_integrated(name: str, velocity: float) -> None:
+def test_depth_equals_the_integrated_force_law(name: str, velocity: float) -> None:
     """In the crater the force is c z. Deeper, it is the force of eq. 1 on the whole nose, and c makes it continuous."""
     projectile, static = steel(NOSES[name]), 12.0 * LI_CHEN_TARGET.compressive_strength
     inertia, area = nose_factor(projectile) * LI_CHEN_TARGET.density, math.pi * projectile.radius**2
@@ -67,7 +67,7 @@ def test_depth_is_that_of_its_force_law_integrated(name: str, velocity: float) -
     assert depth(velocity, projectile=projectile) == pytest.approx(known(run.t_events)[0][0], rel=1e-4)
 
 
-def test_crater_and_what_lies_beyond_it_meet() -> None:
+def test_depth_is_continuous_at_the_end_of_the_crater() -> None:
     limit = math.sqrt(4.0 * math.pi * LI_CHEN.radius**3 * 12.0 * LI_CHEN_TARGET.compressive_strength / LI_CHEN.mass)
     crater = 2.0 * LI_CHEN.diameter
     assert depth(limit * (1.0 - 1e-9)) == pytest.approx(crater)

@@ -30,7 +30,7 @@ def outcome(target: Target, impact: Impact) -> Outcome:
 
 
 @pytest.mark.parametrize(("angle", "thickness"), [(0.0, 0.2404), (30.0, 0.2233)])
-def test_least_thickness_is_that_of_an_independent_program(angle: float, thickness: float) -> None:
+def test_least_thickness_agrees_with_an_independent_program(angle: float, thickness: float) -> None:
     impact = paper_impact(oblique_angle_degrees=angle)
     found = least_thickness(**CASE, impact=impact)
     assert found.status is PerforationStatus.CONVERGED
@@ -44,7 +44,7 @@ def test_least_thickness_is_that_of_an_independent_program(angle: float, thickne
 
 
 @pytest.mark.parametrize(("angle", "velocity"), [(0.0, 214.2), (20.0, 218.7)])
-def test_limit_velocity_is_that_of_an_independent_program(angle: float, velocity: float) -> None:
+def test_limit_velocity_agrees_with_an_independent_program(angle: float, velocity: float) -> None:
     found = limit_velocity(projectile=PAPER_PROJECTILE, target=WALL, oblique_angle=math.radians(angle))
     assert found.value == pytest.approx(velocity, abs=0.3)
     perforated = [trial.value for trial in found.iterations if trial.outcome is Outcome.PERFORATED]
@@ -52,7 +52,7 @@ def test_limit_velocity_is_that_of_an_independent_program(angle: float, velocity
     assert max(trial.value for trial in found.iterations if trial.value not in perforated) == known(found.bracket)[0]
 
 
-def test_thickness_and_velocity_are_each_the_inverse_of_the_other() -> None:
+def test_thickness_and_velocity_are_inverse_functions() -> None:
     wall = least_thickness(**CASE, impact=paper_impact(oblique_angle_degrees=10.0))
     back = limit_velocity(
         projectile=PAPER_PROJECTILE,
@@ -63,7 +63,7 @@ def test_thickness_and_velocity_are_each_the_inverse_of_the_other() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 30.0])
-def test_warnings_are_those_of_the_least_wall(angle: float) -> None:
+def test_warnings_belong_to_the_wall_of_least_thickness(angle: float) -> None:
     """The sphere stops within the crater, which causes a warning that perforating runs do not have."""
     sphere = Projectile(nose=Spherical(caliber_radius_head=0.5), diameter=0.08, length=0.08, mass=2.1)
     impact = replace(paper_impact(oblique_angle_degrees=angle), velocity=100.0)
@@ -101,35 +101,35 @@ def test_search_without_a_limit_warns_of_trials_in_motion() -> None:
     assert [warning.code for warning in found.warnings].count("undecided") == 1
 
 
-def test_finer_runs_find_the_same() -> None:
+def test_finer_runs_find_the_same_limits() -> None:
     strike = CASE | {"impact": paper_impact(oblique_angle_degrees=0.0)}
     usual = least_thickness(**strike).value
     fine = least_thickness(**strike, numerics=Numerics(relative_tolerance=1e-7, stations=16, points=6), tolerance=1e-5)
     assert usual == pytest.approx(fine.value, rel=2e-4)
 
 
-def test_strike_that_any_wall_turns_away_perforates_none() -> None:
+def test_strike_turned_away_by_any_wall_perforates_none() -> None:
     impact = Impact(velocity=20.0, oblique_angle=math.radians(85.0))
     found = least_thickness(**CASE, impact=impact)
     assert found.status is PerforationStatus.NEVER_PERFORATED
     assert (found.value, found.bracket, len(found.iterations)) == (None, None, 1)
 
 
-def test_wall_that_no_speed_perforates_says_so() -> None:
+def test_wall_that_no_speed_perforates_has_that_status() -> None:
     wall = replace(PAPER_TARGET, thickness=100.0)
     found = limit_velocity(projectile=PAPER_PROJECTILE, target=wall, oblique_angle=0.0)
     assert found.status is PerforationStatus.NEVER_PERFORATED
     assert found.value is None
 
 
-def test_sought_quantity_must_not_be_given() -> None:
+def test_quantity_searched_for_must_not_be_given() -> None:
     with pytest.raises(ParameterError, match=r"target\.thickness.*must not be given"):
         least_thickness(projectile=PAPER_PROJECTILE, target=WALL, impact=paper_impact(oblique_angle_degrees=0.0))
     with pytest.raises(ParameterError, match=r"target\.thickness.*must be given"):
         limit_velocity(**CASE, oblique_angle=0.0)
 
 
-def test_trials_are_columns() -> None:
+def test_trials_of_a_wall_become_columns() -> None:
     impact = paper_impact(oblique_angle_degrees=0.0)
     found = least_thickness(**CASE, impact=impact, tolerance=0.01)
     columns = found.columns()

@@ -68,13 +68,13 @@ def says(warnings: tuple[ModelWarning, ...]) -> str:
         (PAPER_TARGET, Outcome.RICOCHET, 1.0, ""),
     ],
 )
-def test_energy_that_is_gained_or_not_lost_is_named(target: Target, outcome: Outcome, share: float, words: str) -> None:
+def test_gain_or_missing_loss_of_energy_is_reported(target: Target, outcome: Outcome, share: float, words: str) -> None:
     found = says(check_energy(prepared(target), HEAD_ON, outcome, leaving(share * ENERGY)))
     assert words in found
     assert bool(words) == bool(found)
 
 
-def test_depth_beyond_the_energy_is_named() -> None:
+def test_depth_beyond_the_available_energy_is_reported() -> None:
     case = prepared()
     most = deepest_by_energy(case, HEAD_ON)
     force = 8.469 * 39e6 * math.pi * 0.04**2
@@ -98,14 +98,14 @@ TURNED = replace(HEAD_ON, oblique_angle=0.1)
         (TURNED, 0.1, [150.0, 60.0, 120.0], ""),
     ],
 )
-def test_walls_that_no_energy_explains_are_named(impact: Impact, first: float, speeds: list[float], words: str) -> None:
+def test_implausible_walls_are_reported(impact: Impact, first: float, speeds: list[float], words: str) -> None:
     passed = [(first + 0.02 * place, leaving(0.5 * ENERGY, speed)) for place, speed in enumerate(speeds)]
     found = says(check_walls(prepared(rear_plug=ShearPlug()), impact, reversed(passed)))
     assert words in found
     assert bool(words) == bool(found)
 
 
-def test_no_answer_of_the_model_is_implausible() -> None:
+def test_answers_to_random_strikes_are_plausible() -> None:
     """The strikes are random, of every kind; `test_blunt_bodies` and `test_route_agreement` check theirs too."""
     for strike in random_strikes(600, 21):
         given = {name: getattr(strike, name) for name in ("projectile", "target", "impact", "resistance")}
@@ -179,7 +179,7 @@ def odd_strikes(count: int, seed: int) -> Iterator[tuple[Projectile, Target, Imp
         yield body, target, impact, resistance
 
 
-def test_no_valid_input_gives_an_implausible_answer() -> None:
+def test_answers_over_all_valid_inputs_are_plausible() -> None:
     """The numerics include the coarsest tolerance and fixed steps."""
     numerics = (None, Numerics(relative_tolerance=1e-2), Numerics(method="panels", panels=1000))
     finished = 0
@@ -194,7 +194,7 @@ def test_no_valid_input_gives_an_implausible_answer() -> None:
     assert finished > 300
 
 
-def test_no_valid_wall_gives_an_implausible_answer() -> None:
+def test_answers_over_all_valid_walls_are_plausible() -> None:
     """One of the bodies, of 1 mm and 13 kg, perforates any wall."""
     rod = replace(PAPER_PROJECTILE, diameter=1e-3)
     odd = [(rod, PAPER_TARGET, HEAD_ON, Resistance()), *odd_strikes(25, 7)]

@@ -53,7 +53,7 @@ def wall(thickness: float) -> Target:
 
 @pytest.mark.parametrize("nose", NOSES)
 @pytest.mark.parametrize("degrees", [0.0, 40.0, 75.0, 86.0])
-def test_greatest_depth_is_that_of_the_deepest_point_in_every_shape(nose: str, degrees: float) -> None:
+def test_greatest_depth_belongs_to_the_deepest_point_of_every_shape(nose: str, degrees: float) -> None:
     """The tolerance is the change of depth within half a sample interval near the maximum.
 
     The tip is less deep than another point if it is blunt or pushed aside.
@@ -68,7 +68,7 @@ def test_greatest_depth_is_that_of_the_deepest_point_in_every_shape(nose: str, d
 
 
 @pytest.mark.parametrize("spin", [0.0, 900.0])
-def test_sphere_goes_as_deep_as_its_front_however_it_spins(spin: float) -> None:
+def test_depth_of_a_spinning_sphere_is_the_depth_of_its_front(spin: float) -> None:
     sphere = Projectile(nose=Sphere(), diameter=0.02, length=0.02, mass=STEEL * math.pi / 6.0 * 0.02**3)
     impact = Impact(velocity=300.0, oblique_angle=math.radians(20.0), angular_velocity=spin)
     run = simulate(projectile=sphere, target=PAPER_TARGET, impact=impact, sample_interval=1e-7)
@@ -77,7 +77,7 @@ def test_sphere_goes_as_deep_as_its_front_however_it_spins(spin: float) -> None:
 
 
 @pytest.mark.parametrize(("degrees", "thickness"), [(0.0, 0.25), (20.0, 0.25), (40.0, 0.22), (49.0, 0.17)])
-def test_protrusion_is_the_way_of_the_deepest_point_out_of_the_rear_face(degrees: float, thickness: float) -> None:
+def test_protrusion_is_the_distance_of_the_deepest_point_from_the_rear_face(degrees: float, thickness: float) -> None:
     impact = paper_impact(oblique_angle_degrees=degrees)
     run = simulate(projectile=PAPER_PROJECTILE, target=wall(thickness), impact=impact, sample_interval=2e-6)
     assert run.outcome is Outcome.EMBEDDED
@@ -88,7 +88,7 @@ def test_protrusion_is_the_way_of_the_deepest_point_out_of_the_rear_face(degrees
     assert f"{run.maximum_depth:.3f} m deep" in repr(run)
 
 
-def test_both_routes_put_the_nose_as_far_out() -> None:
+def test_both_routes_give_the_same_protrusion() -> None:
     strike: dict[str, Any] = {
         "projectile": PAPER_PROJECTILE,
         "target": wall(0.25),
@@ -100,7 +100,7 @@ def test_both_routes_put_the_nose_as_far_out() -> None:
     assert known(one.protrusion).greatest == pytest.approx(known(other.protrusion).greatest, abs=0.02 * 0.08)
 
 
-def test_projectile_that_is_turned_away_leaves_nothing_in_the_rear_face_at_the_end() -> None:
+def test_projectile_turned_away_has_no_final_protrusion() -> None:
     blunt = Projectile(nose=Conical(length_to_diameter=0.13), diameter=0.0112, length=0.044, mass=0.049)
     run = simulate(
         projectile=blunt,
@@ -115,7 +115,7 @@ def test_projectile_that_is_turned_away_leaves_nothing_in_the_rear_face_at_the_e
     assert found.greatest == pytest.approx(deepest_points(blunt, run).max() - 3.25e-3, abs=1e-7)
 
 
-def test_perforation_has_no_depth_and_nothing_stands_out_of_thick_concrete() -> None:
+def test_perforation_has_no_depth_and_thick_concrete_no_protrusion() -> None:
     runs = [
         simulate(**CASE | {"target": target}, impact=paper_impact(oblique_angle_degrees=0.0), sample_interval=None)
         for target in (wall(0.2), wall(0.25), wall(0.4), PAPER_TARGET)
@@ -136,7 +136,7 @@ SPALLED = Resistance(rear_plug=ShearPlug(), crater=Crater())
 @pytest.mark.parametrize("resistance", [Resistance(), SPALLED])
 @pytest.mark.parametrize("body", [PAPER_PROJECTILE, replace(PAPER_PROJECTILE, nose=Flat())])
 @pytest.mark.parametrize("degrees", [0.0, 30.0])
-def test_nothing_comes_out_beyond_the_answers_without_protrusion(
+def test_answers_without_protrusion_are_limits_of_protrusion(
     resistance: Resistance, body: Projectile, degrees: float
 ) -> None:
     strike: dict[str, Any] = {"projectile": body, "resistance": resistance}
@@ -163,7 +163,7 @@ def test_nothing_comes_out_beyond_the_answers_without_protrusion(
         assert known(tried[known(thickness.value)].protrusion).greatest > 0.1 * body.diameter
 
 
-def test_search_without_such_a_value_answers_none() -> None:
+def test_value_without_protrusion_is_none_if_there_is_none() -> None:
     impact = Impact(velocity=20.0, oblique_angle=math.radians(85.0))
     assert least_thickness(**CASE, impact=impact).without_protrusion is None
     thick = limit_velocity(projectile=PAPER_PROJECTILE, target=wall(100.0), oblique_angle=0.0)

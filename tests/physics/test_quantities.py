@@ -25,7 +25,7 @@ def test_every_number_has_its_unit(kind: type) -> None:
     assert [name for name in numbers if not units[name]] == []
 
 
-def test_parameters_and_docstrings_of_fields_say_the_same_of_a_quantity() -> None:
+def test_parameters_and_fields_describe_a_quantity_alike() -> None:
     thickness = quantities(solver.Target)["thickness"]
     assert (thickness.short, thickness.unit) == (
         "thickness of a wall, at least a tenth of the diameter of the projectile; a half-space when not given",
@@ -45,7 +45,7 @@ def test_parameters_and_docstrings_of_fields_say_the_same_of_a_quantity() -> Non
         ("nothing", (solver.Target,), ""),
     ],
 )
-def test_columns_are_described_by_the_fields_that_they_are_from(name: str, kinds: tuple[type, ...], unit: str) -> None:
+def test_columns_are_described_by_their_fields(name: str, kinds: tuple[type, ...], unit: str) -> None:
     assert described(name, *kinds).unit == unit
 
 
@@ -61,7 +61,7 @@ WITH_SOLVER_CLASS = sorted(
 
 
 @pytest.mark.parametrize("model", WITH_SOLVER_CLASS, ids=lambda model: model.__name__)
-def test_contract_names_the_unit_of_the_solver(model: type[Part]) -> None:
+def test_contract_names_the_units_of_the_solver(model: type[Part]) -> None:
     kind: Any = solver_class(model)
     known = quantities(kind)
     for field in model.model_fields:
@@ -71,7 +71,7 @@ def test_contract_names_the_unit_of_the_solver(model: type[Part]) -> None:
             assert found.unit == {"°": "rad", "g": "m/s²"}.get(unit, unit), field
 
 
-def test_operations_are_known_with_their_columns() -> None:
+def test_operations_list_their_columns() -> None:
     assert OPERATIONS["trajectory"].columns[1].description == quantities(solver.Trajectory)["maximum_depth"].short
 
 

@@ -52,7 +52,7 @@ STEEPEST_DEG = 2.5
 
 
 @pytest.mark.parametrize(("expected", "changes"), ANGLES)
-def test_defaults_find_the_angles_of_the_independent_program(expected: float, changes: dict[str, Any]) -> None:
+def test_default_search_agrees_with_the_independent_program(expected: float, changes: dict[str, Any]) -> None:
     found = critical_angle(**PAPER | changes)
     assert math.degrees(known(found.angle)) == pytest.approx(expected, abs=TOLERANCE_DEG)
 
@@ -98,7 +98,7 @@ SPHERE = Projectile(nose=Sphere(), diameter=0.02, length=0.02, mass=0.0329)
 
 @pytest.mark.parametrize("method", ["adaptive", "panels"])
 @pytest.mark.parametrize("spin", [3e3, -2e4, 9e4])
-def test_spin_of_a_sphere_does_not_count_as_retained_energy(method: Method, spin: float) -> None:
+def test_spin_of_a_sphere_is_not_retained_energy(method: Method, spin: float) -> None:
     """No load turns a sphere, so the energy of its spin does not count.
 
     A sphere of 20 mm that came to rest at 0° used to "ricochet" with that energy.
@@ -117,7 +117,7 @@ def test_spin_of_a_sphere_does_not_count_as_retained_energy(method: Method, spin
     assert "tumbling" not in codes(spun)
 
 
-def test_spinning_sphere_has_the_critical_angle_and_the_limits_of_one_that_does_not_spin() -> None:
+def test_spin_of_a_sphere_does_not_change_critical_angle_and_limits() -> None:
     wall = replace(PAPER_TARGET, thickness=0.02)
     angles, speeds = [], []
     for spin in (0.0, 2e4):
@@ -130,7 +130,7 @@ def test_spinning_sphere_has_the_critical_angle_and_the_limits_of_one_that_does_
     assert "tumbling" not in codes(angles[1])
 
 
-def test_spin_counts_if_loads_can_turn_the_body() -> None:
+def test_spin_is_retained_energy_if_loads_can_turn_the_body() -> None:
     """A sphere with an eccentric centre of gravity and the paper's body are slowed by the loads."""
     for body in (replace(SPHERE, center_of_gravity=0.009), PAPER_PROJECTILE):
         impact = Impact(velocity=200.0, oblique_angle=0.1, angular_velocity=300.0)

@@ -38,7 +38,7 @@ def sums(weights: FloatArray) -> list[float]:
 CONDITIONS = [1, 1 / 2, 1 / 3, 1 / 6, 1 / 4, 1 / 8, 1 / 12, 1 / 24]
 
 
-def test_the_solution_is_of_order_4() -> None:
+def test_solution_is_of_order_4() -> None:
     assert sums(WEIGHTS) == pytest.approx(CONDITIONS, abs=1e-13)
 
 
@@ -48,7 +48,7 @@ def test_embedded_solution_is_of_order_3() -> None:
     assert all(abs(value - condition) > 1e-3 for value, condition in zip(found[4:], CONDITIONS[4:], strict=True))
 
 
-def test_difference_of_the_rates_over_a_step_is_of_order_3() -> None:
+def test_difference_of_rates_over_a_step_is_of_order_3() -> None:
     """The combination of stages that gives this difference agrees with it up to third order."""
     found = sums(-COUPLINGS[STAGES])
     assert found[:4] == pytest.approx([0, 1, 1, 1 / 2], abs=1e-13)
@@ -56,7 +56,7 @@ def test_difference_of_the_rates_over_a_step_is_of_order_3() -> None:
 
 @pytest.mark.parametrize("velocity", [50.0, 100.0, 200.0, 400.0])
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-6, 1e-7])
-def test_no_step_continues_beyond_an_abrupt_stop(velocity: float, tolerance: float) -> None:
+def test_steps_end_at_an_abrupt_stop(velocity: float, tolerance: float) -> None:
     """A flat nose in a half-space is at rest when its resistance vanishes abruptly; it must not be pushed back."""
     prepared = prepare(
         projectile=Projectile(nose=Flat(), diameter=0.05, length=0.3, mass=3.0),

@@ -47,13 +47,13 @@ def test_every_pair_of_choices_is_compared(comparisons: list[Comparison]) -> Non
         assert {(each[first], each[second]) for each in compared} == possible
 
 
-def test_strikes_are_of_every_kind(comparisons: list[Comparison]) -> None:
+def test_random_strikes_include_every_kind(comparisons: list[Comparison]) -> None:
     outcomes = Counter((row.strike.combination.wall, row.adaptive.outcome.value) for row in comparisons)
     assert set(outcomes) >= {(False, "embedded"), (False, "ricochet")}
     assert set(outcomes) >= {(True, "embedded"), (True, "ricochet"), (True, "perforated")}
 
 
-def test_every_combination_comes_in_a_full_table() -> None:
+def test_full_table_contains_every_combination() -> None:
     assert min(Counter(map(combination, range(FULL_TABLE))).values()) >= 1
     assert set(map(combination, range(FULL_TABLE))) == set(COMBINATIONS)
     assert sum(table_of_combinations(list(random_strikes(60, 2))).values()) == 60

@@ -209,7 +209,7 @@ accelerations: Any = njit(call_accelerate)
 
 
 @pytest.mark.parametrize("stations", [3, 12, 256])
-def test_states_evaluated_together_equal_each_alone(stations: int) -> None:
+def test_states_evaluated_together_equal_single_evaluations(stations: int) -> None:
     """The numbers of stations give fewer and more rings than are evaluated at a time."""
     numerics, resistance = Numerics(stations=stations).resolved(), Resistance()
     prepared = prepare(projectile=steel(NOSES["ogive"]), target=PAPER_TARGET, resistance=resistance, numerics=numerics)

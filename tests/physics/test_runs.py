@@ -48,7 +48,7 @@ def test_ricochet_ends_when_the_last_element_is_unloaded(method: Any) -> None:
     assert force[-1] < 1e-4 * force.max()
 
 
-def test_run_out_of_time_is_in_motion_and_says_so() -> None:
+def test_run_out_of_time_is_in_motion_with_a_warning() -> None:
     found = paper_run(45.0, numerics=Numerics(termination_time=1e-3))
     assert found.outcome is Outcome.IN_MOTION
     assert found.final.time == 1e-3
@@ -65,14 +65,14 @@ def test_history_is_sampled_evenly_and_ends_with_the_run(degrees: float) -> None
         assert getattr(history(found), field.name)[-1] == getattr(found.final, field.name)
 
 
-def test_history_that_is_not_requested_changes_nothing_else() -> None:
+def test_omitting_the_history_changes_nothing_else() -> None:
     with_history, without = paper_run(45.0), paper_run(45.0, sample_interval=None)
     assert without.history is None
     assert with_history.bending is not None
     assert replace(with_history, history=None, bending=replace(with_history.bending, history=None)) == without
 
 
-def test_impact_is_where_the_history_starts() -> None:
+def test_history_starts_with_the_impact() -> None:
     impact = Impact(velocity=238.0, oblique_angle=0.7, angle_of_attack=0.05, angular_velocity=-20.0)
     start = history(paper_run(0.0, impact=impact))
     assert start.time[0] == 0.0
@@ -84,7 +84,7 @@ def test_impact_is_where_the_history_starts() -> None:
     assert start.angular_velocity[0] == -20.0
 
 
-def test_rates_in_the_history_are_those_of_its_positions() -> None:
+def test_rates_in_the_history_are_derivatives_of_its_positions() -> None:
     """Rates are compared with central differences at 10 µs, up to the end of the load."""
     found = history(paper_run(48.0, sample_interval=1e-5))
     for position, rate, scale in (
@@ -111,7 +111,7 @@ def test_accelerations_integrate_to_the_change_of_velocity(degrees: float, toler
         np.testing.assert_allclose(gained, velocity - velocity[0], rtol=0, atol=tolerance * 238.0)
 
 
-def test_body_that_flies_straight_is_slowed_along_its_axis_alone() -> None:
+def test_body_that_moves_straight_is_slowed_only_along_its_axis() -> None:
     found = history(paper_run(0.0))
     assert (found.axial_acceleration <= 0.0).all()
     assert found.axial_acceleration.min() == pytest.approx(found.depth_force.min() / 13.0, rel=1e-12)
@@ -127,7 +127,7 @@ def test_body_that_slides_straight_has_little_transverse_acceleration() -> None:
     assert np.abs(found.transverse_acceleration[slides]).max() < 0.01 * np.abs(found.axial_acceleration[slides]).max()
 
 
-def test_nose_that_is_pushed_to_the_face_accelerates_the_body_that_way() -> None:
+def test_nose_pushed_towards_the_face_accelerates_the_body_that_way() -> None:
     found = history(paper_run(55.0))
     push = found.transverse_acceleration
     assert push[np.abs(push).argmax()] > 0.0
@@ -148,7 +148,7 @@ def test_accelerations_of_both_routes_agree(degrees: float, until: float) -> Non
         assert np.abs(values).max() == pytest.approx(np.abs(expected).max(), rel=0.01)
 
 
-def test_energy_is_that_of_the_velocities_and_an_embedded_body_ends_with_less_than_it_had() -> None:
+def test_energy_follows_from_the_velocities_and_falls_in_embedded_runs() -> None:
     found = history(paper_run(30.0))
     body = mass_properties(PAPER_PROJECTILE)
     moving = body.mass * (found.depth_velocity**2 + found.lateral_velocity**2)
@@ -172,7 +172,7 @@ PLAIN = replace(PAPER_PROJECTILE, center_of_gravity=0.294, moment_of_inertia=0.2
 FIXED = {"resistance": Resistance(strength_factor=ConstantStrengthFactor(value=8.0))}
 
 
-def test_well_covered_strike_carries_no_warning() -> None:
+def test_strike_within_all_ranges_has_no_warning() -> None:
     assert paper_run(30.0, projectile=replace(PLAIN, yield_strength=2e9)).warnings == ()
 
 
@@ -193,7 +193,7 @@ def test_well_covered_strike_carries_no_warning() -> None:
         ("base_strikes_first", {**FIXED, "impact": Impact(velocity=238.0, oblique_angle=1.0, angle_of_attack=1.0)}),
     ],
 )
-def test_warnings_that_an_assessor_needs_are_in_the_result(code: str, changes: dict[str, Any]) -> None:
+def test_result_contains_the_warnings_an_assessor_needs(code: str, changes: dict[str, Any]) -> None:
     found = paper_run(30.0, **{"projectile": PLAIN, **changes})
     assert code in codes(found)
     assert all(warning.detail for warning in found.warnings)
@@ -213,7 +213,7 @@ def test_mean_density_is_the_mass_over_the_volume_of_the_outline() -> None:
 
 @pytest.mark.parametrize("name", NOSES)
 @pytest.mark.parametrize("degrees", [0.0, 1e-7, 89.0, 89.99])
-def test_ends_of_the_range_of_angles_are_ordinary_strikes(name: str, degrees: float) -> None:
+def test_strikes_at_the_limits_of_the_angle_are_computed(name: str, degrees: float) -> None:
     found = paper_run(degrees, projectile=steel(NOSES[name]), **FIXED)
     for field in fields(found.final):
         assert np.isfinite(getattr(history(found), field.name)).all()

@@ -61,7 +61,7 @@ def angles(found: CriticalAngle) -> list[float]:
 
 
 @pytest.mark.parametrize("method", ["outcome", "bisection", "secant"])
-def test_range_that_always_embeds_has_no_angle(method: str) -> None:
+def test_range_without_ricochet_has_no_angle(method: str) -> None:
     found = find(method=method, lower=10.0, upper=35.0)
     assert found.status is SearchStatus.NO_RICOCHET
     assert (found.angle, found.bracket, found.other_crossings) == (None, None, ())
@@ -69,7 +69,7 @@ def test_range_that_always_embeds_has_no_angle(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", ["outcome", "bisection", "secant"])
-def test_range_that_always_ricochets_has_its_angle_below(method: str) -> None:
+def test_range_that_begins_with_ricochet_has_its_angle_below(method: str) -> None:
     found = find(method=method, lower=60.0, upper=75.0)
     assert found.status is SearchStatus.ALWAYS_RICOCHET
     assert (found.angle, found.bracket, found.other_crossings) == (None, None, ())
@@ -88,7 +88,7 @@ def test_outcome_search_scans_the_range_and_sees_both_ends_of_its_bracket() -> N
 
 
 @pytest.mark.parametrize("tolerance", [1.0, 0.1, 0.01, 0.001])
-def test_outcome_search_takes_few_fine_trials_whatever_the_tolerance(tolerance: float) -> None:
+def test_outcome_search_needs_few_fine_trials_for_any_tolerance(tolerance: float) -> None:
     found = find(lower=40.0, upper=60.0, tolerance=tolerance)
     assert found.bracket is not None
     assert math.degrees(found.bracket[1] - found.bracket[0]) <= tolerance
@@ -96,7 +96,7 @@ def test_outcome_search_takes_few_fine_trials_whatever_the_tolerance(tolerance: 
     assert math.degrees(found.bracket[0]) - 0.01 < 48.634 < math.degrees(found.bracket[1]) + 0.01
 
 
-def test_dense_scan_finds_the_same_angle_and_a_scan_without_change_is_repeated_finely() -> None:
+def test_dense_scan_finds_the_same_angle_and_is_refined_without_a_change() -> None:
     found = find(lower=5.0, upper=85.0, scan_interval=0.1)
     assert math.degrees(known(found.angle)) == pytest.approx(48.634, abs=0.012)
     nothing = find(lower=5.0, upper=40.0, scan_interval=0.1)
@@ -104,7 +104,7 @@ def test_dense_scan_finds_the_same_angle_and_a_scan_without_change_is_repeated_f
     assert sum(trial.fine for trial in nothing.iterations) >= 350 / 16
 
 
-def test_every_fine_trial_is_the_run_at_its_angle() -> None:
+def test_every_fine_trial_equals_a_run_at_its_angle() -> None:
     found = find(lower=40.0, upper=60.0, tolerance=1.0)
     for trial in found.iterations:
         run = simulate(
@@ -119,7 +119,7 @@ def test_every_fine_trial_is_the_run_at_its_angle() -> None:
             assert trial.outcome == run.outcome or abs(math.degrees(trial.oblique_angle) - 48.634) < 1.0
 
 
-def test_bisection_keeps_the_sign_change_and_stops_when_two_angles_in_a_row_are_within_the_tolerance() -> None:
+def test_bisection_keeps_the_sign_change_and_stops_within_the_tolerance() -> None:
     found = find(method="bisection", relative_tolerance=0.01)
     positions = {trial.oblique_angle: trial.final_position for trial in found.iterations}
     tried = list(positions)
@@ -158,7 +158,7 @@ COMES_AND_GOES = ObliquityPolynomial(
 """A strength factor of 9 at 50°, 1.5 at 60° and 8 at 70°, so that projectiles near 60° are embedded again."""
 
 
-def test_ricochet_that_sets_in_ceases_and_returns_is_reported_in_full() -> None:
+def test_all_bands_of_ricochet_are_reported() -> None:
     found = find(lower=40.0, upper=70.0, tolerance=0.02, strength_factor=COMES_AND_GOES)
     assert found.status is SearchStatus.CONVERGED
     assert found.angle is not None
@@ -177,7 +177,7 @@ def test_ricochet_that_sets_in_ceases_and_returns_is_reported_in_full() -> None:
         assert (seen[nearest_below], seen[crossing]) == (not turned_away, turned_away)
 
 
-def test_range_that_starts_in_a_ricochet_has_its_critical_angle_below() -> None:
+def test_range_that_begins_in_a_later_band_has_its_critical_angle_below() -> None:
     """The limits of the embedded band, at 50-55° and 60-65°, are changes of outcome, but not the critical angle."""
     found = find(lower=47.0, upper=70.0, strength_factor=COMES_AND_GOES)
     assert (found.status, found.angle, found.bracket) == (SearchStatus.ALWAYS_RICOCHET, None, None)
@@ -191,7 +191,7 @@ def test_range_that_starts_in_a_ricochet_has_its_critical_angle_below() -> None:
 
 
 @pytest.mark.parametrize("method", ["bisection", "secant"])
-def test_searches_of_the_paper_do_not_take_the_end_of_a_ricochet_for_its_onset(method: str) -> None:
+def test_searches_of_the_paper_do_not_mistake_the_end_of_ricochet_for_its_onset(method: str) -> None:
     found = find(method=method, lower=47.0, upper=58.0, strength_factor=COMES_AND_GOES)
     assert (found.status, found.angle) == (SearchStatus.ALWAYS_RICOCHET, None)
     assert "ricochet_at_lower_bound" in codes(found)
@@ -218,7 +218,7 @@ def test_band_below_a_vanishing_strength_factor_is_found() -> None:
     assert any(math.degrees(crossing) == pytest.approx(64.0, abs=0.1) for crossing in found.other_crossings)
 
 
-def test_strength_factor_that_is_zero_over_the_whole_range_is_named() -> None:
+def test_strength_factor_of_zero_over_the_range_is_refused_by_name() -> None:
     with pytest.raises(ParameterError, match=r"greater than 0 at the initial oblique angle of 87") as caught:
         find(lower=87.0, upper=88.0, strength_factor=UNHELD)
     assert caught.value.field == "resistance.strength_factor"
@@ -233,7 +233,7 @@ def test_strength_factor_that_vanishes_between_the_angles_of_the_scan_ends_the_r
     assert "range_clipped" not in codes(find())
 
 
-def test_energy_left_beside_the_angle_says_how_far_it_moves_with_the_retention_energy() -> None:
+def test_energy_next_to_the_angle_tells_its_shift_with_the_retention_energy() -> None:
     found = find(numerics=Numerics(retention_energy_fraction=0.01))
     assert found.energy_fraction_below == 0.0
     low, high = (find(numerics=Numerics(retention_energy_fraction=share)).angle for share in (0.001, 0.1))
@@ -249,7 +249,7 @@ def test_energy_left_beside_the_angle_says_how_far_it_moves_with_the_retention_e
 
 
 @pytest.mark.parametrize("share", [0.001, 0.01, 0.1])
-def test_critical_angle_leaves_with_the_retention_energy(share: float) -> None:
+def test_strike_at_the_critical_angle_leaves_with_the_retention_energy(share: float) -> None:
     numerics = Numerics(retention_energy_fraction=share)
     found = find(numerics=numerics)
     assert found.bracket is not None
@@ -278,12 +278,12 @@ def test_critical_angle_leaves_with_the_retention_energy(share: float) -> None:
     ],
     ids=["speed", "attack", "mass", "target", "single precision"],
 )
-def test_whole_numbers_give_the_angle_of_floats(whole: dict[str, Any]) -> None:
+def test_integers_give_the_same_angle_as_floats(whole: dict[str, Any]) -> None:
     usual: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": 238.0}
     assert critical_angle(**usual | whole).angle == critical_angle(**usual).angle
 
 
-def test_inertia_that_is_not_given_comes_with_what_it_does_to_the_angle() -> None:
+def test_assumed_inertia_is_reported_with_its_effect_on_the_angle() -> None:
     given = mass_properties(PAPER_PROJECTILE).moment_of_inertia
     changed = replace(PAPER_PROJECTILE, moment_of_inertia=1.1 * given)
     angle, other = find().angle, critical_angle(projectile=changed, target=PAPER_TARGET, velocity=PAPER_VELOCITY).angle
@@ -339,7 +339,7 @@ SLOW: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("strike", SLOW.values(), ids=SLOW.keys())
-def test_slow_strike_has_one_angle_and_it_is_converged(strike: dict[str, Any]) -> None:
+def test_slow_strike_has_one_converged_angle(strike: dict[str, Any]) -> None:
     found = critical_angle(**strike)
     fine = critical_angle(
         **strike,
@@ -351,13 +351,13 @@ def test_slow_strike_has_one_angle_and_it_is_converged(strike: dict[str, Any]) -
     assert "undecided" not in codes(found)
 
 
-def test_change_that_the_termination_time_decides_comes_with_a_warning() -> None:
+def test_change_decided_by_the_termination_time_causes_a_warning() -> None:
     found = find(numerics=Numerics(termination_time=4e-3))
     (warning,) = (warning for warning in found.warnings if warning.code == "undecided")
     assert "0.004 s" in warning.detail
 
 
-def test_band_above_the_critical_angle_is_found_where_little_energy_is_left() -> None:
+def test_band_above_the_critical_angle_is_found_at_low_energy() -> None:
     strike: dict[str, Any] = {
         "projectile": Projectile(nose=Conical(length_to_diameter=2.378), diameter=0.0911, length=0.4398, mass=12.145),
         "target": Target(compressive_strength=122.3e6, density=2505.0),

@@ -74,7 +74,7 @@ class Balanced(HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_every_answer_is_one_short_line(answers: dict[str, Any]) -> None:
+def test_every_answer_is_printed_as_one_short_line(answers: dict[str, Any]) -> None:
     for words, answer in answers.items():
         text = repr(answer)
         assert "\n" not in text
@@ -83,7 +83,7 @@ def test_every_answer_is_one_short_line(answers: dict[str, Any]) -> None:
         assert words in text
 
 
-def test_line_of_an_angle_has_it_and_how_it_was_found(found: solver.CriticalAngle) -> None:
+def test_line_of_an_angle_has_the_value_and_the_method(found: solver.CriticalAngle) -> None:
     text = repr(found)
     assert f"critical angle {math.degrees(known(found.angle)):.2f}°, converged, strength factor" in text
     assert f"{len(found.iterations)} trials" in text
@@ -99,7 +99,7 @@ def test_line_of_a_trajectory_has_outcome_angle_and_depth(trajectory: solver.Tra
         assert part in text
 
 
-def test_cards_are_sound_small_and_leave_colours_to_the_notebook(answers: dict[str, Any]) -> None:
+def test_cards_are_well_formed_small_and_without_colours(answers: dict[str, Any]) -> None:
     for answer in answers.values():
         if isinstance(answer, solver.Motion):
             continue
@@ -113,7 +113,7 @@ def test_cards_are_sound_small_and_leave_colours_to_the_notebook(answers: dict[s
             assert warning.code in html
 
 
-def test_card_counts_what_is_special_and_notes_what_comes_with_most_answers() -> None:
+def test_card_separates_special_warnings_from_common_notes() -> None:
     found = [ModelWarning("one", "special"), ModelWarning("two", "usual", standing=True)]
     html = card("title", {}, found)
     assert re.findall(r"<summary>(.*?)</summary>", html) == ["1 warning", "Standing notes"]
@@ -156,7 +156,7 @@ def test_plots_of_answers_are_pyplot_figures(drawn: dict[str, Any], words: str, 
 
 
 @pytest.mark.parametrize("words", LABELS)
-def test_answers_draw_into_axes_that_are_given(drawn: dict[str, Any], words: str, pyplot: Any) -> None:
+def test_answers_are_drawn_into_given_axes(drawn: dict[str, Any], words: str, pyplot: Any) -> None:
     ours, (left, right) = pyplot.subplots(1, 2)
     assert drawn[words].plot(ax=right) is ours
     assert ours.axes == [left, right]
@@ -168,7 +168,7 @@ def test_answers_draw_into_axes_that_are_given(drawn: dict[str, Any], words: str
 
 
 @pytest.mark.parametrize(("backend", "stays"), [("agg", True), ("module://matplotlib_inline.backend_inline", False)])
-def test_figure_that_is_the_result_of_a_cell_of_a_notebook_is_shown_once(
+def test_figure_returned_by_a_notebook_cell_is_shown_once(
     found: solver.CriticalAngle, backend: str, stays: bool, pyplot: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     figure = found.plot()
@@ -179,7 +179,7 @@ def test_figure_that_is_the_result_of_a_cell_of_a_notebook_is_shown_once(
     pickle.loads(pickle.dumps(figure))  # noqa: S301
 
 
-def test_picture_of_a_limit_has_every_trial_on_its_side_of_the_limit(answers: dict[str, Any], pyplot: Any) -> None:
+def test_plot_of_a_limit_has_every_trial_on_the_right_side(answers: dict[str, Any], pyplot: Any) -> None:
     limit = answers["least thickness"]
     shown = {each.get_label(): each for each in limit.plot().axes[0].lines}
     through, stopped = shown["perforated"], shown["embedded"]
@@ -188,7 +188,7 @@ def test_picture_of_a_limit_has_every_trial_on_its_side_of_the_limit(answers: di
     assert min(through.get_ydata()) > 0.0 == max(stopped.get_ydata())
 
 
-def test_picture_of_endings_has_the_probability_of_each_outcome(answers: dict[str, Any], pyplot: Any) -> None:
+def test_plot_of_outcomes_has_the_probability_of_each(answers: dict[str, Any], pyplot: Any) -> None:
     endings = answers["embedded"]
     shares, depth, speed = endings.plot().axes
     assert [bar.get_width() for bar in shares.patches] == [each.value for _, each in endings.outcomes]
@@ -196,7 +196,7 @@ def test_picture_of_endings_has_the_probability_of_each_outcome(answers: dict[st
     assert list(speed.lines[0].get_xdata()) == [each.value for _, each in endings.exit_speed]
 
 
-def test_side_view_has_the_outline_of_the_projectile_it_is_given(trajectory: solver.Trajectory, pyplot: Any) -> None:
+def test_side_view_has_the_outline_of_the_given_projectile(trajectory: solver.Trajectory, pyplot: Any) -> None:
     side = trajectory.plot(PAPER_PROJECTILE).axes[0]
     bodies = [
         patch.get_xy() for patch in side.patches if isinstance(patch, pyplot.Polygon) and len(patch.get_xy()) > 10
@@ -207,7 +207,7 @@ def test_side_view_has_the_outline_of_the_projectile_it_is_given(trajectory: sol
         assert PAPER_PROJECTILE.length <= reach <= math.hypot(PAPER_PROJECTILE.length, PAPER_PROJECTILE.diameter)
 
 
-def test_motion_without_a_history_is_not_drawn(answers: dict[str, Any]) -> None:
+def test_motion_without_a_history_cannot_be_drawn(answers: dict[str, Any]) -> None:
     with pytest.raises(solver.ParameterError, match="sample_interval"):
         answers["m deep"].plot()
 
@@ -219,7 +219,7 @@ def test_motion_without_a_history_is_not_drawn(answers: dict[str, Any]) -> None:
         (PAPER_PROJECTILE.nose, solver.Search(lower=math.radians(60.0)), "turned away at 60° already"),
     ],
 )
-def test_no_angle_says_why(nose: Any, search: solver.Search, reason: str) -> None:
+def test_search_without_an_angle_displays_the_reason(nose: Any, search: solver.Search, reason: str) -> None:
     projectile = replace(PAPER_PROJECTILE, nose=nose)
     found = solver.critical_angle(projectile=projectile, target=PAPER_TARGET, velocity=PAPER_VELOCITY, search=search)
     assert f"no critical angle: {reason}" in repr(found)

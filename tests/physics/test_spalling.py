@@ -64,14 +64,14 @@ def paper_strikes(angle: float, target: Target = WALL, **spalling: Any) -> Traje
     return paper_run(angle, target=target, resistance=Resistance(**spalling), sample_interval=2e-6)
 
 
-def test_rod_stops_in_a_crater_as_an_oscillator_does() -> None:
+def test_rod_stops_in_a_crater_like_an_oscillator() -> None:
     found = rod_strikes(60.0, PAPER_TARGET, crater=Crater(depth_diameters=4.0))
     depth = 60.0 * math.sqrt(6.0 * 4.0 * 0.05 / FORCE)
     assert depth < 0.2
     assert found.maximum_depth == pytest.approx(depth, rel=2e-3)
 
 
-def test_rod_leaves_a_wall_with_the_energy_that_is_left_at_the_plug() -> None:
+def test_rod_leaves_a_wall_with_its_energy_at_the_plug() -> None:
     plug = ShearPlug()
     wall = replace(PAPER_TARGET, thickness=0.3)
     found = rod_strikes(300.0, wall, rear_plug=plug)
@@ -82,7 +82,7 @@ def test_rod_leaves_a_wall_with_the_energy_that_is_left_at_the_plug() -> None:
     assert found.final.kinetic_energy == pytest.approx(0.5 * 6.0 * 300.0**2 - FORCE * way, rel=1e-3)
 
 
-def test_height_of_the_plug_is_that_of_the_formula() -> None:
+def test_height_of_the_plug_follows_the_formula() -> None:
     # By hand: tan 66.1° = 2.2566, √3 · 8.52 · 2.2566 = 33.301, (√34.301 - 1) / (2 · 2.2566) = 1.0761.
     assert ShearPlug().height(strength_factor=8.52, diameter=0.08) == pytest.approx(1.0761 * 0.08, rel=1e-4)
 
@@ -152,7 +152,7 @@ def test_plug_requires_a_thicker_wall_and_lowers_the_limit_speed() -> None:
         assert known(speeds[1].value) < known(speeds[0].value)
 
 
-def test_plug_leaves_the_half_space_and_a_thick_wall_as_they_are() -> None:
+def test_plug_does_not_affect_half_spaces_and_thick_walls() -> None:
     plug = Resistance(rear_plug=ShearPlug())
     case: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "velocity": PAPER_VELOCITY}
     plain, plugged = (critical_angle(**case, target=PAPER_TARGET, resistance=each) for each in (None, plug))
@@ -161,7 +161,7 @@ def test_plug_leaves_the_half_space_and_a_thick_wall_as_they_are() -> None:
     assert thick.angle == pytest.approx(plain.angle, abs=math.radians(0.1))
 
 
-def test_crater_raises_the_critical_angle_and_the_more_the_deeper_it_is() -> None:
+def test_deeper_crater_raises_the_critical_angle_more() -> None:
     angles = []
     for diameters in (1e-3, 0.5, 1.0, 2.0):
         resistance = Resistance(crater=Crater(depth_diameters=diameters))
@@ -172,7 +172,7 @@ def test_crater_raises_the_critical_angle_and_the_more_the_deeper_it_is() -> Non
     assert 1.0 < angles[2] - angles[0] < 15.0
 
 
-def test_warning_says_what_the_rear_face_leaves_out() -> None:
+def test_warning_states_what_the_rear_face_model_omits() -> None:
     def codes(**spalling: Any) -> set[str]:
         return {warning.code for warning in paper_strikes(30.0, **spalling).warnings}
 
@@ -182,7 +182,7 @@ def test_warning_says_what_the_rear_face_leaves_out() -> None:
 
 
 @pytest.mark.parametrize("spalling", [{}, {"crater": Crater()}, {"rear_plug": ShearPlug()}])
-def test_warning_of_the_rear_face_has_what_the_formulas_require_against_the_strike(spalling: dict[str, Any]) -> None:
+def test_warning_about_the_rear_face_states_the_formulas_for_the_strike(spalling: dict[str, Any]) -> None:
     def detail(impact: Impact) -> str:
         run = paper_run(30.0, target=WALL, impact=impact, resistance=Resistance(**spalling), sample_interval=None)
         (found,) = (each for each in run.warnings if each.code.startswith("rear_"))

@@ -41,7 +41,7 @@ def constant_term_known_to(error: float) -> ObliquityPolynomial:
     return ObliquityPolynomial(covariance=((error**2, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
 
 
-def test_standard_error_is_the_scatter_of_angles_over_coefficients_drawn_from_the_covariance() -> None:
+def test_standard_error_equals_the_scatter_for_random_coefficients() -> None:
     """The standard deviation of 100 draws has a relative error of 7 %.
 
     One covariance is from the fit to Table 2; the other has a third of its standard errors.
@@ -57,7 +57,7 @@ def test_standard_error_is_the_scatter_of_angles_over_coefficients_drawn_from_th
         assert found.standard_error == pytest.approx(scatter, rel=0.2)
 
 
-def test_no_error_in_the_coefficients_is_none_in_the_angle() -> None:
+def test_exact_coefficients_give_an_exact_angle() -> None:
     assert find(ObliquityPolynomial(covariance=NONE_KNOWN)).standard_error == 0.0
 
 
@@ -71,14 +71,14 @@ def test_covariance_changes_nothing_else(method: str) -> None:
     assert replace(known, standard_error=None) == plain
 
 
-def test_standard_error_is_proportional_to_that_of_the_strength_factor() -> None:
+def test_standard_error_is_proportional_to_the_error_of_the_strength_factor() -> None:
     errors = [find(constant_term_known_to(error)).standard_error for error in (0.1, 0.2, 0.3)]
     assert errors[0] is not None
     assert errors[0] > math.radians(0.1)
     np.testing.assert_allclose(np.array(errors) / errors[0], [1.0, 2.0, 3.0], rtol=0.1)
 
 
-def test_strength_factor_that_falls_to_zero_beyond_the_angle_has_a_standard_error() -> None:
+def test_standard_error_is_known_although_s_vanishes_beyond_the_angle() -> None:
     """Eq. 9 minus 0.5 is negative at 85°, the end of the range."""
     wide, narrow = find(constant_term_known_to(0.5)), find(constant_term_known_to(0.1))
     assert known(wide.standard_error) == pytest.approx(5.0 * known(narrow.standard_error), rel=0.1)

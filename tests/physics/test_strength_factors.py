@@ -40,7 +40,7 @@ def value_of(model: StrengthFactor, *, strength: float = 39e6, diameter: float =
     )
 
 
-def test_power_law_of_strength_alone_is_in_megapascals() -> None:
+def test_strength_power_law_uses_megapascals() -> None:
     for coefficient, exponent in ((82.6, -0.544), (72.0, -0.5)):
         model = StrengthPowerLaw(coefficient=coefficient, exponent=exponent)
         for strength in (20e6, 39e6, 97e6):
@@ -53,7 +53,7 @@ def test_power_law_of_strength_alone_is_in_megapascals() -> None:
     ("strength", "diameter", "expected"),
     [(39e6, 0.0762, 8.84), (23e6, 0.0762, 9.72149), (39e6, 0.0269, 11.34961), (100e6, 0.0203, 10.24977)],
 )
-def test_law_of_published_tests_goes_by_strength_and_diameter(
+def test_law_of_published_tests_depends_on_strength_and_diameter(
     strength: float, diameter: float, expected: float
 ) -> None:
     written_out = StrengthPowerLaw(
@@ -74,7 +74,7 @@ def test_shape_of_equation_9_multiplies_any_law() -> None:
             assert value_of(shaped, degrees=degrees) == pytest.approx(value_of(law) * shape, rel=1e-14)
 
 
-def test_law_scaled_to_equation_9_finds_its_critical_angle() -> None:
+def test_law_scaled_to_equation_9_gives_its_critical_angle() -> None:
     scaled = StrengthPowerLaw(coefficient=8.469, exponent=0.0, obliquity_shape="equation_9")
     case = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET, "velocity": PAPER_VELOCITY}
     by_law = critical_angle(**case, resistance=Resistance(strength_factor=scaled))  # type: ignore[arg-type]
@@ -94,7 +94,7 @@ def test_law_scaled_to_equation_9_finds_its_critical_angle() -> None:
         Profile(points=((0.0, 0.01), (0.05, 0.03), (0.12, 0.04))),
     ],
 )
-def test_strength_factor_of_a_depth_brings_the_trajectory_to_that_depth(
+def test_strength_factor_fitted_to_a_depth_reproduces_it(
     nose: Any, inertia_factor: float, crater: Crater | None
 ) -> None:
     projectile = replace(PAPER_PROJECTILE, nose=nose)
@@ -121,7 +121,7 @@ def test_strength_factor_of_an_impossible_depth_is_refused(name: str, value: flo
         strength_factor_of_depth(**CASE, **shot)
 
 
-def test_answers_carry_the_strength_factor_they_used() -> None:
+def test_answers_state_the_strength_factor_they_used() -> None:
     impact = paper_impact(oblique_angle_degrees=30.0)
     case = {"projectile": PAPER_PROJECTILE, "target": PAPER_TARGET}
     for model in (ObliquityPolynomial(), ConstantStrengthFactor(value=7.0), StrengthPowerLaw(), PublishedTests()):
@@ -184,24 +184,24 @@ def warnings_of(
         (39e6, 0.1005, True),
     ],
 )
-def test_equation_9_away_from_its_concrete_or_size_is_warned_of(strength: float, diameter: float, warned: bool) -> None:
+def test_equation_9_for_other_concrete_or_size_causes_a_warning(strength: float, diameter: float, warned: bool) -> None:
     assert (
         "strength_factor_of_other_concrete" in warnings_of(ObliquityPolynomial(), strength=strength, diameter=diameter)
     ) is warned
 
 
-def test_warning_names_what_the_other_law_gives() -> None:
+def test_warning_states_the_value_of_the_other_law() -> None:
     detail = warnings_of(ObliquityPolynomial(), strength=97e6, diameter=0.0269)["strength_factor_of_other_concrete"]
     other = value_of(PublishedTests(), strength=97e6, diameter=0.0269)
     assert f"eq. 9 gives 8.47, the law published_tests {other:.3g}" in detail
 
 
-def test_other_strength_factors_are_not_taken_for_equation_9() -> None:
+def test_other_strength_factors_are_not_mistaken_for_equation_9() -> None:
     for model in (ObliquityPolynomial(coefficients=(8.4,)), StrengthPowerLaw(), ConstantStrengthFactor(value=8.52)):
         assert not warnings_of(model, strength=97e6, diameter=0.0269)
 
 
-def test_law_of_published_tests_says_where_it_is_extrapolated() -> None:
+def test_law_of_published_tests_warns_where_it_is_extrapolated() -> None:
     assert not warnings_of(PublishedTests(), strength=39e6, diameter=0.0762)
     outside = {"strength": 120e6, "diameter": 0.3, "velocity": 920.0}
     for name, value in outside.items():

@@ -24,7 +24,7 @@ def angles() -> Any:
     return solver.critical_angle_sweep(**CASE, axes=axes, search=ROUGH, threads=2)
 
 
-def test_each_point_is_the_search_there(angles: Any) -> None:
+def test_each_point_equals_a_single_search(angles: Any) -> None:
     assert dict(angles.sizes) == {"velocity": 3, "compressive_strength": 2}
     for velocity in VELOCITIES:
         target = solver.Target(compressive_strength=50e6, density=PAPER_TARGET.density)
@@ -43,7 +43,7 @@ def test_every_number_has_its_unit(angles: Any) -> None:
         assert variable.attrs["long_name"]
 
 
-def test_netcdf_gives_back_the_same(angles: Any, tmp_path: Path) -> None:
+def test_netcdf_round_trip_is_exact(angles: Any, tmp_path: Path) -> None:
     pytest.importorskip("h5netcdf")
     file = tmp_path / "angles.nc"
     angles.to_netcdf(file, engine="h5netcdf")
@@ -53,7 +53,7 @@ def test_netcdf_gives_back_the_same(angles: Any, tmp_path: Path) -> None:
         assert "diameter=0.08" in opened.attrs["projectile"]
 
 
-def test_sweep_draws_itself_as_curve_and_map(angles: Any, tmp_path: Path) -> None:
+def test_sweep_can_be_plotted_as_curve_and_map(angles: Any, tmp_path: Path) -> None:
     figure = pytest.importorskip("matplotlib.figure")
     for shown in (angles.angle, angles.angle.isel(compressive_strength=0)):
         picture = figure.Figure(layout="constrained")
@@ -96,9 +96,7 @@ def test_models_are_coordinates_by_name() -> None:
         ("strength_factor", 2 * [solver.PublishedTests()], ["published_tests 1", "published_tests 2"]),
     ],
 )
-def test_models_of_one_name_are_labelled_by_what_they_differ_in(
-    axis: str, values: list[Any], labels: list[str]
-) -> None:
+def test_models_of_one_name_are_labelled_by_their_differences(axis: str, values: list[Any], labels: list[str]) -> None:
     found = solver.simulate_sweep(**CASE, impact=paper_impact(oblique_angle_degrees=30.0), axes={axis: values})
     assert found.outcome[found.outcome.dims[0]].values.tolist() == labels
 
@@ -117,7 +115,7 @@ def test_angles_of_a_sweep_may_be_in_degrees() -> None:
 CONE, TRUNCATED = ((0.0, 0.0), (0.13, 0.04)), ((0.0, 0.01), (0.06, 0.03), (0.12, 0.04))
 
 
-def test_profiles_are_an_axis_and_each_has_its_own_label(tmp_path: Path) -> None:
+def test_profiles_can_be_an_axis_with_distinct_labels(tmp_path: Path) -> None:
     noses: list[Any] = [
         solver.Profile(points=CONE),
         solver.Profile(points=np.array(TRUNCATED)),  # type: ignore[arg-type]
@@ -134,7 +132,7 @@ def test_profiles_are_an_axis_and_each_has_its_own_label(tmp_path: Path) -> None
     found.to_netcdf(tmp_path / "noses.nc", engine="h5netcdf")
 
 
-def test_points_of_a_profile_are_an_axis() -> None:
+def test_points_of_a_profile_can_be_an_axis() -> None:
     projectile = replace(PAPER_PROJECTILE, nose=solver.Profile(points=CONE))
     axes: dict[str, Any] = {"nose.points": [CONE, [list(point) for point in TRUNCATED], np.array(CONE)]}
     found = solver.simulate_sweep(
@@ -145,7 +143,7 @@ def test_points_of_a_profile_are_an_axis() -> None:
     assert first == third != second
 
 
-def test_case_that_fails_has_nan_and_its_error() -> None:
+def test_failed_case_has_nan_and_its_error() -> None:
     law = solver.Resistance(strength_factor=solver.ObliquityPolynomial(coefficients=(6.0, -0.1)))
     found = solver.simulate_sweep(
         **CASE,
@@ -170,6 +168,6 @@ def test_case_that_fails_has_nan_and_its_error() -> None:
         ({"density": [2000.0]}, "velocity: must be given, or be an axis"),
     ],
 )
-def test_wrong_axes_are_named(axes: dict[str, Any], words: str) -> None:
+def test_invalid_axes_are_named(axes: dict[str, Any], words: str) -> None:
     with pytest.raises(solver.ParameterError, match=words):
         solver.critical_angle_sweep(**CASE, axes=axes)

@@ -76,9 +76,7 @@ def test_motion_of_a_sphere_does_not_depend_on_its_axis(
 
 @ROUTES
 @pytest.mark.parametrize("thickness", [None, 0.05])
-def test_rear_of_a_body_that_moves_straight_on_is_not_loaded(
-    thickness: float | None, numerics: Numerics | None
-) -> None:
+def test_rear_of_a_body_in_straight_motion_is_not_loaded(thickness: float | None, numerics: Numerics | None) -> None:
     """Surfaces that face backwards move away from the concrete, so only nose and mass matter."""
     long = replace(BALL, nose=Spherical(caliber_radius_head=0.5), length=0.3)
     boat = TAPERING["boat-tail"]
@@ -135,7 +133,7 @@ def test_boat_tail_reduces_the_effect_of_the_rear_of_the_shank() -> None:
 
 
 @pytest.mark.parametrize("degrees", [0.0, 40.0])
-def test_profile_through_points_of_a_sphere_approaches_it(degrees: float) -> None:
+def test_profile_through_points_of_a_sphere_converges_to_it(degrees: float) -> None:
     """The difference is inversely proportional to the square of the number of cones."""
     radius = DIAMETER / 2.0
 
@@ -161,7 +159,7 @@ def test_body_without_a_base_is_loaded_everywhere_without_decay() -> None:
         assert found.final.kinetic_energy < 0.01 * 0.5 * projectile.mass * 400.0**2
 
 
-def test_a_shank_need_not_be_left_between_nose_and_boat_tail() -> None:
+def test_nose_and_boat_tail_may_leave_no_shank() -> None:
     nose = Ogive(caliber_radius_head=2.0)
     length = nose.length(DIAMETER / 2.0) + 0.1
     body = steel(nose, length=length, boat_tail=BoatTail(length=0.1, base_diameter=0.05))
@@ -170,6 +168,6 @@ def test_a_shank_need_not_be_left_between_nose_and_boat_tail() -> None:
     assert run(body, 20.0).outcome is Outcome.EMBEDDED
 
 
-def test_a_sphere_is_as_wide_as_long() -> None:
+def test_sphere_must_be_as_wide_as_long() -> None:
     assert BALL.base.length == 0.0
     assert Projectile(nose=Sphere(), diameter=0.0206, length=0.0206, mass=0.0359).nose_length == 0.0103

@@ -71,7 +71,7 @@ changes sign within every fixed step, which slowly turns the axis back, in propo
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row[0]:g} degrees")
-def test_exit_state_is_that_of_an_independent_program(row: tuple[Any, ...]) -> None:
+def test_exit_state_agrees_with_an_independent_program(row: tuple[Any, ...]) -> None:
     angle, outcome, speed, depth_velocity, lateral_velocity, axis_angle, energy = row
     run = strike(angle)
     parts, degrees = (1.0, 0.6) if angle in IN_ITS_HOLE else (0.5, 0.3)
@@ -84,7 +84,7 @@ def test_exit_state_is_that_of_an_independent_program(row: tuple[Any, ...]) -> N
 
 
 @pytest.mark.parametrize("row", [row for row in ROWS if row[0] in IN_ITS_HOLE], ids=lambda row: f"{row[0]:g} degrees")
-def test_shorter_steps_of_panels_lead_from_the_independent_program_to_our_exit_state(row: tuple[Any, ...]) -> None:
+def test_exit_state_by_panels_converges_to_the_default_method(row: tuple[Any, ...]) -> None:
     angle, _, _, depth_velocity, lateral_velocity, axis_angle, _ = row
     short, long = (
         strike(angle, numerics=Numerics(method="panels", time_step=step, termination_time=0.015)).final
@@ -97,7 +97,7 @@ def test_shorter_steps_of_panels_lead_from_the_independent_program_to_our_exit_s
     assert math.degrees(strike(angle).final.axis_angle) == pytest.approx(math.degrees(no_step), abs=0.1)
 
 
-def test_walls_take_an_impact_or_its_numbers() -> None:
+def test_searches_for_walls_accept_an_impact_or_its_numbers() -> None:
     impact = paper_impact(oblique_angle_degrees=20.0)
     angle = impact.oblique_angle
     options: dict[str, Any] = {"projectile": PAPER_PROJECTILE, "tolerance": 0.05}
@@ -122,11 +122,11 @@ def test_walls_take_an_impact_or_its_numbers() -> None:
             function(**arguments)
 
 
-def test_between_perforation_and_ricochet_the_wall_keeps_the_projectile() -> None:
+def test_wall_holds_the_projectile_between_perforation_and_ricochet() -> None:
     assert strike(46.0).outcome is Outcome.EMBEDDED
 
 
-def test_search_finds_the_angle_of_an_independent_program_and_the_outcome_at_every_other() -> None:
+def test_search_agrees_with_an_independent_program_in_angle_and_outcomes() -> None:
     found = search()
     assert found.angle is not None
     assert math.degrees(found.angle) == pytest.approx(50.92, abs=0.03)
@@ -145,7 +145,7 @@ def test_half_space_has_no_intervals() -> None:
 
 
 @pytest.mark.parametrize(("diameters", "degrees"), [(5.0, 0.25), (7.0, 0.1), (25.0, 0.01)])
-def test_thick_wall_has_the_angle_of_the_half_space(diameters: float, degrees: float) -> None:
+def test_thick_wall_has_the_critical_angle_of_the_half_space(diameters: float, degrees: float) -> None:
     wall, half_space = search(replace(WALL, thickness=diameters * PAPER_PROJECTILE.diameter)), search(PAPER_TARGET)
     assert abs(math.degrees(known(wall.angle) - known(half_space.angle))) < degrees
 
@@ -167,7 +167,7 @@ def test_brute_force_follows_the_same_history(angle: float, thickness: float) ->
 
 @settings(max_examples=8)
 @given(strikes(), st.floats(0.5, 5.0))
-def test_work_of_the_resistance_is_the_energy_lost(arguments: dict[str, Any], diameters: float) -> None:
+def test_work_of_the_resistance_of_a_wall_equals_the_energy_lost(arguments: dict[str, Any], diameters: float) -> None:
     diameter, impact = arguments["projectile"].diameter, arguments["impact"]
     wall = replace(arguments["target"], thickness=diameters * diameter)
     interval = 1e-3 * diameter / impact.velocity
@@ -178,7 +178,7 @@ def test_work_of_the_resistance_is_the_energy_lost(arguments: dict[str, Any], di
 
 @settings(max_examples=5)
 @given(strikes(), st.floats(0.5, 5.0))
-def test_mirror_image_has_the_mirrored_motion(arguments: dict[str, Any], diameters: float) -> None:
+def test_mirrored_strike_on_a_wall_has_the_mirrored_motion(arguments: dict[str, Any], diameters: float) -> None:
     target = replace(arguments["target"], thickness=diameters * arguments["projectile"].diameter)
     impact = arguments["impact"]
     impacts = impact, mirrored(impact)
@@ -190,7 +190,7 @@ def test_mirror_image_has_the_mirrored_motion(arguments: dict[str, Any], diamete
 
 @settings(max_examples=50)
 @given(strikes(), st.floats(0.2, 6.0), st.floats(1.05, 3.0))
-def test_thicker_wall_is_not_perforated_where_a_thinner_one_is_not(
+def test_wall_thicker_than_an_unperforated_one_is_not_perforated(
     arguments: dict[str, Any], diameters: float, ratio: float
 ) -> None:
     thin = diameters * arguments["projectile"].diameter
@@ -202,18 +202,20 @@ def test_thicker_wall_is_not_perforated_where_a_thinner_one_is_not(
     assert outcomes[1] is not Outcome.PERFORATED or outcomes[0] is Outcome.PERFORATED
 
 
-def test_plate_thinner_than_a_tenth_of_the_diameter_is_refused_with_the_reason() -> None:
+def test_plate_thinner_than_a_tenth_of_the_diameter_is_refused() -> None:
     with pytest.raises(ParameterError, match=r"target\.thickness.*a tenth of the diameter, 0\.008 m.*bending"):
         strike(20.0, replace(WALL, thickness=0.0079))
 
 
-def test_answer_warns_that_it_is_not_conservative() -> None:
+def test_answer_about_a_wall_warns_that_it_is_not_conservative() -> None:
     assert "rear_face_unconservative" in [each.code for each in strike(20.0).warnings]
     assert "rear_face_unconservative" not in [each.code for each in strike(20.0, PAPER_TARGET).warnings]
 
 
 @pytest.mark.parametrize(("thickness", "moves"), [(0.05, False), (0.1, False), (0.2, True), (0.18, True)])
-def test_change_to_perforation_that_moves_with_the_retention_energy_is_warned_of(thickness: float, moves: bool) -> None:
+def test_change_to_perforation_that_depends_on_the_retention_energy_causes_a_warning(
+    thickness: float, moves: bool
+) -> None:
     wall = replace(PAPER_TARGET, thickness=thickness)
     least, most = (_perforated_up_to(search(wall, numerics=Numerics(retention_energy_fraction=e))) for e in (1e-3, 0.1))
     assert (least - most > 0.5) == moves
@@ -226,7 +228,7 @@ def _perforated_up_to(found: CriticalAngle) -> float:
     return math.degrees(next(each.upper for each in found.outcomes if each.outcome is Outcome.PERFORATED))
 
 
-def test_warning_of_a_change_next_to_the_normal_has_the_energy_left_along_the_normal() -> None:
+def test_warning_about_a_change_near_the_normal_states_the_energy_at_the_normal() -> None:
     limit = least_thickness(**CASE, impact=paper_impact(oblique_angle_degrees=0.0))
     wall = replace(PAPER_TARGET, thickness=0.9998 * known(limit.value))
     found = search(wall, search=Search(lower=0.0, upper=math.radians(5.0), tolerance=math.radians(0.01)))

@@ -58,7 +58,7 @@ STRIKES: dict[str, tuple[dict[str, Any], Impact]] = {
 
 
 @pytest.mark.parametrize("code", STRIKES)
-def test_warnings_differ_in_their_units_only(code: str) -> None:
+def test_warnings_in_both_systems_differ_only_in_units(code: str) -> None:
     changes, impact = STRIKES[code]
     case: dict[str, Any] = {
         "projectile": PAPER_PROJECTILE,
@@ -76,7 +76,7 @@ def test_warnings_differ_in_their_units_only(code: str) -> None:
     assert any(si.detail != us.detail for si, us in zip(in_si, in_us, strict=True))
 
 
-def test_ranges_and_notes_of_formulas_differ_in_their_units_only() -> None:
+def test_ranges_and_notes_in_both_systems_differ_only_in_units() -> None:
     impact = Impact(velocity=1200.0, oblique_angle=0.0)
     strike: dict[str, Any] = {"projectile": replace(PAPER_PROJECTILE, mass=0.1), "target": OTHER, "impact": impact}
     in_si = formulas(**strike)
@@ -93,7 +93,7 @@ def test_ranges_and_notes_of_formulas_differ_in_their_units_only() -> None:
 
 
 @pytest.mark.parametrize(("thickness", "oblique_angle"), [(0.3, 0.0), (0.5, 0.7), (None, 0.5)])
-def test_verdict_on_a_wall_differs_in_its_units_only(thickness: float | None, oblique_angle: float) -> None:
+def test_verdicts_on_a_wall_in_both_systems_differ_only_in_units(thickness: float | None, oblique_angle: float) -> None:
     strike: dict[str, Any] = {
         "projectile": PAPER_PROJECTILE,
         "target": replace(PAPER_TARGET, thickness=thickness, characteristic_strength=31e6),
@@ -108,7 +108,7 @@ def test_verdict_on_a_wall_differs_in_its_units_only(thickness: float | None, ob
     assert " in " in in_us.sentence
 
 
-def test_distances_of_a_flight_are_rounded_up_in_either_system() -> None:
+def test_distances_of_a_flight_are_rounded_up_in_both_systems() -> None:
     assert landing_sentence(30.2, 95.0, 1204.0).startswith("Lands about 31 m away")
     with written_in("us"):
         sentence = landing_sentence(30.2, 95.0, 1204.0)
@@ -118,7 +118,7 @@ def test_distances_of_a_flight_are_rounded_up_in_either_system() -> None:
     )
 
 
-def test_limits_are_rounded_to_the_safe_side() -> None:
+def test_limits_are_rounded_towards_the_safe_side() -> None:
     assert rounded(0.3001, "mm", math.ceil) == "301"
     assert rounded(0.3, "mm", math.ceil) == "300", "what rounding errors add is not another millimetre"
     assert rounded(238.9, "m/s", math.floor) == "238"
@@ -128,7 +128,7 @@ def test_limits_are_rounded_to_the_safe_side() -> None:
         assert rounded(100.0 * 0.3048, "m/s", math.floor) == "100"
 
 
-def test_numbers_have_no_exponent_where_they_can_do_without() -> None:
+def test_numbers_of_ordinary_size_have_no_exponent() -> None:
     assert number(1.17, "mm", 3) == "1170"
     assert quantity(12346.0, "m/s") == "12350 m/s"
     assert interval(0.473, 0.629, "mm") == "473 to 629 mm"
@@ -139,7 +139,7 @@ def test_numbers_have_no_exponent_where_they_can_do_without() -> None:
         assert quantity(45.0, "°") == "45°", "common to both systems"
 
 
-def test_units_are_those_of_the_context_alone() -> None:
+def test_units_apply_only_within_the_context() -> None:
     assert system_in_use() is UnitSystem.SI
     with written_in("us"):
         with written_in("si"):

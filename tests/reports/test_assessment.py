@@ -341,7 +341,7 @@ def test_report_loads_no_file_and_runs_no_script(client: httpx.Client) -> None:
         ({"units": "imperial"}, "/units"),
     ],
 )
-def test_wrong_field_is_named(client: httpx.Client, change: dict[str, Any], pointer: str) -> None:
+def test_invalid_field_of_a_report_request_is_named(client: httpx.Client, change: dict[str, Any], pointer: str) -> None:
     response = client.post("/report", json=PAPER | change)
     assert response.status_code == 422, response.text
     assert [error["pointer"] for error in response.json()["errors"]] == [pointer]
@@ -366,7 +366,7 @@ def test_command_writes_the_report_of_the_service(report_of: Ask, live_url: str,
     assert made.sub("", target.read_text()) == made.sub("", expected)
 
 
-def test_an_unknown_system_of_units_is_refused_with_the_choices(
+def test_unknown_system_of_units_is_refused_with_the_choices(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     case = tmp_path / "strike.json"

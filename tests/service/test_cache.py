@@ -67,7 +67,7 @@ def stored(folder: Path, *batches: Iterable[Record]) -> None:
     [trajectory(), critical_angle(), critical_angle_with_motion()],
     ids=["trajectory", "cra", "cra with motion"],
 )
-def test_record_read_from_disk_is_the_one_written_bit_for_bit(record: Record, tmp_path: Path) -> None:
+def test_record_read_from_disk_is_identical_to_the_written_one(record: Record, tmp_path: Path) -> None:
     with cache_in(tmp_path) as cache:
         assert cache.put(record) is record
     with cache_in(tmp_path) as cache:
@@ -77,7 +77,7 @@ def test_record_read_from_disk_is_the_one_written_bit_for_bit(record: Record, tm
         assert same(cache.recall(record.key), record)
 
 
-def test_batch_is_one_segment_from_which_each_result_is_read(tmp_path: Path) -> None:
+def test_batch_is_stored_in_one_segment_with_access_to_each_result(tmp_path: Path) -> None:
     records = [critical_angle(number) for number in range(50)]
     others = [trajectory(number) for number in range(100, 110)]
     stored(tmp_path, records, others)
@@ -91,7 +91,7 @@ def test_batch_is_one_segment_from_which_each_result_is_read(tmp_path: Path) -> 
         assert all(same(found[record.key], record) for record in [*records[10:20], *others])
 
 
-def test_batches_leave_memory_to_single_results(tmp_path: Path) -> None:
+def test_batches_do_not_displace_single_results_from_memory(tmp_path: Path) -> None:
     single, batch = trajectory(1), [trajectory(number) for number in range(2, 20)]
     with cache_in(tmp_path, memory_bytes=single.nbytes * 2) as cache:
         cache.put(single)
@@ -100,7 +100,7 @@ def test_batches_leave_memory_to_single_results(tmp_path: Path) -> None:
         assert same(cache.recall(single.key), single)
 
 
-def test_very_large_histories_are_spread_over_segments(tmp_path: Path) -> None:
+def test_very_large_histories_are_split_over_several_segments(tmp_path: Path) -> None:
     column = np.zeros(800_000)
     records = [made(key_of(number), "trajectory", {}, {}, {"time_s": column}) for number in range(5)]
     stored(tmp_path, records)
@@ -109,7 +109,7 @@ def test_very_large_histories_are_spread_over_segments(tmp_path: Path) -> None:
         assert all(same(cache.get(record.key), record) for record in records)
 
 
-def test_known_says_what_can_be_read(tmp_path: Path) -> None:
+def test_known_returns_the_keys_that_can_be_read(tmp_path: Path) -> None:
     batches = [[critical_angle(number) for number in range(first, first + 10)] for first in (0, 10, 20)]
     stored(tmp_path, *batches)
     gone, cut, _ = (path_of(tmp_path, *batch) for batch in batches)
@@ -125,7 +125,7 @@ def test_known_says_what_can_be_read(tmp_path: Path) -> None:
     assert (tmp_path / "damaged" / cut.name).exists()
 
 
-def test_segment_changed_after_it_was_seen_is_looked_at_again(tmp_path: Path) -> None:
+def test_changed_segment_is_checked_again(tmp_path: Path) -> None:
     record = critical_angle()
     with cache_in(tmp_path) as cache:
         cache.put_many([record])
@@ -137,7 +137,7 @@ def test_segment_changed_after_it_was_seen_is_looked_at_again(tmp_path: Path) ->
         assert not cache.known([record.key])
 
 
-def test_damaged_segment_is_a_miss_and_is_set_aside_and_rewritten(tmp_path: Path) -> None:
+def test_damaged_segment_is_a_cache_miss_and_set_aside(tmp_path: Path) -> None:
     record = trajectory()
     stored(tmp_path, [record])
     path = path_of(tmp_path, record)
@@ -155,7 +155,7 @@ def test_damaged_segment_is_a_miss_and_is_set_aside_and_rewritten(tmp_path: Path
             assert same(cache.get(record.key), record)
 
 
-def test_segment_under_the_name_of_another_is_a_miss(tmp_path: Path) -> None:
+def test_segment_under_a_wrong_name_is_a_cache_miss(tmp_path: Path) -> None:
     stored(tmp_path, [trajectory(1)], [trajectory(2)])
     wrong = path_of(tmp_path, trajectory(2))
     path_of(tmp_path, trajectory(1)).replace(wrong)
@@ -164,7 +164,7 @@ def test_segment_under_the_name_of_another_is_a_miss(tmp_path: Path) -> None:
     assert not wrong.exists()
 
 
-def test_index_that_is_wrong_is_put_right_by_what_the_segment_says(tmp_path: Path) -> None:
+def test_wrong_index_is_corrected_from_the_segment(tmp_path: Path) -> None:
     records = [critical_angle(number) for number in range(3)]
     stored(tmp_path, records)
     with closing(sqlite3.connect(index_of(tmp_path))) as connection, connection:
@@ -176,7 +176,7 @@ def test_index_that_is_wrong_is_put_right_by_what_the_segment_says(tmp_path: Pat
 
 
 @pytest.mark.parametrize("key", ["", "../../../etc/passwd", "A" * 64, "0" * 63, "0" * 64 + "\n", "f" * 64])
-def test_unknown_or_malformed_key_is_a_miss(key: str, tmp_path: Path) -> None:
+def test_unknown_or_malformed_key_is_a_cache_miss(key: str, tmp_path: Path) -> None:
     with cache_in(tmp_path) as cache:
         assert cache.get(key) is None
         assert not cache.known([key])
@@ -202,7 +202,7 @@ def spoil(path: Path) -> None:
     path.write_bytes(content[: len(content) // 2] + os.urandom(len(content) - len(content) // 2))
 
 
-def test_start_makes_index_and_files_agree(tmp_path: Path) -> None:
+def test_index_is_reconciled_with_the_files_at_the_start(tmp_path: Path) -> None:
     kept, unlisted, lost = [critical_angle(1)], [critical_angle(2)], [critical_angle(3)]
     stored(tmp_path, kept, unlisted, lost)
     with closing(sqlite3.connect(index_of(tmp_path))) as connection:
@@ -218,7 +218,7 @@ def test_start_makes_index_and_files_agree(tmp_path: Path) -> None:
     assert not list((tmp_path / "results" / ".partial").iterdir())
 
 
-def test_second_service_on_the_folder_is_refused_until_the_first_has_ended(tmp_path: Path) -> None:
+def test_second_service_on_a_folder_is_refused_until_the_first_has_ended(tmp_path: Path) -> None:
     command = [sys.executable, str(WRITER), str(tmp_path), str(PLENTY)]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as first:
         assert first.stdout
@@ -231,7 +231,7 @@ def test_second_service_on_the_folder_is_refused_until_the_first_has_ended(tmp_p
         cache_in(tmp_path)
 
 
-def test_oldest_segments_go_when_there_are_too_many(tmp_path: Path) -> None:
+def test_oldest_segments_are_evicted_above_the_limit(tmp_path: Path) -> None:
     records = [trajectory(number) for number in range(40)]
     with cache_in(tmp_path, memory_bytes=0) as cache:
         for record in records[:20]:
@@ -252,7 +252,7 @@ def test_oldest_segments_go_when_there_are_too_many(tmp_path: Path) -> None:
     assert indexed(tmp_path)[1] == there
 
 
-def test_lower_limit_holds_from_the_start(tmp_path: Path) -> None:
+def test_lowered_limit_is_applied_at_the_start(tmp_path: Path) -> None:
     stored(tmp_path, *([trajectory(number)] for number in range(10)))
     with cache_in(tmp_path, disk_bytes=5 * path_of(tmp_path, trajectory(0)).stat().st_size) as cache:
         assert 3 <= cache.statistics().segments <= 5
@@ -260,7 +260,7 @@ def test_lower_limit_holds_from_the_start(tmp_path: Path) -> None:
     assert indexed(tmp_path)[0] == set(segments_in(tmp_path))
 
 
-def test_used_segments_outlive_unused_ones(tmp_path: Path) -> None:
+def test_recently_used_segments_are_evicted_last(tmp_path: Path) -> None:
     records = [trajectory(number) for number in range(10)]
     with cache_in(tmp_path, memory_bytes=0) as cache:
         for record in records:
@@ -273,7 +273,7 @@ def test_used_segments_outlive_unused_ones(tmp_path: Path) -> None:
     assert not {records[2].key, records[3].key, records[4].key} & there
 
 
-def test_the_latest_segment_stays_however_large(tmp_path: Path) -> None:
+def test_latest_segment_is_kept_whatever_its_size(tmp_path: Path) -> None:
     with cache_in(tmp_path, disk_bytes=1) as cache:
         for number in range(3):
             cache.put_many([trajectory(number)])
@@ -281,7 +281,7 @@ def test_the_latest_segment_stays_however_large(tmp_path: Path) -> None:
         assert cache.last_error is None
 
 
-def test_folder_that_cannot_be_written_costs_the_store_but_no_answer(tmp_path: Path) -> None:
+def test_read_only_folder_prevents_storing_but_no_answer(tmp_path: Path) -> None:
     (tmp_path / "results").write_text("a file where the folder should be")
     with cache_in(tmp_path) as cache:
         assert not cache.writable()
@@ -299,7 +299,7 @@ def test_folder_that_cannot_be_written_costs_the_store_but_no_answer(tmp_path: P
         assert same(cache.get(key_of(1)), trajectory(1))
 
 
-def test_write_that_the_system_cuts_short_leaves_nothing_and_what_was_there(tmp_path: Path) -> None:
+def test_truncated_write_leaves_only_the_earlier_files(tmp_path: Path) -> None:
     with cache_in(tmp_path) as cache:
         old, new, batch = cache.put(trajectory(1)), trajectory(2), [trajectory(3), trajectory(4)]
         with full_disk():
@@ -314,7 +314,7 @@ def test_write_that_the_system_cuts_short_leaves_nothing_and_what_was_there(tmp_
         assert cache.known([key_of(number) for number in range(5)]) == {old.key, new.key}
 
 
-def test_segment_that_the_index_cannot_take_is_not_left_behind(tmp_path: Path) -> None:
+def test_segment_missing_from_the_index_is_removed(tmp_path: Path) -> None:
     with cache_in(tmp_path) as cache:
         cache.put_many([critical_angle(1)])
         size = index_of(tmp_path).stat().st_size + Path(f"{index_of(tmp_path)}-wal").stat().st_size
@@ -330,7 +330,7 @@ def test_segment_that_the_index_cannot_take_is_not_left_behind(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("disk_bytes", [PLENTY, 2 * MEGABYTE], ids=["storing", "evicting"])
-def test_writer_killed_at_any_instant_leaves_whole_segments_and_a_true_index(disk_bytes: int, tmp_path: Path) -> None:
+def test_killed_writer_leaves_complete_segments_and_a_correct_index(disk_bytes: int, tmp_path: Path) -> None:
     chance = random.Random(1)  # noqa: S311
     for _ in range(3):
         command = [sys.executable, str(WRITER), str(tmp_path), str(disk_bytes)]
@@ -354,7 +354,7 @@ def test_writer_killed_at_any_instant_leaves_whole_segments_and_a_true_index(dis
     assert not (tmp_path / "damaged").exists()
 
 
-def test_memory_is_bounded_and_holds_the_latest(tmp_path: Path) -> None:
+def test_memory_is_limited_and_contains_the_latest_results(tmp_path: Path) -> None:
     one = trajectory(rows=1000)
     with cache_in(tmp_path, memory_bytes=10 * one.nbytes + one.nbytes // 2) as cache:
         for number in range(50):
@@ -366,7 +366,7 @@ def test_memory_is_bounded_and_holds_the_latest(tmp_path: Path) -> None:
         assert len([number for number in range(50) if cache.recall(key_of(number))]) == 10
 
 
-def test_memory_for_results_is_what_is_counted_whatever_is_done_with_them(tmp_path: Path) -> None:
+def test_counted_memory_of_results_is_their_real_memory(tmp_path: Path) -> None:
     limit = 2 * MEGABYTE
     with cache_in(tmp_path, memory_bytes=limit) as cache:
         cache.put(critical_angle(0))
@@ -387,7 +387,7 @@ def test_memory_for_results_is_what_is_counted_whatever_is_done_with_them(tmp_pa
     assert 0.7 * limit < taken < 1.3 * limit
 
 
-def test_hot_result_needs_no_disk(tmp_path: Path) -> None:
+def test_recent_result_is_read_without_the_disk(tmp_path: Path) -> None:
     with cache_in(tmp_path) as cache:
         record = cache.put(trajectory())
         shutil.rmtree(tmp_path)
@@ -395,7 +395,7 @@ def test_hot_result_needs_no_disk(tmp_path: Path) -> None:
         assert same(cache.get(record.key), record)
 
 
-def test_many_threads_may_read_write_and_evict_at_once(tmp_path: Path) -> None:
+def test_threads_can_read_write_and_evict_concurrently(tmp_path: Path) -> None:
     size = 40_000
 
     with cache_in(tmp_path, memory_bytes=0, disk_bytes=12 * size) as cache:
@@ -417,7 +417,7 @@ def test_many_threads_may_read_write_and_evict_at_once(tmp_path: Path) -> None:
     assert not (tmp_path / "damaged").exists()
 
 
-def test_twenty_thousand_cases_are_looked_up_at_once(tmp_path: Path) -> None:
+def test_twenty_thousand_cases_can_be_looked_up_in_one_call(tmp_path: Path) -> None:
     record = critical_angle()
     keys = [key_of(number) for number in range(20_000)]
     with cache_in(tmp_path) as cache:

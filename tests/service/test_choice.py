@@ -15,7 +15,9 @@ pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
 
 @pytest.mark.parametrize("executor", ["in-process", "pool"])
-async def test_queries_and_batches_are_answered(executor: Literal["in-process", "pool"], tmp_path: Path) -> None:
+async def test_queries_and_batches_are_answered_by_each_executor(
+    executor: Literal["in-process", "pool"], tmp_path: Path
+) -> None:
     app = create_app(Settings(data_dir=tmp_path / "data", workers=1, executor=executor, probe_seconds=30.0))
     transport = httpx.ASGITransport(app)
     async with app.router.lifespan_context(app), httpx.AsyncClient(transport=transport, base_url="http://s") as client:

@@ -38,7 +38,7 @@ def test_column_has_the_unit_of_the_field(column: Column, model: type[Part]) -> 
 
 
 @pytest.mark.parametrize("operation", OPERATIONS.values(), ids=lambda each: each.name)
-def test_columns_of_an_operation_are_described_and_differ(operation: Operation) -> None:
+def test_columns_of_an_operation_have_descriptions_and_distinct_names(operation: Operation) -> None:
     names = [column.name for column in operation.columns]
     assert len(set(names)) == len(names)
     assert all(column.description for column in operation.columns)
@@ -66,7 +66,7 @@ def test_every_column_of_a_batch_is_filled_from_an_answer(operation: Operation) 
     assert {column.name for column in operation.columns} <= summarize(filled(operation.answer)).keys()
 
 
-def test_headings_have_units_as_people_write_them() -> None:
+def test_headings_have_units_in_usual_notation() -> None:
     found = {end: heading(f"a_mean{end}") for end in UNITS}
     assert found["_kg_m2"] == "a mean kg m²"
     assert found["_g"] == "a mean g"

@@ -30,7 +30,7 @@ def write(folder: Path, files: dict[str, str]) -> Path:
     ],
     ids=["half a core", "half a core less", "no quota", "more than there are", "version 1", "version 1, none", "none"],
 )
-def test_quota_of_the_container_counts(files: dict[str, str], cores: int, tmp_path: Path) -> None:
+def test_processor_quota_of_the_container_limits_the_workers(files: dict[str, str], cores: int, tmp_path: Path) -> None:
     assert available_cores(write(tmp_path, files)) == cores
 
 
@@ -47,7 +47,7 @@ def test_quota_of_the_container_counts(files: dict[str, str], cores: int, tmp_pa
     ],
     ids=["unit of systemd", "slice above", "version 1"],
 )
-def test_quota_of_the_group_of_the_process_and_of_those_above_it_count(
+def test_processor_quotas_of_all_enclosing_groups_limit_the_workers(
     group: str, files: dict[str, str], tmp_path: Path
 ) -> None:
     membership = tmp_path / "membership"

@@ -36,7 +36,7 @@ def stored(folder: Path) -> set[float]:
 
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("kills", [2, pytest.param(40, marks=pytest.mark.slow)])
-async def test_killed_at_any_instant_every_case_is_answered_once_and_nothing_kept_is_computed_again(
+async def test_killed_process_answers_every_case_once_and_repeats_no_stored_one(
     kills: int, pool: ProcessPool, tmp_path: Path
 ) -> None:
     (tmp_path / "log").mkdir()
@@ -63,7 +63,7 @@ async def test_killed_at_any_instant_every_case_is_answered_once_and_nothing_kep
     assert not (tmp_path / "data" / "damaged").exists()
 
 
-async def test_job_on_a_full_disk_fails_with_a_reason_and_goes_on_at_the_next_start(
+async def test_job_on_a_full_disk_fails_with_a_reason_and_resumes_at_the_next_start(
     pool: ProcessPool, tmp_path: Path
 ) -> None:
     async with running(tmp_path, pool) as manager:
@@ -88,7 +88,7 @@ async def test_job_on_a_full_disk_fails_with_a_reason_and_goes_on_at_the_next_st
         assert squares(await all_results(manager, job)) == [i**2 for i in range(400)]
 
 
-async def test_end_that_could_not_be_written_is_written_when_there_is_room(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_end_of_a_job_is_written_once_there_is_space(pool: ProcessPool, tmp_path: Path) -> None:
     async with running(tmp_path, pool) as manager:
         job = await accepted(manager, [case(Question(i, seconds=0.01)) for i in range(400)])
         await until_done(manager, job, 4)

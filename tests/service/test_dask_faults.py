@@ -82,7 +82,7 @@ async def grandparents(executor: DaskExecutor, count: int) -> set[int]:
     return {outcome.value for (outcome,) in finished}
 
 
-async def test_worker_killed_amid_a_batch_costs_no_case(executor: DaskExecutor, tmp_path: Path) -> None:
+async def test_batch_survives_a_killed_worker(executor: DaskExecutor, tmp_path: Path) -> None:
     async with running(tmp_path, executor) as manager:
         job = await accepted(manager, cases(range(300), seconds=0.02))
         await until_done(manager, job, 40)
@@ -95,7 +95,7 @@ async def test_worker_killed_amid_a_batch_costs_no_case(executor: DaskExecutor, 
     assert victim not in (await workers_of(executor)).values()
 
 
-async def test_frozen_worker_costs_no_case(executor: DaskExecutor, tmp_path: Path) -> None:
+async def test_batch_survives_a_frozen_worker(executor: DaskExecutor, tmp_path: Path) -> None:
     """Dask itself would notice only after minutes, because the connection stays open."""
     async with running(tmp_path, executor) as manager:
         job = await accepted(manager, cases(range(300), seconds=0.02))
@@ -112,7 +112,7 @@ async def test_frozen_worker_costs_no_case(executor: DaskExecutor, tmp_path: Pat
     await until(lambda: executor.cluster.capacity == 2)
 
 
-async def test_scheduler_killed_and_started_again_costs_no_case(
+async def test_batch_survives_a_restart_of_the_scheduler(
     executor: DaskExecutor, cluster: DaskCluster, tmp_path: Path
 ) -> None:
     async with running(tmp_path, executor) as manager:
@@ -132,7 +132,7 @@ async def test_scheduler_killed_and_started_again_costs_no_case(
     assert await grandparents(executor, 8) <= set((await workers_of(executor)).values())
 
 
-async def test_call_that_ends_whole_workers_fails_alone(
+async def test_call_that_kills_dask_workers_fails_alone(
     executor: DaskExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Both workers are restarting for a while.
@@ -143,7 +143,7 @@ async def test_call_that_ends_whole_workers_fails_alone(
     await until(lambda: executor.cluster.capacity == 2)
 
 
-async def test_worker_of_another_version_is_not_used_and_the_log_says_why(
+async def test_worker_of_another_version_is_not_used_and_logged(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with dask_cluster(tmp_path, workers=0) as odd_cluster, caplog.at_level(logging.ERROR):
@@ -165,7 +165,7 @@ async def test_chunk_of_another_version_is_refused_by_the_worker(executor: DaskE
         await client.submit(run_chunk, "key", 60.0, versions() | {"engine": "odd"}, [], pure=False)
 
 
-def test_differences_are_given_in_words() -> None:
+def test_differences_of_versions_are_named() -> None:
     assert differences({"engine": "2", "numpy": "2.4"}, {"engine": "2", "numpy": "2.4"}) == ""
     assert differences({"engine": "2", "numpy": "2.4"}, {"engine": "1"}) == (
         "engine 1 instead of 2, numpy none instead of 2.4"
@@ -173,12 +173,12 @@ def test_differences_are_given_in_words() -> None:
 
 
 @pytest.mark.parametrize("address", ["", "scheduler:8786", "http://scheduler:8786"])
-def test_setting_without_a_usable_address_is_refused(address: str) -> None:
+def test_scheduler_setting_without_a_usable_address_is_refused(address: str) -> None:
     with pytest.raises(ValidationError, match=r"tcp|RICOCHET_DASK_SCHEDULER"):
         Settings(executor="dask", dask_scheduler=address)
 
 
-def test_service_answers_over_a_cluster_and_without_it(
+def test_service_answers_with_and_without_its_cluster(
     cluster: DaskCluster,
     service_on: Callable[..., AbstractContextManager[Any]],
     tmp_path: Path,

@@ -66,7 +66,7 @@ def parent_of(pid: int) -> int:
     return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
 
 
-async def test_all_workers_are_used(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_calls_run_on_all_workers_at_once(pool: ProcessPool, tmp_path: Path) -> None:
     """A named pipe transfers bytes only if two calls run at the same time."""
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
@@ -84,7 +84,7 @@ async def test_twenty_queries_survive_the_death_of_a_worker(pool: ProcessPool) -
     assert await asyncio.gather(*queries) == [None] * 20
 
 
-async def test_worker_killed_at_any_instant_loses_nothing(pool: ProcessPool) -> None:
+async def test_kill_of_a_worker_at_any_instant_loses_no_result(pool: ProcessPool) -> None:
     """Results have 20 MB, so that many kills happen while one is being sent."""
     instants = random.Random(0)  # noqa: S311
     for _ in range(12):
@@ -102,16 +102,14 @@ async def test_task_that_kills_its_workers_fails_alone(pool: ProcessPool) -> Non
     assert await asyncio.gather(*others) == [None] * 10
 
 
-async def test_idle_worker_that_dies_is_replaced(pool: ProcessPool) -> None:
+async def test_killed_idle_worker_is_replaced(pool: ProcessPool) -> None:
     before = set(pool.worker_pids)
     for pid in before:
         os.kill(pid, signal.SIGKILL)
     await until(lambda: len(pool.worker_pids) == 2 and before.isdisjoint(pool.worker_pids))
 
 
-async def test_workers_that_are_dead_when_a_query_is_sent_are_not_ended_by_it(
-    pool: ProcessPool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_query_sent_to_dead_workers_is_sent_to_others(pool: ProcessPool, monkeypatch: pytest.MonkeyPatch) -> None:
     sent: list[int] = []
     send = WorkerProcess.send
 
@@ -135,7 +133,7 @@ async def test_pool_recovers_from_the_death_of_its_template(pool: ProcessPool) -
     assert await asyncio.gather(*(pool.submit(operator.add, 1, i) for i in range(4))) == [1, 2, 3, 4]
 
 
-async def test_workers_are_replaced_after_the_folder_for_temporary_files_was_emptied(
+async def test_workers_can_be_replaced_after_the_temporary_folder_was_emptied(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """`systemd-tmpfiles --clean` empties that folder, for example."""
@@ -165,7 +163,7 @@ if __name__ == "__main__":
     assert done.stdout == "[1, 2, 4, 8]\n", done.stderr
 
 
-async def test_answer_to_calls_sent_before_is_not_taken_for_that_to_the_last() -> None:
+async def test_answer_to_earlier_calls_is_not_mistaken_for_the_last_one() -> None:
     worker = WorkerProcess()
     await worker.start()
     worker.send([(pow, (2, 10))])
@@ -177,7 +175,7 @@ async def test_answer_to_calls_sent_before_is_not_taken_for_that_to_the_last() -
     assert loads(reply).value == 9
 
 
-async def test_task_past_its_time_is_ended_and_nothing_else() -> None:
+async def test_only_the_task_beyond_its_time_limit_is_ended() -> None:
     pool = ProcessPool(workers=2, task_seconds=0.5)
     await pool.start()
     endless = asyncio.ensure_future(pool.submit(hashlib.pbkdf2_hmac, *FOREVER))
@@ -202,7 +200,7 @@ async def test_stop_ends_busy_workers_within_the_grace_time(pool: ProcessPool) -
     await until(lambda: processes().keys().isdisjoint(workers))
 
 
-async def test_stop_lets_running_work_finish_and_refuses_more(pool: ProcessPool) -> None:
+async def test_stop_finishes_running_work_and_refuses_more(pool: ProcessPool) -> None:
     queries = [asyncio.ensure_future(pool.submit(time.sleep, 0.1)) for _ in range(6)]
     await asyncio.sleep(0)
     await pool.stop(20.0)
@@ -212,7 +210,7 @@ async def test_stop_lets_running_work_finish_and_refuses_more(pool: ProcessPool)
 
 
 @linux
-async def test_parent_killed_leaves_no_process_behind() -> None:
+async def test_killed_parent_leaves_no_process_behind() -> None:
     """Neither a busy nor an idle worker survives its parent."""
     command = [sys.executable, str(PARENT)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as parent:  # noqa: ASYNC220
@@ -224,7 +222,7 @@ async def test_parent_killed_leaves_no_process_behind() -> None:
     await until(lambda: processes().keys().isdisjoint(family))
 
 
-async def test_cancelled_while_waiting_a_task_never_runs(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_task_cancelled_in_the_queue_never_runs(pool: ProcessPool, tmp_path: Path) -> None:
     busy = [asyncio.ensure_future(pool.submit(time.sleep, 0.3)) for _ in range(2)]
     await asyncio.sleep(0.1)
     waiting = asyncio.ensure_future(pool.submit(os.mkdir, tmp_path / "ran"))
@@ -235,7 +233,7 @@ async def test_cancelled_while_waiting_a_task_never_runs(pool: ProcessPool, tmp_
     assert not (tmp_path / "ran").exists()
 
 
-async def test_probe_overtakes_waiting_tasks_and_sees_a_stuck_pool(pool: ProcessPool) -> None:
+async def test_probe_overtakes_waiting_tasks_and_detects_a_stuck_pool(pool: ProcessPool) -> None:
     queries = [asyncio.ensure_future(pool.submit(time.sleep, 0.05)) for _ in range(30)]
     await asyncio.sleep(0)  # All queries have been submitted, and none has had time to end.
     assert await pool.probe(seconds=30.0)
@@ -261,7 +259,7 @@ async def test_every_deadly_call_of_a_chunk_is_found(pool: ProcessPool) -> None:
     assert [finished[1].value, finished[4].value] == [3, 7]
 
 
-async def test_chunks_finish_however_their_workers_are_killed(pool: ProcessPool) -> None:
+async def test_chunks_finish_despite_killed_workers(pool: ProcessPool) -> None:
     instants = random.Random(1)  # noqa: S311
     sums: list[Call] = [(operator.add, (number, 1)) for number in range(20)]
     chunks = [asyncio.ensure_future(pool.run([nap(0.005), *sums])) for _ in range(200)]
@@ -300,7 +298,7 @@ async def test_cancelled_chunk_stops_after_a_short_call_and_keeps_its_worker(lon
     assert lone.restarts == 0
 
 
-async def test_cancelled_chunk_on_a_long_call_is_ended_with_its_worker(lone: ProcessPool) -> None:
+async def test_cancelled_chunk_in_a_long_call_is_ended_with_its_worker(lone: ProcessPool) -> None:
     (pid,) = lone.worker_pids
     running = asyncio.ensure_future(lone.run([ENDLESS, ENDLESS]))
     await asyncio.sleep(0.1)
@@ -309,7 +307,7 @@ async def test_cancelled_chunk_on_a_long_call_is_ended_with_its_worker(lone: Pro
     assert await lone.submit(operator.add, 2, 3) == 5
 
 
-async def test_single_call_and_probe_overtake_a_chunk_and_no_call_of_it_runs_twice(
+async def test_single_call_and_probe_overtake_a_chunk_without_repeating_its_calls(
     lone: ProcessPool, tmp_path: Path
 ) -> None:
     steps = [call for folder in folders(tmp_path, 40) for call in (folder, nap(0.02))]
@@ -336,7 +334,7 @@ async def test_overtaken_chunk_can_be_cancelled(lone: ProcessPool, tmp_path: Pat
     assert not made(tmp_path)
 
 
-async def test_waiting_single_calls_are_counted_and_chunks_are_not(lone: ProcessPool) -> None:
+async def test_only_single_calls_are_counted_as_waiting(lone: ProcessPool) -> None:
     calls = [asyncio.ensure_future(lone.submit(time.sleep, 0.05)) for _ in range(4)]
     chunk = asyncio.ensure_future(lone.run([nap(0.0)] * 3))
     await asyncio.sleep(0.02)
@@ -346,7 +344,7 @@ async def test_waiting_single_calls_are_counted_and_chunks_are_not(lone: Process
     assert lone.restarts == 0
 
 
-async def test_stop_lets_chunks_finish_or_gives_them_up(pool: ProcessPool) -> None:
+async def test_stop_finishes_or_abandons_chunks(pool: ProcessPool) -> None:
     short = asyncio.ensure_future(pool.run([nap(0.05)] * 4))
     long = asyncio.ensure_future(pool.run([nap(0.05), ENDLESS]))
     waiting = [asyncio.ensure_future(pool.run([ENDLESS])) for _ in range(2)]
@@ -360,7 +358,7 @@ async def test_stop_lets_chunks_finish_or_gives_them_up(pool: ProcessPool) -> No
         await pool.run([nap(0.0)])
 
 
-async def test_start_that_is_cancelled_leaves_no_worker_and_no_failed_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_cancelled_start_leaves_no_worker_and_no_failed_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     failures: list[threading.ExceptHookArgs] = []
     monkeypatch.setattr(threading, "excepthook", failures.append)
     pool = ProcessPool(workers=2, task_seconds=60.0)
@@ -377,7 +375,7 @@ async def test_start_that_is_cancelled_leaves_no_worker_and_no_failed_thread(mon
     assert failures == []
 
 
-async def test_worker_with_the_largest_part_of_its_places_free_is_served_first() -> None:
+async def test_worker_with_the_largest_share_of_free_places_is_served_first() -> None:
     queue, given = WorkQueue(), list[str]()
 
     async def serve(worker: str, places: int) -> None:

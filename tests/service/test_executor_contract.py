@@ -108,7 +108,7 @@ async def test_single_call_returns_or_raises(executor: Executor) -> None:
     assert executor.queue.singles == 0
 
 
-async def test_calls_come_back_in_order_each_with_its_own_outcome(executor: Executor) -> None:
+async def test_results_of_calls_are_in_order(executor: Executor) -> None:
     calls: list[Call] = [(operator.add, (1, 2)), (int, ("x",)), nap(0.2), (threading.Lock, ()), (operator.neg, (7,))]
     first, wrong, slow, unsendable, last = await executor.run(calls)
     assert (first.value, first.error, slow.error, last.value, last.error) == (3, None, None, -7, None)
@@ -119,7 +119,7 @@ async def test_calls_come_back_in_order_each_with_its_own_outcome(executor: Exec
     assert await executor.run([]) == []
 
 
-async def test_call_or_error_that_cannot_be_pickled_spoils_no_other(executor: Executor) -> None:
+async def test_unpicklable_call_or_error_affects_no_other_call(executor: Executor) -> None:
     odd: Call = (eval, ("(_ for _ in ()).throw(type('Odd', (Exception,), {})())",))
     one_way: Call = (exec, ("import json; json.loads('{')\n",))
     calls: list[Call] = [(len, (threading.Lock(),)), odd, (lambda: 1, ()), one_way, (operator.add, (1, 2))]
@@ -129,18 +129,18 @@ async def test_call_or_error_that_cannot_be_pickled_spoils_no_other(executor: Ex
     assert finished[4].value == 3
 
 
-async def test_many_chunks_at_once_keep_their_answers_apart(executor: Executor) -> None:
+async def test_concurrent_chunks_get_their_own_answers(executor: Executor) -> None:
     chunks = [[(operator.mul, (chunk, number)) for number in range(20)] for chunk in range(30)]
     for chunk, finished in enumerate(await asyncio.gather(*map(executor.run, chunks))):
         assert [outcome.value for outcome in finished] == [chunk * number for number in range(20)]
 
 
-async def test_large_results_arrive_whole(executor: Executor) -> None:
+async def test_large_results_arrive_complete(executor: Executor) -> None:
     finished = await executor.run([(np.full, (1_000_000, number)) for number in range(3)])
     assert [outcome.value.sum() for outcome in finished] == [0.0, 1e6, 2e6]
 
 
-async def test_answers_are_the_same_to_the_last_bit(executor: Executor) -> None:
+async def test_answers_of_all_executors_are_identical(executor: Executor) -> None:
     calls: list[Call] = []
     for number in range(6):
         projectile = PAPER["projectile"] | {"mass_kg": 11.0 + 0.7 * number}
@@ -156,7 +156,7 @@ async def test_answers_are_the_same_to_the_last_bit(executor: Executor) -> None:
     assert [outcome.value for outcome in finished] == expected
 
 
-async def test_call_beyond_its_time_limit_fails_and_the_others_run(make: Make) -> None:
+async def test_only_the_call_beyond_its_time_limit_fails(make: Make) -> None:
     """The time limit of a call in a chunk is counted from the end of the call before."""
     executor = await make(task_seconds=0.5)
     finished = await executor.run([nap(0.3), nap(0.3), nap(0.7), (operator.add, (1, 2))])
@@ -176,7 +176,7 @@ async def test_endless_call_is_ended(make: Make) -> None:
 
 
 @with_processes
-async def test_call_that_ends_its_workers_fails_alone_after_two(executor: Executor, tmp_path: Path) -> None:
+async def test_call_that_kills_two_workers_fails_alone(executor: Executor, tmp_path: Path) -> None:
     diary = tmp_path / "diary"
     noted: Call = (exec, (f"open({str(diary)!r}, 'a').write('x'); import os; os.kill(os.getpid(), 9)",))
     finished = await executor.run([*folders(tmp_path, 2), noted, (operator.add, (1, 2)), DEADLY])
@@ -187,7 +187,7 @@ async def test_call_that_ends_its_workers_fails_alone_after_two(executor: Execut
         await executor.submit(*DEADLY[:1], *DEADLY[1])
 
 
-async def test_cancelled_chunk_stops_after_the_call_it_is_on(executor: Executor, tmp_path: Path) -> None:
+async def test_cancelled_chunk_stops_after_its_current_call(executor: Executor, tmp_path: Path) -> None:
     begun = tmp_path / "begun"
     later = tmp_path / "later"
     later.mkdir()
@@ -206,7 +206,7 @@ async def test_cancelled_chunk_stops_after_the_call_it_is_on(executor: Executor,
 
 
 @with_processes
-async def test_cancelled_single_call_is_ended_long_before_its_time(executor: Executor) -> None:
+async def test_cancelled_single_call_is_ended_early(executor: Executor) -> None:
     endless = [asyncio.ensure_future(executor.submit(*ENDLESS[:1], *ENDLESS[1])) for _ in range(2)]
     await asyncio.sleep(0.5)
     for call in endless:
@@ -219,7 +219,7 @@ async def test_cancelled_single_call_is_ended_long_before_its_time(executor: Exe
 
 @with_processes
 @pytest.mark.parametrize("program", [traced_patience, traced_destructor])
-async def test_cancelled_call_that_heeds_a_signal_ends_without_its_worker(
+async def test_cancelled_call_that_reacts_to_a_signal_keeps_its_worker(
     executor: Executor, program: Callable[[Path], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(worker_process, "CANCEL_SECONDS", 30.0)  # A busy machine may take long to react.
@@ -234,7 +234,7 @@ async def test_cancelled_call_that_heeds_a_signal_ends_without_its_worker(
     assert (executor.worker_pids, executor.restarts) == (workers, 0)
 
 
-async def test_owners_share_the_workers_and_small_work_of_one_passes_large(executor: Executor) -> None:
+async def test_owners_share_workers_and_small_work_overtakes_large(executor: Executor) -> None:
     """One owner has a long queue; a later one does not wait for all of it."""
     done: list[str] = []
 
@@ -252,7 +252,7 @@ async def test_owners_share_the_workers_and_small_work_of_one_passes_large(execu
     assert max(done.index("small"), done.index("other")) < 2 * executor.single_capacity + 2
 
 
-async def test_cancelled_while_it_waits_a_chunk_never_runs(executor: Executor, tmp_path: Path) -> None:
+async def test_chunk_cancelled_in_the_queue_never_runs(executor: Executor, tmp_path: Path) -> None:
     busy = [asyncio.ensure_future(executor.run([nap(0.5)])) for _ in range(executor.capacity)]
     await asyncio.sleep(0.1)
     waiting = asyncio.ensure_future(executor.run(folders(tmp_path, 3)))
@@ -275,7 +275,7 @@ async def test_single_call_does_not_wait_for_a_chunk(executor: Executor) -> None
     await asyncio.wait(chunks)
 
 
-async def test_running_work_finishes_after_a_stop_and_no_other_begins(executor: Executor) -> None:
+async def test_running_work_finishes_after_a_stop_but_no_other_work_begins(executor: Executor) -> None:
     assert await executor.probe(5.0)
     chunk = asyncio.ensure_future(executor.run([nap(0.05), (operator.add, (1, 2))]))
     await asyncio.sleep(0.05)
@@ -289,7 +289,7 @@ async def test_running_work_finishes_after_a_stop_and_no_other_begins(executor: 
     assert executor.last_error
 
 
-async def test_work_that_outlasts_the_grace_time_is_abandoned(executor: Executor) -> None:
+async def test_work_beyond_the_grace_time_is_abandoned(executor: Executor) -> None:
     chunks = [asyncio.ensure_future(executor.run([nap(0.5)] * 60)) for _ in range(executor.capacity + 1)]
     await asyncio.sleep(0.2)
     await executor.stop(0.8)
@@ -298,7 +298,7 @@ async def test_work_that_outlasts_the_grace_time_is_abandoned(executor: Executor
             await chunk
 
 
-async def test_it_reports_its_capacity_and_which_processes_it_has(executor: Executor, kind: str) -> None:
+async def test_executor_reports_its_capacity_and_processes(executor: Executor, kind: str) -> None:
     assert executor.capacity == (1 if kind == "in-process" else 2)
     assert executor.worker_pids
     assert executor.restarts == 0

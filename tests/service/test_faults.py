@@ -20,7 +20,7 @@ async def half_done(folder: Path, pool: ProcessPool) -> JobState:
     return job
 
 
-async def test_jobs_that_could_not_be_read_at_the_start_go_on_once_they_can(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_jobs_unreadable_at_the_start_resume_later(pool: ProcessPool, tmp_path: Path) -> None:
     job = await half_done(tmp_path, pool)
     file, elsewhere = tmp_path / "data" / "jobs.sqlite", tmp_path / "jobs.sqlite"
     file.replace(elsewhere)
@@ -36,7 +36,7 @@ async def test_jobs_that_could_not_be_read_at_the_start_go_on_once_they_can(pool
         assert squares(await all_results(manager, job)) == [i**2 for i in range(400)]
 
 
-async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_damaged_job_database_is_set_aside_and_results_are_kept(pool: ProcessPool, tmp_path: Path) -> None:
     job = await half_done(tmp_path, pool)
     file = tmp_path / "data" / "jobs.sqlite"
     content = file.read_bytes()
@@ -50,7 +50,7 @@ async def test_jobs_damaged_anywhere_are_set_aside_and_their_results_stay(pool: 
 
 
 @pytest.mark.parametrize("pause", [0.0, 0.001, 0.005])
-async def test_job_deleted_while_it_is_cancelled_is_gone(pause: float, pool: ProcessPool, tmp_path: Path) -> None:
+async def test_job_deleted_during_its_cancellation_is_removed(pause: float, pool: ProcessPool, tmp_path: Path) -> None:
     async with running(tmp_path, pool) as manager:
         for _ in range(5):
             job = await accepted(manager, cases(range(400), seconds=0.005))

@@ -127,7 +127,7 @@ def test_answer_has_the_fields_of_its_model(found: Found, given: dict[str, Any],
     assert type(answer["ending"]) is str
 
 
-def test_fields_that_come_last_do_so_in_parts_too() -> None:
+def test_fields_declared_last_are_last_in_nested_parts() -> None:
     assert [list(each) for each in walk(FoundAnswer, Found())["tries"]] == [["speed_m_s", "ending"]] * 2
 
 
@@ -136,7 +136,7 @@ def test_missing_attribute_is_an_error() -> None:
         walk(FoundAnswer, Try(1.0))
 
 
-def test_columns_are_the_numbers_and_texts_of_an_answer() -> None:
+def test_columns_are_the_numbers_and_strings_of_an_answer() -> None:
     assert columns_of(FoundAnswer) == (
         Column("angle_deg", "smallest angle of all"),
         Column("low_deg", "lower angle"),
@@ -153,11 +153,11 @@ def test_columns_are_the_numbers_and_texts_of_an_answer() -> None:
     )
 
 
-def test_field_is_described_by_the_solver_in_the_unit_of_its_name() -> None:
+def test_description_of_a_field_has_the_unit_in_its_name() -> None:
     properties = TryAnswer.model_json_schema()["properties"]
     assert properties["speed_m_s"]["description"] == "Speed that was tried. Two at least. [m/s]"
     assert properties["slope_deg"]["description"] == "Slope. [°]"
 
 
-def test_solver_gets_the_values_of_an_answer_in_its_own_units() -> None:
+def test_answer_is_converted_back_to_solver_units() -> None:
     assert in_solver_units({"angle_deg": 180.0, "speed_m_s": 2.0}) == {"angle": math.pi, "speed": 2.0}

@@ -46,7 +46,7 @@ def opened(content: bytes) -> h5py.File:
 
 
 @pytest.mark.parametrize("records", KINDS)
-def test_results_are_read_as_written_bit_for_bit(records: list[Record]) -> None:
+def test_results_read_back_are_identical(records: list[Record]) -> None:
     content = to_segment(*records)
     assert all(same(read, record) for read, record in zip(read_records(content), records, strict=True))
     assert DecodedSegment(content).keys == [record.key for record in records]
@@ -56,7 +56,7 @@ def test_results_are_read_as_written_bit_for_bit(records: list[Record]) -> None:
 
 
 @pytest.mark.parametrize("records", KINDS)
-def test_json_of_a_stored_result_needs_no_parsing_and_is_the_same(records: list[Record]) -> None:
+def test_json_of_a_stored_result_is_returned_unparsed(records: list[Record]) -> None:
     for record in records:
         stored = Record(
             record.key,
@@ -69,7 +69,7 @@ def test_json_of_a_stored_result_needs_no_parsing_and_is_the_same(records: list[
         assert stored.json == record.json
 
 
-def test_file_explains_itself_to_someone_who_opens_it() -> None:
+def test_hdf5_file_describes_its_contents() -> None:
     record = critical_angle()
     with opened(to_hdf5(record)) as file:
         assert file.attrs["title"] == "ricochet results"
@@ -148,7 +148,7 @@ def written(path: Path) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["segment", "result", "batch"])
-def test_texts_are_utf_8_and_the_format_is_that_of_old_libraries(kind: str, tmp_path: Path) -> None:
+def test_strings_are_utf_8_and_the_format_is_readable_by_old_libraries(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "file.h5"
     if kind == "batch":
         written(path)
@@ -165,7 +165,7 @@ def test_texts_are_utf_8_and_the_format_is_that_of_old_libraries(kind: str, tmp_
         assert file["history/time_s"].attrs["units"] == "s"
 
 
-def test_other_readers_read_what_was_written(tmp_path: Path) -> None:
+def test_other_programs_can_read_the_file(tmp_path: Path) -> None:
     path = written(tmp_path / "batch.h5")
     with h5netcdf.File(path, phony_dims="sort") as file:
         assert file.attrs["base"] == '{"note": "Köln"}'
@@ -182,28 +182,28 @@ def test_other_readers_read_what_was_written(tmp_path: Path) -> None:
         assert "CSET H5T_CSET_UTF8" in text
 
 
-def test_row_that_is_not_there_is_damage() -> None:
+def test_missing_row_counts_as_damage() -> None:
     with pytest.raises(DamagedFileError):
         read_records(to_segment(critical_angle()), [1])
 
 
 @pytest.mark.parametrize("content", [b"", b"no HDF5 at all", to_hdf5(critical_angle())], ids=["empty", "text", "other"])
-def test_file_that_is_no_segment_is_damage(content: bytes) -> None:
+def test_file_that_is_not_a_segment_counts_as_damage(content: bytes) -> None:
     with pytest.raises(DamagedFileError, match="no segment of this version"):
         read_records(content)
 
 
-def test_text_too_long_for_its_column_is_refused_rather_than_cut() -> None:
+def test_string_too_long_for_its_column_is_refused() -> None:
     with pytest.raises(ValueError, match="engine_version"):
         to_hdf5(made(key_of(0), "cra", {}, {}, engine_version="1" * 33))
 
 
-def test_critical_angles_in_segments_take_less_than_a_kilobyte_each() -> None:
+def test_critical_angle_in_a_segment_takes_less_than_a_kilobyte() -> None:
     assert len(to_segment(*map(critical_angle, range(100)))) < 100 * 900
     assert len(to_segment(critical_angle())) < 10_000
 
 
-def test_batch_written_by_slices_is_whole(tmp_path: Path) -> None:
+def test_batch_written_in_slices_is_complete(tmp_path: Path) -> None:
     path, problem = tmp_path / "batch.h5", {"type": "/problems/timeout", "title": "Too long", "status": 504}
     cases = [
         CaseResult(number, f"№ {number}" if number % 2 else None, critical_angle(number), None, cached=False)
@@ -230,7 +230,7 @@ def test_batch_written_by_slices_is_whole(tmp_path: Path) -> None:
         assert own.tolist() == [t["final_position_m"] for t in record.answer["iterations"]]
 
 
-def test_histories_of_a_batch_written_by_slices_are_those_of_its_cases(tmp_path: Path) -> None:
+def test_batch_written_in_slices_has_the_history_of_each_case(tmp_path: Path) -> None:
     path = tmp_path / "batch.h5"
     records = [trajectory(number, rows=997) for number in range(30)]
     with BatchFile(path, "trajectory") as batch:

@@ -16,7 +16,7 @@ def resident_bytes() -> int:
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.skipif(not Path("/proc/self/smaps_rollup").exists(), reason="reads /proc")
-def test_template_that_has_compiled_takes_no_more_memory_than_one_that_has_loaded(tmp_path: Path) -> None:
+def test_template_needs_no_more_memory_after_compiling_than_after_loading(tmp_path: Path) -> None:
     def memory() -> int:
         program = (
             "import tests.service.test_heap as h, service.workers.worker as w; w.warm_up(); print(h.resident_bytes())"

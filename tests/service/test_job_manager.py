@@ -43,7 +43,7 @@ async def manager(pool: ProcessPool, tmp_path: Path) -> AsyncIterator[JobManager
         yield running_manager
 
 
-async def test_every_case_of_a_job_is_answered_in_order_under_its_name(manager: JobManager, log: Path) -> None:
+async def test_every_case_of_a_job_is_answered_in_order_with_its_id(manager: JobManager, log: Path) -> None:
     job = await accepted(manager, cases(range(450), log))
     state = await ended(manager, job)
     assert (state.status, state.total, state.done, state.cached, state.failed) == ("successful", 450, 450, 0, 0)
@@ -60,7 +60,7 @@ async def test_every_case_of_a_job_is_answered_in_order_under_its_name(manager: 
     assert manager.rate > 0.0
 
 
-async def test_damaged_block_ends_its_job_and_names_its_cases(
+async def test_damaged_block_ends_its_job_and_its_cases_are_named(
     pool: ProcessPool, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with running(tmp_path, pool) as manager:
@@ -78,7 +78,7 @@ async def test_damaged_block_ends_its_job_and_names_its_cases(
     assert 10 <= len(results) == state.done <= 250
 
 
-async def test_batch_sent_again_is_all_cached(manager: JobManager, log: Path) -> None:
+async def test_repeated_batch_is_answered_from_the_cache(manager: JobManager, log: Path) -> None:
     first = await accepted(manager, cases(range(450), log))
     await ended(manager, first)
     again = await accepted(manager, cases(range(100, 700), log))
@@ -90,7 +90,7 @@ async def test_batch_sent_again_is_all_cached(manager: JobManager, log: Path) ->
     assert squares(results) == [i**2 for i in range(100, 700)]
 
 
-async def test_equal_cases_run_once_wherever_they_are(manager: JobManager, log: Path) -> None:
+async def test_equal_cases_run_once_across_jobs_and_queries(manager: JobManager, log: Path) -> None:
     twins = cases([1, 2, 1, 3, 1], log, seconds=0.2)
     jobs = [await accepted(manager, twins, owner) for owner in ("one", "two")]
     await asyncio.sleep(0.05)
@@ -107,7 +107,7 @@ async def test_equal_cases_run_once_wherever_they_are(manager: JobManager, log: 
         assert squares(await all_results(manager, job)) == [1, 4, 1, 9, 1]
 
 
-async def test_case_that_cannot_be_answered_is_a_result_with_a_problem(manager: JobManager, log: Path) -> None:
+async def test_case_without_an_answer_is_a_result_with_a_problem(manager: JobManager, log: Path) -> None:
     whole = cases(range(30), log)
     for number, how in {3: "wrong", 7: "deadly", 11: "broken", 15: "refused"}.items():
         whole[number] = case(Question(number, str(log), how))
@@ -130,7 +130,7 @@ async def test_case_that_cannot_be_answered_is_a_result_with_a_problem(manager: 
         assert "secret" not in str(problems[11])
 
 
-async def test_cancel_takes_effect_at_once_and_leaves_what_is_there(manager: JobManager, log: Path) -> None:
+async def test_cancelling_takes_effect_at_once_and_keeps_results(manager: JobManager, log: Path) -> None:
     job = await accepted(manager, cases(range(8), log, seconds=0.05) + cases(range(8, 60), log, seconds=0.5))
     await until_done(manager, job, 4)
     state = await manager.cancel(job.id)
@@ -148,7 +148,7 @@ async def test_cancel_takes_effect_at_once_and_leaves_what_is_there(manager: Job
     assert squares(await collect(manager, cases([77]))) == [77**2]  # the pool is free
 
 
-async def test_cases_that_turn_out_slow_are_shared_out_anew(
+async def test_unexpectedly_slow_cases_are_redistributed(
     manager: JobManager, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("service.jobs.runner.OVERLONG_SECONDS", 0.3)
@@ -159,7 +159,7 @@ async def test_cases_that_turn_out_slow_are_shared_out_anew(
     assert shares[1] >= 4  # Sized by the time of fast cases, they would be a single chunk.
 
 
-async def test_finished_job_stays_as_it_is_when_cancelled_and_goes_when_deleted(manager: JobManager) -> None:
+async def test_finished_job_can_be_deleted_but_not_cancelled(manager: JobManager) -> None:
     job = await accepted(manager, cases(range(3)))
     state = await ended(manager, job)
     assert await manager.cancel(job.id) == state
@@ -184,7 +184,7 @@ async def test_running_job_can_be_deleted(manager: JobManager) -> None:
         await asyncio.wait_for(followed, 30.0)
 
 
-async def test_small_work_is_answered_as_it_finishes_and_goes_before_jobs(manager: JobManager) -> None:
+async def test_small_work_is_answered_incrementally_and_overtakes_jobs(manager: JobManager) -> None:
     job = await accepted(manager, cases(range(100), seconds=0.1))
     await until_done(manager, job, 4)
     whole = cases([500, 501]) + cases([502], seconds=0.6)
@@ -197,7 +197,7 @@ async def test_small_work_is_answered_as_it_finishes_and_goes_before_jobs(manage
     assert [result.cached async for result in manager.run_now("square", whole)] == [True] * 3
 
 
-async def test_small_work_that_is_closed_stops(manager: JobManager, log: Path) -> None:
+async def test_small_work_stops_when_its_results_are_closed(manager: JobManager, log: Path) -> None:
     async with aclosing(manager.run_now("square", cases(range(100), log, seconds=0.1))) as results:
         await anext(results)
         assert manager.queued_cases == 99
@@ -221,7 +221,7 @@ async def test_owners_take_turns(manager: JobManager) -> None:
     assert [state.id for state in await manager.jobs("one")] == [second.id, first.id]
 
 
-async def test_request_sent_again_is_the_same_job(manager: JobManager) -> None:
+async def test_repeated_request_gives_the_same_job(manager: JobManager) -> None:
     whole = cases(range(3))
     job, new = await manager.accept("square", sliced(whole), idempotency=Idempotency("key", "digest"))
     same, again = await manager.accept("square", sliced(whole), idempotency=Idempotency("key", "digest"))
@@ -244,7 +244,7 @@ async def test_request_sent_again_is_the_same_job(manager: JobManager) -> None:
     await ended(manager, other)
 
 
-async def test_request_still_being_received_is_busy_and_invisible(manager: JobManager) -> None:
+async def test_job_is_invisible_while_its_request_is_received(manager: JobManager) -> None:
     go_on = asyncio.Event()
 
     async def halting() -> AsyncIterator[Sequence[JobCase]]:
@@ -264,7 +264,7 @@ async def test_request_still_being_received_is_busy_and_invisible(manager: JobMa
 
 
 @pytest.mark.parametrize("leaves", [ValueError("line 201 is wrong"), asyncio.CancelledError()], ids=["error", "left"])
-async def test_request_that_breaks_off_leaves_nothing(manager: JobManager, leaves: BaseException) -> None:
+async def test_interrupted_request_leaves_no_job(manager: JobManager, leaves: BaseException) -> None:
     async def breaking() -> AsyncIterator[Sequence[JobCase]]:
         yield cases(range(200))
         raise leaves
@@ -298,7 +298,7 @@ async def test_cases_beyond_the_queue_limit_are_refused_with_a_time(pool: Proces
         await accepted(manager, cases(range(400)))
 
 
-async def test_small_job_of_an_owner_passes_a_large_one(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_small_job_of_an_owner_overtakes_a_large_one(pool: ProcessPool, tmp_path: Path) -> None:
     async with running(tmp_path, pool) as manager:
         large = await accepted(manager, cases(range(2000), seconds=0.02))
         await until_done(manager, large, 4)
@@ -327,7 +327,7 @@ async def test_place_and_wait_of_a_job_include_the_work_before_it(pool: ProcessP
         assert [manager.jobs_ahead(job) for job in jobs] == [0] * len(jobs)
 
 
-async def test_no_owner_can_fill_the_queue(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_no_owner_can_fill_the_whole_queue(pool: ProcessPool, tmp_path: Path) -> None:
     """An owner may use half of the space that others leave, so that there is space for the next owner."""
     async with running(tmp_path, pool, max_queued_cases=800) as manager:
         jobs = [await accepted(manager, cases(range(400), seconds=0.2), "anna")]
@@ -376,7 +376,7 @@ async def test_evicted_result_is_computed_again_when_it_is_read(
         assert await other.job(job.id) == before
 
 
-async def test_changes_come_at_most_five_times_a_second_and_end_with_the_job(manager: JobManager) -> None:
+async def test_changes_of_a_job_are_sent_at_most_five_times_a_second(manager: JobManager) -> None:
     job = await accepted(manager, cases(range(100), seconds=0.02))
     began = time.monotonic()
     states = [state async for state in manager.changes(job.id)]
@@ -387,7 +387,7 @@ async def test_changes_come_at_most_five_times_a_second_and_end_with_the_job(man
     assert [state async for state in manager.changes(job.id)] == states[-1:]
 
 
-async def test_service_that_stops_goes_on_at_the_next_start(pool: ProcessPool, tmp_path: Path, log: Path) -> None:
+async def test_jobs_resume_at_the_next_start_of_the_service(pool: ProcessPool, tmp_path: Path, log: Path) -> None:
     async with running(tmp_path, pool) as manager:
         job = await accepted(manager, cases(range(60), log, seconds=0.02))
         following = asyncio.ensure_future(follow(manager, job))
@@ -403,7 +403,7 @@ async def test_service_that_stops_goes_on_at_the_next_start(pool: ProcessPool, t
     assert list(runs(log).values()).count(1) >= before.done >= 10
 
 
-async def test_workers_killed_again_and_again_cost_no_case(manager: JobManager, pool: ProcessPool) -> None:
+async def test_job_survives_repeated_kills_of_workers(manager: JobManager, pool: ProcessPool) -> None:
     job = await accepted(manager, cases(range(280), seconds=0.01))
     following = asyncio.ensure_future(ended(manager, job))
     chance = random.Random(0)  # noqa: S311
@@ -417,7 +417,7 @@ async def test_workers_killed_again_and_again_cost_no_case(manager: JobManager, 
     assert squares(await all_results(manager, job)) == [i**2 for i in range(280)]
 
 
-async def test_without_a_folder_small_work_is_done_and_jobs_are_refused(pool: ProcessPool, tmp_path: Path) -> None:
+async def test_manager_without_a_folder_refuses_jobs_but_not_small_work(pool: ProcessPool, tmp_path: Path) -> None:
     (tmp_path / "data").write_text("a file")
     async with running(tmp_path, pool) as manager:
         assert sorted(squares(await collect(manager, cases(range(5))))) == [0, 1, 4, 9, 16]

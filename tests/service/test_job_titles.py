@@ -14,6 +14,6 @@ from service.schemas.strike import PAPER
         (("projectile.diameter_m", "projectile.nose.caliber_radius_head"), "diameter × caliber radius head ψ, 13 kg"),
     ],
 )
-def test_title_is_what_varies_and_the_projectile_that_does_not(fields: tuple[str, ...], title: str) -> None:
+def test_title_names_the_axes_and_the_fixed_projectile(fields: tuple[str, ...], title: str) -> None:
     sweep = StoredSweep({"base": PAPER, "axes": []}, fields, ((1.0,),) * len(fields))
     assert title_of(sweep) == title

@@ -27,7 +27,7 @@ class Recorded:
         return [span for span in self._exporter.get_finished_spans() if span.name == name]
 
 
-async def test_job_that_goes_on_after_a_restart_stays_in_its_trace(tmp_path: Path, thread: InThreadExecutor) -> None:
+async def test_job_resumed_after_a_restart_stays_in_its_trace(tmp_path: Path, thread: InThreadExecutor) -> None:
     recorded, later = Recorded(), Recorded()
     async with running(tmp_path, thread, tracer=recorded.tracer) as manager:
         with recorded.tracer.start_as_current_span("request"):
@@ -41,7 +41,7 @@ async def test_job_that_goes_on_after_a_restart_stays_in_its_trace(tmp_path: Pat
     assert traces == {request.context.trace_id}
 
 
-async def test_job_without_a_trace_begins_its_own(tmp_path: Path, thread: InThreadExecutor) -> None:
+async def test_job_without_a_trace_begins_a_new_one(tmp_path: Path, thread: InThreadExecutor) -> None:
     recorded = Recorded()
     async with running(tmp_path, thread, tracer=recorded.tracer) as manager:
         await ended(manager, await accepted(manager, cases(range(3))))

@@ -69,7 +69,7 @@ def test_disk_space_for_the_jobs_of_an_owner_is_limited(tmp_path: Path) -> None:
     assert [job.id for job in store.jobs("bert")] == [other.id]
 
 
-def test_slice_gives_back_what_was_packed() -> None:
+def test_packed_block_of_cases_can_be_unpacked() -> None:
     packed = CaseBlock.of(cases(200))
     assert packed.count == 200
     assert split_custom_ids(packed.custom_ids, 200) == [case.custom_id for case in cases(200)]
@@ -79,7 +79,7 @@ def test_slice_gives_back_what_was_packed() -> None:
     assert len(packed.requests) < 20 * 200
 
 
-def test_job_is_seen_by_nobody_until_it_is_accepted(tmp_path: Path) -> None:
+def test_job_is_invisible_until_it_is_accepted(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     job = store.create("square", "local")
     store.append(job, 0, CaseBlock.of(cases(5)))
@@ -91,7 +91,7 @@ def test_job_is_seen_by_nobody_until_it_is_accepted(tmp_path: Path) -> None:
     assert len(state.id) == 32
 
 
-def test_jobs_come_in_pages_though_some_come_and_go(tmp_path: Path) -> None:
+def test_pages_of_jobs_are_complete_while_jobs_are_added_and_deleted(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     states = [stored_job(store, 1, owner=owner) for owner in ("local", "other", "local", "local", "local")]
     newest = store.jobs("local", limit=2)
@@ -103,7 +103,7 @@ def test_jobs_come_in_pages_though_some_come_and_go(tmp_path: Path) -> None:
     assert store.jobs(None, before=states[2].number, limit=1) == [states[1]]
 
 
-def test_jobs_are_counted_by_status_but_for_those_that_are_named(tmp_path: Path) -> None:
+def test_jobs_are_counted_by_status_without_the_excluded_ones(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     states = [stored_job(store, 1, owner=owner) for owner in ("local", "other", "local", "local")]
     store.begin(states[0].number)
@@ -113,7 +113,7 @@ def test_jobs_are_counted_by_status_but_for_those_that_are_named(tmp_path: Path)
     assert store.tally([states[0].id, states[3].id]) == {"dismissed": 1, "accepted": 1}
 
 
-def test_sweep_is_kept_with_its_job_and_goes_with_it(tmp_path: Path) -> None:
+def test_sweep_is_stored_and_deleted_with_its_job(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     sweep = StoredSweep({"base": {"x": 1.0}, "axes": []}, ("a.b", "c"), ([1.0, 2.0], [5.0, 6.0, 7.0]))
     number = store.create("square", "local", sweep)
@@ -125,7 +125,7 @@ def test_sweep_is_kept_with_its_job_and_goes_with_it(tmp_path: Path) -> None:
     assert store.sweep(number) is None
 
 
-def test_cases_come_back_in_order_from_any_place(tmp_path: Path) -> None:
+def test_cases_can_be_read_in_order_from_any_index(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     job = stored_job(store)
     for start, limit in [(0, 450), (199, 2), (200, 200), (37, 301), (449, 10), (450, 10)]:
@@ -137,7 +137,7 @@ def test_cases_come_back_in_order_from_any_place(tmp_path: Path) -> None:
     assert store.requests(job.number, [3, 449]) == {i: orjson.dumps(Question(i).canonical()) for i in (3, 449)}
 
 
-def test_marks_are_counted_once_and_the_last_one_ends_the_job(tmp_path: Path) -> None:
+def test_marks_count_once_and_the_last_one_ends_the_job(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     job = stored_job(store).number
     state = store.begin(job)
@@ -158,7 +158,7 @@ def test_marks_are_counted_once_and_the_last_one_ends_the_job(tmp_path: Path) ->
     assert store.end(job, "dismissed") == ended
 
 
-def test_marks_from_many_threads_are_all_there(tmp_path: Path) -> None:
+def test_marks_from_concurrent_threads_are_all_stored(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     job = stored_job(store, 400).number
     with ThreadPoolExecutor(8) as threads:
@@ -167,7 +167,7 @@ def test_marks_from_many_threads_are_all_there(tmp_path: Path) -> None:
     assert (state.status, state.done) == ("successful", 400)
 
 
-def test_expired_jobs_go_with_all_they_had(tmp_path: Path) -> None:
+def test_expired_jobs_are_deleted_with_all_their_data(tmp_path: Path) -> None:
     store = store_in(tmp_path, job_days=0.0)
     stays, goes = (stored_job(store, 300, token=Idempotency(name, "digest")) for name in "ab")
     store.mark(goes.number, {250: CaseState.FAILED}, {250: PROBLEM})
@@ -181,7 +181,7 @@ def test_expired_jobs_go_with_all_they_had(tmp_path: Path) -> None:
             assert {row[0] for row in database.execute(f"SELECT job FROM {table}")} <= {stays.number}  # noqa: S608
 
 
-def test_token_leads_to_its_job_and_only_its_owner(tmp_path: Path) -> None:
+def test_idempotency_token_finds_its_job_only_for_its_owner(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     state = stored_job(store, 3, token=Idempotency("token", lambda: "digest"))
     assert store.token("local", "token") == ("digest", state)
@@ -192,7 +192,7 @@ def test_token_leads_to_its_job_and_only_its_owner(tmp_path: Path) -> None:
     assert store.token("local", "token") is None
 
 
-def test_job_of_an_earlier_engine_gets_the_keys_of_this_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_job_of_an_earlier_engine_gets_new_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store = store_in(tmp_path)
     with monkeypatch.context() as earlier:
         earlier.setattr("service.operations.ENGINE_VERSION", "0")
@@ -207,13 +207,13 @@ def test_job_of_an_earlier_engine_gets_the_keys_of_this_one(tmp_path: Path, monk
     assert store.jobs("local")[0].versions == module.VERSIONS
 
 
-def test_empty_job_has_ended(tmp_path: Path) -> None:
+def test_job_without_cases_has_ended(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     assert store.accept(store.create("square", "local"), 0, None).status == "successful"
 
 
 @pytest.mark.parametrize("content", [b"no database", b"SQLite format 3\0" + bytes(4000)])
-def test_file_that_is_no_database_is_set_aside(content: bytes, tmp_path: Path) -> None:
+def test_file_that_is_not_a_database_is_set_aside(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "jobs.sqlite").write_bytes(content)
     store = store_in(tmp_path)
     state = stored_job(store)
@@ -222,7 +222,7 @@ def test_file_that_is_no_database_is_set_aside(content: bytes, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("damaged", range(4))
-def test_flipped_bit_in_the_log_costs_no_job_before_it(damaged: int, tmp_path: Path) -> None:
+def test_flipped_bit_in_the_log_affects_no_earlier_job(damaged: int, tmp_path: Path) -> None:
     log, ends, jobs = tmp_path / "data" / "jobs.sqlite-wal", [], []
     store = store_in(tmp_path / "data")
     store.jobs("local")  # creates the tables
@@ -237,7 +237,7 @@ def test_flipped_bit_in_the_log_costs_no_job_before_it(damaged: int, tmp_path: P
     assert [job.id for job in reversed(store_in(tmp_path / "killed").jobs("local"))] == jobs[:damaged]
 
 
-def test_file_of_a_later_version_is_left_alone(tmp_path: Path) -> None:
+def test_database_of_a_later_version_is_not_changed(tmp_path: Path) -> None:
     stored_job(store_in(tmp_path))
     database = sqlite3.connect(tmp_path / "jobs.sqlite")
     database.execute("PRAGMA user_version = 99")
@@ -246,7 +246,7 @@ def test_file_of_a_later_version_is_left_alone(tmp_path: Path) -> None:
         store_in(tmp_path).jobs("local")
 
 
-def test_folder_that_cannot_be_made_is_reported_and_tried_again(tmp_path: Path) -> None:
+def test_folder_that_cannot_be_made_is_reported_and_retried(tmp_path: Path) -> None:
     (tmp_path / "data").write_text("a file")
     store = store_in(tmp_path / "data")
     with pytest.raises(StorageError):
@@ -257,7 +257,7 @@ def test_folder_that_cannot_be_made_is_reported_and_tried_again(tmp_path: Path) 
     assert store.jobs("local") == []
 
 
-def test_full_disk_is_reported_changes_nothing_and_is_forgotten_when_there_is_room(tmp_path: Path) -> None:
+def test_full_disk_is_reported_and_writing_resumes_once_there_is_space(tmp_path: Path) -> None:
     store = store_in(tmp_path)
     before = stored_job(store)
     largest = max(path.stat().st_size for path in tmp_path.iterdir())
@@ -275,7 +275,7 @@ def test_full_disk_is_reported_changes_nothing_and_is_forgotten_when_there_is_ro
         assert database.execute("SELECT count(*) FROM jobs").fetchone() == (2,)
 
 
-def test_writer_killed_at_any_instant_leaves_whole_jobs_only(tmp_path: Path) -> None:
+def test_killed_writer_leaves_only_complete_jobs(tmp_path: Path) -> None:
     """Every visible job has all its cases, and its counts agree with the marks of its cases."""
     command = [sys.executable, "-m", "tests.service.jobs_writer", str(tmp_path)]
     subprocess.run(command, check=True, cwd=ROOT)

@@ -56,7 +56,7 @@ def keys_in_journal(folder: Path) -> set[str]:
         return {key for (key,) in connection.execute("SELECT key FROM results")}
 
 
-def test_single_results_are_found_at_once_and_become_one_segment_as_large_as_that_of_a_batch(tmp_path: Path) -> None:
+def test_single_results_are_readable_at_once_and_later_form_one_segment(tmp_path: Path) -> None:
     records = [critical_angle(number) for number in range(JOURNAL_RECORDS)]
     with cache_in(tmp_path / "single") as cache:
         for record in records[:-1]:
@@ -77,7 +77,7 @@ def test_single_results_are_found_at_once_and_become_one_segment_as_large_as_tha
         assert single == cache.statistics()
 
 
-def test_large_results_become_a_segment_sooner_and_each_operation_has_its_own(tmp_path: Path) -> None:
+def test_large_results_are_moved_earlier_into_segments_of_their_operation(tmp_path: Path) -> None:
     with cache_in(tmp_path) as cache:
         cache.put(critical_angle(1))
         large = [trajectory(number, rows=5000) for number in range(2, 10)]
@@ -100,7 +100,7 @@ def test_results_with_residuals_share_a_segment(tmp_path: Path) -> None:
         assert [found[record.key].answer for record in records] == [record.answer for record in records]
 
 
-def test_threads_that_fill_the_journal_together_make_no_more_segments_than_one(tmp_path: Path) -> None:
+def test_concurrent_writers_of_the_journal_make_no_more_segments_than_one(tmp_path: Path) -> None:
     records = [critical_angle(number) for number in range(5 * JOURNAL_RECORDS)]
     with cache_in(tmp_path) as cache, ThreadPoolExecutor(8) as threads:
         assert list(threads.map(cache.put, records)) == records
@@ -109,7 +109,7 @@ def test_threads_that_fill_the_journal_together_make_no_more_segments_than_one(t
     assert found.segments <= 5
 
 
-def test_no_result_waits_for_segments_of_earlier_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_storing_a_result_does_not_wait_for_earlier_segments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     begun, may_end = threading.Event(), threading.Event()
 
     def held_back(records: Sequence[Record]) -> list[Segment]:
@@ -131,7 +131,7 @@ def test_no_result_waits_for_segments_of_earlier_results(tmp_path: Path, monkeyp
     assert (stat(tmp_path).cases, keys_in_journal(tmp_path)) == (len(records), set())
 
 
-def test_result_that_no_segment_can_hold_is_set_aside_and_the_others_are_kept(
+def test_result_unfit_for_a_segment_is_set_aside_and_others_are_kept(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     whole = [critical_angle(number) for number in range(3)]
@@ -163,7 +163,7 @@ def test_shutdown_moves_the_journal_into_segments(tmp_path: Path) -> None:
     assert keys_in_journal(tmp_path) == set()
 
 
-def test_answered_results_survive_a_kill_at_any_instant_and_are_stored_once(tmp_path: Path) -> None:
+def test_answered_results_survive_a_kill_and_are_stored_once(tmp_path: Path) -> None:
     answered = 0
     for count in (90, 205, 321):
         command = [sys.executable, "-c", WRITER, str(tmp_path / str(count))]
@@ -184,7 +184,7 @@ def test_answered_results_survive_a_kill_at_any_instant_and_are_stored_once(tmp_
             assert cache.verify() == []
 
 
-def test_result_that_is_in_a_segment_already_leaves_the_journal_at_the_start(tmp_path: Path) -> None:
+def test_result_already_in_a_segment_is_removed_from_the_journal_at_the_start(tmp_path: Path) -> None:
     with cache_in(tmp_path) as cache:
         cache.put(critical_angle(1))
         with sqlite3.connect(journal_of(tmp_path)) as connection:
@@ -199,7 +199,7 @@ def test_result_that_is_in_a_segment_already_leaves_the_journal_at_the_start(tmp
 
 
 @pytest.mark.parametrize("damage", ["a row", "a text", "the file", "no database"])
-def test_damage_of_the_journal_costs_what_is_damaged(damage: str, tmp_path: Path) -> None:
+def test_damage_to_the_journal_affects_only_damaged_results(damage: str, tmp_path: Path) -> None:
     cache = cache_in(tmp_path)
     for number in range(3):
         cache.put(critical_angle(number))
@@ -225,7 +225,7 @@ def test_damage_of_the_journal_costs_what_is_damaged(damage: str, tmp_path: Path
         assert cache.last_error is None
 
 
-def test_full_disk_is_answered_with_a_warning_and_nothing_is_lost_or_stored_twice(tmp_path: Path) -> None:
+def test_full_disk_causes_a_warning_but_loses_and_repeats_no_result(tmp_path: Path) -> None:
     with cache_in(tmp_path) as cache:
         kept = [critical_angle(number) for number in range(20)]
         for record in kept:

@@ -46,7 +46,7 @@ def test_every_input_has_a_label() -> None:
     assert {path for path, _ in FIELDS} <= QUANTITIES.keys()
 
 
-def test_every_choice_has_a_name_and_there_are_no_others() -> None:
+def test_every_choice_has_a_display_name_without_extra_ones() -> None:
     found: dict[str, set[str]] = {}
     for path, choices in FIELDS:
         if choices:
@@ -55,7 +55,7 @@ def test_every_choice_has_a_name_and_there_are_no_others() -> None:
     assert found == {path: set(names) for path, names in CHOICES.items()}
 
 
-def test_every_formula_has_a_name() -> None:
+def test_every_formula_has_a_display_name() -> None:
     answers = formulas(projectile=PAPER_PROJECTILE, target=PAPER_TARGET, impact=paper_impact(oblique_angle_degrees=0.0))
     assert {each.formula for each in answers} == FORMULAS.keys()
 
@@ -70,15 +70,15 @@ def test_every_formula_has_a_name() -> None:
         (UNITS, ["UnitSystem"]),
     ],
 )
-def test_every_end_and_operation_has_a_name(names: dict[str, str], schemas: list[str]) -> None:
+def test_every_outcome_status_and_operation_has_a_display_name(names: dict[str, str], schemas: list[str]) -> None:
     assert {value for schema in schemas for value in SCHEMAS[schema]["enum"]} == names.keys()
 
 
-def test_outcomes_are_named_as_in_a_verdict() -> None:
+def test_outcomes_have_the_names_used_in_verdicts() -> None:
     assert ENDINGS == OUTCOMES
 
 
-def test_a_value_has_one_name_in_all_fields() -> None:
+def test_value_has_the_same_display_name_in_all_fields() -> None:
     for names in CHOICES.values():
         assert {value: WORDS[value] for value in names} == names
 
@@ -94,7 +94,7 @@ def test_a_value_has_one_name_in_all_fields() -> None:
         "limit-speed -v --set target.thickness_m=0.1",
     ],
 )
-def test_commands_print_no_key(tmp_path: Path, arguments: str) -> None:
+def test_commands_print_display_names_instead_of_identifiers(tmp_path: Path, arguments: str) -> None:
     (tmp_path / "strike.json").write_text(json.dumps(PAPER_AT_45))
     command, *flags = arguments.split()
     done = run(tmp_path, command, "strike.json", *flags)

@@ -27,7 +27,7 @@ def downgrade(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.jobs.reader.VERSIONS", f"{EARLIER} 1")
 
 
-async def test_upgrade_answers_no_query_with_a_result_of_the_older_engine_and_keeps_it_under_its_key(
+async def test_upgraded_service_does_not_answer_with_results_of_the_older_engine(
     pool: ProcessPool, thread: InThreadExecutor, tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as earlier:
@@ -45,7 +45,7 @@ async def test_upgrade_answers_no_query_with_a_result_of_the_older_engine_and_ke
             assert (kept.engine_version, kept.json) == (EARLIER, record.json)
 
 
-async def test_job_that_an_upgrade_interrupts_ends_with_results_of_one_engine(
+async def test_job_interrupted_by_an_upgrade_has_results_of_one_engine(
     pool: ProcessPool, thread: InThreadExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as earlier:
@@ -61,7 +61,7 @@ async def test_job_that_an_upgrade_interrupts_ends_with_results_of_one_engine(
     assert {result.record.engine_version for result in results if result.record} == {ENGINE_VERSION}
 
 
-async def test_job_that_had_ended_keeps_the_results_it_had_after_an_upgrade(
+async def test_finished_job_keeps_its_results_after_an_upgrade(
     pool: ProcessPool, thread: InThreadExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as earlier:
@@ -79,7 +79,7 @@ async def test_job_that_had_ended_keeps_the_results_it_had_after_an_upgrade(
     assert squares(again) == squares(kept) == [i**2 for i in range(50)]
 
 
-async def test_case_marked_done_whose_segment_the_power_cut_took_is_computed_again(
+async def test_finished_case_whose_segment_was_lost_in_a_power_cut_is_recomputed(
     pool: ProcessPool, tmp_path: Path, log: Path
 ) -> None:
     async with running(tmp_path, pool) as manager:
@@ -94,7 +94,7 @@ async def test_case_marked_done_whose_segment_the_power_cut_took_is_computed_aga
 
 
 @pytest.mark.parametrize("jump", [-30 * 86_400.0, 30 * 86_400.0])
-async def test_clock_set_back_or_forward_changes_when_ended_jobs_go_and_nothing_else(
+async def test_setting_the_clock_affects_only_the_expiry_of_jobs(
     jump: float, pool: ProcessPool, tmp_path: Path
 ) -> None:
     jumped = 0.0

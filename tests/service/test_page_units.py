@@ -50,7 +50,7 @@ def spelled(unit: str) -> str:
     return re.sub("[/ ]", "_", unit).translate(str.maketrans("²³", "23"))
 
 
-def test_us_units_of_the_page_are_those_of_texts() -> None:
+def test_page_and_solver_texts_have_the_same_us_units() -> None:
     # No text of the solver has a force or an energy.
     assert {si: us for si, us in US.items() if si not in {"N", "kN", "J", "kJ"}} == {
         si: unit.symbol for si, unit in US_UNITS.items()
@@ -58,17 +58,17 @@ def test_us_units_of_the_page_are_those_of_texts() -> None:
 
 
 @pytest.mark.parametrize("units", [SI_UNITS, US_UNITS], ids=["SI", "US"])
-def test_factors_of_the_page_are_those_of_texts(units: Mapping[str, Any]) -> None:
+def test_page_and_solver_texts_have_the_same_factors(units: Mapping[str, Any]) -> None:
     expected = {unit.symbol: close_to(1.0 / unit.factor) for unit in units.values()}
     expected.pop("ms", None)  # no time is typed into the page
     assert {unit: FACTORS[unit] for unit in expected} == expected
 
 
-def test_each_us_unit_is_of_the_quantity_of_its_si_unit() -> None:
+def test_us_unit_and_si_unit_belong_to_the_same_quantity() -> None:
     assert [si for si, us in US.items() if not any(si in units and us in units for units in KINDS.values())] == []
 
 
-def test_columns_that_the_page_converts_have_the_factors_of_its_units() -> None:
+def test_columns_converted_by_the_page_have_the_factors_of_its_units() -> None:
     by_spelling = {spelled(unit): factor for unit, factor in FACTORS.items()}
     assert dict(COLUMNS.values()) == {us: close_to(by_spelling[us]) for us, _ in COLUMNS.values()}
     alike = {spelled(si).lower(): spelled(us) for si, us in US.items()}
@@ -77,7 +77,7 @@ def test_columns_that_the_page_converts_have_the_factors_of_its_units() -> None:
 
 
 @pytest.mark.parametrize("quantity", READERS)
-def test_units_that_page_and_readers_share_have_the_same_factors(quantity: str) -> None:
+def test_units_shared_by_page_and_readers_have_the_same_factors(quantity: str) -> None:
     typed = {spelled(unit).lower(): factor for unit, factor in KINDS[quantity].items()}
     shared = typed.keys() & READERS[quantity].keys()
     assert shared

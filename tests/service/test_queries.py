@@ -96,13 +96,13 @@ async def ask(service: QueryService, operation: str, folder: Path, number: int =
     return await service.answer(operation, KeyedRequest.of(operation, Question(folder, number)))
 
 
-async def test_equal_requests_underway_run_once(service: QueryService, tmp_path: Path) -> None:
+async def test_equal_concurrent_requests_are_computed_once(service: QueryService, tmp_path: Path) -> None:
     answers = await asyncio.gather(*(ask(service, "once", tmp_path) for _ in range(20)))
     assert {status for _, status in answers} == {"miss"}
     assert len({id(record) for record, _ in answers}) == 1
 
 
-async def test_second_request_is_a_hit_from_memory_and_after_a_restart_from_disk(
+async def test_repeated_request_is_a_cache_hit_also_after_a_restart(
     service: QueryService, pool: ProcessPool, tmp_path: Path
 ) -> None:
     first, miss = await ask(service, "once", tmp_path)
@@ -127,7 +127,9 @@ async def test_client_that_disconnects_does_not_affect_others_that_wait(service:
     assert first.cancelled()
 
 
-async def test_work_whose_clients_have_left_is_kept_for_a_repeated_query(service: QueryService, tmp_path: Path) -> None:
+async def test_running_work_of_disconnected_clients_answers_a_repeated_query(
+    service: QueryService, tmp_path: Path
+) -> None:
     first = asyncio.ensure_future(ask(service, "once", tmp_path))
     await asyncio.sleep(0)
     first.cancel()
@@ -135,7 +137,7 @@ async def test_work_whose_clients_have_left_is_kept_for_a_repeated_query(service
     assert record.answer["result"] is None
 
 
-async def test_failure_reaches_all_who_wait_and_is_not_kept(service: QueryService, tmp_path: Path) -> None:
+async def test_failure_reaches_all_waiting_clients_and_is_not_cached(service: QueryService, tmp_path: Path) -> None:
     (tmp_path / "ran").mkdir()
     failures = await asyncio.gather(*(ask(service, "once", tmp_path) for _ in range(3)), return_exceptions=True)
     assert [type(failure) for failure in failures] == [FileExistsError] * 3
@@ -144,14 +146,14 @@ async def test_failure_reaches_all_who_wait_and_is_not_kept(service: QueryServic
     assert status == "miss"
 
 
-async def test_deadly_request_fails_and_those_beside_it_do_not(service: QueryService, tmp_path: Path) -> None:
+async def test_request_that_kills_workers_fails_alone(service: QueryService, tmp_path: Path) -> None:
     others = [asyncio.ensure_future(ask(service, "slow", tmp_path, number)) for number in range(6)]
     with pytest.raises(WorkerCrashedError):
         await ask(service, "deadly", tmp_path)
     assert [record.answer["number"] for record, _ in await asyncio.gather(*others)] == list(range(6))
 
 
-async def test_without_a_folder_to_write_answers_come_with_a_warning(service: QueryService, tmp_path: Path) -> None:
+async def test_answers_have_a_warning_if_the_folder_cannot_be_written(service: QueryService, tmp_path: Path) -> None:
     blocked = tmp_path / "blocked"
     blocked.mkdir()
     (blocked / "data").write_text("a file where the folder should be")
@@ -166,7 +168,7 @@ def keyed(name: str, questions: list[Question]) -> list[KeyedRequest]:
     return [KeyedRequest.of(name, question) for question in questions]
 
 
-async def test_chunk_computes_what_is_not_underway_and_shares_the_rest(service: QueryService, tmp_path: Path) -> None:
+async def test_chunk_shares_cases_that_are_being_computed(service: QueryService, tmp_path: Path) -> None:
     (tmp_path / "failing" / "ran").mkdir(parents=True)
     failing = Question(tmp_path / "failing", 1)
     single = asyncio.ensure_future(ask(service, "once", tmp_path))
@@ -186,7 +188,7 @@ async def test_chunk_computes_what_is_not_underway_and_shares_the_rest(service: 
     assert service.cache.known([record.key, new.key]) == {record.key}
 
 
-async def test_single_query_outlives_the_chunk_it_waited_for(service: QueryService, tmp_path: Path) -> None:
+async def test_single_query_survives_cancellation_of_the_chunk_it_shares(service: QueryService, tmp_path: Path) -> None:
     requests = keyed("slow", [Question(tmp_path, i) for i in range(8)])
     chunk = asyncio.ensure_future(service.compute("slow", requests))
     await asyncio.sleep(0.1)
@@ -297,9 +299,7 @@ async def test_event_loop_is_not_blocked_by_large_histories(service: QueryServic
     assert loop_seconds < 0.7 * (time.thread_time() - begin)
 
 
-async def test_result_that_another_kept_after_the_look_up_is_not_kept_twice(
-    service: QueryService, tmp_path: Path
-) -> None:
+async def test_result_stored_by_another_task_is_not_stored_twice(service: QueryService, tmp_path: Path) -> None:
     wanted = keyed("trajectory", [Question(tmp_path, number) for number in range(3)])
     await service.compute("trajectory", wanted[:2])
     late = await service.compute("trajectory", wanted[1:])
@@ -319,7 +319,7 @@ class LosesFirstChunk(ProcessPool):
         return [] if first else results
 
 
-async def test_cases_whose_chunk_comes_back_without_answers_fail_and_are_answered_when_sent_again(
+async def test_cases_of_a_lost_chunk_fail_and_succeed_when_repeated(
     tmp_path: Path,
 ) -> None:
     pool = LosesFirstChunk(workers=1, task_seconds=60.0)

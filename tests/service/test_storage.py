@@ -32,7 +32,7 @@ def segment(folder: Path, first: int) -> Path:
     return folder / "results" / "segments" / name[:2] / f"{name}.h5"
 
 
-def test_stat_shows_what_is_there_even_beside_a_service(folder: Path) -> None:
+def test_stat_reports_the_contents_even_beside_a_running_service(folder: Path) -> None:
     size = sum(segment(folder, first).stat().st_size for first in (0, 10, 20))
     for _ in range(2):
         assert (stat(folder).bytes, stat(folder).segments, stat(folder).cases) == (size, 3, 30)
@@ -41,7 +41,7 @@ def test_stat_shows_what_is_there_even_beside_a_service(folder: Path) -> None:
         assert stat(folder).cases == 31
 
 
-def test_verify_sets_damaged_segments_aside_and_enters_the_others(folder: Path) -> None:
+def test_verify_sets_damaged_segments_aside_and_indexes_the_others(folder: Path) -> None:
     os.truncate(segment(folder, 10), 3000)
     (folder / "results" / "index.sqlite").unlink()
     found = verify(folder)
@@ -64,7 +64,7 @@ def test_rebuild_finds_every_result(folder: Path) -> None:
         assert len(cache.known([key_of(number) for number in range(30)])) == 30
 
 
-def test_evict_frees_space(folder: Path) -> None:
+def test_evicting_frees_space(folder: Path) -> None:
     left = evict(folder, stat(folder).bytes - 1)
     assert (left.segments, left.cases) == (2, 20)
     assert not segment(folder, 0).exists()

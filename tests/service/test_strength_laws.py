@@ -25,7 +25,7 @@ DEFAULT = {"model": "obliquity_polynomial"}
     [STRENGTH_FACTORS, LAW_LIMITS, CHOICES["resistance.strength_factor.model"]],
     ids=["contract", "limits in the report", "display names"],
 )
-def test_places_that_list_strength_laws_know_all_of_them(known: Collection[str]) -> None:
+def test_every_list_of_strength_laws_is_complete(known: Collection[str]) -> None:
     assert set(known) == LAWS.keys()
 
 
@@ -40,7 +40,7 @@ def test_odd_strikes_have_every_strength_law() -> None:
     assert found == LAWS.keys()
 
 
-def test_places_that_state_the_ranges_of_the_published_tests_agree_with_them() -> None:
+def test_stated_ranges_of_the_published_tests_agree_with_the_data() -> None:
     tests = solver.PublishedTests
     strengths = [f"{each / 1e6:.0f}" for each in tests.compressive_strengths]
     speeds = [f"{each:.0f}" for each in tests.velocities]

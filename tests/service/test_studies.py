@@ -98,7 +98,7 @@ async def executor(request: pytest.FixtureRequest) -> AsyncIterator[Executor]:
 
 
 @pytest.mark.parametrize("name", STUDIES)
-async def test_seed_gives_the_same_bytes_wherever_samples_are_computed(
+async def test_equal_seeds_give_the_same_bytes_with_every_executor(
     executor: Executor, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     request, study = request_of(name)
@@ -109,7 +109,7 @@ async def test_seed_gives_the_same_bytes_wherever_samples_are_computed(
     assert record.json == computed_alone(name)
 
 
-def test_studies_use_both_methods_and_compute_indices() -> None:
+def test_studies_cover_both_methods_and_sensitivity_indices() -> None:
     answers = {name: json.loads(computed_alone(name)) for name in STUDIES if name != STRIKE}
     assert {name: each["method"] for name, each in answers.items()} == {
         "direct": "direct",
@@ -120,7 +120,7 @@ def test_studies_use_both_methods_and_compute_indices() -> None:
     assert indexed == {"direct with indices", "surrogate"}
 
 
-async def test_curve_of_a_round_is_reported_before_more_samples_are_computed(thread: Executor, tmp_path: Path) -> None:
+async def test_curve_of_a_round_is_reported_before_the_next_round(thread: Executor, tmp_path: Path) -> None:
     operation = "cra_uncertainty"
     body = STUDIES["direct"] | {"sensitivity": False}
     body["sampling"] = body["sampling"] | {"max_samples": 512}
@@ -144,7 +144,7 @@ async def test_curve_of_a_round_is_reported_before_more_samples_are_computed(thr
     assert answer["samples"] == computed == 512
 
 
-async def test_equal_studies_in_flight_are_computed_once(thread: Executor, tmp_path: Path) -> None:
+async def test_equal_concurrent_studies_are_computed_once(thread: Executor, tmp_path: Path) -> None:
     request, study = request_of(STRIKE)
     counts: Counter[str] = Counter()
     async with running(tmp_path, thread, counts) as manager:
@@ -154,7 +154,7 @@ async def test_equal_studies_in_flight_are_computed_once(thread: Executor, tmp_p
     assert counts == {"trajectory": found[0][0].answer["samples"]}
 
 
-async def test_study_goes_on_for_the_others_when_the_first_client_cannot(thread: Executor, tmp_path: Path) -> None:
+async def test_shared_study_continues_if_the_first_client_cannot(thread: Executor, tmp_path: Path) -> None:
     request, study = request_of(STRIKE)
 
     def refuse(count: int) -> None:
@@ -181,7 +181,7 @@ async def accepted(manager: JobManager, request: KeyedRequest, owner: str) -> Jo
     return state
 
 
-async def test_equal_jobs_in_flight_share_one_study_and_its_progress(thread: Executor, tmp_path: Path) -> None:
+async def test_equal_concurrent_jobs_share_one_study_and_its_progress(thread: Executor, tmp_path: Path) -> None:
     request, _ = request_of(STRIKE)
     counts: Counter[str] = Counter()
     async with running(tmp_path, thread, counts) as manager:
@@ -195,7 +195,7 @@ async def test_equal_jobs_in_flight_share_one_study_and_its_progress(thread: Exe
     assert counts["trajectory"] == first["samples"]
 
 
-async def test_study_is_taken_over_by_an_equal_job_when_the_first_is_cancelled(
+async def test_equal_job_takes_over_the_study_of_a_cancelled_one(
     thread: Executor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("service.jobs.studies.PART", 32)

@@ -134,7 +134,7 @@ def test_each_request_is_a_span_in_the_trace_of_its_client(
     assert by_id["batch"].parent_span_id.hex() == PARENT
 
 
-def test_unreachable_collector_delays_neither_answers_nor_the_end(
+def test_unreachable_collector_delays_neither_answers_nor_shutdown(
     tmp_path: Path, service_on: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The key of the collector is not logged either."""
@@ -149,7 +149,7 @@ def test_unreachable_collector_delays_neither_answers_nor_the_end(
     assert "hush" not in log
 
 
-def test_nothing_is_sent_nor_loaded_unless_it_is_requested(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_traces_are_neither_loaded_nor_sent_unless_enabled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", "http://127.0.0.1:9")
     program = (
         "import sys\nfrom service.api.app import create_app\nfrom service.settings import Settings\n"
@@ -161,7 +161,7 @@ def test_nothing_is_sent_nor_loaded_unless_it_is_requested(monkeypatch: pytest.M
     assert ended.stdout == "[]\n"
 
 
-def test_missing_extra_is_named_with_what_to_install(tmp_path: Path) -> None:
+def test_missing_extra_for_traces_is_named(tmp_path: Path) -> None:
     program = (
         "import sys; sys.modules['opentelemetry.exporter'] = None\n"
         "from service.cli import main\nsys.exit(main(['serve']))"

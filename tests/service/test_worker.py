@@ -41,7 +41,7 @@ def canonical(request: TrajectoryRequest | CriticalAngleRequest) -> bytes:
     return orjson.dumps(request.canonical())
 
 
-async def test_trajectory_is_the_solvers_own_to_the_last_bit(pool: ProcessPool) -> None:
+async def test_trajectory_of_a_worker_is_identical_to_the_solver(pool: ProcessPool) -> None:
     json, outcome = await pool.submit(compute_single, compute_trajectory, "trajectory", "0" * 64, canonical(CASE))
     expected, history = trajectory_answer(simulate(**CASE.arguments()))
     answer = orjson.loads(json)
@@ -51,7 +51,7 @@ async def test_trajectory_is_the_solvers_own_to_the_last_bit(pool: ProcessPool) 
     assert outcome == expected["outcome"]
 
 
-async def test_critical_angle_comes_with_the_motion_at_it(pool: ProcessPool) -> None:
+async def test_critical_angle_includes_the_motion_at_that_angle(pool: ProcessPool) -> None:
     json, outcome = await pool.submit(compute_single, compute_critical_angle, "cra", "0" * 64, canonical(SEARCH))
     answer, (arguments, _) = orjson.loads(json), SEARCH.arguments()
     found = critical_angle(**arguments)
@@ -61,7 +61,7 @@ async def test_critical_angle_comes_with_the_motion_at_it(pool: ProcessPool) -> 
     assert answer["trajectory"]["history"]["time_s"][-1] == answer["trajectory"]["final"]["time_s"]
 
 
-async def test_file_of_a_chunk_holds_the_cases_of_its_worker(pool: ProcessPool) -> None:
+async def test_file_of_a_chunk_contains_the_cases_of_its_worker(pool: ProcessPool) -> None:
     requests = [
         canonical(TrajectoryRequest.model_validate(PAPER_AT_45 | {"impact": {"velocity_m_s": 200.0 + number, **ANGLE}}))
         for number in range(3)
@@ -77,14 +77,14 @@ async def test_file_of_a_chunk_holds_the_cases_of_its_worker(pool: ProcessPool) 
     assert (await pool.run([(close_chunk, ("another",))]))[0].value == []
 
 
-async def test_requests_whose_values_do_not_go_together_are_named(pool: ProcessPool) -> None:
+async def test_requests_with_contradictory_values_are_named(pool: ProcessPool) -> None:
     short = PAPER | {"projectile": PAPER["projectile"] | {"length_m": 0.1}}
     requests = [canonical(CriticalAngleRequest.model_validate(each)) for each in (PAPER, short)]
     wrong = await pool.submit(check_requests, CriticalAngleRequest, requests)
     assert [(place, errors[0]["pointer"]) for place, errors in wrong.items()] == [(1, "/projectile/length_m")]
 
 
-async def test_error_of_the_solver_arrives_with_its_field(pool: ProcessPool) -> None:
+async def test_solver_error_from_a_worker_names_its_field(pool: ProcessPool) -> None:
     request = TrajectoryRequest.model_validate(PAPER_AT_45 | {"projectile": PAPER["projectile"] | {"length_m": 0.1}})
     with pytest.raises(ParameterError) as caught:
         await pool.submit(compute_single, compute_trajectory, "trajectory", "0" * 64, canonical(request))
@@ -99,21 +99,21 @@ def compilations() -> int:
     return len(recorder.buffer)
 
 
-async def test_first_query_of_a_worker_does_not_wait_for_the_compiler(pool: ProcessPool) -> None:
+async def test_first_query_of_a_worker_compiles_nothing(pool: ProcessPool) -> None:
     assert await pool.submit(compilations) == 0
 
 
-def test_message_that_cannot_be_understood_is_an_answer_not_the_end_of_the_worker() -> None:
+def test_malformed_message_is_answered_without_ending_the_worker() -> None:
     finished = loads(answer(b"not a pickle"))
     assert finished.value is None
     assert isinstance(finished.error, pickle.UnpicklingError)
 
 
-def test_reply_that_cannot_be_understood_is_the_error_of_its_call() -> None:
+def test_malformed_reply_is_the_error_of_its_call() -> None:
     assert isinstance(loads(b"not a pickle").error, pickle.UnpicklingError)
 
 
-async def test_messages_arrive_whole_and_in_order_however_they_are_cut() -> None:
+async def test_split_messages_arrive_complete_and_in_order() -> None:
     ours, theirs = socket.socketpair()
     sent = [os.urandom(length) for length in (1, 7, 8, 100_000, 3_000_000, 5)]
     messages = Messages()
@@ -129,7 +129,7 @@ async def test_messages_arrive_whole_and_in_order_however_they_are_cut() -> None
     transport.close()
 
 
-def test_worker_receives_what_is_sent_until_the_other_end_closes() -> None:
+def test_worker_receives_messages_until_the_connection_closes() -> None:
     ours, theirs = socket.socketpair()
     with ours, theirs:
         send(ours, b"one")

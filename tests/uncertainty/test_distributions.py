@@ -21,7 +21,7 @@ SAME = [
 
 
 @pytest.mark.parametrize(("distribution", "reference"), SAME)
-def test_quantiles_and_moments_are_those_of_scipy(distribution: Any, reference: Any) -> None:
+def test_quantiles_and_moments_agree_with_scipy(distribution: Any, reference: Any) -> None:
     np.testing.assert_allclose(distribution.value(distribution.standard(U)), reference.ppf(U), rtol=1e-9, atol=1e-9)
     nodes, weights = distribution.quadrature()
     values = distribution.value(nodes)
@@ -50,7 +50,7 @@ def test_log_student_t_without_a_deviation_has_the_dispersion_of_its_central_par
     assert found == pytest.approx(central / 3.29, rel=1e-3)
 
 
-def test_log_student_t_is_cut_off_at_its_bounds_and_nowhere_else() -> None:
+def test_log_student_t_is_truncated_only_at_its_bounds() -> None:
     cut = LogStudentT(median=1.0, scale=0.5, degrees_of_freedom=2.0, lower=0.25, upper=7.0)
     values = cut.value(cut.standard(np.linspace(0.0, 1.0, 1001)))
     assert (values[0], values[-1]) == pytest.approx((0.25, 7.0))
@@ -60,7 +60,7 @@ def test_log_student_t_is_cut_off_at_its_bounds_and_nowhere_else() -> None:
     np.testing.assert_allclose(shares, np.linspace(0.0, 1.0, 1001)[1:-1], atol=1e-12)
 
 
-def test_lognormal_is_given_by_its_mean_too() -> None:
+def test_lognormal_can_be_given_by_its_mean() -> None:
     distribution = Lognormal(mean=39e6, coefficient_of_variation=0.12)
     nodes, weights = distribution.quadrature()
     values = distribution.value(nodes)
@@ -68,7 +68,7 @@ def test_lognormal_is_given_by_its_mean_too() -> None:
     assert math.sqrt(weights @ (values - 39e6) ** 2) == pytest.approx(0.12 * 39e6)
 
 
-def test_discrete_values_come_up_as_often_as_they_weigh() -> None:
+def test_discrete_values_occur_in_proportion_to_their_weights() -> None:
     places = Discrete(values=["a", "b", "c"], weights=[0.5, 0.2, 0.3]).places((np.arange(1000) + 0.5) / 1000)
     assert np.bincount(places).tolist() == [500, 200, 300]
 
@@ -109,7 +109,9 @@ BAD = [
 
 
 @pytest.mark.parametrize(("kind", "parameters", "field", "requirement"), BAD)
-def test_bad_parameters_are_named(kind: Any, parameters: dict[str, Any], field: str, requirement: str) -> None:
+def test_invalid_parameters_of_distributions_are_named(
+    kind: Any, parameters: dict[str, Any], field: str, requirement: str
+) -> None:
     with pytest.raises(ParameterError) as error:
         kind(**parameters)
     assert error.value.field == f"distribution.{field}"

@@ -62,7 +62,7 @@ def test_more_shots_narrow_the_range_more(usual: AngleUncertainty) -> None:
 
 
 @pytest.mark.parametrize("place", [0, 1])
-def test_dispersion_equals_that_of_the_posterior_after_as_many_shots(usual: AngleUncertainty, place: int) -> None:
+def test_dispersion_equals_the_posterior_after_as_many_shots(usual: AngleUncertainty, place: int) -> None:
     """The shots lie one standard deviation from the law, composed of the deviations between and within series."""
     expected = after_shots(usual)[place]
     distance = math.hypot(math.sqrt(expected.shots) * BETWEEN, WITHIN)
@@ -74,7 +74,7 @@ def test_dispersion_equals_that_of_the_posterior_after_as_many_shots(usual: Angl
 
 @pytest.mark.parametrize("method", ["auto", "direct"])
 @pytest.mark.parametrize("tails", ["normal", "heavy"])
-def test_range_is_that_of_a_study_with_the_posterior_dispersion(method: str, tails: str) -> None:
+def test_range_equals_a_study_with_the_posterior_dispersion(method: str, tails: str) -> None:
     def inputs(scale: float, shots: int) -> list[Uncertain]:
         freedom = 3.0 + shots
         ratio = 1.0 if tails == "normal" else stats.t(freedom).ppf(0.95) / 1.645
@@ -95,7 +95,7 @@ def test_range_is_that_of_a_study_with_the_posterior_dispersion(method: str, tai
     )
 
 
-def test_shots_of_a_concrete_that_is_known_change_little() -> None:
+def test_shots_into_known_concrete_change_little() -> None:
     found = study(usual_scatter(**STRIKE, strength_scatter="paper_table_1"))
     lower, upper = range_of(found)
     for each in after_shots(found):
@@ -103,7 +103,7 @@ def test_shots_of_a_concrete_that_is_known_change_little() -> None:
     assert "would hardly narrow it" in next_shot_advice((lower, upper), after_shots(found))
 
 
-def test_advice_is_a_sentence(usual: AngleUncertainty) -> None:
+def test_advice_states_the_ranges_after_one_and_three_shots(usual: AngleUncertainty) -> None:
     assert next_shot_advice(range_of(usual), after_shots(usual)) == (
         "The 90 % range of the critical angle is 44° to 56°; with shots of your own into this concrete it is expected "
         "to be 46° to 51° after one and 46° to 51° after three."
@@ -117,11 +117,11 @@ def test_advice_is_a_sentence(usual: AngleUncertainty) -> None:
         Uncertain(RESIDUAL, Uniform(lower=0.9, upper=1.1)),
     ],
 )
-def test_nothing_is_said_without_a_lognormal_factor(uncertain: Uncertain) -> None:
+def test_value_of_shots_is_omitted_without_a_lognormal_factor(uncertain: Uncertain) -> None:
     assert after_shots(study([uncertain])) == ()
 
 
-def test_scatter_below_that_within_a_series_is_not_reduced() -> None:
+def test_scatter_smaller_than_within_a_series_is_not_reduced() -> None:
     found = study([Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=0.5 * WITHIN))])
     for each in after_shots(found):
         assert each.dispersion == pytest.approx(0.5 * WITHIN, rel=1e-6)

@@ -78,20 +78,20 @@ def answer(method: str) -> AngleUncertainty:
 
 
 @pytest.mark.parametrize("method", ["auto", "direct"])
-def test_moments_are_those_of_random_searches(method: str) -> None:
+def test_moments_agree_with_random_searches(method: str) -> None:
     angles, found = plain(), answer(method)
     error = 1.96 * angles.std() / math.sqrt(COUNT)
     assert agree(known(found.mean), angles.mean(), error)
     assert agree(known(found.standard_deviation), angles.std(ddof=1), 1.96 * deviation_error(angles))
 
 
-def test_strike_is_answered_by_the_surrogate_unless_the_direct_method_is_requested() -> None:
+def test_strike_is_answered_by_the_surrogate_by_default() -> None:
     assert answer("auto").method == "surrogate"
     assert answer("direct").method == "direct"
 
 
 @pytest.mark.parametrize("method", ["auto", "direct"])
-def test_moments_are_those_of_the_sample_of_salib(method: str) -> None:
+def test_moments_agree_with_the_sample_of_salib(method: str) -> None:
     angles, found = salib()[0], answer(method)
     assert agree(known(found.mean), angles.mean(), 1.96 * angles.std() / math.sqrt(angles.size))
     assert agree(known(found.standard_deviation), angles.std(ddof=1), 1.96 * deviation_error(angles))
@@ -138,7 +138,7 @@ def moments_of(found: AngleUncertainty) -> list[Estimate]:
 
 
 @pytest.mark.parametrize("method", ["auto", "direct"])
-def test_indices_are_those_of_salib(method: str) -> None:
+def test_indices_agree_with_salib(method: str) -> None:
     pytest.importorskip("SALib", reason="SALib is not installed")
     found = answer(method)
     reference = salib()

@@ -44,7 +44,7 @@ SCATTER = [SPEED, STRENGTH, DENSITY, MASS, ATTACK]
 ANGLES = np.radians(np.linspace(30.0, 70.0, 81))
 
 
-def test_one_input_gives_the_angles_at_its_quantiles() -> None:
+def test_study_of_one_input_gives_the_angles_at_its_quantiles() -> None:
     answer = critical_angle_uncertainty(**PAPER, uncertain=[ATTACK], oblique_angles=ANGLES)
     assert answer.method == "surrogate"
     assert answer.converged
@@ -60,7 +60,7 @@ def test_one_input_gives_the_angles_at_its_quantiles() -> None:
     assert "impact.angle_of_attack" in answer._repr_html_()
 
 
-def test_models_and_scatter_are_seen_side_by_side() -> None:
+def test_alternative_models_and_scatter_are_compared_in_one_study() -> None:
     models = Uncertain(
         "resistance.free_surface", Discrete(values=[ElasticPlastic(), MohrCoulomb()], weights=[0.8, 0.2])
     )
@@ -106,7 +106,7 @@ def test_residual_multiplies_the_strength_factor(law: Any) -> None:
         assert values[1] == pytest.approx(1.1 * values[0])
 
 
-def test_residual_scatters_the_angle() -> None:
+def test_scatter_of_the_residual_scatters_the_angle() -> None:
     residual = Uncertain(RESIDUAL, Lognormal(median=1.0, dispersion=0.1))
     answer = critical_angle_uncertainty(**PAPER, uncertain=[residual], sampling=Sampling(half_width=0.1))
     low, high = (change.angle for change in answer.sensitivity[0].swing)
@@ -157,7 +157,7 @@ def test_samples_outside_the_model_are_counted() -> None:
         (RESIDUAL, Uniform(lower=-0.5, upper=2.0), "lower", "greater than 0"),
     ],
 )
-def test_distribution_of_values_that_the_model_does_not_accept_is_refused(
+def test_distribution_of_invalid_values_is_refused(
     field: str, distribution: Any, parameter: str, requirement: str
 ) -> None:
     uncertain = [ATTACK, Uncertain(field, distribution)]
@@ -185,7 +185,7 @@ def test_surrogate_points_out_of_bounds_count_as_unknown() -> None:
     assert narrow.warnings == ()
 
 
-def test_outcome_of_the_papers_strike_near_its_angle() -> None:
+def test_outcome_of_the_paper_strike_near_its_angle_is_uncertain() -> None:
     answer = trajectory_uncertainty(
         **CASE,
         impact=paper_impact(oblique_angle_degrees=48.7),
@@ -227,7 +227,7 @@ def test_wall_is_perforated_with_a_probability_and_a_residual_speed() -> None:
         ("impact.oblique_angle", "what a search varies"),
     ],
 )
-def test_field_that_is_no_number_is_refused(field: str, requirement: str) -> None:
+def test_field_that_is_not_a_number_is_refused(field: str, requirement: str) -> None:
     uncertain = [Uncertain(field, Uniform(lower=1.0, upper=2.0))]
     with pytest.raises(ParameterError, match=requirement) as error:
         critical_angle_uncertainty(**PAPER, uncertain=uncertain)

@@ -26,7 +26,7 @@ EDGE = [Uncertain("x", Uniform(lower=0.0, upper=1.0))]
 GRID = np.linspace(0.0, 1.0, 11)
 
 
-def test_smooth_function_is_answered_by_the_surrogate_exactly() -> None:
+def test_surrogate_of_a_smooth_function_is_exact() -> None:
     answer = run(Linear(), seed=3)
     assert answer.method == "surrogate"
     assert answer.surrogate_error == pytest.approx(0.0, abs=1e-12)
@@ -36,7 +36,7 @@ def test_smooth_function_is_answered_by_the_surrogate_exactly() -> None:
     assert misses(Linear(), answer) == []
 
 
-def test_surrogate_admits_the_share_that_its_samples_cannot_show() -> None:
+def test_surrogate_includes_the_share_its_samples_cannot_show() -> None:
     answer = run(Linear(), half_width=0.002)
     first, last = answer.convergence[0], answer.convergence[-1]
     assert answer.method == "surrogate"
@@ -67,7 +67,7 @@ def test_samples_correct_a_surrogate_with_a_persistent_error(half_width: float) 
     assert inside.mean() >= 0.95
 
 
-def test_counting_replaces_the_surrogate_where_it_is_more_exact() -> None:
+def test_counting_replaces_a_less_exact_surrogate() -> None:
     """For steps in one input, counting samples is more exact than the bound on the error of the surrogate."""
 
     class Stairs(Linear):
@@ -93,7 +93,7 @@ def test_rough_function_is_sampled_directly() -> None:
     assert len(misses(function, answer)) <= 3  # of 41, each at 95 %
 
 
-def test_history_ends_within_the_half_width_or_the_budget() -> None:
+def test_convergence_ends_at_the_half_width_or_the_budget() -> None:
     answer = run(Ishigami(), half_width=0.02, sensitivity=False)
     widths = [each.half_width for each in answer.convergence]
     assert answer.converged
@@ -135,7 +135,7 @@ def test_budget_below_the_fewest_samples_is_refused_with_the_least_one() -> None
     AngleStudy(inputs, GRID, Sampling(max_samples=256), sensitivity=False)
 
 
-def test_study_whose_first_samples_use_up_the_budget_ends_without_indices() -> None:
+def test_study_without_budget_after_the_first_samples_has_no_indices() -> None:
     answer = run(Ishigami(), max_samples=262)
     assert answer.method == "direct"
     assert answer.samples == 262
@@ -143,7 +143,7 @@ def test_study_whose_first_samples_use_up_the_budget_ends_without_indices() -> N
     assert [warning.code for warning in answer.warnings] == ["no_indices"]
 
 
-def test_answer_depends_on_the_seed_alone() -> None:
+def test_answer_depends_only_on_the_seed() -> None:
     first, second, other = (run(Ishigami(), seed=seed) for seed in (4, 4, 5))
     assert repr(first.quantiles) == repr(second.quantiles)
     assert first.probability.tobytes() == second.probability.tobytes()
@@ -151,7 +151,7 @@ def test_answer_depends_on_the_seed_alone() -> None:
     assert first.probability.tobytes() != other.probability.tobytes()
 
 
-def test_more_samples_begin_with_the_same_ones() -> None:
+def test_larger_sample_begins_with_the_smaller_one() -> None:
     def points(budget: int) -> list[tuple[float, ...]]:
         found: list[tuple[float, ...]] = []
 
@@ -199,7 +199,7 @@ def outcome(crossings: Callable[[float], Crossings]) -> Callable[[Sequence[Any]]
     return lambda points: [crossings(x) for (x,) in points]
 
 
-def test_every_sample_counts_by_its_outcome_at_each_angle() -> None:
+def test_every_sample_is_counted_by_its_outcome_at_each_angle() -> None:
     def crossings(x: float) -> Crossings:
         if x < 0.25:
             return Crossings()  # never turned away
@@ -221,7 +221,7 @@ def test_every_sample_counts_by_its_outcome_at_each_angle() -> None:
 
 
 @pytest.mark.parametrize(("crossings", "share"), [(Crossings(), 0.0), (Crossings(starts_turned_away=True), 1.0)])
-def test_no_angle_at_all_is_an_answer(crossings: Crossings, share: float) -> None:
+def test_study_without_any_critical_angle_is_answered(crossings: Crossings, share: float) -> None:
     answer = answer_of(AngleStudy(EDGE, GRID, Sampling(half_width=0.05)), outcome(lambda _: crossings))
     assert answer.probability.tolist() == [share] * GRID.size
     assert answer.mean is None
@@ -293,7 +293,7 @@ def test_study_of_a_strike_has_outcomes_and_quantiles_of_its_end() -> None:
     assert answer.perforation_exit == {}
 
 
-def test_wrong_sampling_is_refused() -> None:
+def test_invalid_sampling_is_refused() -> None:
     with pytest.raises(ParameterError, match=r"sampling\.half_width"):
         Sampling(half_width=0.0)
     with pytest.raises(ParameterError, match=r"sampling\.max_samples"):

@@ -58,7 +58,7 @@ LAW = predict_shot(np.zeros(0))
         (OTHER, OwnTests(shots=TABLE_1.shots[:1]), "law", OwnTests(shots=TABLE_1.shots[:1]).posterior(**OTHER)),
     ],
 )
-def test_strength_factor_scatters_as_its_tests_do_and_strength_is_not_counted_twice(
+def test_strength_factor_scatters_like_its_tests_without_counting_strength_twice(
     case: dict[str, Any], model: Any, source: Any, tests: Any
 ) -> None:
     resistance = Resistance(strength_factor=model)
@@ -89,7 +89,7 @@ def test_similar_cases_have_similar_scatter(source: Any) -> None:
     assert here.residual == pytest.approx(there.residual, rel=1e-3)
 
 
-def test_scatter_of_the_papers_tests_is_asked_for_and_said() -> None:
+def test_scatter_of_the_paper_tests_is_used_only_on_request() -> None:
     plain, preset = (
         critical_angle(**CASE, velocity=PAPER_VELOCITY, strength_scatter=source) for source in ("law", "paper_table_1")
     )
@@ -110,14 +110,14 @@ def test_scatter_of_the_papers_tests_is_asked_for_and_said() -> None:
 
 
 @pytest.mark.parametrize(("model", "source"), [(TABLE_1, "paper_table_1"), (ObliquityPolynomial(), "table_1")])
-def test_source_of_the_scatter_that_is_none_is_refused(model: Any, source: Any) -> None:
+def test_unknown_source_of_scatter_is_refused(model: Any, source: Any) -> None:
     with pytest.raises(ParameterError, match="strength_scatter: must be"):
         critical_angle(
             **CASE, velocity=PAPER_VELOCITY, resistance=Resistance(strength_factor=model), strength_scatter=source
         )
 
 
-def test_each_theory_has_the_strength_over_the_angle_that_belongs_to_it() -> None:
+def test_each_theory_has_its_own_obliquity_shape() -> None:
     found = verdict_of(PAPER_VELOCITY)
     elastic, mohr = (math.degrees(known(angle)) for angle in found.theories)
     assert elastic == pytest.approx(48.63, abs=0.02)
@@ -139,7 +139,7 @@ def test_each_theory_has_the_strength_over_the_angle_that_belongs_to_it() -> Non
         (Resistance(strength_factor=StrengthPowerLaw(coefficient=72.0, exponent=-0.5)), True),
     ],
 )
-def test_usual_scatter_has_both_theories_unless_the_law_is_ones_own(resistance: Resistance, own: bool) -> None:
+def test_usual_scatter_has_both_theories_unless_the_law_was_chosen(resistance: Resistance, own: bool) -> None:
     def laws(**given: Any) -> list[Any]:
         *_, last = usual_scatter(**CASE, velocity=PAPER_VELOCITY, resistance=resistance, **given)
         return list(last.distribution.values) if isinstance(last.distribution, Discrete) else []
@@ -191,13 +191,13 @@ def verdict_on(body: dict[str, Any]) -> Verdict:
 
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("body", odd_strikes(len(KINDS), seed=1), ids=KINDS)
-def test_a_verdict_does_not_contradict_itself(body: dict[str, Any]) -> None:
+def test_verdict_does_not_contradict_itself(body: dict[str, Any]) -> None:
     assert contradictions(verdict_on(body)) == []
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
-def test_no_verdict_on_odd_strikes_contradicts_itself() -> None:
+def test_verdicts_on_odd_strikes_do_not_contradict_themselves() -> None:
     found = [(contradictions(verdict_on(body)), body) for body in odd_strikes(300, seed=2)]
     assert [each for each in found if each[0]] == []
 
@@ -216,7 +216,7 @@ def verdict_of(velocity: float, **changes: Any) -> Verdict:
         (500.0, "paper_table_1", {"strength_fit_extrapolated"}),
     ],
 )
-def test_warning_is_a_standing_note_if_it_moves_the_angle_little(
+def test_warning_with_little_effect_on_the_angle_is_a_standing_note(
     velocity: float, scatter: str, special: set[str]
 ) -> None:
     """At 500 m/s the extrapolation of S beyond 45° shifts the angle by 3.2°.
@@ -247,7 +247,9 @@ def test_warning_is_a_standing_note_if_it_moves_the_angle_little(
 
 
 @pytest.mark.parametrize(("velocity", "angle", "held"), [(400.0, 61.82, 60.38), (700.0, 71.44, 70.55)])
-def test_above_55_degrees_a_verdict_has_room_for_s_held_from_there(velocity: float, angle: float, held: float) -> None:
+def test_verdict_above_55_degrees_includes_the_angle_with_s_held_from_55(
+    velocity: float, angle: float, held: float
+) -> None:
     found = verdict_of(velocity)
     assert math.degrees(known(found.angle)) == pytest.approx(angle, abs=0.02)
     assert math.degrees(known(found.held_angle)) == pytest.approx(held, abs=0.02)
@@ -267,7 +269,7 @@ def test_above_55_degrees_a_verdict_has_room_for_s_held_from_there(velocity: flo
         ((58.0, 70.0), 64.0, None, (58.0, 70.0)),
     ],
 )
-def test_range_reaches_down_to_where_s_held_earlier_puts_it(
+def test_range_is_extended_to_the_angle_with_s_held_earlier(
     spread: tuple[float, float], angle: float, held: float | None, expected: tuple[float, float]
 ) -> None:
     found = range_held_earlier(
@@ -279,7 +281,7 @@ def test_range_reaches_down_to_where_s_held_earlier_puts_it(
     assert [math.degrees(each) for each in found] == pytest.approx(expected)
 
 
-def test_warnings_of_the_search_stand_beside_those_of_the_strike() -> None:
+def test_verdict_has_the_warnings_of_search_and_strike() -> None:
     strike = [
         ModelWarning("fit", "at 55° beyond"),
         ModelWarning("mass", "not given"),
@@ -294,7 +296,7 @@ def test_warnings_of_the_search_stand_beside_those_of_the_strike() -> None:
     assert [each.standing for each in found] == [True, False, True, True]
 
 
-def test_range_is_wide_by_the_law_and_narrow_with_shots_into_the_concrete() -> None:
+def test_shots_into_the_concrete_narrow_the_range() -> None:
     def width(**changes: Any) -> float:
         found = verdict_of(PAPER_VELOCITY, **changes)
         assert found.spread is not None

@@ -49,7 +49,7 @@ def judge(projectile: Projectile, target: Target, velocity: float, angle: float 
     return judge_wall(projectile=projectile, target=target, impact=impact, **laws)
 
 
-def test_450_mm_are_not_enough_where_scabbing_requires_600() -> None:
+def test_450_mm_are_not_enough_if_scabbing_requires_600() -> None:
     wall = Target(compressive_strength=60.5e6, density=2300.0, thickness=0.45)
     found = judge(FLAT, wall, 136.0)
     assert found.enough is False
@@ -73,7 +73,7 @@ def test_850_mm_are_not_enough_for_the_155_mm_body(strength: float, angle: float
     assert (f"{math.ceil(1e3 * known(found.normal_impact[1]))} mm against scabbing" in str(found)) is (angle > 0.0)
 
 
-def test_design_value_is_not_below_what_the_model_needs_with_plug_and_crater() -> None:
+def test_design_value_is_at_least_the_model_with_plug_and_crater() -> None:
     """With eq. 9 not held beyond 60° the model needs 427 mm, more than 1.2 times Hughes; if it is held, less."""
     wall = Target(compressive_strength=27e6, density=2300.0, thickness=0.4)
     falling = Resistance(strength_factor=ObliquityPolynomial(held_from=math.radians(90.0)))
@@ -92,7 +92,7 @@ def test_design_value_is_not_below_what_the_model_needs_with_plug_and_crater() -
 
 
 @pytest.mark.parametrize("target", [PAPER_TARGET, replace(PAPER_TARGET, thickness=0.3)])
-def test_where_no_formula_is_within_its_range_the_sentence_says_so(target: Target) -> None:
+def test_sentence_states_that_no_formula_is_in_range(target: Target) -> None:
     bullet = Projectile(nose=Flat(), diameter=0.02, length=0.4, mass=0.98)
     found = judge(bullet, target, 1500.0)
     assert not [
@@ -119,7 +119,7 @@ def test_wall_with_a_nose_out_of_its_rear_face_is_not_enough() -> None:
     ("thickness", "degrees", "words"),
     [(0.6, 45.0, "enough at this angle only"), (0.7, 45.0, "enough"), (0.7, 0.0, "enough")],
 )
-def test_wall_that_is_enough_at_its_angle_only_is_said_to_be(thickness: float, degrees: float, words: str) -> None:
+def test_sentence_states_that_a_wall_is_enough_only_at_its_angle(thickness: float, degrees: float, words: str) -> None:
     """The design value against scabbing is 511 mm at 45°, and 672 mm in normal impact, the case of design practice."""
     found = judge(PAPER_PROJECTILE, replace(PAPER_TARGET, thickness=thickness), 238.0, degrees)
     assert found.enough is True
@@ -127,7 +127,7 @@ def test_wall_that_is_enough_at_its_angle_only_is_said_to_be(thickness: float, d
     assert ("this wall is thinner" in str(found)) is words.endswith("only")
 
 
-def test_design_values_rest_on_the_characteristic_strength_and_the_model_on_the_mean() -> None:
+def test_design_values_use_the_characteristic_strength_and_the_model_the_mean() -> None:
     by_mean = judge(FLAT, Target(compressive_strength=48e6, density=2300.0), 136.0)
     concrete = Target(compressive_strength=48e6, density=2300.0, characteristic_strength=40e6)
     found = judge(FLAT, concrete, 136.0)
@@ -142,7 +142,7 @@ def test_design_values_rest_on_the_characteristic_strength_and_the_model_on_the_
         judge(FLAT, replace(concrete, characteristic_strength=50e6), 136.0)
 
 
-def test_values_along_the_normal_stand_beside_those_at_an_angle() -> None:
+def test_oblique_verdict_includes_values_for_normal_impact() -> None:
     oblique, normal = (judge(FLAT, PAPER_TARGET, 136.0, angle) for angle in (30.0, 0.0))
     assert oblique.normal_impact == (normal.perforation.design, normal.scabbing.design) == normal.normal_impact
     assert known(oblique.scabbing.limit) / known(normal.scabbing.limit) == pytest.approx(0.885, abs=0.015)
@@ -185,18 +185,18 @@ def check_enough_is_monotone(walls: list[tuple[Projectile, Target, float]]) -> N
     assert wrong == []
 
 
-def test_enough_at_one_thickness_is_enough_at_every_larger_one() -> None:
+def test_walls_thicker_than_enough_are_enough() -> None:
     check_enough_is_monotone(random_walls(8, seed=3))
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-def test_enough_is_monotone_over_many_walls() -> None:
+def test_enough_is_monotone_for_many_random_walls() -> None:
     check_enough_is_monotone(random_walls(500, seed=4))
 
 
 @pytest.mark.parametrize("angle", [0.0, 40.0])
-def test_every_formula_for_the_thickness_is_solved_for_the_speed(angle: float) -> None:
+def test_every_formula_for_the_thickness_can_be_solved_for_the_speed(angle: float) -> None:
     oblique = math.radians(angle)
     rows: tuple[Any, ...] = ()
     for thickness in (0.2, 0.5, 1.0):

@@ -5,7 +5,7 @@ import pytest
 from validation.evidence import evidence, evidence_section, motion_misfits, plate_misses
 
 
-def test_every_row_has_number_source_what_was_left_out_and_a_verdict_in_one_sentence_or_two() -> None:
+def test_every_row_of_evidence_has_number_source_exclusions_and_a_short_verdict() -> None:
     rows = evidence()
     assert [row.number for row in rows] == [251, 64, 3, 2, 4, 1, 11]
     for row in rows:
@@ -25,19 +25,19 @@ def test_every_row_has_number_source_what_was_left_out_and_a_verdict_in_one_sent
         ("sec θ", (-0.005, -0.006, 0.005)),
     ],
 )
-def test_oblique_limits_of_metal_plates_are_met_from_the_limit_at_normal_impact(
+def test_oblique_limits_of_metal_plates_follow_from_the_limit_in_normal_impact(
     law: str, expected: tuple[float, ...]
 ) -> None:
     assert plate_misses()[law] == pytest.approx(expected, abs=0.003)
 
 
-def test_mohr_coulomb_follows_motions_better_than_the_default_and_no_decay_worst() -> None:
+def test_mohr_coulomb_fits_motions_best_and_no_decay_worst() -> None:
     found = motion_misfits()
     for mesh in ("coarse", "fine"):
         assert found[mesh, "mohr_coulomb"] < found[mesh, "elastic_plastic"] < found[mesh, "none"]
 
 
-def test_section_begins_the_page_with_why_the_default_is_the_default() -> None:
+def test_page_begins_with_the_reason_for_the_default() -> None:
     section = evidence_section()
     text = " ".join(section.text)
     assert "Why elastic-plastic decay is the default" in text

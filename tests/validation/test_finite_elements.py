@@ -46,9 +46,7 @@ def report(found: Mapping[Mesh, Calibration]) -> Section:
 
 
 @pytest.mark.parametrize(("mesh", "ends"), [("coarse", [48.0, 50.0]), ("fine", [45.0, 48.0])])
-def test_finite_elements_change_their_outcome_at_lower_angles_with_the_finer_mesh(
-    mesh: Mesh, ends: list[float]
-) -> None:
+def test_finer_mesh_changes_its_outcome_at_lower_angles(mesh: Mesh, ends: list[float]) -> None:
     assert np.degrees(bracket(finite_element_runs(mesh))) == pytest.approx(ends)
 
 
@@ -82,7 +80,7 @@ def test_each_run_is_fitted_until_its_nose_tip_is_deepest(found: Mapping[Mesh, C
         assert {angle: fit.predicted.time[-1] for angle, fit in found[mesh].own(law).items()} == ends
 
 
-def test_normalised_root_mean_squares_are_those_of_a_separate_calculation(found: Mapping[Mesh, Calibration]) -> None:
+def test_normalised_root_mean_squares_agree_with_a_separate_calculation(found: Mapping[Mesh, Calibration]) -> None:
     """Without decay only a lower limit is tested, because the separate calculation gives 0.216, and this one 0.174."""
     rms = {law: found["coarse"].normalized_root_mean_square(law) for law in (*LAWS, NO_DECAY)}
     assert rms["mohr_coulomb"] == pytest.approx(0.051, abs=0.001)
@@ -91,7 +89,7 @@ def test_normalised_root_mean_squares_are_those_of_a_separate_calculation(found:
 
 
 @pytest.mark.parametrize("mesh", MESHES)
-def test_mohr_coulomb_follows_the_long_motions_better_and_elastic_plastic_the_short_ones(
+def test_mohr_coulomb_fits_long_motions_better_and_elastic_plastic_short_ones(
     found: Mapping[Mesh, Calibration], mesh: Mesh
 ) -> None:
     plain, other = (found[mesh].own(law) for law in LAWS)
@@ -119,7 +117,7 @@ def test_strength_factors_fall_with_the_angle_as_in_the_paper(found: Mapping[Mes
             assert estimate.confidence_interval[0] < estimate.strength_factor < estimate.confidence_interval[1]
 
 
-def test_no_one_strength_factor_serves_position_and_rotation(found: Mapping[Mesh, Calibration]) -> None:
+def test_no_single_strength_factor_fits_position_and_rotation(found: Mapping[Mesh, Calibration]) -> None:
     fits, alone = found["coarse"].own("elastic_plastic"), found["coarse"].alone["elastic_plastic"]
     for angle in PAPER_ANGLES:
         factors = {name: estimate.strength_factor for name, estimate in alone[angle].items() if estimate}
@@ -136,7 +134,7 @@ def test_no_one_strength_factor_serves_position_and_rotation(found: Mapping[Mesh
         ("elastic_plastic", "fine", TO_45, 49.1, None),
     ],
 )
-def test_calibrated_angles_are_those_of_a_separate_calculation(
+def test_calibrated_angles_agree_with_a_separate_calculation(
     predicted: Predictions, law: str, mesh: Mesh, reading: str, angle: float, error: float | None
 ) -> None:
     each = predicted.of(law, mesh, reading)
@@ -160,7 +158,7 @@ def test_angles_beyond_the_fitted_ones_are_called_extrapolated(predicted: Predic
     assert "What extrapolation does" in " ".join(report.text)
 
 
-def test_polynomials_are_drawn_between_the_fitted_angles_only(report: Section) -> None:
+def test_polynomials_are_drawn_only_between_the_fitted_angles(report: Section) -> None:
     (figure,) = (figure for figure in report.figures if figure.name == "finite-elements-factor")
     ends: dict[str, float] = {}
     for series, angle in zip(figure.data["series"], figure.data["oblique_angle_deg"], strict=True):
@@ -170,7 +168,7 @@ def test_polynomials_are_drawn_between_the_fitted_angles_only(report: Section) -
     assert ends["equation 9"] == 45.0
 
 
-def test_angles_and_brackets_stand_side_by_side(report: Section, predicted: Predictions) -> None:
+def test_table_compares_angles_with_brackets(report: Section, predicted: Predictions) -> None:
     compared = {each.what: each for each in report.comparisons}
     for law, name in (("elastic_plastic", "elastic-plastic"), ("mohr_coulomb", "Mohr-Coulomb")):
         for mesh, middle in zip(MESHES, (49.0, 46.5), strict=True):
@@ -194,11 +192,13 @@ def test_angles_and_brackets_stand_side_by_side(report: Section, predicted: Pred
         (None, None, "which cannot be compared"),
     ],
 )
-def test_any_prediction_is_placed(angle: float | None, error: float | None, words: str) -> None:
+def test_place_of_a_prediction_relative_to_the_bracket_is_stated(
+    angle: float | None, error: float | None, words: str
+) -> None:
     assert place(angle, error, 50.0, 52.0) == words
 
 
-def test_cost_of_finite_elements_and_of_the_model_are_both_there(report: Section) -> None:
+def test_report_states_the_cost_of_finite_elements_and_of_the_model(report: Section) -> None:
     (table,) = (table for table in report.tables if table.name == "finite-elements-cost")
     assert table.rows[0][1] == sum(run.cpu_seconds or 0.0 for run in finite_element_runs())
     search = table.rows[2][2]
@@ -206,7 +206,7 @@ def test_cost_of_finite_elements_and_of_the_model_are_both_there(report: Section
     assert search < 1.0
 
 
-def test_figures_show_both_meshes_and_both_laws(report: Section) -> None:
+def test_figures_of_finite_elements_show_both_meshes_and_both_laws(report: Section) -> None:
     figures = {figure.name: {str(name) for name in figure.data.get("series", ())} for figure in report.figures}
     assert len(figures) == 5
     for name in ("finite-elements-fitted", "finite-elements-tip", "finite-elements-factor"):
@@ -215,7 +215,7 @@ def test_figures_show_both_meshes_and_both_laws(report: Section) -> None:
 
 
 @pytest.mark.parametrize("law", FINITE_ELEMENT_SHAPES)
-def test_shape_of_the_solver_is_the_cubic_through_the_runs_of_both_meshes(
+def test_obliquity_shape_of_the_solver_is_the_cubic_fit_to_both_meshes(
     found: Mapping[Mesh, Calibration], law: str
 ) -> None:
     points = [
@@ -232,7 +232,7 @@ def test_shape_of_the_solver_is_the_cubic_through_the_runs_of_both_meshes(
     assert shape == pytest.approx(fitted, abs=2e-3)
 
 
-def test_strength_fitted_with_mohr_coulomb_decay_falls_to_half_and_levels_off(
+def test_strength_fitted_with_mohr_coulomb_falls_to_half_and_levels_off(
     found: Mapping[Mesh, Calibration],
 ) -> None:
     expected = {

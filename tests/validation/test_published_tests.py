@@ -55,7 +55,7 @@ def outlier_place(assessment: Assessment) -> int:
     return place
 
 
-def test_closed_form_with_the_power_law_meets_the_numbers_of_the_1994_series(assessment: Assessment) -> None:
+def test_closed_form_with_the_power_law_agrees_with_the_1994_series(assessment: Assessment) -> None:
     found = assessment.agreement(CLOSED_FORM, POWER_LAW, of_series("forrestal-1994"))
     assert found.number == 16
     assert found.mean_ratio == pytest.approx(1.02, abs=0.03)
@@ -65,19 +65,21 @@ def test_closed_form_with_the_power_law_meets_the_numbers_of_the_1994_series(ass
     assert [holds for what, holds in claims.items() if "trajectory model" in what] == [None, None]  # claims no value
 
 
-def test_mean_set_for_the_1994_series_is_that_with_its_outlier_to_the_digit(assessment: Assessment) -> None:
+def test_published_mean_of_the_1994_series_includes_its_outlier(assessment: Assessment) -> None:
     ratios = assessment.ratios(CLOSED_FORM, POWER_LAW)
     of_1994 = ratios[[strike.test.series == "forrestal-1994" for strike in assessment.strikes]]
     assert round(float(of_1994.mean()), 2) == 1.02
 
 
-def test_trajectory_model_goes_less_deep_than_the_closed_form_in_the_1994_series(assessment: Assessment) -> None:
+def test_trajectory_model_predicts_smaller_depths_than_the_closed_form_in_the_1994_series(
+    assessment: Assessment,
+) -> None:
     ours, closed = (assessment.agreement(each, POWER_LAW, of_series("forrestal-1994")) for each in METHODS)
     assert 0.02 < closed.mean_ratio - ours.mean_ratio < 0.04
     assert ours.mean_ratio == pytest.approx(1.0, abs=0.03)
 
 
-def test_every_row_but_the_outlier_is_counted(assessment: Assessment) -> None:
+def test_every_row_except_the_outlier_is_counted(assessment: Assessment) -> None:
     counted = {assessment.strikes[place].test.row for place in assessment.chosen(every)}
     assert counted == {test.row for test in penetration_tests()} - {OUTLIER_ROW}
     assert {assessment.agreement(method, model).number for method in METHODS for model in ALL_MODELS} == {54}
@@ -99,9 +101,7 @@ def with_depth(given: Sequence[PublishedStrike], place: int, *, factor: float) -
 
 
 @pytest.mark.parametrize("place", [0, 20, 40])
-def test_depth_of_a_test_does_not_move_its_own_prediction_but_moves_the_others(
-    assessment: Assessment, place: int
-) -> None:
+def test_depth_of_a_test_affects_only_predictions_of_other_tests(assessment: Assessment, place: int) -> None:
     curves = [depth_curve(strike, CLOSED_FORM) for strike in assessment.strikes]
     before = leave_one_out(assessment.strikes, curves)
     after = leave_one_out(with_depth(assessment.strikes, place, factor=1.3), curves)
@@ -113,7 +113,7 @@ def test_depth_of_a_test_does_not_move_its_own_prediction_but_moves_the_others(
     np.testing.assert_array_equal(after[elsewhere], before[elsewhere])
 
 
-def test_factor_of_a_group_is_that_of_the_calibration_from_depths(assessment: Assessment) -> None:
+def test_factor_of_a_group_equals_the_calibration_by_depth(assessment: Assessment) -> None:
     """The group has one projectile and one concrete, so that the calibration applies to it."""
     group = [strike for strike in assessment.strikes if strike.group == WEAK_2006]
     tests = [DepthTest(velocity=each.test.velocity, depth=each.test.depth, mass=each.test.mass) for each in group]
@@ -122,34 +122,34 @@ def test_factor_of_a_group_is_that_of_the_calibration_from_depths(assessment: As
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_depth_curve_follows_the_depth(assessment: Assessment, method: str) -> None:
+def test_depth_curve_agrees_with_computed_depths(assessment: Assessment, method: str) -> None:
     for strike in assessment.strikes[::9]:
         curve = depth_curve(strike, method)
         for factor in (3.7, 7.1, 12.9):
             assert curve(factor) == pytest.approx(METHODS[method](strike, factor), rel=1e-5)
 
 
-def test_fit_finds_the_factor_that_made_the_depths(assessment: Assessment) -> None:
+def test_fit_recovers_the_factor_of_computed_depths(assessment: Assessment) -> None:
     chosen = assessment.strikes[:5]
     made = [(crater_depth(strike, 6.5), depth_curve(strike, CLOSED_FORM)) for strike in chosen]
     assert fit_factor(made) == pytest.approx(6.5, rel=1e-4)
 
 
-def test_depth_does_not_depend_on_the_length_that_was_assumed() -> None:
+def test_depth_does_not_depend_on_the_assumed_length() -> None:
     for strike in strikes(penetration_tests()):
         if strike.test.length is None and strike.test.row % 5 == 0:
             longer = replace(strike, projectile=replace(strike.projectile, length=2.0 * strike.projectile.length))
             assert trajectory_depth(longer, 8.0) == pytest.approx(trajectory_depth(strike, 8.0), rel=1e-6)
 
 
-def test_assumed_lengths_make_solid_steel() -> None:
+def test_assumed_lengths_give_the_density_of_steel() -> None:
     for strike in strikes(penetration_tests()):
         if strike.test.length is None:
             density = strike.test.mass / solid_properties(strike.projectile).volume
             assert density == pytest.approx(7850.0, rel=1e-9)
 
 
-def test_grades_split_a_series_where_its_strengths_do() -> None:
+def test_series_is_split_by_grades_of_strength() -> None:
     found = dict(zip((test.row for test in penetration_tests()), grades(penetration_tests()), strict=True))
     assert found[40] == found[52] == "forrestal-1994, 32.4 to 40.1 MPa"
     assert found[41] == found[42] == "forrestal-1994, 90.5 to 108 MPa"
@@ -163,18 +163,18 @@ def test_strength_correlation_misses_the_large_projectiles_by_a_third_and_more(a
         assert 0.55 < large.mean_ratio < 0.70
 
 
-def test_strength_factor_from_other_tests_of_the_group_carries_the_depth(assessment: Assessment) -> None:
+def test_strength_factor_from_other_tests_of_the_group_predicts_the_depth(assessment: Assessment) -> None:
     for method in METHODS:
         found = assessment.agreement(method, LEFT_OUT)
         assert found.mean_ratio == pytest.approx(1.0, abs=0.03)
         assert found.coefficient_of_variation < 0.11
 
 
-def test_constant_is_the_papers_at_normal_impact() -> None:
+def test_constant_factor_is_the_value_of_the_paper_at_normal_impact() -> None:
     assert FACTOR_MODELS[CONSTANT] == ConstantStrengthFactor(value=dict(table_2())[0.0])
 
 
-def test_depths_of_both_methods_differ_by_nearly_a_constant_for_each_nose(assessment: Assessment) -> None:
+def test_depths_of_both_methods_differ_by_a_near_constant_for_each_nose(assessment: Assessment) -> None:
     """Below 500 m/s the difference exceeds the difference without inertia by at most 0.05 diameters.
 
     For one nose the difference varies by at most 0.1 diameters over all velocities.
@@ -187,7 +187,7 @@ def test_depths_of_both_methods_differ_by_nearly_a_constant_for_each_nose(assess
         assert np.ptp(each.differences) / each.diameter < 0.1
 
 
-def test_flags_are_the_warnings_of_the_model(assessment: Assessment) -> None:
+def test_rows_are_flagged_with_the_warnings_of_the_model(assessment: Assessment) -> None:
     (table,) = listing_section(assessment).tables
     flags = {row[1]: str(row[-1]) for row in table.rows}
     assert "velocity_beyond_rigid" in flags[72]
@@ -196,21 +196,21 @@ def test_flags_are_the_warnings_of_the_model(assessment: Assessment) -> None:
     assert flags[61] == ""
 
 
-def test_report_names_the_outlier_and_says_that_no_angle_was_tested(sections: list[Section]) -> None:
+def test_report_names_the_outlier_and_states_that_no_angle_was_tested(sections: list[Section]) -> None:
     text = " ".join(paragraph for section in sections for paragraph in section.text)
     assert f"Row {OUTLIER_ROW} of forrestal-1994 is left out" in text
     assert "by a third and more" in text
     assert "No test of the critical ricochet angle" in text
 
 
-def test_figures_carry_every_test(sections: list[Section]) -> None:
+def test_figures_show_every_test(sections: list[Section]) -> None:
     scatter = {figure.name: figure for section in sections for figure in section.figures if figure.name != "crater"}
     assert len(scatter) == len(ALL_MODELS)
     for figure in scatter.values():
         assert {len(column) for column in figure.data.values()} == {len(penetration_tests())}
 
 
-def test_walls_have_every_model_and_formula_in_one_table_with_its_range(sections: list[Section]) -> None:
+def test_table_of_walls_has_every_model_and_formula_with_its_range(sections: list[Section]) -> None:
     (table,) = (table for section in sections for table in section.tables if table.name == "walls")
     rows = {str(row[0]): row for row in table.rows}
     models = ["decay at the rear face (default)", "and a plug", "and a plug and a crater"]
@@ -231,7 +231,7 @@ def test_walls_have_every_model_and_formula_in_one_table_with_its_range(sections
 
 
 @pytest.mark.slow
-def test_page_has_every_table_and_figure_beside_it(
+def test_every_table_and_figure_of_the_page_is_written_as_a_file(
     tmp_path: Path, sections: list[Section], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["validate", "--output", str(tmp_path)]) == 0

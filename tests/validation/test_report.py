@@ -52,24 +52,24 @@ def page(folder: Path) -> str:
     return (folder / "index.html").read_text(encoding="utf-8")
 
 
-def test_page_requests_nothing_beyond_itself(page: str) -> None:
+def test_validation_page_requests_no_other_file(page: str) -> None:
     assert not re.search(r"https?://|<script|@import|url\(", page)
     assert all(address.startswith("#") for address in re.findall(r'href="([^"]*)"', page))
     assert all(address.startswith("data:image/svg+xml;base64,") for address in re.findall(r'src="([^"]*)"', page))
 
 
-def test_every_entry_of_the_contents_leads_to_a_heading(page: str) -> None:
+def test_every_entry_of_the_contents_links_to_a_heading(page: str) -> None:
     targets = re.findall(r'href="#([^"]*)"', page)
     assert targets == re.findall(r'<h2 id="([^"]*)"', page)
     assert len(set(re.findall(r' id="([^"]*)"', page))) == len(re.findall(r' id="', page))
 
 
-def test_text_is_shown_as_it_is_but_for_code_and_strong(page: str) -> None:
+def test_markup_of_texts_is_limited_to_code_and_strong(page: str) -> None:
     assert "A <code>flag</code>, <strong>strong</strong>, and &lt;b&gt;none of it&lt;/b&gt;." in page
     assert "Part 1: S &lt; 9 &amp; more" in page
 
 
-def test_page_says_how_many_numbers_are_within_their_tolerance(page: str) -> None:
+def test_page_states_how_many_numbers_are_within_their_tolerance(page: str) -> None:
     assert "2 of 4 numbers with a tolerance are within it." in page
     assert page.count(">not printed<") == 2
 
@@ -94,18 +94,18 @@ def test_comparisons_are_written_with_difference_and_verdict(folder: Path) -> No
     assert {row["section"] for row in rows} == {"Part 1: S < 9 & more", "Part 2: S < 9 & more"}
 
 
-def test_a_report_written_twice_has_the_same_bytes(folder: Path, tmp_path: Path) -> None:
+def test_report_written_twice_has_the_same_bytes(folder: Path, tmp_path: Path) -> None:
     write(tmp_path)
     for path in folder.rglob("*.*"):
         assert path.read_bytes() == (tmp_path / path.relative_to(folder)).read_bytes(), path.name
 
 
 @pytest.mark.parametrize(("ours", "holds"), [(8.4, True), (8.6, True), (8.39, False), (8.61, False)])
-def test_a_tolerance_counts_both_ways_and_includes_its_ends(ours: float, holds: bool) -> None:
+def test_tolerance_is_symmetric_and_inclusive(ours: float, holds: bool) -> None:
     assert comparison(ours=ours).holds is holds
 
 
-def test_nothing_is_claimed_without_reference_or_tolerance() -> None:
+def test_row_without_reference_or_tolerance_has_no_verdict() -> None:
     assert comparison(ours=8.4, reference=None).holds is None
     assert comparison(ours=8.4, tolerance=None).holds is None
 
@@ -122,7 +122,7 @@ def test_stacked_series_keep_rows_together_and_leave_missing_columns_empty() -> 
     assert stacked == {"series": ["a", "a", "b"], "x": [1, 2, 5], "y": [3, 4, ""], "z": ["", "", 6]}
 
 
-def test_paragraphs_are_split_at_blank_lines_only() -> None:
+def test_paragraphs_are_split_only_at_blank_lines() -> None:
     assert paragraphs("\n  one\n  two\n\n  three\n") == ["one two", "three"]
 
 
@@ -137,7 +137,7 @@ def test_reference_data_is_complete() -> None:
 
 
 @pytest.mark.parametrize("name", ["reproduce", "validate"])
-def test_a_folder_that_cannot_be_made_is_named(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_folder_that_cannot_be_made_is_named(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").touch()
     assert main([name, "--output", str(tmp_path / "file" / "report")]) == 1
     assert f"'{tmp_path / 'file' / 'report'}" in capsys.readouterr().err

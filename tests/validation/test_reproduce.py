@@ -32,7 +32,7 @@ def compared(make: Callable[[Progress], Section], start: str) -> Comparison:
     return found
 
 
-def test_strength_factor_from_table_1() -> None:
+def test_table_1_gives_the_strength_factor_of_the_paper() -> None:
     assert compared(depth_section, "S from Table 1, 13 kg").ours == pytest.approx(8.44, abs=0.02)
     assert compared(depth_section, "S from Table 1, tabulated masses").ours == pytest.approx(8.38, abs=0.02)
     assert compared(depth_section, "S from Table 1, 13 kg").reference == paper_value(
@@ -40,12 +40,12 @@ def test_strength_factor_from_table_1() -> None:
     )
 
 
-def test_strength_factor_of_the_diameter_that_was_fired() -> None:
+def test_fired_diameter_gives_a_higher_strength_factor() -> None:
     slim = replace(PAPER_PROJECTILE, diameter=FIRED_DIAMETER)
     assert fit(table_1(), own_masses=True, projectile=slim).estimate.strength_factor == pytest.approx(9.2, abs=0.05)
 
 
-def test_critical_angle_is_the_paper_s_within_its_tolerance() -> None:
+def test_critical_angle_agrees_with_the_paper_within_its_tolerance() -> None:
     printed = paper_value("critical_ricochet_angle_deg")
     for method in ("bisection", "secant", "outcome"):
         found = compared(search_section, f"critical angle by {method}")
@@ -53,14 +53,14 @@ def test_critical_angle_is_the_paper_s_within_its_tolerance() -> None:
         assert found.ours == pytest.approx(printed, rel=paper_value("relative_tolerance"))
 
 
-def test_critical_angles_of_other_readings_are_those_of_the_separate_program() -> None:
+def test_critical_angles_of_other_readings_agree_with_the_separate_program() -> None:
     known = {"all as in this report": 48.64, "ν = 0.2": 49.13, "no decay near the face": 57.53, "tip at 5 ms": 48.61}
     for choice, angle in known.items():
         assert compared(open_points_section, f"critical angle, {choice}").ours == pytest.approx(angle, abs=0.03)
 
 
 @pytest.mark.parametrize("make", CHEAP, ids=lambda make: make.__name__)
-def test_every_value_with_a_tolerance_is_within_it(make: Callable[[Progress], Section]) -> None:
+def test_every_value_is_within_its_tolerance(make: Callable[[Progress], Section]) -> None:
     assert [each.what for each in section_of(make).comparisons if each.holds is False] == []
 
 
@@ -76,7 +76,7 @@ def test_references_named_after_the_paper_are_numbers_that_it_prints() -> None:
     assert {each.reference for each in claimed} <= printed
 
 
-def test_trials_turned_away_are_those_that_end_above_the_face() -> None:
+def test_trials_count_as_turned_away_if_they_end_above_the_face() -> None:
     bisection = section_of(search_section).tables[0]
     _, degrees, early, final, turned_away = zip(*bisection.rows, strict=True)
     assert degrees[:3] == pytest.approx((40.0, 60.0, 50.0))
@@ -85,7 +85,7 @@ def test_trials_turned_away_are_those_that_end_above_the_face() -> None:
     assert early[1] > final[1]  # The depth is still increasing.
 
 
-def test_finer_steps_and_more_elements_come_nearer_to_the_adaptive_route() -> None:
+def test_finer_steps_and_more_elements_converge_to_the_adaptive_route() -> None:
     (table,) = section_of(sensitivity_section).tables
     far = {(row[0], row[1]): row[4] for row in table.rows}
     assert far[PAPER_STEP * 1e3, 12_000] < 0.1 * far[STEPS[0] * 1e3, 12_000]  # type: ignore[operator]
@@ -93,7 +93,7 @@ def test_finer_steps_and_more_elements_come_nearer_to_the_adaptive_route() -> No
 
 
 @pytest.mark.slow
-def test_the_whole_paper_is_reproduced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_whole_paper_is_reproduced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["reproduce", "--output", str(tmp_path)]) == 0
     assert str(tmp_path / "index.html") in capsys.readouterr().out
     for suffix in ("png", "svg", "csv"):
@@ -114,7 +114,7 @@ def test_the_whole_paper_is_reproduced(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 @pytest.mark.slow
-def test_two_reports_differ_in_times_only(tmp_path: Path) -> None:
+def test_two_reports_differ_only_in_times(tmp_path: Path) -> None:
     for name in ("one", "two"):
         assert main(["reproduce", "--output", str(tmp_path / name)]) == 0
     timed = re.compile(r"index\.html|cost|comparisons|figure-16|finite")

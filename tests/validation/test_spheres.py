@@ -18,7 +18,7 @@ from validation.spheres import (
 
 
 @pytest.mark.parametrize("strength", DEPTHS)
-def test_printed_depths_are_within_the_speeds_of_the_series_to_three_percent(strength: float) -> None:
+def test_speeds_for_the_printed_depths_are_within_the_series_to_three_percent(strength: float) -> None:
     """In the strong concrete the model needs speeds at the upper end of the series, and lower ones with a crater."""
     slow, fast = VELOCITIES
     assert model_depth(strength, slow, LAW) < min(DEPTHS[strength])
@@ -33,7 +33,7 @@ def test_scabbing_by_ndrc_begins_just_below_the_tests() -> None:
     assert all(speed < SCABBED[0] for speed in speeds.values())
 
 
-def test_thin_slabs_hold_more_in_the_model_than_by_the_formulas() -> None:
+def test_model_overestimates_thin_slabs_compared_with_the_formulas() -> None:
     alone, plug, both = (speed or 0.0 for speed in wall_speeds(WEAK).values())
     assert alone > plug > both
     assert plug > max(formula_speeds(WEAK, 0.07, "perforation_thickness").values())

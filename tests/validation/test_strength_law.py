@@ -49,7 +49,7 @@ from validation.strength_law import (
 )
 
 
-def test_every_row_of_the_older_table_is_in_the_compilation_with_the_same_numbers() -> None:
+def test_compilation_contains_every_row_of_the_older_table_unchanged() -> None:
     rows = {shot.row: shot for shot in depth_shots()}
     for test in penetration_tests():
         shot = rows[test.row]
@@ -61,7 +61,7 @@ def test_every_row_of_the_older_table_is_in_the_compilation_with_the_same_number
         )
 
 
-def test_rule_leaves_only_what_a_rigid_body_of_steel_can_show() -> None:
+def test_rule_selects_only_tests_with_rigid_steel_bodies() -> None:
     shots = counted_shots()
     assert len(depth_shots()) == 751
     assert (len(shots), len({shot.article for shot in shots})) == (251, 34)
@@ -73,7 +73,7 @@ def test_rule_leaves_only_what_a_rigid_body_of_steel_can_show() -> None:
 
 
 @pytest.mark.parametrize("place", [0, 50, 100, 150, 200])
-def test_factor_of_a_shot_brings_the_trajectory_to_its_depth(place: int) -> None:
+def test_factor_of_a_shot_reproduces_its_depth(place: int) -> None:
     shot = counted_shots()[place]
     assert shot.caliber_radius_head is not None
     (depth,) = penetration_depths(
@@ -91,7 +91,7 @@ def test_factor_of_a_shot_brings_the_trajectory_to_its_depth(place: int) -> None
     assert depth == pytest.approx(shot.depth, rel=1e-3)
 
 
-def test_mixed_model_finds_the_scatter_that_made_the_data() -> None:
+def test_mixed_model_recovers_the_scatter_of_generated_data() -> None:
     random = np.random.default_rng(1)
     groups = np.repeat(np.arange(400), 5).tolist()
     matrix = np.column_stack([np.ones(2000), random.normal(size=2000)])
@@ -113,7 +113,7 @@ def test_mixed_model_of_balanced_groups_equals_the_analysis_of_variance() -> Non
 
 
 @pytest.mark.parametrize("by_article", [False, True])
-def test_intervals_hold_the_shots_of_series_left_out(by_article: bool) -> None:
+def test_intervals_contain_the_shots_of_omitted_series(by_article: bool) -> None:
     without, after_one, after_two = coverages(by_article=by_article)
     for each in (without, after_one, after_two):
         assert isinstance(each, Coverage)
@@ -129,7 +129,7 @@ def test_intervals_hold_the_shots_of_series_left_out(by_article: bool) -> None:
     assert after_two.half_width < after_one.half_width < without.half_width
 
 
-def test_coverage_counts_the_other_shots_in_the_interval() -> None:
+def test_coverage_counts_the_remaining_shots_within_the_interval() -> None:
     scatter = SeriesScatter(between=0.2, within=0.1)
     calm = UnseenSeries(misses=np.array([0.0, 0.0, 0.0]), scatter=scatter)
     wild = UnseenSeries(misses=np.array([-1.0, 1.0]), scatter=scatter)
@@ -138,14 +138,14 @@ def test_coverage_counts_the_other_shots_in_the_interval() -> None:
     assert coverage([calm, wild], 2).series == 1
 
 
-def test_density_of_a_series_is_the_multivariate_student_distribution() -> None:
+def test_density_of_a_series_is_a_multivariate_student_distribution() -> None:
     misses = np.array([0.3, 0.1, 0.25])
     shape = 0.07**2 * np.eye(3) + 0.27**2
     expected = stats.multivariate_t(np.zeros(3), shape, df=3).logpdf(misses)
     assert SeriesScatter(between=0.27, within=0.07).log_density([misses]) == pytest.approx([expected])
 
 
-def test_scatter_finds_the_scales_that_made_the_data() -> None:
+def test_fit_of_scatter_recovers_the_scales_of_generated_data() -> None:
     random = np.random.default_rng(2)
     series = []
     for _ in range(2000):
@@ -155,12 +155,12 @@ def test_scatter_finds_the_scales_that_made_the_data() -> None:
     assert (found.between, found.within) == pytest.approx((0.28, 0.07), rel=0.05)
 
 
-def test_three_degrees_of_freedom_are_nearly_as_likely_as_any_and_normal_ones_are_not() -> None:
+def test_three_degrees_of_freedom_are_likely_and_a_normal_scatter_is_not() -> None:
     assert likelihood(5.0) - 1.5 < likelihood(3.0) < likelihood(5.0)
     assert likelihood(1e6) < likelihood(3.0) - 10.0
 
 
-def test_choice_of_the_rows_of_one_article_moves_the_exponent_of_the_diameter_more_than_its_standard_error() -> None:
+def test_rows_of_one_article_move_the_diameter_exponent_beyond_its_standard_error() -> None:
     printed, read = (law_with_article_71(normalised=normalised) for normalised in (False, True))
     assert printed.coefficients[2] == pytest.approx(-0.05, abs=0.01)
     assert read.coefficients == pytest.approx([math.log(9.0), -0.18, -0.21], abs=0.03)
@@ -168,14 +168,14 @@ def test_choice_of_the_rows_of_one_article_moves_the_exponent_of_the_diameter_mo
     assert chosen_law().standard_errors[2] < 0.03
 
 
-def test_a_third_of_the_series_has_one_shot() -> None:
+def test_25_of_69_series_have_only_one_shot() -> None:
     assert (len(chosen_misses()), sum(len(each) == 1 for each in chosen_misses())) == (69, 25)
 
 
 @pytest.mark.parametrize(
     ("without", "series", "share", "share_after_one"), [((), 17, 0.80, 0.80), (PROGRAMME, 14, 0.90, 0.80)]
 )
-def test_intervals_hold_the_shots_of_articles_that_no_fit_has_seen(
+def test_intervals_contain_the_shots_of_unseen_articles(
     without: frozenset[int], series: int, share: float, share_after_one: float
 ) -> None:
     none, one, _ = check(without)
@@ -186,7 +186,7 @@ def test_intervals_hold_the_shots_of_articles_that_no_fit_has_seen(
     assert normal_half_width() == pytest.approx(0.541, abs=0.001)
 
 
-def test_articles_that_no_fit_has_seen_are_in_no_fit() -> None:
+def test_unseen_articles_are_not_used_in_any_fit() -> None:
     fitted = {(shot.mass, shot.velocity, shot.depth, shot.compressive_strength) for shot in depth_shots()}
     articles = {shot.article for shot in depth_shots()}
     rows = counted_rows()
@@ -207,7 +207,7 @@ def section() -> Section:
     return strength_law_section()
 
 
-def test_solver_has_the_constants_and_the_range_of_the_fit(section: Section) -> None:
+def test_solver_uses_the_constants_and_the_range_of_the_fit(section: Section) -> None:
     assert all(each.holds for each in section.comparisons)
     shots = counted_shots()
     for limits, name in (
@@ -259,7 +259,7 @@ def test_section_states_law_scatter_and_rule(section: Section) -> None:
     assert chosen_scatter().between == pytest.approx(PublishedTests.between_series, abs=0.0005)
 
 
-def test_own_shots_narrow_the_range_of_the_papers_angle() -> None:
+def test_own_shots_narrow_the_range_of_the_paper_angle() -> None:
     widths = []
     for own_shots in (0, 1, 4):
         _, _, (low, middle, high) = paper_range(own_shots, ElasticPlastic())
